@@ -17,16 +17,11 @@ from errno import ENOSPC
 import click
 
 from defocus_cli.options.types import option_name
-from defocus_cli.system.console import Due, print_json, version
-from defocus_cli.system.errors import (
-    Interrupted,
-    UsageProblem,
-    UserError,
-    did_you_mean,
-    one_line,
-    reason,
-)
-from defocus_cli.system.interrupts import Terminated, put_off, terminations
+from defocus_cli.words.console import Due, print_json, say_what_is_logged
+from defocus_cli.words.endings import Interrupted, exit_code_of
+from defocus_core.errors import UsageProblem, UserError, did_you_mean, one_line, reason
+from defocus_core.system.interrupts import Terminated, put_off, terminations
+from defocus_core.system.text import version
 
 COMMANDS = (
     *("render", "batch", "status", "report", "retry", "merge"),
@@ -103,6 +98,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the command line ``args`` (default: the process's own) and return the exit code."""
     args = list(sys.argv[1:] if args is None else args)
     Due.json = "--json" in args
+    say_what_is_logged()
     try:
         with terminations():
             code = cli.main(args, prog_name="defocus", standalone_mode=False)
@@ -111,6 +107,8 @@ def main(args: Sequence[str] | None = None) -> int:
     except Terminated as ended:
         line = f"ended by {ended.signal_name}; pictures that were finished are kept"
         return _fail(line, 128 + ended.number)
+    except UserError as error:
+        return _fail(str(error), exit_code_of(error))
     except click.ClickException as error:
         return _fail(error_line(error), error.exit_code)
     except SystemExit:  # click's answer to a broken pipe
@@ -127,8 +125,6 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def error_line(error: click.ClickException) -> str:
     """A click error in the form ``SUBJECT: problem; remedy``."""
-    if isinstance(error, UserError):
-        return error.format_message()
     if not isinstance(error, click.UsageError):
         return one_line(error.format_message())
     remedy = f"see '{error.ctx.command_path if error.ctx else 'defocus'} --help'"

@@ -21,8 +21,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import avg_pool2d, interpolate
 
-from defocus_cli.dataset.finished import samples
 from defocus_core import Distribution, RandomDefocus
+from defocus_core.batch.datasets.finished import samples
 
 SIDE, CROP = 96, 64  # px of a scene, and of what the network sees of it
 MOST_PX = 6.0  # radius

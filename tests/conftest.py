@@ -9,7 +9,7 @@ import pytest
 import torch
 from command_line import color_exr, depth_exr
 
-from defocus_cli.rendering import forecast
+from defocus_core.batch.rendering import forecast
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "sample_scenes"))
 

@@ -17,8 +17,8 @@ from deep_files import write_deep_samples
 from elements import disc, element, write
 
 from defocus_cli.commands.help import TOPICS
-from defocus_cli.jobs.job import Machine, Outputs
-from defocus_cli.jobs.jobs_file import read_jobs
+from defocus_core.batch.jobs.job import Machine, Outputs
+from defocus_core.batch.jobs.jobs_file import read_jobs
 
 ROOT = Path(__file__).parents[1]
 HELP = ROOT / "defocus_cli" / "help"

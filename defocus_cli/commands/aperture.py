@@ -6,13 +6,13 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.lenses.lens import Lens
-from defocus_cli.lenses.quantities import pixel_count
-from defocus_cli.look.opening import write_aperture
 from defocus_cli.options.lens import shape_options
 from defocus_cli.options.types import FilePath, GroupedCommand, Quantity, grouped_option
-from defocus_cli.system import console
-from defocus_cli.system.errors import InputError
+from defocus_cli.words import console
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.lenses.quantities import pixel_count
+from defocus_core.batch.look.opening import write_aperture
+from defocus_core.errors import InputError
 
 
 @click.command(

@@ -7,19 +7,20 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.batch import run
-from defocus_cli.batch.plan import Execution, make_plan
-from defocus_cli.dataset import update
-from defocus_cli.html import batches
-from defocus_cli.jobs.job import Job, Outputs
-from defocus_cli.jobs.jobs_file import read_jobs
-from defocus_cli.journal.journal import Shard
 from defocus_cli.options import comparing, shared
 from defocus_cli.options.batch import Crew, ShardType, crew_options, shards_size_option
 from defocus_cli.options.types import FilePath, GroupedCommand
-from defocus_cli.reports import batch_report, dry_runs
-from defocus_cli.system import console
-from defocus_cli.system.errors import UsageProblem
+from defocus_cli.words import batch as batch_report
+from defocus_cli.words import console
+from defocus_cli.words import dry_run as dry_runs
+from defocus_core.batch.datasets import update
+from defocus_core.batch.jobs.job import Job, Outputs
+from defocus_core.batch.jobs.jobs_file import read_jobs
+from defocus_core.batch.journal.journal import Shard
+from defocus_core.batch.workers import run
+from defocus_core.batch.workers.plan import Execution, make_plan
+from defocus_core.errors import UsageProblem
+from defocus_core.reports.html import batches
 
 
 @click.command(

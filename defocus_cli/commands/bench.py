@@ -9,19 +9,20 @@ from typing import Any
 
 import click
 
-from defocus_cli.bench import error_plot, tables
-from defocus_cli.bench.baseline import read_baseline, slower
-from defocus_cli.bench.control import control_document, control_lines, measure_control
-from defocus_cli.bench.error import BASELINES, Row, measure_shot
-from defocus_cli.bench.timing import RADII, SIZES, Size, cases, time_case, warm_up
-from defocus_cli.bench.truth_set import find_shots, read, sample_set
-from defocus_cli.html.shots import Gallery
-from defocus_cli.jobs.job import DEVICES, QUALITIES
-from defocus_cli.lenses.quantities import pixel_count
 from defocus_cli.options import comparing, shared
 from defocus_cli.options.types import FilePath, GroupedCommand, GroupedOption, Listed, names_of
-from defocus_cli.system import console
-from defocus_cli.system.errors import UsageProblem
+from defocus_cli.words import console
+from defocus_core.batch.jobs.job import DEVICES, QUALITIES
+from defocus_core.batch.lenses.quantities import pixel_count
+from defocus_core.bench import tables
+from defocus_core.bench.baseline import read_baseline, slower
+from defocus_core.bench.control import control_document, control_lines, measure_control
+from defocus_core.bench.error import BASELINES, Row, measure_shot
+from defocus_core.bench.timing import RADII, SIZES, Size, cases, time_case, warm_up
+from defocus_core.bench.truth_set import find_shots, read, sample_set
+from defocus_core.errors import UsageProblem
+from defocus_core.reports import error_plot
+from defocus_core.reports.html.shots import Gallery
 
 _QUALITIES = ("draft", "standard", "high")
 # By the name of the parameter; options in neither go with both.

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.compare.metrics import METRICS
-from defocus_cli.compare.pairing import find_pairs
-from defocus_cli.compare.run import compare_all
-from defocus_cli.dataset.batch_pairs import are_batches, pair_batches
-from defocus_cli.html import comparisons
 from defocus_cli.options import comparing, shared
 from defocus_cli.options.types import FilePath, GroupedCommand
-from defocus_cli.reports import compare_report
-from defocus_cli.reports.batch_report import bar
-from defocus_cli.reports.junit import write_junit
-from defocus_cli.system import console
+from defocus_cli.words import console
+from defocus_cli.words.batch import bar
+from defocus_core.compare.batch_pairs import are_batches, pair_batches
+from defocus_core.compare.metrics import METRICS
+from defocus_core.compare.pairing import find_pairs
+from defocus_core.compare.run import compare_all
+from defocus_core.reports import comparison_words as compare_report
+from defocus_core.reports.html import comparisons
+from defocus_core.reports.junit import write_junit
 
 _METRICS = "\n".join(f"  {m.name:<15} {m.help}" for m in METRICS.values())
 _HELP = f"""Say whether B is the same as A, and if not, what happened to it.

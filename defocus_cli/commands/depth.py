@@ -6,14 +6,15 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.depth.conversion import convert, places, refuse_existing
-from defocus_cli.jobs.job import Reading
 from defocus_cli.options import shared
 from defocus_cli.options.reading import depth_reading_options
 from defocus_cli.options.types import FilePath, GroupedCommand, grouped_option
-from defocus_cli.reports import conversion_report
-from defocus_cli.system import console
-from defocus_cli.system.errors import Failures, UserError
+from defocus_cli.words import console
+from defocus_cli.words import conversion as conversion_report
+from defocus_cli.words.endings import Failures
+from defocus_core.batch.depth.conversion import convert, places, refuse_existing
+from defocus_core.batch.jobs.job import Reading
+from defocus_core.errors import UserError
 
 
 @click.command(

@@ -9,18 +9,19 @@ from typing import Any
 
 import click
 
-from defocus_cli.jobs.job import Picture, Reading
-from defocus_cli.jobs.lens_options import PARSERS
-from defocus_cli.jobs.pairing import find_pictures
-from defocus_cli.jobs.random_lenses import Sampling
-from defocus_cli.lenses.radius_set import read_radius_set
 from defocus_cli.options import shared
 from defocus_cli.options.reading import reading_options
 from defocus_cli.options.types import FilePath, GroupedCommand, Quantity, grouped_option
-from defocus_cli.rendering import lens_fit, lens_match
-from defocus_cli.reports.batch_report import tile_bar
-from defocus_cli.system import console
-from defocus_cli.system.errors import Failures, InputError, UsageProblem, UserError
+from defocus_cli.words import console
+from defocus_cli.words.batch import tile_bar
+from defocus_cli.words.endings import Failures
+from defocus_core.batch.jobs.job import Picture, Reading
+from defocus_core.batch.jobs.lens_options import PARSERS
+from defocus_core.batch.jobs.pairing import find_pictures
+from defocus_core.batch.jobs.random_lenses import Sampling
+from defocus_core.batch.lenses.radius_set import read_radius_set
+from defocus_core.batch.rendering import lens_fit, lens_match
+from defocus_core.errors import InputError, UsageProblem, UserError
 
 _MOST_BLADES = 99
 _Find = Callable[[Callable[[int, int], None]], dict[str, Any]]  # progress in, a record out
@@ -28,7 +29,7 @@ _Find = Callable[[Callable[[int, int], None]], dict[str, Any]]  # progress in, a
 
 def _blades(text: str) -> tuple[int, ...]:
     """Numbers of blades, as ``0,5,6``."""
-    from defocus_cli.lenses.quantities import QuantityError
+    from defocus_core.batch.lenses.quantities import QuantityError
 
     numbers = [part.strip() for part in text.split(",")]
     if not all(n.isdigit() and (int(n) == 0 or 3 <= int(n) <= _MOST_BLADES) for n in numbers):

@@ -9,24 +9,26 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.batch.plan import Execution
-from defocus_cli.compare.pairing import Pair
-from defocus_cli.compare.record import Comparison
-from defocus_cli.compare.run import Task, compare_all
-from defocus_cli.compare.thresholds import Rules, Thresholds, rule
-from defocus_cli.diagnosis.picture import read_picture
-from defocus_cli.golden.faults import plant_all
-from defocus_cli.golden.fresh import Rendered, rendered
-from defocus_cli.golden.store import Store, accept, change_words, read_store
-from defocus_cli.html import comparisons
 from defocus_cli.options import comparing, shared
 from defocus_cli.options.batch import Crew, crew_options
 from defocus_cli.options.types import FilePath, GroupedCommand
-from defocus_cli.reports import batch_report, compare_report, golden_report
-from defocus_cli.reports.junit import write_junit
-from defocus_cli.system import console
-from defocus_cli.system.console import counted
-from defocus_cli.system.errors import InputError, UsageProblem
+from defocus_cli.words import batch as batch_report
+from defocus_cli.words import console
+from defocus_cli.words import golden as golden_report
+from defocus_core.batch.workers.plan import Execution
+from defocus_core.compare.goldens.faults import plant_all
+from defocus_core.compare.goldens.fresh import Rendered, rendered
+from defocus_core.compare.goldens.store import Store, accept, change_words, read_store
+from defocus_core.compare.pairing import Pair
+from defocus_core.compare.picture import read_picture
+from defocus_core.compare.record import Comparison
+from defocus_core.compare.run import Task, compare_all
+from defocus_core.compare.thresholds import Rules, Thresholds, rule
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.reports import comparison_words as compare_report
+from defocus_core.reports.html import comparisons
+from defocus_core.reports.junit import write_junit
+from defocus_core.system.text import counted
 
 # Another processor, or another version of torch, rounds otherwise.
 _DEFAULT_RULES = Rules(fail=(rule("max>1e-4"),))

@@ -7,8 +7,8 @@ from importlib.resources import files
 import click
 
 from defocus_cli.options.types import GroupedCommand
-from defocus_cli.system import console
-from defocus_cli.system.errors import UsageProblem
+from defocus_cli.words import console
+from defocus_core.errors import UsageProblem
 
 TOPICS = {
     "conventions": "the formula, signs, units, kinds of output, colour, files",

@@ -6,18 +6,20 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.jobs.job import Picture, Reading
-from defocus_cli.jobs.shot_lenses import ShotLenses
 from defocus_cli.options import shared
 from defocus_cli.options.reading import reading_options
 from defocus_cli.options.shot import shot_lens_options
 from defocus_cli.options.types import FilePath, GroupedCommand
-from defocus_cli.reports import inspection_report, shot_summary
-from defocus_cli.reports.inspection import inspect, inspect_pairs
-from defocus_cli.reports.repair_drawing import check_preview, draw_repair
-from defocus_cli.shots.frame_patterns import is_pattern
-from defocus_cli.system import console
-from defocus_cli.system.errors import Failures, UserError
+from defocus_cli.words import console
+from defocus_cli.words import inspection as inspection_report
+from defocus_cli.words.endings import Failures
+from defocus_core.batch.jobs.job import Picture, Reading
+from defocus_core.batch.jobs.shot_lenses import ShotLenses
+from defocus_core.errors import UserError
+from defocus_core.io.shots.frame_patterns import is_pattern
+from defocus_core.reports.inspection import shot_summary
+from defocus_core.reports.inspection.inspection import inspect, inspect_pairs
+from defocus_core.reports.inspection.repair_drawing import check_preview, draw_repair
 
 
 @click.command(

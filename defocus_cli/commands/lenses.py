@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.lenses.shipped_lenses import shipped_lenses
 from defocus_cli.options import shared
 from defocus_cli.options.types import FilePath, GroupedCommand, grouped_option
-from defocus_cli.system import console
-from defocus_cli.system.errors import InputError
+from defocus_cli.words import console
+from defocus_core.batch.lenses.shipped_lenses import shipped_lenses
+from defocus_core.errors import InputError
 
 
 @click.command(
@@ -45,7 +45,7 @@ def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
             raise InputError(out, "is no PNG", "end its name in .png")
         if out.exists() and not overwrite:
             raise InputError(out, "is there already", "give another name, or --overwrite")
-        from defocus_cli.look.contact_sheet import write_sheet
+        from defocus_core.reports.lens_sheet import write_sheet
 
         write_sheet(out, lenses)
     if as_json:

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.dataset import update
-from defocus_cli.journal import merging
 from defocus_cli.options import shared
 from defocus_cli.options.batch import shards_size_option
 from defocus_cli.options.types import FilePath, GroupedCommand
-from defocus_cli.system import console
-from defocus_cli.system.console import counted
+from defocus_cli.words import console
+from defocus_core.batch.datasets import update
+from defocus_core.batch.journal import merging
+from defocus_core.system.text import counted
 
 
 @click.command("merge", cls=GroupedCommand, short_help="Make one journal of those of all shards.")

@@ -8,22 +8,23 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.batch import pipeline, run
-from defocus_cli.batch.plan import Execution, make_plan
-from defocus_cli.dataset import update
-from defocus_cli.dataset.contact_sheet import kind_of_sheet, write_contact_sheet
-from defocus_cli.formats.kinds import KINDS
-from defocus_cli.jobs.job import Job, Machine, Outputs, Picture, Reading
-from defocus_cli.jobs.pairing import find_pictures, whole_shot
-from defocus_cli.jobs.shot_lenses import ShotLenses
-from defocus_cli.jobs.shots import with_shot
-from defocus_cli.lenses.lens import Lens
 from defocus_cli.options import shared
 from defocus_cli.options.reading import reading_options
 from defocus_cli.options.shot import ShotOptions, shot_lens_options, shot_options
 from defocus_cli.options.types import FilePath, GroupedCommand
-from defocus_cli.reports import batch_report, dry_runs
-from defocus_cli.system import console
+from defocus_cli.words import batch as batch_report
+from defocus_cli.words import console
+from defocus_cli.words import dry_run as dry_runs
+from defocus_core.batch.datasets import update
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.batch.jobs.output_kinds import KINDS
+from defocus_core.batch.jobs.pairing import find_pictures, whole_shot
+from defocus_core.batch.jobs.shot_lenses import ShotLenses
+from defocus_core.batch.jobs.shots import with_shot
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.workers import pipeline, run
+from defocus_core.batch.workers.plan import Execution, make_plan
+from defocus_core.reports.contact_sheet import kind_of_sheet, write_contact_sheet
 
 _KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
 _HELP = f"""Defocus COLOR as a lens would that sees DEPTH, and write to OUT/<kind>/<stem>.<ext>.

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.html import batches
 from defocus_cli.options import comparing, shared
 from defocus_cli.options.types import FilePath, GroupedCommand
-from defocus_cli.system import console
-from defocus_cli.system.console import counted
+from defocus_cli.words import console
+from defocus_core.reports.html import batches
+from defocus_core.system.text import counted
 
 _NAME = "report.html"
 

@@ -6,18 +6,18 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.batch.plan import Execution
 from defocus_cli.commands.batch import carry_out
-from defocus_cli.dataset import sample_index
-from defocus_cli.journal.journal import read_all, require_journal
-from defocus_cli.journal.ledger import Ledger
-from defocus_cli.journal.lock import refuse_held
-from defocus_cli.journal.reasons import REASONS
-from defocus_cli.journal.revived_jobs import failed_jobs
 from defocus_cli.options import shared
 from defocus_cli.options.batch import Crew, computed_by, crew_options, shards_size_option
 from defocus_cli.options.types import FilePath, GroupedCommand
-from defocus_cli.system import console
+from defocus_cli.words import console
+from defocus_core.batch.datasets import sample_index
+from defocus_core.batch.journal.journal import read_all, require_journal
+from defocus_core.batch.journal.ledger import Ledger
+from defocus_core.batch.journal.lock import refuse_held
+from defocus_core.batch.journal.reasons import REASONS
+from defocus_core.batch.journal.revived_jobs import failed_jobs
+from defocus_core.batch.workers.plan import Execution
 
 
 @click.command("retry", cls=GroupedCommand, short_help="Do the failed jobs of a batch once more.")

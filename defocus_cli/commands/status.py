@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.journal.progress import progress
 from defocus_cli.options import shared
 from defocus_cli.options.types import FilePath, GroupedCommand
-from defocus_cli.reports import batch_report
-from defocus_cli.system import console
+from defocus_cli.words import batch as batch_report
+from defocus_cli.words import console
+from defocus_core.batch.journal.progress import progress
 
 
 @click.command("status", cls=GroupedCommand, short_help="Say how far the batch in a directory is.")

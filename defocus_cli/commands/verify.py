@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from defocus_cli.jobs.job import Machine
 from defocus_cli.options import shared
 from defocus_cli.options.types import GroupedCommand
-from defocus_cli.reports import verify_table
-from defocus_cli.reports.batch_report import bar
-from defocus_cli.system import console
-from defocus_cli.system.console import counted
-from defocus_cli.system.process import set_to_render
+from defocus_cli.words import console
+from defocus_cli.words import verify as verify_table
+from defocus_cli.words.batch import bar
+from defocus_core.batch.jobs.job import Machine
+from defocus_core.system.process import set_to_render
+from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
-    from defocus_core import Check
+    from defocus_core.evaluation.law_checks import Check
 
 
 @click.command(
@@ -42,12 +42,13 @@ def command(machine: Machine, as_json: bool) -> int:
       defocus verify --quality high --device cuda
       defocus verify --json | jq '.checks[] | select(.ok | not)'
     """  # noqa: D301  click reads the backspace
-    from defocus_cli.rendering import job_steps
+    from defocus_core.batch.rendering import job_steps
 
     job_steps.load()
     import torch
 
-    from defocus_core import LAWS, Setting, verify
+    from defocus_core.evaluation.law_checks import Setting
+    from defocus_core.evaluation.lens_laws import LAWS, verify
 
     device = job_steps.choose_device(machine.device)
     set_to_render()

@@ -10,15 +10,15 @@ from typing import Any
 
 import click
 
-from defocus_cli.batch.plan import Execute
-from defocus_cli.jobs.job import Job, Machine
-from defocus_cli.journal.journal import Shard
-from defocus_cli.lenses.quantities import byte_count
 from defocus_cli.options.shared import cores, device_option, machine_option, memory_options
 from defocus_cli.options.types import Command, Quantity, bundle, option_name
-from defocus_cli.rendering import memory_budget
-from defocus_cli.system import memory
-from defocus_cli.system.errors import UsageProblem
+from defocus_core.batch.jobs.job import Job, Machine
+from defocus_core.batch.journal.journal import Shard
+from defocus_core.batch.lenses.quantities import byte_count
+from defocus_core.batch.rendering import memory_budget
+from defocus_core.batch.workers.plan import Execute
+from defocus_core.errors import UsageProblem
+from defocus_core.system import memory
 
 # A core more for each process saves more than a thread more in it, for these wait for one another;
 # but each should find this much memory.
@@ -93,10 +93,10 @@ class Crew:
             UsageProblem: there is no such scheduler.
         """
         if self.scheduler == "local":
-            from defocus_cli.batch.pool import execute_in
+            from defocus_core.batch.workers.pool import execute_in
 
             return execute_in(self.count)
-        from defocus_cli.batch.dask_pool import execute_at
+        from defocus_core.batch.workers.dask_pool import execute_at
 
         return execute_at(self.scheduler, threads=self.threads)
 

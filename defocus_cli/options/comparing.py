@@ -12,18 +12,6 @@ from typing import Any
 
 import click
 
-from defocus_cli.compare.record import Settings
-from defocus_cli.compare.run import Task
-from defocus_cli.compare.selection import region
-from defocus_cli.compare.thresholds import (
-    OVER,
-    Rule,
-    Rules,
-    Thresholds,
-    difference,
-    read_thresholds,
-    rule,
-)
 from defocus_cli.options.types import (
     Decorator,
     FilePath,
@@ -31,6 +19,18 @@ from defocus_cli.options.types import (
     bundle,
     grouped_option,
     option_name,
+)
+from defocus_core.compare.record import Settings
+from defocus_core.compare.run import Task
+from defocus_core.compare.selection import region
+from defocus_core.compare.thresholds import (
+    OVER,
+    Rule,
+    Rules,
+    Thresholds,
+    difference,
+    read_thresholds,
+    rule,
 )
 
 _NO_RULES = Rules()

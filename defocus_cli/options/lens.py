@@ -10,11 +10,6 @@ from typing import Any
 
 import click
 
-from defocus_cli.jobs.job import Reading
-from defocus_cli.jobs.lens_options import PARSERS, SHAPES, make_lens
-from defocus_cli.jobs.reading_options import lens_file_reading
-from defocus_cli.lenses.lens import Lens
-from defocus_cli.lenses.shipped_lenses import lens_path
 from defocus_cli.options.types import (
     Decorator,
     FilePath,
@@ -23,6 +18,11 @@ from defocus_cli.options.types import (
     grouped_option,
     option_name,
 )
+from defocus_core.batch.jobs.job import Reading
+from defocus_core.batch.jobs.lens_options import PARSERS, SHAPES, make_lens
+from defocus_core.batch.jobs.reading_options import lens_file_reading
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.lenses.shipped_lenses import lens_path
 
 _LENS_HELP = {
     "focal-length": ("LENGTH", "Focal length, like 50mm."),

@@ -9,16 +9,16 @@ from typing import Any
 
 import click
 
-from defocus_cli.depth_formats.reading import INVALID, KINDS, RESIZES, UNPREMULTIPLY
-from defocus_cli.depth_formats.table import UNITS
-from defocus_cli.jobs.job import Reading
-from defocus_cli.jobs.reading_options import (
+from defocus_cli.options.types import Command, Decorator, Quantity, bundle, grouped_option
+from defocus_core.batch.jobs.job import Reading
+from defocus_core.batch.jobs.reading_options import (
     PARSERS,
     far_distance,
     lens_file_reading,
     make_reading,
 )
-from defocus_cli.options.types import Command, Decorator, Quantity, bundle, grouped_option
+from defocus_core.io.depth_formats.reading import INVALID, KINDS, RESIZES, UNPREMULTIPLY
+from defocus_core.io.depth_formats.table import UNITS
 
 _HELP = {
     "depth-format": ("NAME", "Who wrote the depth, like kitti: 'defocus help depth' lists all."),

@@ -13,9 +13,6 @@ from typing import Any
 
 import click
 
-from defocus_cli.formats.kinds import KINDS, MAP_FORMATS, MAPS, in_one_file
-from defocus_cli.jobs.job import DEVICES, QUALITIES, TILES, Machine, Outputs
-from defocus_cli.lenses.quantities import byte_count, pixel_count
 from defocus_cli.options.types import (
     Command,
     Decorator,
@@ -26,7 +23,10 @@ from defocus_cli.options.types import (
     grouped_option,
     names_of,
 )
-from defocus_cli.system.errors import UsageProblem
+from defocus_core.batch.jobs.job import DEVICES, QUALITIES, TILES, Machine, Outputs
+from defocus_core.batch.jobs.output_kinds import KINDS, MAP_FORMATS, MAPS, in_one_file
+from defocus_core.batch.lenses.quantities import byte_count, pixel_count
+from defocus_core.errors import UsageProblem
 
 
 def cores() -> int:

@@ -11,17 +11,17 @@ from typing import Any
 
 import click
 
-from defocus_cli.depth_formats.table import UNITS
-from defocus_cli.jobs.animation import INTERPOLATIONS, Animation, read_animation
-from defocus_cli.jobs.job import Reading
-from defocus_cli.jobs.lens_options import refuse_contradiction
-from defocus_cli.jobs.reading_options import lens_file_reading
-from defocus_cli.jobs.shot_lenses import ShotLenses
-from defocus_cli.jobs.shots import LONGEST_SMOOTH, Together
 from defocus_cli.options.lens import lens_decorators
 from defocus_cli.options.types import Command, Decorator, bundle, grouped_option
-from defocus_cli.shots.frame_patterns import MISSING, FrameChoice, frame_choice
-from defocus_cli.system.errors import UsageProblem
+from defocus_core.batch.jobs.animation import INTERPOLATIONS, Animation, read_animation
+from defocus_core.batch.jobs.job import Reading
+from defocus_core.batch.jobs.lens_options import refuse_contradiction
+from defocus_core.batch.jobs.reading_options import lens_file_reading
+from defocus_core.batch.jobs.shot_lenses import ShotLenses
+from defocus_core.batch.jobs.shots import LONGEST_SMOOTH, Together
+from defocus_core.errors import UsageProblem
+from defocus_core.io.depth_formats.table import UNITS
+from defocus_core.io.shots.frame_patterns import MISSING, FrameChoice, frame_choice
 
 _PLACES = ("--frames", "--missing")
 

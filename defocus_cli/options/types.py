@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
-from defocus_cli.formats.kinds import FORMAT_ALIASES, SUFFIXES
-from defocus_cli.lenses.quantities import read_at
-from defocus_cli.system.errors import UsageProblem
+from defocus_core.batch.jobs.output_kinds import FORMAT_ALIASES, SUFFIXES
+from defocus_core.batch.lenses.quantities import read_at
+from defocus_core.errors import UsageProblem
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]

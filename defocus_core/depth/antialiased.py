@@ -16,8 +16,13 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.distance_scale import distance_of
-from defocus_core.images.neighbourhoods import extreme_around, halfway, squares_around, steps_beside
-from defocus_core.images.sparse_masks import places_of
+from defocus_core.tensors.neighbourhoods import (
+    extreme_around,
+    halfway,
+    squares_around,
+    steps_beside,
+)
+from defocus_core.tensors.sparse_masks import places_of
 
 # Range of radius in px, within 3 px of each other, that matters.
 _MATTERS = 1.013

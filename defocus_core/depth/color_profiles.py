@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.distance_scale import DistanceScale
-from defocus_core.images.neighbourhoods import halfway, squares_around
+from defocus_core.tensors.neighbourhoods import halfway, squares_around
 
 # Greatest displacement in px; depth in px at which the colour of a surface is sampled at most.
 FARTHEST, _DEEPEST = 12, 15

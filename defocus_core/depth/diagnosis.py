@@ -22,9 +22,9 @@ from defocus_core.depth.soft_edges import (
     softness,
     steepness,
 )
-from defocus_core.images.neighbourhoods import ends_of, extreme_around
-from defocus_core.images.source import Pixels, bands, spread
-from defocus_core.runtime.threads import threaded
+from defocus_core.tensors.neighbourhoods import ends_of, extreme_around
+from defocus_core.tensors.source import Pixels, bands, spread
+from defocus_core.tensors.threads import threaded
 
 # Greatest share of a frame that edges take; a frame that is steep beyond it is a steep surface.
 _EDGES = 0.4

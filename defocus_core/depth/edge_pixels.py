@@ -14,11 +14,8 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from defocus_core.images.neighbourhoods import extreme_around, halfway, squares_around
-from defocus_core.images.source import Pixels, bands
-from defocus_core.images.sparse_masks import exceeding, places_of
-from defocus_core.layers.edge_surfaces import AROUND as AROUND_SURFACES
-from defocus_core.layers.edge_surfaces import (
+from defocus_core.depth.edge_surfaces import AROUND as AROUND_SURFACES
+from defocus_core.depth.edge_surfaces import (
     AT_ONCE,
     EDGE,
     MIDDLE,
@@ -29,7 +26,10 @@ from defocus_core.layers.edge_surfaces import (
     share_deviation,
     side_of,
 )
-from defocus_core.runtime.threads import threaded
+from defocus_core.tensors.neighbourhoods import extreme_around, halfway, squares_around
+from defocus_core.tensors.source import Pixels, bands
+from defocus_core.tensors.sparse_masks import exceeding, places_of
+from defocus_core.tensors.threads import threaded
 
 # Standard deviation of the weights of the pixels around, in px, and of the share expected by them.
 _NEARBY, _UNCERTAIN = 1.2, 0.12

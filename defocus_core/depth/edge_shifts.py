@@ -27,15 +27,10 @@ from defocus_core.depth.color_profiles import (
 )
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.soft_edges import slope_of_soft_edges
-from defocus_core.images.neighbourhoods import (
-    ends_of,
-    extreme_around,
-    halfway,
-    squares_around,
-)
-from defocus_core.images.source import Pixels, banded, bands, spread
-from defocus_core.images.sparse_masks import numbers_of, places_of
-from defocus_core.runtime.threads import threaded
+from defocus_core.tensors.neighbourhoods import ends_of, extreme_around, halfway, squares_around
+from defocus_core.tensors.source import Pixels, banded, bands, spread
+from defocus_core.tensors.sparse_masks import numbers_of, places_of
+from defocus_core.tensors.threads import threaded
 
 # Share of profiles that count from which evidence counts in full.
 _ENOUGH = 0.1

@@ -17,10 +17,10 @@ from torch import Tensor
 
 from defocus_core.depth.antialiased import without_averages
 from defocus_core.depth.diagnosis import diagnosed
-from defocus_core.images.derived import Derived
-from defocus_core.images.neighbourhoods import squares_around
-from defocus_core.images.source import Pixels, bands
-from defocus_core.runtime.validation import dense, described
+from defocus_core.tensors.derived import Derived
+from defocus_core.tensors.neighbourhoods import squares_around
+from defocus_core.tensors.source import Pixels, bands
+from defocus_core.tensors.validation import dense, described
 
 # Least step between surfaces, as a share of the range of disparity: more than a level of 8 bits;
 # and as a share of the range among neighbours, which on a slope steps evenly.

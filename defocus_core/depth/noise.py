@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.images.source import spread
+from defocus_core.tensors.source import spread
 
 # Distance of the rows and columns in the sample of pixels that are compared with their neighbours.
 _EVERY = 16

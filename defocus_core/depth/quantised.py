@@ -13,8 +13,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.images.neighbourhoods import extreme_around, steps_beside
-from defocus_core.images.source import spread
+from defocus_core.tensors.neighbourhoods import extreme_around, steps_beside
+from defocus_core.tensors.source import spread
 
 # Diagnosis of quantised depth: the least share of equal neighbours; among unequal neighbours, the
 # least share within one surface, and the least share of these with a step that matters; and the

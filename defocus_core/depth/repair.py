@@ -19,16 +19,11 @@ from defocus_core.depth.noise import without_noise
 from defocus_core.depth.quantised import AROUND as AROUND_TERRACES
 from defocus_core.depth.quantised import without_terraces
 from defocus_core.depth.repair_options import RepairOptions, repair_options
-from defocus_core.depth.soft_edges import (
-    STEEP,
-    around_ramps,
-    slope_of_soft_edges,
-    without_ramps,
-)
-from defocus_core.images.derived import Repaired, held, share_changed
-from defocus_core.images.neighbourhoods import ends_of
-from defocus_core.images.source import Pixels, banded
-from defocus_core.runtime.torch_modes import own_modes
+from defocus_core.depth.soft_edges import STEEP, around_ramps, slope_of_soft_edges, without_ramps
+from defocus_core.tensors.derived import Repaired, held, share_changed
+from defocus_core.tensors.neighbourhoods import ends_of
+from defocus_core.tensors.source import Pixels, banded
+from defocus_core.tensors.torch_modes import own_modes
 
 # Range of the radii of a frame, in the smallest steps whose edges are as wide as is said.
 _SMALL_STEPS = 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from defocus_core.runtime.validation import described, number
+from defocus_core.tensors.validation import described, number
 
 # Choices of depth repair that are words: "auto" repairs a depth map that needs it, "off" none.
 DEPTH_REPAIRS = ("auto", "off")

@@ -15,13 +15,13 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.distance_scale import DistanceScale
-from defocus_core.images.neighbourhoods import (
+from defocus_core.tensors.neighbourhoods import (
     extreme_around,
     halfway,
     squares_around,
     steps_beside,
 )
-from defocus_core.images.sparse_masks import exceeding, places_of
+from defocus_core.tensors.sparse_masks import exceeding, places_of
 
 # Least slope of a ramp in px per px, on both sides of a pixel, whatever else the frame shows.
 STEEP = 1.513

@@ -11,12 +11,12 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from defocus_core.blur.fourier import kernel_spectra, kernels, reach, transform_length
-from defocus_core.layers.ladder import membership, position, rungs
-from defocus_core.layers.quality import find
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import FULL
-from defocus_core.runtime.threads import threaded
+from defocus_core.renderer.blur.fourier import kernel_spectra, kernels, reach, transform_length
+from defocus_core.renderer.layers.ladder import membership, position, rungs
+from defocus_core.renderer.layers.quality import find
+from defocus_core.tensors.threads import threaded
 
 # Guards 0 / 0 where no slice covers a pixel.
 _LEAST_COVERAGE = 1e-6

@@ -13,19 +13,19 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.blur.field_blend import CORNERS
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.engine.frame import Frame
-from defocus_core.engine.region_schedule import blurred_part
-from defocus_core.images.box import Box
-from defocus_core.images.neighbourhoods import extreme_around
-from defocus_core.images.source import Pixels
-from defocus_core.images.tiling import BLOCK, Grid, regions
-from defocus_core.layers.block_index import blocks_of, visible_slices
-from defocus_core.layers.edge_surfaces import EDGE
-from defocus_core.layers.ladder import position
-from defocus_core.runtime.threads import AHEAD
-from defocus_core.stream import Stream
+from defocus_core.depth.edge_surfaces import EDGE
+from defocus_core.renderer.blur.field_blend import CORNERS
+from defocus_core.renderer.engine.frame import Frame
+from defocus_core.renderer.engine.region_schedule import blurred_part
+from defocus_core.renderer.layers.block_index import blocks_of, visible_slices
+from defocus_core.renderer.layers.ladder import position
+from defocus_core.renderer.stream import Stream
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.neighbourhoods import extreme_around
+from defocus_core.tensors.source import Pixels
+from defocus_core.tensors.threads import AHEAD
+from defocus_core.tensors.tiling import BLOCK, Grid, regions
 
 # Units of work, fitted to the times of 42 pictures of seven kinds, within a factor of two: of a
 # picture; of a sample (one channel of a pixel) that is computed, or enlarged by a draft, or in a

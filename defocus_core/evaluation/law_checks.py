@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 from defocus_core.evaluation.law_probes import Scene
-from defocus_core.images.views import Views
 from defocus_core.optics.aperture import Aperture
-from defocus_core.render import render
+from defocus_core.renderer.render import render
+from defocus_core.tensors.views import Views
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from defocus_core.evaluation import law_probes as probes
 from defocus_core.evaluation.invariance_laws import devices, rounding, same_bytes, tiles
 from defocus_core.evaluation.law_checks import Check, Setting, greatest, pictures, rendered
 from defocus_core.evaluation.law_probes import Scene
-from defocus_core.layers.quality import find
 from defocus_core.optics.aperture import Aperture
+from defocus_core.renderer.layers.quality import find
 
 # Wider bounds of checks at qualities that render in cells of 2 px.
 _IN_CELLS = {

@@ -18,8 +18,8 @@ from defocus_core.fitting.residual import Residual
 from defocus_core.fitting.search import MIDDLE, Found, Search
 from defocus_core.fitting.unknowns import MOST_SHIFT, unknowns
 from defocus_core.optics.aperture import Aperture
-from defocus_core.runtime.torch_modes import own_modes
-from defocus_core.runtime.validation import described
+from defocus_core.tensors.torch_modes import own_modes
+from defocus_core.tensors.validation import described
 
 _LEAST_SLOPE = 1e-9  # of the error, for an unknown that the pictures tell something of
 

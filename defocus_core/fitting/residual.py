@@ -18,7 +18,7 @@ from torch import Tensor
 from defocus_core.fitting.pictures import Scale, border_of, shifted
 from defocus_core.fitting.unknowns import Point
 from defocus_core.optics.aperture import Aperture
-from defocus_core.render import render
+from defocus_core.renderer.render import render
 
 BEND = 0.02  # of compressed light, from which on a difference counts less
 _CLIPPED = 0.98  # of the greatest value, in pictures that end at 1

@@ -17,11 +17,12 @@ from torch import Tensor
 
 from defocus_core.optics.cat_eye import Rim, fineness
 from defocus_core.optics.curved_blades import CurvedPolygon
-from defocus_core.optics.outline import Disc, Obstructed, Outline, Polygon, Scalar, Squeezed
+from defocus_core.optics.outline import Disc, Obstructed, Outline, Polygon, Squeezed
 from defocus_core.optics.parts import FULL, Part, area_of, gaussian, middles, parts_of, weight_of
 from defocus_core.optics.pupil_field import PupilMix, View
 from defocus_core.optics.pupil_image import PupilImage
-from defocus_core.runtime.validation import described, number, whole
+from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.validation import described, number, whole
 
 PSF_TYPES: tuple[str, ...] = ("pillbox", "gaussian")
 _MOST_BLADES = 10_000

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from torch import Tensor
 
-from defocus_core.optics.outline import Scalar
 from defocus_core.optics.thin_lens import ThinLens
-from defocus_core.runtime.validation import number
+from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.validation import number
 
 
 def color_offset(lens: ThinLens, shift: Scalar) -> Scalar:

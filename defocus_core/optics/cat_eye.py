@@ -14,9 +14,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.optics.outline import Disc, Outline, Scalar, Squeezed
+from defocus_core.optics.outline import Disc, Outline, Squeezed
 from defocus_core.optics.parts import middles
-from defocus_core.runtime.validation import number
+from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.validation import number
 
 _LENGTHS = "lengths are in radii of the pupil"
 # The rim keeps this share of its radius about the middle of the pupil.

@@ -9,7 +9,8 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
-from defocus_core.optics.outline import Outline, Scalar
+from defocus_core.optics.outline import Outline
+from defocus_core.tensors.source import Scalar
 
 
 @dataclass(frozen=True)

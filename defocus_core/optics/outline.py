@@ -14,8 +14,9 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from defocus_core.tensors.source import Scalar
+
 # A number, or a tensor of one number that a gradient may flow to.
-Scalar = float | Tensor
 
 # A flatter edge is taken as level at its mean height: 1/slope would cost more than it gains.
 _LEVEL_SLOPE = 1e-6

@@ -10,8 +10,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from defocus_core.optics.outline import Outline, Scalar
+from defocus_core.optics.outline import Outline
 from defocus_core.optics.sensitivity import Sensitivity
+from defocus_core.tensors.source import Scalar
 
 # Cuts between sixteen parts, along both axes; the outer parts of a disc are then about as large.
 _CUTS = (-1.0, -0.45, 0.0, 0.45, 1.0)

@@ -11,9 +11,8 @@ import math
 import torch
 from torch import Tensor
 
-from defocus_core.runtime.validation import flag, floating, number, pair, positive, whole
-
-Scalar = float | Tensor
+from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.validation import flag, floating, number, pair, positive, whole
 
 _SIDES = "sensor_size is (width, height) in mm, sensor_res in px"
 # Where points of a grid over the image lie that do not stand in the middles of its fields.

@@ -17,9 +17,10 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.cat_eye import Rim
-from defocus_core.optics.outline import Outline, Scalar
+from defocus_core.optics.outline import Outline
 from defocus_core.optics.pupil_image import PupilImage
-from defocus_core.runtime.validation import dense, described
+from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.validation import dense, described
 
 
 class PupilField(PupilImage):

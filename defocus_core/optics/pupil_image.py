@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.outline import Outline
-from defocus_core.runtime.validation import dense, described
+from defocus_core.tensors.validation import dense, described
 
 # Transmission below this share of the greatest is dark: noise of a measured picture has no extent.
 _DARK = 1e-3

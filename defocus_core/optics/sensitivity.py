@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, pad
 
 from defocus_core.optics.pupil_image import PupilImage
-from defocus_core.runtime.validation import dense, described
+from defocus_core.tensors.validation import dense, described
 
 
 class Sensitivity:

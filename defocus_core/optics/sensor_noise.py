@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from defocus_core.runtime.validation import check_image, number, positive, whole
+from defocus_core.tensors.validation import check_image, number, positive, whole
 
 _UNITS = "noise is counted in electrons"
 

@@ -18,8 +18,9 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from defocus_core.optics.pinhole import PinholeCamera, Scalar
-from defocus_core.runtime.validation import (
+from defocus_core.optics.pinhole import PinholeCamera
+from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.validation import (
     bad_depth,
     between,
     broadcast,

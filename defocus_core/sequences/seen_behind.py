@@ -13,10 +13,10 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor
 
-from defocus_core.images.neighbourhoods import extreme_around
-from defocus_core.inpainting.disocclusion import STEP
-from defocus_core.inpainting.hidden_layers import HiddenLayer
+from defocus_core.renderer.inpainting.disocclusion import STEP
+from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.sequences.motion import Frame, alike, approached, nearest_pixels, places
+from defocus_core.tensors.neighbourhoods import extreme_around
 
 # Greatest change of radius of a surface that both frames show, in medians of what it should be.
 _SPREADS = 4.0

@@ -11,13 +11,13 @@ from elsewhere import NAME, elsewhere, here, there, waits
 from torch import Tensor
 
 from defocus_core import Aperture, DefocusLens, HiddenLayer, RandomDefocus, render, render_layers
-from defocus_core.engine.region import Region
-from defocus_core.engine.settings import Settings
 from defocus_core.evaluation.law_checks import Check, Setting
 from defocus_core.evaluation.law_probes import levels, strips, waves
 from defocus_core.evaluation.lens_laws import LAWS, devices, gradient, near_focus, occlusion
 from defocus_core.evaluation.synthetic_scenes import scenery
-from defocus_core.stream import Stream
+from defocus_core.renderer.engine.region import Region
+from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.stream import Stream
 
 SIZE = (72, 110)
 

@@ -10,8 +10,8 @@ from tolerances import RENDERED, ROUNDING
 from torch import Tensor
 
 from defocus_core import QUALITIES, Views, render
-from defocus_core.engine import preparation
-from defocus_core.images import tiling
+from defocus_core.renderer.engine import preparation
+from defocus_core.tensors import tiling
 
 EXACT = RENDERED[torch.float64]
 SIZES = [(40, 56), (41, 57), (7, 150), (130, 200)]  # odd, even, thin, more than one tile

@@ -16,7 +16,7 @@ from tolerances import OVERSAMPLING, RENDERED, WHITE
 from torch import Tensor
 
 from defocus_core import QUALITIES, Aperture, render
-from defocus_core.layers.quality import find
+from defocus_core.renderer.layers.quality import find
 
 DISC, HEXAGON, PENTAGON = Aperture(), Aperture(6, 10.0), Aperture(5, 90.0)
 PUPILS = {

@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 from command_line import Ran, pair, render
 
-from defocus_cli.batch import pipeline
-from defocus_cli.batch.plan import Chunk, Done, Execute
-from defocus_cli.jobs.job import Job
-from defocus_cli.journal import identity
-from defocus_cli.lenses.lens import lens_record
 from defocus_cli.options.batch import Crew
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.journal import identity
+from defocus_core.batch.lenses.lens import lens_record
+from defocus_core.batch.workers import pipeline
+from defocus_core.batch.workers.plan import Chunk, Done, Execute
 
 JOBS = """
 [inputs]

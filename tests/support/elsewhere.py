@@ -19,7 +19,7 @@ from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_flatten, tree_map
 
-from defocus_core.runtime import checkpointing
+from defocus_core.tensors import checkpointing
 
 # A device that is there without hardware; what is really on it has no values, which is noticed.
 NAME = "meta"

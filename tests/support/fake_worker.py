@@ -10,13 +10,13 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from defocus_cli.batch import job_result, worker
-from defocus_cli.batch.worker import READY
-from defocus_cli.jobs.job import Job
-from defocus_cli.journal.identity import versions
-from defocus_cli.journal.plain_values import typed
-from defocus_cli.rendering import job_steps
-from defocus_cli.system.safe_files import leftover
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.journal.identity import versions
+from defocus_core.batch.journal.plain_values import typed
+from defocus_core.batch.rendering import job_steps
+from defocus_core.batch.workers import job_result, worker
+from defocus_core.batch.workers.worker import READY
+from defocus_core.io.safe_files import leftover
 
 
 def result_of(job: Job) -> dict[str, Any]:

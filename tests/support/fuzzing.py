@@ -30,7 +30,7 @@ def sound_files(folder: Path) -> dict[str, bytes]:
     """The bytes of a small sound file of each format, codec and layout, by name."""
     from image_files import multi_part, random_planes, save, write_deep
 
-    from defocus_cli.exr.writing import write_exr
+    from defocus_core.io.exr.writing import write_exr
 
     folder.mkdir(parents=True, exist_ok=True)
     names = {"8": np.uint8, "16": np.uint16}
@@ -161,12 +161,12 @@ def outcome(path: Path) -> dict[str, Any]:
     """``read``, with what info says; ``refused``, with the line; or ``wrong``, with the reason."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
-    from defocus_cli.formats.raster import read_pages
-    from defocus_cli.formats.tags import set_tag
-    from defocus_cli.jobs.job import Reading
-    from defocus_cli.reports.inspection import inspect
-    from defocus_cli.reports.inspection_report import lines
-    from defocus_cli.system.errors import UserError
+    from defocus_cli.words.inspection import lines
+    from defocus_core.batch.jobs.job import Reading
+    from defocus_core.errors import UserError
+    from defocus_core.io.images.raster import read_pages
+    from defocus_core.io.images.tags import set_tag
+    from defocus_core.reports.inspection.inspection import inspect
 
     try:
         inspection = inspect(path, Reading(), None, lone=True)
@@ -176,7 +176,7 @@ def outcome(path: Path) -> dict[str, Any]:
                 for name, tag in page.tags.items():  # as they would be written
                     set_tag(oiio.ImageSpec(), name, tag)
     except UserError as error:
-        return _judged(error, error.format_message())
+        return _judged(error, str(error))
     except BaseException as error:
         return {"wrong": f"{type(error).__name__}: {error}"}
     return {"read": text}

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from command_line import color_exr, depth_exr, ramp
 
-from defocus_cli.batch.plan import Chunk
-from defocus_cli.jobs.job import Job, Machine, Outputs, Picture, Reading
-from defocus_cli.jobs.jobs_file import read_jobs
-from defocus_cli.lenses.lens import Lens
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.batch.jobs.jobs_file import read_jobs
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.workers.plan import Chunk
 
 LENS = '[lens]\nfocal-length = "50mm"\n'
 FIXED = LENS + 'fnumber = 2\nfocus = "2m"\n'

@@ -11,7 +11,7 @@ import numpy as np
 import OpenEXR
 from image_files import box, save
 
-from defocus_cli.formats.color_space import linear_to_srgb, srgb_to_linear
+from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 
 Pixels = np.ndarray[Any, Any]
 HEIGHT, WIDTH = 90, 128

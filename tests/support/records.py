@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from image_files import save
 
-from defocus_cli.formats.kinds import KINDS
+from defocus_core.batch.jobs.output_kinds import KINDS
 
 
 def png(path: Path, level: int = 0) -> bytes:

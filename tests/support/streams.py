@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from defocus_core import Views
-from defocus_core.stream import Stream
+from defocus_core.renderer.stream import Stream
 
 KINDS = ("render", "left", "right")
 

@@ -12,8 +12,8 @@ from torch.nn.functional import avg_pool2d, interpolate, max_pool2d
 from defocus_core import DefocusLens, render
 from defocus_core.depth.antialiased import AROUND, without_averages
 from defocus_core.depth.diagnosis import diagnosed
-from defocus_core.images.box import Box
-from defocus_core.images.derived import Repaired
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.derived import Repaired
 
 SIZE = (144, 200)
 FINE = 8

@@ -6,14 +6,10 @@ from scenes import RADII, pattern
 from torch import Tensor
 
 from defocus_core import render
-from defocus_core.depth.edge_pixels import (
-    AROUND,
-    are_beside_their_surface,
-    with_pixels_by_color,
-)
-from defocus_core.images.box import Box
-from defocus_core.images.derived import Repaired
-from defocus_core.layers.matting import Unmixed, unmixed
+from defocus_core.depth.edge_pixels import AROUND, are_beside_their_surface, with_pixels_by_color
+from defocus_core.renderer.layers.matting import Unmixed, unmixed
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.derived import Repaired
 
 SIZE = (40, 60)
 MIDDLE = SIZE[1] // 2

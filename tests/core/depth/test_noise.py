@@ -9,10 +9,10 @@ from defocus_core import render
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.noise import AROUND, without_noise
 from defocus_core.evaluation.synthetic_scenes import scenery
-from defocus_core.images import derived
-from defocus_core.images.box import Box
-from defocus_core.images.derived import Repaired
-from defocus_core.stream import Stream
+from defocus_core.renderer.stream import Stream
+from defocus_core.tensors import derived
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.derived import Repaired
 
 SIZE = (128, 192)
 

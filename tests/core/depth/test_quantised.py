@@ -8,8 +8,8 @@ from torch import Tensor
 from defocus_core import render
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.quantised import AROUND, without_terraces
-from defocus_core.images.box import Box
-from defocus_core.images.derived import Repaired
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.derived import Repaired
 
 SIZE = (96, 144)
 LEVELS = 48

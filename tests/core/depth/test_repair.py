@@ -13,8 +13,8 @@ from torch import Tensor
 from defocus_core import DefocusLens, RandomDefocus, Settings, diagnose_depth, render
 from defocus_core.depth.repair import repaired
 from defocus_core.evaluation.synthetic_scenes import scenery
-from defocus_core.images import derived
-from defocus_core.stream import Stream
+from defocus_core.renderer.stream import Stream
+from defocus_core.tensors import derived
 
 SIZE = (200, 260)
 

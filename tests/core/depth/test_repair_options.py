@@ -11,7 +11,7 @@ from torch.nn.functional import avg_pool2d, pad
 from defocus_core import DepthRepair, Settings, Stream, render, repair_options
 from defocus_core.depth.repair import repaired
 from defocus_core.evaluation.synthetic_scenes import scenery
-from defocus_core.images import derived
+from defocus_core.tensors import derived
 
 SIZE = (160, 200)
 NEAR, FAR = -6.0, 10.0

@@ -20,9 +20,9 @@ from defocus_core.depth.soft_edges import (
     steepness,
     without_ramps,
 )
-from defocus_core.images.box import Box
-from defocus_core.images.derived import Repaired
-from defocus_core.images.neighbourhoods import extreme_around
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.derived import Repaired
+from defocus_core.tensors.neighbourhoods import extreme_around
 
 SIZE = (60, 96)
 MIDDLE = SIZE[1] // 2

@@ -14,7 +14,7 @@ from defocus_core import Views
 from defocus_core.evaluation import law_checks, law_probes, lens_laws
 from defocus_core.evaluation.law_checks import Check, Setting
 from defocus_core.evaluation.law_probes import levels
-from defocus_core.render import render as true_render
+from defocus_core.renderer.render import render as true_render
 
 Render = Callable[..., Views]
 GPU_ALIKE = Setting("cpu:0", "standard")  # not "cpu": compared with it as a GPU is

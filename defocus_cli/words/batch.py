@@ -1,0 +1,216 @@
+"""The report of a batch: a progress bar while it runs, words when it has ended."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.words import console
+from defocus_cli.words import job as job_report
+from defocus_cli.words.endings import Interrupted, SomeFailed
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.journal.journal import Record
+from defocus_core.batch.journal.progress import Progress
+from defocus_core.batch.workers.job_result import Result
+from defocus_core.batch.workers.plan import Plan
+from defocus_core.batch.workers.run import Summary
+from defocus_core.io.safe_files import spoken
+from defocus_core.system.text import counted, duration
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+_WARNINGS = 3  # kinds that the last line names
+_WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
+
+
+class BatchReport:
+    """Reports each job of a batch while it runs.
+
+    Args:
+        each: print a line for each job; else only for jobs that failed or were rejected.
+        keep: keep the JSON record of each job.
+        verbose: print more about each job.
+        stats: print what was computed and what was skipped.
+    """
+
+    def __init__(
+        self, *, each: bool, keep: bool = False, verbose: bool = False, stats: bool = False
+    ) -> None:
+        self.records: dict[str, dict[str, Any]] = {}
+        self._each, self._keep, self._verbose, self._stats = each, keep, verbose, stats
+        self._bar: Any = None
+        self._afterwards: list[str] = []
+
+    def planned(self, plan: Plan) -> None:
+        """Say what was done before."""
+        for job, record in plan.settled:
+            if self._keep:
+                self.records[job.sample_id] = job_report.outcome_record(job, record, {})
+            if self._each:
+                console.say(job_report.done_before_line(job))
+        if not self._each and plan.settled:
+            console.say(f"{counted(len(plan.settled), 'job')} done before, {len(plan.todo)} to do")
+        if plan.changed:
+            line = f"done again, as inputs, settings or outputs changed: {plan.changed}"
+            if len(plan.todo) > 1 or not self._each:
+                console.say(line)
+            else:  # if it fails, nothing is done again, and its error is the one line to say
+                self._afterwards.append(line)
+        if self._bar is not None and plan.todo:
+            with spoken():
+                self._bar.reset(len(plan.todo))
+
+    def ended(self, job: Job, record: Record, result: Result) -> None:
+        """Say what became of a job."""
+        if self._keep:
+            self.records[job.sample_id] = job_report.outcome_record(job, record, result)
+        lines = list(
+            job_report.outcome_lines(job, record, result, verbose=self._verbose, stats=self._stats)
+        )
+        if record["status"] == "ok":
+            lines += self._afterwards
+        for line in lines if self._each or record["status"] != "ok" else ():
+            console.say(line)
+        if self._bar is not None:
+            with spoken():
+                self._bar.update()
+
+    @contextmanager
+    def bar(self, unit: str) -> Iterator[None]:
+        """Count jobs on a bar while the block runs, if stderr is a terminal."""
+        with bar(unit) as self._bar:
+            yield
+        self._bar = None
+
+
+def bar(unit: str, total: int | None = None) -> tqdm[Any]:
+    """A progress bar on stderr, if that is a terminal."""
+    from tqdm import tqdm
+
+    watched = sys.stderr is not None and sys.stderr.isatty()  # None: closed by whoever started us
+    return tqdm(total=total, unit=unit, file=sys.stderr, leave=False, disable=not watched)
+
+
+@contextmanager
+def tile_bar() -> Iterator[Callable[[int, int], None]]:
+    """A function that shows (tiles done, tiles in all) of a lone picture on a bar."""
+    with bar("tile") as tiles:
+
+        def count(done: int, total: int) -> None:
+            if tiles.total is None:
+                tiles.reset(total)
+            tiles.update(done - tiles.n)
+
+        yield count
+
+
+def summary_line(summary: Summary) -> str:
+    """Counts, reasons and speed of a batch that ended, in words."""
+    counts = Counter(summary.statuses)
+    parts = [f"{counts[status]} {word}" for status, word in _WORDS.items() if counts[status]]
+    if summary.skipped:
+        parts.append(f"{summary.skipped} done before")
+    if summary.left:
+        parts.append(f"{summary.left} left")
+    line = f"{counted(summary.jobs, 'job')}: {', '.join(parts) or 'nothing to do'}"
+    if summary.reasons:
+        line += f" ({reasons_words(summary.reasons)})"
+    if summary.warned:
+        line += f", {summary.warned} with warnings in the journal ({_kinds_of_warnings(summary)})"
+    done = sum(counts.values())
+    if done and summary.seconds:
+        line += f"; {summary.seconds:.1f} s, {done / summary.seconds:.3g} a second"
+    return line
+
+
+def _kinds_of_warnings(summary: Summary) -> str:
+    """The commonest kinds of warnings with their counts, in words."""
+    kinds = summary.warnings.most_common()
+    words = [f"{count} x {kind}" for kind, count in kinds[:_WARNINGS]]
+    if len(kinds) > _WARNINGS:
+        words.append(counted(len(kinds) - _WARNINGS, "other kind"))
+    return "; ".join(words)
+
+
+def reasons_words(reasons: Mapping[str, int]) -> str:
+    """Reasons of failures with their counts, in words."""
+    return ", ".join(f"{reason} {count}" for reason, count in sorted(reasons.items()))
+
+
+def summary_record(summary: Summary) -> dict[str, Any]:
+    """Counts, reasons and time of a batch that ended, for JSON."""
+    return {
+        "jobs": summary.jobs,
+        "done_before": summary.skipped,
+        "left": summary.left,
+        **{status: summary.statuses[status] for status in _WORDS},
+        "reasons": dict(summary.reasons),
+        "warned": summary.warned,
+        "warnings": dict(summary.warnings.most_common()),
+        "seconds": summary.seconds,
+        "interrupted": summary.interrupted,
+    }
+
+
+def progress_lines(out: Path, state: Progress, failures: int) -> Iterator[str]:
+    """Progress of a batch, in words."""
+    counts = [f"{state.statuses[s]} {word}" for s, word in _WORDS.items() if state.statuses[s]]
+    left = f", {state.left} left" if state.left else ""
+    again = f", {state.again} of them to be done again" if state.again else ""
+    yield f"{out}: {', '.join(counts) or '0 done'}{left}{again}, {counted(state.jobs, 'job')}"
+    if state.shards is not None:
+        numbers, division = state.shards
+        yield f"  {len(numbers)} of {division} shards begun, not merged yet"
+    if state.seconds is not None:
+        rate = f", {state.rate:.3g} jobs a second" if state.rate else ""
+        yield f"  {state.seconds:.2f} s of rendering each{rate}"
+    for who in state.running:
+        yield f"  running: {who}"
+    if state.eta_seconds is not None:
+        yield f"  the rest takes about {duration(state.eta_seconds)}"
+    elif state.left:
+        yield "  not running; run the same command again to go on"
+    if state.reasons:
+        yield f"  {reasons_words(state.reasons)}"
+    for record in state.failures[-failures:] if failures else ():
+        yield f"    {record['sample_id']}: {record['reason']}: {record['message']}"
+
+
+def progress_record(state: Progress, failures: int) -> dict[str, Any]:
+    """Progress of a batch, for JSON."""
+    keys = ("sample_id", "status", "reason", "message")
+    shown = state.failures[-failures:] if failures else []
+    return {
+        "jobs": state.jobs,
+        "left": state.left,
+        "again": state.again,
+        **{status: state.statuses[status] for status in _WORDS},
+        "reasons": dict(state.reasons),
+        "running": state.running,
+        "jobs_per_second": state.rate,
+        "render_seconds": state.seconds,
+        "eta_seconds": state.eta_seconds,
+        "shards": state.shards and {"begun": state.shards[0], "of": state.shards[1]},
+        "failures": [{key: record[key] for key in keys} for record in shown],
+    }
+
+
+def end(summary: Summary) -> None:
+    """End a command as its batch ended.
+
+    Raises:
+        Interrupted: the user stopped it.
+        SomeFailed: not all could be done.
+    """
+    if summary.interrupted and summary.left:
+        problem = f"interrupted, {summary.left} of {summary.jobs} jobs left"
+        raise Interrupted(f"{problem}; run the same command again to go on")
+    failed = summary.statuses["failed"]
+    if failed:
+        problem = f"{failed} of {summary.jobs} jobs failed ({reasons_words(summary.reasons)})"
+        raise SomeFailed(f"{problem}; run the same command again to try them once more")

@@ -1,0 +1,81 @@
+"""What is printed: data on stdout, words on stderr."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import suppress
+from errno import ENOSPC
+from logging import Handler, LogRecord, getLogger
+from typing import Any
+
+import click
+
+from defocus_core.errors import InputError, printable, reason
+from defocus_core.io.safe_files import spoken
+from defocus_core.system.text import version
+
+
+def say(line: str) -> None:
+    """One line on stderr, above the progress bar if there is one."""
+    line = printable(line)
+    # A closed stderr is no reason to lose the picture.
+    with spoken(), suppress(OSError):
+        if "tqdm" in sys.modules and sys.stderr is not None:
+            sys.modules["tqdm"].tqdm.write(line, file=sys.stderr)
+        else:
+            click.echo(line, err=True)
+
+
+class ToStderr(Handler):
+    """Says what the library logs."""
+
+    def emit(self, record: LogRecord) -> None:
+        """Say the message of a record."""
+        say(record.getMessage())
+
+
+def say_what_is_logged() -> None:
+    """From now on, what the library logs is said on stderr."""
+    logger = getLogger("defocus_core")
+    if not any(isinstance(handler, ToStderr) for handler in logger.handlers):
+        logger.addHandler(ToStderr())
+
+
+def tell(line: str) -> None:
+    """One line on stdout.
+
+    Raises:
+        InputError: it cannot be written.
+        BrokenPipeError: who read it has gone.
+    """
+    _print(printable(line))
+
+
+class Due:
+    """Whether the command that runs has yet to print a JSON document."""
+
+    json = False
+
+
+def print_json(**document: Any) -> None:
+    """One JSON document on stdout, which names the version first.
+
+    Raises:
+        InputError: it cannot be written.
+        BrokenPipeError: who read it has gone.
+    """
+    Due.json = False
+    _print(json.dumps({"defocus": version(), **document}, indent=1, allow_nan=False))
+
+
+def _print(text: str) -> None:
+    if sys.stdout is None:  # closed by whoever started us
+        raise InputError("stdout", "is closed", "send it to a file or to another program")
+    try:
+        click.echo(text)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        remedy = "free some space" if error.errno == ENOSPC else "check where it leads"
+        raise InputError("stdout", f"cannot be written: {reason(error)}", remedy) from error

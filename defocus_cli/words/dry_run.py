@@ -1,0 +1,155 @@
+"""The report of a dry run: inputs, outputs, seconds, memory and disk space."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from defocus_cli.words import console
+from defocus_cli.words import job as job_report
+from defocus_cli.words.endings import SomeFailed
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.workers.plan import Plan
+from defocus_core.errors import Rejected, UserError
+from defocus_core.system.text import counted, duration
+
+if TYPE_CHECKING:
+    from defocus_core.batch.rendering.forecast import Forecast
+
+# Bytes of a pixel of three channels, of pictures that are neither flat nor noise.
+_PIXEL_BYTES = {"half": 3.6, "float": 9.6, "png": 1.8, "png16": 4.5, "tiff": 4.5, "jpg": 0.5}
+_PREVIEW_BYTES = 1.5
+_MAP_BYTES = 2.4
+
+
+def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
+    """Report each picture: what would be read and written, and the forecasts.
+
+    Raises:
+        SomeFailed: some of several would fail; the reasons are on stderr.
+        InputError: the input of the only one cannot be used.
+        UsageProblem: the options make no sense for it or for this machine.
+    """
+    from defocus_core.batch.rendering import forecast
+
+    todo = [job for job, _ in plan.todo]
+    done = {job for job, _ in plan.settled}
+    samples, unusable = _forecasts(todo, alone=len(jobs) == 1)
+    by_job = {todo[number]: each for number, each in samples.items()}
+    sampled = list(samples.values())
+    if as_json:
+        records = []
+        for job in jobs:
+            more = {"forecast": forecast.record(by_job[job])} if job in by_job else {}
+            records.append({**job_report.plan_record(job), "done_before": job in done, **more})
+        whole = forecast.total(sampled, len(todo)) if sampled else None
+        console.print_json(dry_run=True, pictures=records, forecast=whole, unusable=len(unusable))
+    else:
+        for job in jobs:
+            line = job_report.done_before_line if job in done else job_report.plan_line
+            console.tell(line(job))
+            if job in by_job:
+                console.tell(forecast.line(by_job[job]))
+        if sampled and len(todo) > 1:
+            console.tell(forecast.total_line(sampled, len(todo)))
+    _end(unusable, len(samples), "pictures")
+
+
+def report_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> None:
+    """Report a batch in a few lines, and each job if ``verbose``.
+
+    Jobs that would fail or be rejected are named on stderr.
+
+    Raises:
+        SomeFailed: some would fail; the batch would go on without them, and end like this.
+        UsageProblem: this machine has not got the device.
+    """
+    from defocus_core.batch.rendering import forecast
+
+    todo = [job for job, _ in plan.todo]
+    by_number, unusable = _forecasts(todo)
+    samples = list(by_number.values())
+    whole = forecast.total(samples, len(todo)) if samples else None
+    totals = {
+        "jobs": len(plan.settled) + len(todo) + plan.beyond,
+        "done_before": len(plan.settled),
+        "todo": len(todo),
+        "beyond_limit": plan.beyond,
+        "processes": processes,
+        "forecast": whole,
+        "seconds": _seconds(todo, whole) / processes if whole else 0.0,
+        "bytes": round(_bytes(plan, samples)) if samples else 0,
+        "unusable": len(unusable),
+    }
+    if as_json:
+        console.print_json(
+            dry_run=True, **totals, samples=[job_report.plan_record(job) for job in todo]
+        )
+    for job in todo if verbose and not as_json else ():
+        console.tell(job_report.plan_line(job))
+    for line in () if as_json else _batch_lines(totals, len(samples)):
+        console.tell(line)
+    _end(unusable, len(samples), "jobs")
+
+
+def _forecasts(
+    todo: Sequence[Job], *, alone: bool = False
+) -> tuple[Mapping[int, Forecast], Sequence[UserError]]:
+    """Forecasts by number, and the errors of the other jobs, said or, of a lone job, raised."""
+    from defocus_core.batch.rendering import forecast
+
+    if not todo:
+        return {}, []
+    samples, unusable = forecast.forecasts(todo)
+    if alone and unusable:
+        raise unusable[0]
+    for error in unusable:
+        console.say(f"defocus: {error!s}")
+    return samples, unusable
+
+
+def _batch_lines(totals: Mapping[str, Any], samples: int) -> Iterator[str]:
+    todo, processes, whole = totals["todo"], totals["processes"], totals["forecast"]
+    beyond = f", {totals['beyond_limit']} beyond the limit" if totals["beyond_limit"] else ""
+    yield f"{counted(totals['done_before'], 'job')} done before, {todo} to do{beyond}"
+    if unusable := totals["unusable"]:
+        yield f"{unusable} of {samples + unusable} that were looked at would not be done"
+    if whole is not None:
+        few = f", going by {samples} of them" if samples < todo else ""
+        crew = counted(processes, "process", "processes")
+        yield (
+            f"about {duration(totals['seconds'])} in {crew}, {totals['bytes'] / 10**9:.2f} GB "
+            f"of files, {processes * whole['peak_mb']:.0f} MB of memory{few}"
+        )
+
+
+def _end(unusable: Sequence[UserError], usable: int, what: str) -> None:
+    """Fail if a job would fail; one that would be rejected is no failure."""
+    failing = sum(not isinstance(error, Rejected) for error in unusable)
+    if failing:
+        tried = usable + len(unusable)
+        raise SomeFailed(f"{failing} of {tried} {what} that were looked at would fail")
+
+
+def _seconds(todo: Sequence[Job], whole: Mapping[str, Any]) -> float:
+    """Of one process: decoding overlaps with rendering, but takes the cores that it needs.
+
+    Lenses share the picture that they take.
+    """
+    share = len({(job.picture, job.reading) for job in todo}) / len(todo)
+    return float(whole["render_seconds"] + share * whole["read_seconds"])
+
+
+def _bytes(plan: Plan, samples: Sequence[Forecast]) -> float:
+    """Bytes that the jobs will write, estimated from files of jobs done before, if any."""
+    pixels = sum(math.prod(each.outcome.size) for each in samples) / len(samples) * len(plan.todo)
+    done = [record for _, record in plan.settled if record["status"] == "ok"]
+    if done:
+        written = sum(output["size"] for one in done for output in one["outputs"].values())
+        pixels_done = sum(math.prod(one["size"]) for one in done)
+        return float(pixels * written / pixels_done)
+    outputs = plan.todo[0][0].outputs
+    image = _PIXEL_BYTES[outputs.exr_type if outputs.format == "exr" else outputs.format]
+    each = (image if kind.image else _MAP_BYTES for kind in outputs.rows)
+    return pixels * (sum(each) + outputs.preview * len(outputs.kinds) * _PREVIEW_BYTES)

@@ -1,0 +1,57 @@
+"""How a command ends that could not do all it was asked for: exceptions, and their exit codes.
+
+Exit codes: 1 if a part of a batch failed, 2 for a command line that makes no sense, 3 for a file
+that cannot be used, 130 if interrupted, 143 if ended by SIGTERM.
+"""
+
+from __future__ import annotations
+
+import click
+
+from defocus_cli.words import console
+from defocus_core.errors import UsageProblem, UserError
+
+
+def exit_code_of(error: UserError) -> int:
+    """2 for a command line that makes no sense, 3 for a file that cannot be used."""
+    return 2 if isinstance(error, UsageProblem) else 3
+
+
+class Interrupted(click.ClickException):
+    """The user pressed Ctrl-C; exit code 130."""
+
+    exit_code = 130
+
+
+class SomeFailed(click.ClickException):
+    """Not all of a batch could be done; exit code 1."""
+
+    exit_code = 1
+
+
+class Failures:
+    """Errors of files that others stand beside: those are done, and the last error ends it."""
+
+    def __init__(self) -> None:
+        self._errors: list[UserError] = []
+
+    def __bool__(self) -> bool:
+        return bool(self._errors)
+
+    def add(self, error: UserError) -> None:
+        """Keep an error; the one before is said now."""
+        if self._errors:
+            console.say(f"defocus: {self._errors[-1]}")
+        self._errors.append(error)
+
+    def records(self) -> list[dict[str, str]]:
+        """The errors for JSON."""
+        return [
+            {"subject": each.subject, "problem": each.problem, "remedy": each.remedy}
+            for each in self._errors
+        ]
+
+    def end(self) -> None:
+        """Raise the last error, if there is any."""
+        if self._errors:
+            raise self._errors[-1]

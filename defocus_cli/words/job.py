@@ -1,0 +1,160 @@
+"""The report of a rendered job: a progress bar, a line of words, a JSON record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.jobs.job import FRAME_ROLE
+from defocus_core.batch.lenses.lens import lens_record, lens_record_words, lens_words
+from defocus_core.io.arrays import scratch_folder
+from defocus_core.system.text import counted
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from defocus_core.batch.jobs.job import Job
+
+
+# Each count, the count that it is a share of, and words; counts that a renderer lacks are left out.
+_LINES = (
+    ("slice_tiles_done", "slice_tiles", "steps of slice x tile done"),
+    ("slice_tiles_blurred", "slice_tiles", "of them blurred, the others copied"),
+    ("slice_tiles_reduced", "slice_tiles", "of them at reduced resolution"),
+    ("slice_tiles_culled", "slice_tiles", "steps culled, with nothing left for them to fill"),
+    ("layer_pixels_done", "layer_pixels", "pixels of layers, within the rectangles they lie in"),
+    ("pixels_copied", "pixels", "pixels copied, where nothing is blurred"),
+    ("pixels_clamped", "pixels", "pixels of left or right below 0, made 0"),
+    ("tiles_culled", "tiles", "tiles whose hidden slices were culled so"),
+    ("tiles_with_hidden", "tiles", "tiles behind whose surface something was invented"),
+)
+
+
+def plan_record(job: Job) -> dict[str, Any]:
+    """Inputs, lens and outputs of a job, for JSON."""
+    return {
+        "stem": job.sample_id,
+        **{role: str(path) for role, path in _own_files(job).items()},
+        "lens": lens_record(job.lens),
+        "outputs": {kind: str(path) for kind, path in job.paths.items()},
+        "previews": {kind: str(path) for kind, path in job.previews.items()},
+    }
+
+
+def _own_files(job: Job) -> dict[str, Path]:
+    """The inputs of a job by role, without those of other frames of its shot."""
+    return {role: path for role, path in job.files.items() if not role.startswith(FRAME_ROLE)}
+
+
+def plan_line(job: Job) -> str:
+    """Inputs, lens and outputs of a job, in words."""
+    inputs = dict.fromkeys(map(str, _own_files(job).values()))
+    others = 0 if job.shot is None else len(job.shot.pictures.keys() - {job.picture.frame})
+    more = f" and {counted(others, 'other frame')} of the shot" if others else ""
+    return (
+        f"{job.sample_id}: {lens_words(job.lens)}; would read {', '.join(inputs)}{more}; "
+        f"would write {_written_words(job)}"
+    )
+
+
+def outcome_record(
+    job: Job, record: Mapping[str, Any], result: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Inputs, lens, outputs, time and warnings of a job that ended, for JSON.
+
+    Args:
+        job: the job.
+        record: its record of the journal.
+        result: its result now; empty if it was done before.
+    """
+    seconds = record["seconds"]
+    return {
+        **plan_record(job),
+        "status": record["status"],
+        "reason": record["reason"],
+        "message": record["message"],
+        "done_before": not result,
+        "size": record["size"],
+        "color_note": record.get("color_note"),  # journals of earlier versions have none
+        "depth_note": record["depth_note"],
+        "depth_repair": record.get("depth_repair"),
+        "lens": record["lens"] or lens_record(job.lens),
+        "coc_px": record["coc_px"],
+        "device": record["device"],
+        "quality": record["quality"],
+        "render_seconds": seconds.get("render"),
+        "render_cpu_seconds": seconds.get("cpu"),
+        "warnings": record["warnings"],
+        "stats": result.get("stats", {}),
+    }
+
+
+def outcome_lines(
+    job: Job,
+    record: Mapping[str, Any],
+    result: Mapping[str, Any],
+    *,
+    verbose: bool,
+    stats: bool = False,
+) -> Iterator[str]:
+    """A job that ended, in words: one line, one for each warning, and more if ``verbose``.
+
+    What was computed and what was skipped is a table if ``stats``, a line if ``verbose`` alone.
+    """
+    if record["status"] != "ok":
+        yield f"defocus: {record['message']}"
+        if verbose and "trace" in result:
+            yield from result["trace"].splitlines()
+        return
+    (width, height), (near, far) = record["size"], record["coc_px"]
+    seconds = record["seconds"]
+    yield (
+        f"{job.sample_id}: {width}x{height}, {lens_record_words(record['lens'])}, "
+        f"CoC {near:.2f} to {far:.2f} px, {seconds['render']:.2f} s -> {_written_words(job)}"
+    )
+    for warning in record["warnings"]:
+        yield f"{job.sample_id}: warning: {warning}"
+    if verbose:
+        yield f"  colour: {record['color_note']}"
+        yield f"  depth: {record['depth_note']}"
+        yield (
+            f"  {record['device']}, {counted(job.machine.threads, 'thread')}, {record['quality']}, "
+            f"{seconds['cpu']:.2f} CPU s"
+        )
+        if "scratch_mb" in result["stats"]:
+            scratch_mb = result["stats"]["scratch_mb"]
+            yield f"  {scratch_mb:.0f} MB of scratch in {scratch_folder()}"
+    counts = {name: count for name, count in result["stats"].items() if name != "scratch_mb"}
+    if stats:
+        yield from _stats_lines(counts)
+    elif verbose and counts:
+        yield "  " + ", ".join(f"{name} {count:.6g}" for name, count in counts.items())
+
+
+def _stats_lines(stats: Mapping[str, float]) -> Iterator[str]:
+    """A line for each count, like ``216 of 648   33 %  steps of slice x tile done``."""
+    if not stats:
+        yield "  nothing was rendered: maps alone need no slices"
+        return
+    yield f"  {stats['slices']:.0f} slices, {stats['tiles']:.0f} tiles"
+    rows = [(stats[n], stats[of], words) for n, of, words in _LINES if n in stats and stats.get(of)]
+    width = max(len(f"{whole:.0f}") for _, whole, _ in rows)
+    for count, whole, words in rows:
+        share = 100 * count / whole
+        yield f"  {count:>{width}.0f} of {whole:<{width}.0f} {share:>4.0f} %  {words}"
+
+
+def done_before_line(job: Job) -> str:
+    """A job that was done before, in words."""
+    return f"{job.sample_id}: done before -> {_written_words(job)}"
+
+
+def _written_words(job: Job) -> str:
+    """The files of a job, those of one name together, like ``out/{left,right}/a.exr``."""
+    folders: dict[str, list[str]] = {}
+    for path in job.written:
+        folders.setdefault(path.name, []).append(path.parent.name)
+    return ", ".join(
+        str(job.outputs.root / (f"{{{','.join(kinds)}}}" if len(kinds) > 1 else kinds[0]) / name)
+        for name, kinds in folders.items()
+    )

@@ -1,0 +1,180 @@
+"""The card of a finished batch: ``OUT/card.json``, and ``OUT/card.md`` for people.
+
+The head of ``card.md`` is YAML, as dataset cards of Hugging Face have it. The same records make the
+same bytes: a card holds no time, and no place of a file.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from statistics import quantiles
+from typing import Any
+
+from defocus_core.batch.datasets import sample_index
+from defocus_core.batch.datasets.card_tables import ENDS, WORDS, tables_of
+from defocus_core.batch.lenses import radius_set
+from defocus_core.errors import alike
+from defocus_core.io.safe_files import written_whole
+
+NAMES = ("card.json", "card.md")
+Record = Mapping[str, Any]
+_OF_LENS = ("focus_dioptres", "fnumber", "focal_length_mm")  # of the distributions
+_SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
+_PLAIN = re.compile(r"[^\w .,:;()/+<>=%°×–-]")  # what Markdown or YAML could take for its own
+
+
+def write(out: Path, card: Mapping[str, Any]) -> list[Path]:
+    """Write a card, each file whole or not at all.
+
+    Args:
+        out: the folder of the batch.
+        card: from `card_of`.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    texts = (json.dumps(card, indent=1, ensure_ascii=False, allow_nan=False) + "\n", markdown(card))
+    paths = [out / name for name in NAMES]
+    for path, text in zip(paths, texts, strict=True):
+        with written_whole(path) as file:
+            file.write(text.encode("utf-8", "replace"))
+    return paths
+
+
+def card_of(records: Sequence[Record]) -> dict[str, Any]:
+    """The card of a batch as plain values.
+
+    Args:
+        records: of its journal, oldest first.
+    """
+    entries = list(sample_index.entries(records))
+    ids = {entry["sample_id"] for entry in entries}
+    done = [r for r in records if r["status"] == "ok" and r["sample_id"] in ids]
+    failed = [r for r in records if r["status"] != "ok"]
+    kinds = (kind for entry in entries for kind in entry["outputs"])
+    sizes = (f"{entry['width']}x{entry['height']}" for entry in entries)
+    repairs = [(r.get("depth_repair") or {}).get("kinds", []) for r in done]
+    return {
+        "samples": len(entries),
+        "pictures": len({tuple(entry["inputs_blake2b"].values()) for entry in entries}),
+        "splits": _counts(entry["split"] for entry in entries if entry["split"]),
+        "kinds": _counts(kinds),
+        "sizes": _counts(sizes),
+        "distributions": {
+            key: distribution
+            for key in WORDS
+            if (distribution := _spread(_value(key, entry) for entry in entries))
+        },
+        "match": _match(done),
+        "depth": {
+            "read_as": _counts(alike(record["depth_note"].partition(";")[0]) for record in done),
+            "repaired": _counts(kind for each in repairs for kind in each or ["nothing"]),
+        },
+        "warnings": _counts(alike(w) for record in done for w in record["warnings"]),
+        "failures": _counts(record["reason"] or record["status"] for record in failed),
+        "recipe": {
+            "quality": _counts(entry["quality"] for entry in entries),
+            "reading": _common(record["settings"].get("reading") for record in done),
+            "outputs": _common(record["settings"].get("outputs") for record in done),
+        },
+        "versions": _counts(f"defocus {e['version']}, renderer {e['renderer']}" for e in entries),
+    }
+
+
+def _match(done: Iterable[Record]) -> dict[str, Any]:
+    """By measure of radii what the set matched asked for and what was reached; empty without."""
+    pairs = [(r["lens"]["radii_px"], r["measures"] or {}) for r in done if "radii_px" in r["lens"]]
+    if not pairs:
+        return {}
+    return {
+        name: {
+            "asked": _spread(asked[which] for asked, _ in pairs),
+            "reached": _spread(reached.get(name) for _, reached in pairs),
+        }
+        for which, name in enumerate(radius_set.MEASURES)
+    }
+
+
+def match_words(card: Mapping[str, Any]) -> str:
+    """How near the radii are to those of the set matched, on the mean; empty without one."""
+    words = []
+    for key, of in card["match"].items():
+        if of.get("asked") and of.get("reached"):
+            asked, reached = of["asked"]["mean"], of["reached"]["mean"]
+            words.append(f"{WORDS[key][0].rpartition(', ')[2]} {reached:.3g} px for {asked:.3g} px")
+    return ", ".join(words)
+
+
+def _value(key: str, entry: Record) -> Any:
+    """The value of a distribution of a line of the index."""
+    return entry["lens"][key] if key in _OF_LENS else entry[key]
+
+
+def _counts(words: Iterable[str]) -> dict[str, int]:
+    """How often each occurs, the commonest first."""
+    return dict(sorted(Counter(words).items(), key=lambda item: (-item[1], item[0])))
+
+
+def _spread(values: Iterable[Any]) -> dict[str, float] | None:
+    """Ends and percentiles of numbers; None without any."""
+    numbers = sorted(float(v) for v in values if v is not None and math.isfinite(v))
+    if not numbers:
+        return None
+    parts = quantiles(numbers, n=20, method="inclusive") if len(numbers) > 1 else numbers * 19
+    found = (numbers[0], parts[0], parts[9], parts[18], numbers[-1])
+    return {**dict(zip(ENDS, found, strict=True)), "mean": sum(numbers) / len(numbers)}
+
+
+def _common(settings: Iterable[Mapping[str, Any] | None]) -> dict[str, Any]:
+    """What all of some settings have in common, without what is not set."""
+    every = [each or {} for each in settings]
+    first = every[0] if every else {}
+    shared = {k: v for k, v in first.items() if all(each.get(k) == v for each in every)}
+    return {k: v for k, v in shared.items() if v not in (None, "", False, [], ())}
+
+
+def markdown(card: Mapping[str, Any]) -> str:
+    """A card for people.
+
+    Args:
+        card: from `card_of`.
+    """
+    size = next((words for most, words in _SIZES if card["samples"] < most), "n>1M")
+    head = [
+        "---",
+        "pretty_name: Defocused pictures",
+        "task_categories:",
+        "- image-to-image",
+        "- depth-estimation",
+        "tags: [depth-of-field, defocus, bokeh, synthetic]",
+        f"size_categories: [{size}]",
+        "---",
+        "",
+    ]
+    return "\n".join([*head, *_body(card)]) + "\n"
+
+
+def _body(card: Mapping[str, Any]) -> Iterator[str]:
+    yield "# Defocused pictures"
+    yield ""
+    yield (
+        f"{card['samples']} samples of {card['pictures']} pictures, made by defocus from sharp "
+        "pictures and their depth. `metadata.jsonl` has a line for each sample, with its lens."
+    )
+    for table in tables_of(card):
+        yield from ("", f"## {table.title}", "")
+        yield f"| {' | '.join(table.heading)} |"
+        yield "|---" * len(table.heading) + "|"
+        yield from (f"| {' | '.join(map(_safe, row))} |" for row in table.rows)
+    yield from ("", "## Citation", "")
+    yield "Cite the sources of the pictures, and defocus by its version."
+
+
+def _safe(words: str) -> str:
+    """Words from a journal, which may come from anywhere, without signs of Markdown."""
+    return _PLAIN.sub(" ", words)

@@ -1,0 +1,112 @@
+"""Samples of a finished batch for training scripts, without torch and without pixels.
+
+::
+
+    from defocus_cli.dataset.finished import samples
+
+    for sample in samples("out"):
+        sample.files["render"], sample.files["coc"], sample.lens.fnum
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from defocus_core.batch.datasets.sample_index import NAME
+from defocus_core.batch.lenses.lens import EFFECTS, LENS_FILES, Lens
+from defocus_core.batch.lenses.quantities import distances, highlights, noise, rim, shifts
+from defocus_core.errors import InputError, reason
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One picture as one lens took it.
+
+    Attributes:
+        sample_id: name of the sample, the stem of its files.
+        files: the file of each kind.
+        inputs: the input file of each role: color, depth, those of hidden and over, and
+            depth_sidecar, depth_mask of depth formats that have them.
+        lens: the lens, with the focus distance in mm.
+        size: width and height in px.
+        coc_px: smallest and largest signed radius of the blur.
+        quality: of the rendering.
+        record: its whole line of the index.
+    """
+
+    sample_id: str
+    files: Mapping[str, Path]
+    inputs: Mapping[str, Path]
+    lens: Lens
+    size: tuple[int, int]
+    coc_px: tuple[float, float]
+    quality: str
+    record: Mapping[str, Any]
+
+
+def samples(out: str | os.PathLike[str]) -> Iterator[Sample]:
+    """The samples of a finished batch in ``out``, sorted by name.
+
+    Raises:
+        InputError: there is no index in ``out``, or a line of it is broken.
+    """
+    root = Path(out)
+    path = root / NAME
+    try:
+        with path.open(encoding="utf-8") as lines:
+            for number, line in enumerate(lines, 1):
+                yield _sample(root, line, f"{path}: line {number}")
+    except OSError as error:
+        problem = f"cannot be read: {reason(error)}"
+        raise InputError(path, problem, "it is written when a batch ends") from None
+
+
+def _sample(root: Path, line: str, where: str) -> Sample:
+    try:
+        record = json.loads(line)
+        return Sample(
+            sample_id=record["sample_id"],
+            files={kind: root / path for kind, path in record["outputs"].items()},
+            inputs={role: root / path for role, path in record["inputs"].items()},
+            lens=_lens(record["lens"], record["inputs"]),
+            size=(record["width"], record["height"]),
+            coc_px=(record["coc_min_px"], record["coc_max_px"]),
+            quality=record["quality"],
+            record=record,
+        )
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        problem = f"is no sample: {type(error).__name__} {reason(error)}"
+        raise InputError(where, problem, "let the batch write it again") from None
+
+
+def _lens(entry: Mapping[str, Any], inputs: Mapping[str, str]) -> Lens:
+    shape = {"blades": entry["blades"], "blade_rotation": entry["blade_rotation_deg"]}
+    shape |= {name: entry[name] for name in EFFECTS if name in entry}
+    shape |= {name: Path(inputs[name]) for name in LENS_FILES if name in inputs}
+    if "axial_color" in shape:
+        shape["axial_color"] = shifts(shape["axial_color"])
+    if "cat_eye" in shape:
+        shape["cat_eye"] = rim(shape["cat_eye"])
+    if "highlights" in shape:
+        shape["highlights"] = highlights(shape["highlights"])
+    if "noise" in shape:
+        shape["noise"] = noise(shape["noise"])
+    if "sharp_range" in shape:
+        shape["sharp_range"] = distances(shape["sharp_range"])
+    if entry["focal_length_mm"] is None:  # the radii came from a file
+        return Lens(math.nan, math.nan, None, **shape)
+    return Lens(
+        foclen=entry["focal_length_mm"],
+        fnum=entry["fnumber"],
+        foc_dist=math.inf if entry["focus_mm"] is None else entry["focus_mm"],
+        focus_at=tuple(entry["focus_at_px"]) if entry["focus_at_px"] else None,
+        sensor_width=entry["sensor_width_mm"],
+        focus_percentile=entry["focus_percentile"],
+        **shape,
+    )

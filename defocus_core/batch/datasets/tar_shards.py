@@ -1,0 +1,240 @@
+"""WebDataset shards of a finished batch: ``OUT/shards/samples-000000.tar``, ….
+
+Of a dataset with splits each has shards of its own, ``trainset-000000.tar``, …. Each sample is
+``<key>.<kind>.<ext>`` for each of its outputs, and ``<key>.json``, its line of the index. The key
+is the sample_id with _ for each dot, as readers of such tars cut at the first one. The same samples
+make the same bytes. ``shards.json`` beside them lists the shards, and the size they were packed
+for; a shard that is as listed is not packed again.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import tarfile
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from hashlib import blake2b
+from pathlib import Path
+from typing import BinaryIO
+
+from defocus_core.batch.datasets import sample_index
+from defocus_core.batch.datasets.sample_index import Record
+from defocus_core.batch.journal.run_file import SHARDS_FOLDER
+from defocus_core.errors import InputError, reason
+from defocus_core.io.safe_files import written_whole
+
+FOLDER = SHARDS_FOLDER
+LIST = "shards.json"
+_NAME = re.compile(r"(?:samples|\w+set)-\d{6,}\.tar", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Member:
+    """A file of a shard: one of OUT's, or a few bytes."""
+
+    name: str
+    size: int
+    source: Path | bytes
+
+    @property
+    def info(self) -> tarfile.TarInfo:
+        """Its header: no time, no owner."""
+        info = tarfile.TarInfo(self.name)
+        info.size = self.size
+        info.mode = 0o644
+        return info
+
+    @property
+    def packed(self) -> int:
+        """Bytes that it takes in a tar."""
+        header = len(self.info.tobuf(tarfile.PAX_FORMAT))
+        return header + _rounded(self.size, tarfile.BLOCKSIZE)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The files of a sample, and its split, empty for none."""
+
+    split: str
+    members: tuple[Member, ...]
+
+
+@dataclass(frozen=True)
+class Listing:
+    """The list of shards: greatest size of a tar, and bytes of each by its name and digest."""
+
+    limit: int
+    sizes: Mapping[tuple[str, str], int]
+
+
+def write(out: Path, records: Iterable[Record], limit: int) -> list[Path]:
+    """Pack the samples that are done into tars of at most ``limit`` bytes.
+
+    A sample larger than that gets a tar to itself. Tars of an earlier batch that are no longer
+    needed are removed.
+
+    Args:
+        out: what the outputs' paths are relative to.
+        records: of the journal; those whose status is not ``ok`` are no samples.
+        limit: bytes.
+
+    Returns:
+        The tars, in order.
+
+    Raises:
+        InputError: an output is gone, or a tar cannot be written.
+    """
+    folder = out / FOLDER
+    before = listed(out)
+    sizes = before.sizes if before else {}
+    packed = []
+    for name, samples in _shards(_samples(out, records), limit):
+        path = folder / f"{name}.tar"
+        digest = _digest(samples)
+        if not _has_size(path, sizes.get((path.name, digest))):
+            _pack(path, samples)
+        size = path.stat().st_size
+        one = {"file": path.name, "samples": len(samples), "bytes": size, "digest": digest}
+        packed.append(one)
+    with written_whole(folder / LIST) as file:
+        listing = {"limit": limit, "shards": packed}
+        file.write(json.dumps(listing, indent=1).encode() + b"\n")
+    kept = [folder / str(one["file"]) for one in packed]
+    for path in set(folder.iterdir()) - set(kept):
+        if _NAME.fullmatch(path.name):
+            path.unlink()
+    return kept
+
+
+def exist(out: Path) -> bool:
+    """Whether shards exist in OUT."""
+    with suppress(OSError):
+        return any(_NAME.fullmatch(path.name) for path in (out / FOLDER).iterdir())
+    return False
+
+
+def listed(out: Path) -> Listing | None:
+    """The list of shards in OUT; None where it is missing or broken."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        listing = json.loads((out / FOLDER / LIST).read_text())
+        sizes = {(one["file"], one["digest"]): one["bytes"] for one in listing["shards"]}
+        return Listing(int(listing["limit"]), sizes)
+    return None
+
+
+def _samples(out: Path, records: Iterable[Record]) -> Iterator[Sample]:
+    entries = list(sample_index.entries(records))
+    for entry, key in zip(entries, _keys([entry["sample_id"] for entry in entries]), strict=True):
+        files = [(kind, out / path) for kind, path in entry["outputs"].items()]
+        members = [Member(f"{key}.{kind}{path.suffix}", _size(path), path) for kind, path in files]
+        line = sample_index.line(entry)
+        every = sorted([*members, Member(f"{key}.json", len(line), line)], key=_name)
+        yield Sample(entry["split"] or "", tuple(every))
+
+
+def _keys(names: Sequence[str]) -> list[str]:
+    """A key without dots for each sample; where two would be alike, with a hash of the name."""
+    plain = [name.replace(".", "_") for name in names]
+    count = Counter(plain)
+    return [
+        key
+        if name == key or count[key] == 1
+        else f"{key}_{blake2b(name.encode(), digest_size=4).hexdigest()}"
+        for name, key in zip(names, plain, strict=True)
+    ]
+
+
+def _shards(samples: Iterable[Sample], limit: int) -> Iterator[tuple[str, list[Sample]]]:
+    """The name and the samples of each shard: as many of a split as fit."""
+    by_split: dict[str, list[Sample]] = {}
+    for sample in samples:
+        by_split.setdefault(sample.split, []).append(sample)
+    for split in sorted(by_split):
+        # "train" between two signs would tell `datasets` that the folder has that split alone.
+        prefix = f"{split}set" if split else "samples"
+        for number, shard in enumerate(_filled(by_split[split], limit)):
+            yield f"{prefix}-{number:06}", shard
+
+
+def _filled(samples: Iterable[Sample], limit: int) -> Iterator[list[Sample]]:
+    """As many samples in each as fit."""
+    shard: list[Sample] = []
+    size = 0
+    for sample in samples:
+        more = sum(member.packed for member in sample.members)
+        if shard and _closed(size + more) > limit:
+            yield shard
+            shard, size = [], 0
+        shard.append(sample)
+        size += more
+    if shard:
+        yield shard
+
+
+def _pack(path: Path, samples: Iterable[Sample]) -> None:
+    with (
+        written_whole(path) as file,
+        tarfile.open(fileobj=file, mode="w", format=tarfile.PAX_FORMAT) as tar,
+    ):
+        for member in (member for sample in samples for member in sample.members):
+            with _opened(member.source) as content:
+                try:
+                    tar.addfile(member.info, content)
+                except (tarfile.TarError, OSError) as error:
+                    if getattr(error, "errno", None) is not None:  # the tar cannot be written
+                        raise
+                    problem = f"changed while it was packed: {reason(error)}"
+                    raise InputError(str(member.source), problem, "pack it again") from None
+
+
+def _opened(source: Path | bytes) -> BinaryIO:
+    if isinstance(source, bytes):
+        return io.BytesIO(source)
+    try:
+        return source.open("rb")
+    except OSError as error:
+        raise _gone(source, error) from None
+
+
+def _digest(samples: Iterable[Sample]) -> str:
+    """The hash of a shard: names and sizes, and the JSON, which has the hashes of the files."""
+    digest = blake2b(digest_size=16)
+    for member in (member for sample in samples for member in sample.members):
+        digest.update(f"{member.name}\0{member.size}\0".encode("utf-8", "surrogateescape"))
+        if isinstance(member.source, bytes):
+            digest.update(member.source)
+    return digest.hexdigest()
+
+
+def _has_size(path: Path, size: object) -> bool:
+    return path.is_file() and path.stat().st_size == size
+
+
+def _size(path: Path) -> int:
+    if path.is_symlink():  # which may lead to any file of this machine
+        raise InputError(path, "is a symbolic link, not an output", "put the file itself there")
+    try:
+        return path.stat().st_size
+    except OSError as error:
+        raise _gone(path, error) from None
+
+
+def _gone(path: Path, error: OSError) -> InputError:
+    return InputError(path, f"cannot be packed: {reason(error)}", "render the batch again")
+
+
+def _name(member: Member) -> str:
+    return member.name
+
+
+def _rounded(size: int, block: int) -> int:
+    return -(-size // block) * block
+
+
+def _closed(size: int) -> int:
+    """Bytes of a tar whose members take ``size``."""
+    return _rounded(size + 2 * tarfile.BLOCKSIZE, tarfile.RECORDSIZE)

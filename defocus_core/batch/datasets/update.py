@@ -1,0 +1,85 @@
+"""Update of the dataset in OUT when a batch has ended: index, card and shards of its samples.
+
+A batch indexes what it asks for: a picture or lens that was taken out of the jobs file is no sample
+any more, though its files stay. Where several jobs files write to one OUT, the last one counts;
+`defocus merge` indexes all of them. A retry adds what it did to the index that is there; what
+`defocus render` replaces stays in it as it is now. Shards that are there go with the index: they
+are packed again in their size if samples changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+
+from defocus_core.batch.datasets import card, sample_index, tar_shards
+from defocus_core.batch.journal.journal import Record, read_all
+from defocus_core.batch.journal.ledger import Ledger
+from defocus_core.system.log import note
+from defocus_core.system.text import counted
+
+
+def index(out: Path, shards_size: int | None, asked: Collection[str] | None = None) -> list[Path]:
+    """Write the index, and tars if asked for.
+
+    Args:
+        out: what was written to.
+        shards_size: greatest size of a tar in bytes; None to pack only where shards exist.
+        asked: names of the samples to list, as far as they are done; None for all in OUT.
+
+    Returns:
+        What was written.
+
+    Raises:
+        InputError: it cannot be.
+    """
+    records = Ledger(out, read_all(out)).live
+    if asked is not None:
+        own = [record for record in records if record["sample_id"] in asked]
+        _tell_of_others(out, sample_index.names(records) - sample_index.names(own))
+        records = own
+    made = card.card_of(records)
+    written = [sample_index.write(out, records), *card.write(out, made)]
+    if words := card.match_words(made):
+        note(f"{written[-1]}: radii and those of the set matched: {words}")
+    if shards_size is None:
+        return written + _followed(out, records)
+    return written + tar_shards.write(out, records, shards_size)
+
+
+def refresh(out: Path, done: Collection[str]) -> None:
+    """Write the index of a batch again if it lists some of the samples that were now done.
+
+    Raises:
+        InputError: it cannot be.
+    """
+    listed = sample_index.listed(out)
+    if listed is None or listed.isdisjoint(done):
+        return
+    records = [one for one in Ledger(out, read_all(out)).live if one["sample_id"] in listed]
+    path = sample_index.write(out, records)
+    card.write(out, card.card_of(records))
+    note(f"{path}: written again, as it lists samples that were done now")
+    _followed(out, records)
+
+
+def _followed(out: Path, records: list[Record]) -> list[Path]:
+    """Pack existing shards again if samples changed, so that they hold what the index lists."""
+    if not tar_shards.exist(out):
+        return []
+    folder, before = out / tar_shards.FOLDER, tar_shards.listed(out)
+    if before is None:
+        problem = f"may hold other samples than {sample_index.NAME}"
+        note(f"{folder}: warning: {problem}; --shards-size packs them again")
+        return []
+    written = tar_shards.write(out, records, before.limit)
+    if tar_shards.listed(out) != before:
+        note(f"{folder}: packed again, as samples changed; remove it if it is not wanted")
+    return written
+
+
+def _tell_of_others(out: Path, others: Collection[str]) -> None:
+    if others:
+        problem = f"lists none of {counted(len(others), 'sample')} that were not asked for now"
+        remedy = f"'defocus merge {out}' lists all"
+        note(f"{out / sample_index.NAME}: {problem}, like {min(others)}; {remedy}")

@@ -1,0 +1,131 @@
+"""Depth files converted to EXR: where each goes, what may be replaced, and its preview."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from defocus_core.batch.jobs.job import Reading
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.arrays import bands
+from defocus_core.io.safe_files import written_together
+from defocus_core.system.interrupts import put_off
+from defocus_core.system.text import version
+
+if TYPE_CHECKING:
+    from defocus_core.io.depth_formats.depth import Depth
+
+
+@dataclass(frozen=True)
+class Place:
+    """A depth file, the EXR to write, and its preview if there is to be one."""
+
+    file: Path
+    out: Path
+    preview: Path | None
+
+    @property
+    def written(self) -> list[Path]:
+        """Every file that is written."""
+        return [self.out, *([] if self.preview is None else [self.preview])]
+
+
+@dataclass(frozen=True)
+class Converted:
+    """A depth file that was converted.
+
+    Attributes:
+        place: from where, to where.
+        depth: the depth.
+        range_m: nearest and farthest but sky; None if there is only sky.
+        sky: how many pixels are sky.
+        warnings: what was taken for granted, and what tells of another format.
+    """
+
+    place: Place
+    depth: Depth
+    range_m: tuple[float, float] | None
+    sky: int
+    warnings: tuple[str, ...]
+
+
+def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[Place]:
+    """Where each file goes: to OUT itself if that ends in .exr, else to OUT/<stem>.exr.
+
+    Raises:
+        UsageProblem: several files would go to one.
+    """
+    if out.suffix.lower() == ".exr":
+        if len(files) > 1:
+            problem = f"is one file, and there are {len(files)} to convert"
+            raise UsageProblem("--out", problem, "name a directory, without .exr")
+        outs = [out]
+    else:
+        outs = [out / f"{file.stem}.exr" for file in files]
+    first: dict[Path, Path] = {}
+    for file, target in zip(files, outs, strict=True):
+        if first.setdefault(target, file) is not file:
+            problem = f"would be written to {target}, and so would {first[target]}"
+            raise UsageProblem(file, problem, "convert them to two directories")
+    return [
+        Place(file, target, target.with_suffix(".preview.png") if preview else None)
+        for file, target in zip(files, outs, strict=True)
+    ]
+
+
+def refuse_existing(wanted: Sequence[Place], *, overwrite: bool) -> None:
+    """Refuse to replace files, unless that is asked for; an input is never replaced.
+
+    Raises:
+        InputError: a file is there.
+    """
+    for place in wanted:
+        for path in place.written:
+            if path.exists() and any(path.samefile(p.file) for p in wanted if p.file.exists()):
+                raise InputError(path, "is a file to convert", "name another output")
+            if path.exists() and not overwrite:
+                raise InputError(
+                    path, "is there already", "say --overwrite, or name another output"
+                )
+
+
+def convert(place: Place, reading: Reading) -> Converted:
+    """Read a depth file and write it as EXR.
+
+    Raises:
+        InputError: the file cannot be read, has pixels without depth, or cannot be written.
+        UsageProblem: an option is missing or makes no sense for the file.
+    """
+    with put_off():
+        import numpy as np
+
+    from defocus_core.batch.depth.implausible import implausible_file
+    from defocus_core.batch.look.preview import write_depth_preview
+    from defocus_core.io.depth_formats.depth import read_depth, require_valid
+    from defocus_core.io.exr.writing import write_exr
+
+    if reading.row.rule == "radius":
+        problem = "holds radii of a lens, and no depth"
+        raise UsageProblem("--depth-format coc", problem, "give such files to 'defocus render'")
+    depth = read_depth(place.file, reading)
+    require_valid(depth)
+    sky, ends = 0, []
+    for rows in bands(depth.metres.shape):
+        finite = depth.metres[rows][np.isfinite(depth.metres[rows])]
+        sky += depth.metres[rows].size - finite.size
+        ends += [float(finite.min()), float(finite.max())] if finite.size else []
+    attributes = {
+        "defocus:version": version(),
+        "defocus:kind": "depth",
+        "defocus:depth": place.file.name,
+        "defocus:depth_read_as": depth.note,
+    }
+    range_m = (min(ends), max(ends)) if ends else None
+    with written_together():
+        write_exr(place.out, {"Z": depth.metres}, attributes)
+        if place.preview is not None:
+            write_depth_preview(place.preview, depth.metres)
+    warnings = (*implausible_file(depth, declared=reading.says_scale), *depth.warnings)
+    return Converted(place, depth, range_m, sky, warnings)

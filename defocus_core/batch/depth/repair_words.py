@@ -1,0 +1,105 @@
+"""The repair of a depth map as it is reported: in words, in JSON and journals, in EXR headers."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.depth.focusing import radius_at_infinity
+from defocus_core.batch.jobs.job import Reading
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.io.arrays import Windows
+
+if TYPE_CHECKING:
+    from defocus_core.depth.diagnosis import DepthRepair
+
+
+def repair_words(repair: DepthRepair | None) -> str:
+    """How the depth was repaired before it was rendered; empty if it was not."""
+    if repair is None:
+        return ""
+    done = []
+    if repair.noise is not None:
+        done.append(f"noisy by {repair.noise:.2g} px of radius, smoothed within surfaces")
+    if repair.antialiased is not None:
+        of = "disparity" if math.isinf(repair.antialiased) else "distance"
+        done.append(f"anti-aliased as averages of {of}, its edges made hard")
+    if repair.soft_edges is not None:
+        wide = "" if repair.edge_width is None else f", {repair.edge_width:.3g} px wide before"
+        of = "" if repair.ramps_of is None else " of distance"
+        done.append(f"its soft edges{of} made steps{wide}")
+    if repair.edge_shifts is not None:
+        shift = round(repair.edge_shifts.median, 1) + 0.0  # no minus before 0
+        done.append(f"its edges moved to those of the colours, {shift:+.1f} px in the median")
+    if repair.quantised:
+        done.append("of few levels, smoothed between them")
+    if done and repair.share:
+        done.append(f"{100 * repair.share:.2g} % of the pixels changed")
+    return "; ".join(done)
+
+
+def repair_found(lens: Lens, radius: Any, size: tuple[int, int], reading: Reading) -> DepthRepair:
+    """The repair of a depth before it is rendered, as far as it shows without colours.
+
+    Args:
+        lens: the lens, with its focus distance.
+        radius: signed CoC radius in px of all pixels, [H, W].
+        size: (width, height) of the picture shown.
+        reading: what is known of the repair.
+    """
+    import torch
+
+    from defocus_core.depth.repair import diagnose_depth
+
+    return diagnose_depth(
+        Windows([radius], "cpu", lone=True),
+        radius_at_infinity(lens, size),
+        torch.get_num_threads(),
+        depth_repair=reading.depth_repair,
+        edge_width=reading.edge_width,
+    )
+
+
+def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
+    """The repair in plain values; None where nothing was looked for.
+
+    Its keys are ``kinds``, of noise, anti-aliased, soft-edges, ramps, displaced-edges and
+    few-levels; ``noise_px``, of radius; ``edge_width_px`` of soft edges; ``displaced_px`` of edges
+    in the median, positive outwards; ``share`` of the pixels that were changed.
+    """
+    if repair is None:
+        return None
+    found = {
+        "noise": repair.noise is not None,
+        "anti-aliased": repair.antialiased is not None,
+        "soft-edges": repair.soft_edges is not None,
+        "ramps": repair.ramps and repair.soft_edges is None and repair.antialiased is None,
+        "displaced-edges": repair.edge_shifts is not None,
+        "few-levels": repair.quantised,
+    }
+    shift = None if repair.edge_shifts is None else repair.edge_shifts.median
+    return {
+        "kinds": [kind for kind, is_found in found.items() if is_found],
+        "noise_px": _rounded(repair.noise),
+        "edge_width_px": _rounded(repair.edge_width),
+        "displaced_px": _rounded(shift),
+        "share": _rounded(repair.share),
+    }
+
+
+def repair_attribute(repair: DepthRepair | None) -> str:
+    """The record in one line, for an EXR header; empty if nothing was changed."""
+    record = repair_record(repair)
+    if record is None or not record["kinds"]:
+        return ""
+    numbers = (f"{name}={value:g}" for name, value in record.items() if _is_number(value))
+    return " ".join((",".join(record["kinds"]), *numbers))
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, float)
+
+
+def _rounded(value: float | None) -> float | None:
+    """Four significant digits."""
+    return None if value is None else float(f"{value:.4g}")

@@ -1,0 +1,64 @@
+"""Depth brought to the size of its colour: by the nearest pixel, or guided by the colours."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.jobs.job import Reading
+from defocus_core.errors import InputError
+from defocus_core.io.arrays import Keeping, Windows, bands
+from defocus_core.io.depth_formats.depth import Depth, require_valid
+
+if TYPE_CHECKING:
+    from defocus_core.io.images.color_planes import Color
+
+
+def of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> Depth:
+    """The depth at the size of its colour; any mean of two surfaces is one that is not there.
+
+    Raises:
+        InputError: it is of another size, and not to be resized; of another aspect by more than a
+            pixel; or the file holds radii, which are px of its own size; or it has invalid pixels
+            and is to be guided.
+    """
+    import numpy as np
+
+    (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
+    if (height, width) == (rows, columns):
+        return depth
+    if reading.resize_depth is None:
+        problem = f"is {columns}x{rows} px but {color.path} is {width}x{height} px"
+        remedy = "give depth of the size of the colour, or say --resize-depth guided, or nearest"
+        raise InputError(depth.path, problem, remedy)
+    if depth.is_radius:
+        problem = f"holds radii in px of a picture of {columns}x{rows} px"
+        raise InputError(depth.path, problem, "give radii of the size of the colour")
+    if abs(width * rows - height * columns) > max(width, height, rows, columns):
+        problem = f"is {columns}x{rows} px, of another aspect than the colour, {width}x{height} px"
+        raise InputError(depth.path, problem, "cut depth and colour to one aspect")
+    metres = keeping.new((height, width), np.float32)
+    if reading.resize_depth == "guided":
+        require_valid(depth)
+        _fill_guided(metres, depth, color)
+        note = f"{depth.note}, {columns}x{rows} px resized, guided by the colours"
+        return replace(depth, metres=metres, note=note)
+    across = ((np.arange(width) + 0.5) * columns / width).astype(int)
+    down = ((np.arange(height) + 0.5) * rows / height).astype(int)
+    for band in bands((height, width)):
+        first, last = int(down[band][0]), int(down[band][-1])
+        metres[band] = depth.metres[first : last + 1][down[band] - first][:, across]
+    note = f"{depth.note}, {columns}x{rows} px resized by nearest"
+    return replace(depth, metres=metres, note=note)
+
+
+def _fill_guided(metres: Any, depth: Depth, color: Color) -> None:
+    """Fill [H, W] with the depth of another size, its edges where the colours change."""
+    import torch
+
+    from defocus_core.depth.guided_resize import GuidedDepth
+
+    given = torch.from_numpy(depth.metres[:].astype("float32"))
+    guided = GuidedDepth(given, Windows(color.planes, "cpu"))
+    for rows in bands(metres.shape):
+        metres[rows] = guided[rows].numpy()

@@ -1,0 +1,202 @@
+"""The plate that an element lies over: read beside it, and rendered with it as one scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.elements.overscan import overscan_of
+from defocus_core.batch.elements.planes import Both, Coverage, LayerWindows
+from defocus_core.batch.jobs.job import Picture, Reading
+from defocus_core.errors import InputError
+from defocus_core.io.arrays import Keeping, Windows, bands
+from defocus_core.io.exr.windows import Overscan
+from defocus_core.system.text import counted
+
+if TYPE_CHECKING:
+    from defocus_core.depth.diagnosis import DepthRepair
+    from defocus_core.io.depth_formats.depth import Depth
+    from defocus_core.io.images.color_planes import Color
+    from defocus_core.renderer.engine.settings import Settings
+    from defocus_core.renderer.layers.stacked_samples import Layered
+    from defocus_core.tensors.source import Pixels
+
+    Reader = Callable[[Picture, Reading, Overscan], tuple[Color, Depth]]
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A decoded plate.
+
+    Attributes:
+        color: its colour.
+        depth: its depth; infinitely far if it has none.
+        warnings: what was taken for granted of it, and of the element over it.
+    """
+
+    color: Color
+    depth: Depth
+    warnings: tuple[str, ...] = ()
+
+
+def read_over(
+    picture: Picture, reading: Reading, read: Reader, keeping: Keeping
+) -> tuple[Color, Depth, Plate]:
+    """Decode an element and its plate, with the overscan that both have.
+
+    Of the options those that choose among layers and parts are the element's.
+
+    Args:
+        picture: where they are.
+        reading: the options.
+        read: reads colour and depth of a picture, with so much overscan at most.
+        keeping: where a depth is kept that the plate has not got.
+
+    Raises:
+        InputError: a file cannot be read, or the two make no scene.
+    """
+    assert picture.over is not None
+    own = _reading_of_plate(picture.over, reading)
+    color, depth = read(picture, reading, overscan_of(picture.over, own))
+    plate = _plate(picture.over, own, read, keeping, color.overscan)
+    return color, depth, _checked(color, plate)
+
+
+def _reading_of_plate(picture: Picture, reading: Reading) -> Reading:
+    """The options without those that choose among layers and parts of the element."""
+    from defocus_core.io.exr.header import is_exr, read_headers
+    from defocus_core.io.exr.views import views_of
+    from defocus_core.io.safe_files import read_head
+
+    exr = is_exr(read_head(picture.color))
+    view = reading.view if exr and views_of(read_headers(picture.color)) else None
+    return replace(reading, color_layer=None, depth_channel=None, part=None, view=view)
+
+
+def _plate(
+    picture: Picture, reading: Reading, read: Reader, keeping: Keeping, overscan: Overscan
+) -> Plate:
+    """A plate, infinitely far if it has no depth.
+
+    Raises:
+        InputError: a file cannot be read.
+    """
+    from defocus_core.io.exr.header import is_exr
+    from defocus_core.io.images.exr_channels import NoDepthChannel
+    from defocus_core.io.safe_files import read_head
+
+    if picture.depth != picture.color:
+        return Plate(*read(picture, reading, overscan))
+    try:
+        if is_exr(read_head(picture.color)):
+            return Plate(*read(picture, reading, overscan))
+    except NoDepthChannel:
+        pass
+    return _far_away(picture, reading, keeping, overscan)
+
+
+def _checked(element: Color, plate: Plate) -> Plate:
+    """The plate with warnings of the element over it.
+
+    Raises:
+        InputError: the two are of different sizes or channels, or the element has no alpha.
+    """
+    import numpy as np
+
+    path, alpha = plate.color.path, element.alpha
+    if alpha is None:
+        problem = "has no alpha, and hides the plate everywhere"
+        raise InputError(element.path, problem, "give an element, or leave --over out")
+    sizes = [f"{w}x{h} px" for h, w, _ in (element.shape, plate.color.shape)]
+    if sizes[0] != sizes[1]:
+        problem = f"is {sizes[1]} but the element is {sizes[0]}"
+        raise InputError(path, problem, "give a plate of its size")
+    names = [(*c.channels[: len(c.light)], *c.passes) for c in (element, plate.color)]
+    if names[0] != names[1]:
+        problem = f"has {', '.join(names[1])} but the element {', '.join(names[0])}"
+        raise InputError(path, problem, "give a plate of the same channels")
+    beyond = glowing = 0
+    for rows in bands(alpha.shape):
+        share = np.asarray(alpha[rows])
+        beyond += int(np.count_nonzero((share < 0) | (share > 1)))
+        lit = np.logical_or.reduce([light[rows] != 0 for light in element.light])
+        glowing += int(np.count_nonzero((share <= 0) & lit))
+    warnings = list(plate.warnings)
+    if beyond:
+        warnings.append(f"alpha beyond 0…1 in {counted(beyond, 'pixel')} taken as 0 or 1")
+    if glowing:
+        warnings.append(f"light without alpha in {counted(glowing, 'pixel')} left out of --over")
+    return replace(plate, warnings=tuple(warnings))
+
+
+def layers_of(
+    lights: Sequence[Pixels],
+    pictures: tuple[Color, Color],
+    radii: tuple[Any, Any],
+    settings: Settings,
+    device: str,
+) -> tuple[Layered, DepthRepair]:
+    """The element before the plate, as layers with coverage, and the repair of its depth.
+
+    The depth of each is repaired alone, as `render` would.
+
+    Args:
+        lights: of both their light [C, H, W].
+        pictures: the colour of the element and of the plate.
+        radii: signed CoC radii [H, W] of both.
+        settings: of the render.
+        device: where it is rendered.
+    """
+    from defocus_core.depth.repair import repair_depth
+    from defocus_core.renderer.layers.stacked_samples import Layered
+
+    size = pictures[0].planes[0].shape
+    repaired = [
+        repair_depth(
+            Windows([radius], device, lone=True),
+            Windows(color.planes, device),
+            settings.infinity,
+            settings.threads,
+            depth_repair=settings.depth_repair,
+            edge_width=settings.edge_width,
+        )
+        for color, radius in zip(pictures, radii, strict=True)
+    ]
+    layers = Layered.of(
+        LayerWindows(lights),
+        LayerWindows([radius for radius, _ in repaired]),
+        Windows([Coverage(size, color.alpha) for color in pictures], device),
+    )
+    return layers, repaired[0][1]
+
+
+def nothing_of(element: Depth, plate: Plate) -> Any:
+    """Where neither an element nor its plate has anything, bool [H, W]; None if nowhere."""
+    if element.nothing is None or plate.depth.nothing is None:
+        return None
+    return Both(element.nothing, plate.depth.nothing)
+
+
+def _far_away(picture: Picture, reading: Reading, keeping: Keeping, overscan: Overscan) -> Plate:
+    """A plate without depth: infinitely far.
+
+    Raises:
+        InputError: the files hold radii, which have no far.
+    """
+    import numpy as np
+
+    from defocus_core.batch.elements.alpha import element_depth
+    from defocus_core.io.depth_formats.depth import Depth
+    from defocus_core.io.images.color import read_color, require_finite
+
+    if reading.holds_radii:
+        raise InputError(picture.color, "has no radii", "give them as --over PLATE RADII")
+    color = read_color(picture.color, view=reading.view, keeping=keeping, overscan=overscan)
+    require_finite(color)
+    metres = keeping.new(color.shape[:2], np.float32)
+    for rows in bands(color.shape):
+        metres[rows] = np.full(metres[rows].shape, np.inf, np.float32)
+    depth = Depth(metres, picture.color, "", "no depth, infinitely far", overscan=overscan)
+    warning = f"{picture.color.name}: the plate has no depth and is taken as infinitely far"
+    return Plate(color, element_depth(depth, color, keeping), (warning,))

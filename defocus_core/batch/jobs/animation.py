@@ -1,0 +1,236 @@
+"""Animated lenses: options of a lens with keys at frames, and their values between the keys.
+
+Between two keys a value goes evenly in the variable in which the blur is smooth: the focus in
+disparity, f-number, focal length and other sizes in their logarithm (an f-number in stops), angles
+and pixels as they are. ``ease`` begins and ends softly at each key. Before the first key and after
+the last one its value holds. Of numbers without a unit a focus is in metres, other lengths in mm.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from defocus_core.batch.jobs.lens_options import (
+    LENGTHS,
+    PARSERS,
+    checked,
+    parsed,
+    refuse_contradiction,
+)
+from defocus_core.batch.jobs.sweep import SCALES
+from defocus_core.batch.jobs.toml_file import read_toml, refuse_unknown
+from defocus_core.batch.lenses.quantities import text_of
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
+
+INTERPOLATIONS = ("linear", "ease")
+_VARIABLE = {
+    **{"focus": "disparity", "sharp-range": "disparity"},
+    **dict.fromkeys(("fnumber", "focal-length", "aperture-diameter", "sensor-width"), "log"),
+    **dict.fromkeys((FIELD_OF_VIEW, "squeeze"), "log"),
+}  # others go evenly as they are
+_HOLDS = ("blades", "aperture-image")  # which have nothing between two values
+_DIGITS = 9
+
+
+@dataclass(frozen=True)
+class Animation:
+    """Options of a lens with keys.
+
+    Attributes:
+        keys: by option the frames that have a key, ascending, and the keys.
+        interpolation: linear or ease.
+    """
+
+    keys: Keys = field(default_factory=dict)
+    interpolation: str = "linear"
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """The frames that have a key, ascending."""
+        return tuple(sorted({frame for keys in self.keys.values() for frame in keys}))
+
+    def source(self, name: str) -> str:
+        """The place of the first key of an option, for errors."""
+        return next(iter(self.keys[name].values())).where
+
+    def texts(self, frame: int) -> dict[str, str]:
+        """The options of a frame as texts; at a key, the text of the key.
+
+        Raises:
+            UsageProblem: values of two keys have nothing between them.
+        """
+        return {name: self._text(name, frame) for name in self.keys}
+
+    def _text(self, name: str, frame: int) -> str:
+        keys = self.keys[name]
+        frames = [*keys]
+        after = bisect_right(frames, frame)
+        if after == 0 or after == len(frames) or frames[after - 1] == frame or name in _HOLDS:
+            return keys[frames[max(after - 1, 0)]].text
+        first, last = frames[after - 1], frames[after]
+        share = (frame - first) / (last - first)
+        if self.interpolation == "ease":
+            share = share * share * (3 - 2 * share)
+        ends = [_value(name, keys[end]) for end in (first, last)]
+        if ends[0] == ends[1]:
+            return keys[first].text
+        if not all(isinstance(end, int | float | tuple) for end in ends):
+            problem = f"is {keys[first].text}, which has nothing between it and another key"
+            raise UsageProblem(keys[first].where, problem, "give distances")
+        return _between(name, ends, share)
+
+
+def _value(name: str, key: Key) -> Any:
+    return float(key.text) if name == FIELD_OF_VIEW else parsed(name, key.text)
+
+
+def _between(name: str, ends: list[Any], share: float) -> str:
+    """The text of a value between two."""
+    to, back = SCALES[_VARIABLE.get(name, "steps")]
+
+    def mixed(first: float, last: float) -> float:
+        return back((1 - share) * to(first) + share * to(last))
+
+    if name == "focus-at":
+        return ",".join(str(round(mixed(*pair))) for pair in zip(*ends, strict=True))
+    if isinstance(ends[0], tuple):  # of distances
+        return "..".join(_length(mixed(*pair)) for pair in zip(*ends, strict=True))
+    value = mixed(*ends)
+    return _length(value) if name in LENGTHS else f"{value:.{_DIGITS}g}"
+
+
+def _length(mm: float) -> str:
+    """The text of a length."""
+    return f"{mm:.{_DIGITS}g}mm" if math.isfinite(mm) else "inf"
+
+
+def read_animation(
+    files: Iterable[str], interpolation: str | None, keys: Keys | None = None, root: Path = Path()
+) -> Animation:
+    """The animation of files, or ``option=FILE`` for a curve.
+
+    Args:
+        files: paths, like those of ``--animate``.
+        interpolation: linear or ease; None for that of a TOML file, or linear.
+        keys: further keys.
+        root: the folder that paths are relative to.
+
+    Raises:
+        InputError: a file cannot be read, or makes no sense.
+        UsageProblem: an option is unknown, animated twice, or a value makes no sense.
+    """
+    every: dict[str, Mapping[int, Key]] = dict(keys or {})
+    for text in files:
+        option, _, name = text.rpartition("=") if not (root / text).exists() else ("", "", text)
+        if option:
+            refuse_unknown([option], tuple(PARSERS), "--animate", "a lens", "option")
+        file = root / name
+        if file.suffix.lower() == ".toml" and not option:
+            of_file, interpolation = _of_toml(file, interpolation)
+        else:
+            of_file = read_keys(file, option or None)
+        _add(every, of_file, file)
+    return animation_of(every, interpolation)
+
+
+def animation_of(keys: Keys, interpolation: str | None) -> Animation:
+    """The animation of keys, once all of them make sense.
+
+    Raises:
+        UsageProblem: an option is unknown, a value makes no sense, or two contradict each other.
+    """
+    every = {}
+    for name, of_option in keys.items():
+        if not of_option:
+            continue
+        where = next(iter(of_option.values())).where
+        refuse_unknown([name], (*PARSERS, FIELD_OF_VIEW), where, "a lens", "option")
+        every[name] = {
+            frame: Key(_checked(name, key), key.where) for frame, key in sorted(of_option.items())
+        }
+    if every:
+        refuse_contradiction(every, f"{next(iter(next(iter(every.values())).values())).where}: ")
+    return Animation(every, interpolation or INTERPOLATIONS[0])
+
+
+def keys_of_table(values: Mapping[str, Any], where: str) -> dict[str, dict[int, Key]]:
+    """The keys of the table ``[animate]``: of each option a table of values by frame.
+
+    Raises:
+        UsageProblem: an option has no table.
+        InputError: a name in it is no frame.
+    """
+    keys: dict[str, dict[int, Key]] = {}
+    for name, table in values.items():
+        if not isinstance(table, dict) or not table:
+            remedy = f'write {name} = {{1001 = "1.2m", 1060 = "4m"}}'
+            raise UsageProblem(f"{where} {name}", f"{table!r:.40} is no table of frames", remedy)
+        refuse_unknown([name], tuple(PARSERS), where, "a lens", "option")
+        keys[name] = {
+            frame_of(frame, f"{where} {name}"): Key(text_of(value), f"{where} {name}: {frame}")
+            for frame, value in table.items()
+        }
+    return keys
+
+
+def _of_toml(file: Path, interpolation: str | None) -> tuple[Keys, str | None]:
+    """The keys of a TOML file, and the interpolation unless the command line says one."""
+    remedy = 'write [animate] and focus = {1001 = "1.2m", 1060 = "4m"}'
+    tables = read_toml(file, what="file of keys", remedy=remedy)
+    refuse_unknown(tables, ("animate",), file, "a file of keys", "table")
+    values = tables.get("animate")
+    if not isinstance(values, dict):
+        raise InputError(file, "has no table [animate]", remedy)
+    values, said = interpolation_of(values, f"{file}: [animate]")
+    return keys_of_table(values, f"{file}: [animate]"), interpolation or said
+
+
+def interpolation_of(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], str | None]:
+    """The table ``[animate]`` without its interpolation, and the interpolation.
+
+    Raises:
+        UsageProblem: it is none.
+    """
+    said = values.get("interpolation")
+    if said is not None and said not in INTERPOLATIONS:
+        remedy = f"choose from {', '.join(INTERPOLATIONS)}"
+        raise UsageProblem(f"{where} interpolation", f"'{said}' is not known", remedy)
+    return {name: value for name, value in values.items() if name != "interpolation"}, said
+
+
+def _add(every: dict[str, Mapping[int, Key]], keys: Keys, file: Path) -> None:
+    for name, of_option in keys.items():
+        if name in every:
+            where = next(iter(every[name].values())).where
+            raise UsageProblem(file, f"animates {name}, as does {where}", "remove one of them")
+        every[name] = of_option
+
+
+def _checked(name: str, key: Key) -> str:
+    """The text of a key with the unit that a bare number has."""
+    text = _with_unit(name, key.text)
+    if name != FIELD_OF_VIEW:
+        return checked(name, text, key.where)
+    try:
+        degrees = float(text)
+    except ValueError:
+        degrees = 0.0
+    if not 0 < degrees < 180:
+        raise UsageProblem(key.where, f"'{text}' is no field of view", "give degrees, like 40")
+    return text
+
+
+def _with_unit(name: str, text: str) -> str:
+    if name not in LENGTHS or text.strip().lower() in ("inf", "infinity"):
+        return text
+    try:
+        float(text)
+    except ValueError:
+        return text
+    return f"{text.strip()}{'m' if name == 'focus' else 'mm'}"

@@ -1,0 +1,206 @@
+"""Pictures of a jobs file: from paths, patterns, lists and tables, with lens options of their own.
+
+``[inputs]`` knows
+  color, depth                files, folders, or patterns like ``frames/*.exr``; without depth, each
+                              colour EXR holds its own; ``shot.####.exr`` numbers frames
+  frames, missing             of such a shot the frames wanted, and what to do without a file
+  hidden-color, hidden-depth  what lies behind, in the same form
+  over-color, over-depth      the plate that elements lie over, in the same form
+  holdout-color               deep pictures that hide what is behind them, in the same form
+  list                        CSV or JSONL files with a row for each picture
+  pictures                    such rows in the jobs file itself: ``[[inputs.pictures]]``
+
+A row has ``color`` and, if need be, ``depth``, those of hidden and over, ``stem`` (what
+its outputs are named) and any option of a lens. Paths are relative to the file they stand in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from defocus_core.batch.jobs.job import OTHERS, Picture
+from defocus_core.batch.jobs.lens_options import PARSERS, checked, refuse_contradiction
+from defocus_core.batch.jobs.pairing import SCENE_SUFFIXES, find_pictures, whole_shot
+from defocus_core.batch.jobs.toml_file import Table, refuse_unknown
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.rows import Row, read_rows
+from defocus_core.io.shots.frame_patterns import MISSING, frame_choice
+
+FILES = ("color", "depth", *(f"{role}-{file}" for role in OTHERS for file in ("color", "depth")))
+KEYS = (*FILES, "frames", "missing", "list", "pictures")
+ROW_KEYS = (*FILES, "stem")
+_TRIED = 100  # first rows of which one file at least must exist
+_EXAMPLE = '{"color": "a.exr", "depth": "b.exr"}'
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A picture, its place in a file for errors, and its own lens options as texts."""
+
+    picture: Picture
+    where: str
+    options: Mapping[str, str] = field(default_factory=dict)
+
+
+def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> list[Entry]:
+    """The pictures of ``[inputs]``, in the order of the file; those of a pattern by name.
+
+    Args:
+        table: ``[inputs]``.
+        keyed: the frames that have keys.
+
+    Raises:
+        InputError: files are missing, do not pair up, or a list cannot be read.
+        UsageProblem: a key is unknown, or two pictures would have one name.
+    """
+    table.refuse_unknown(KEYS)
+    entries = [
+        *_from_files(table, keyed),
+        *(entry for file in _lists(table) for entry in _from_list(file)),
+        *_from_tables(table),
+    ]
+    if not entries:
+        remedy = 'write color = "frames/*.exr" and depth = "depth/*.exr" below [inputs]'
+        raise UsageProblem(f"{table.file}: [inputs]", "names no picture", remedy)
+    named: dict[str, Entry] = {}
+    for entry in entries:
+        first = named.setdefault(entry.picture.stem, entry)
+        if first is not entry:
+            problem = f"has the same name as that of {first.where}, '{entry.picture.stem}'"
+            raise UsageProblem(entry.where, problem, "give it a stem of its own")
+    return entries
+
+
+def read_whole_shot(table: Table) -> list[Entry]:
+    """All frames of the shot of ``[inputs]``, whichever are wanted; none if it numbers none.
+
+    Raises:
+        InputError: a pattern matches nothing.
+        UsageProblem: a depth has no colour.
+    """
+    paths = _paths(table)
+    if "color" not in paths:
+        return []
+    others = _others(table, paths)
+    root = table.file.parent
+    pictures = whole_shot(paths["color"], paths.get("depth"), others, patterns_in=root)
+    return [Entry(picture, f"{table.file}: [inputs]") for picture in pictures]
+
+
+def _paths(table: Table) -> dict[str, Path]:
+    """The paths of ``[inputs]`` by their keys."""
+    texts = {name: table.text(name) for name in FILES}
+    return {name: Path(text) for name, text in texts.items() if text is not None}
+
+
+def _others(table: Table, paths: Mapping[str, Path]) -> dict[str, tuple[Path, Path | None]]:
+    """Colour and depth of what belongs to each picture, by role."""
+    others = {}
+    for role in OTHERS:
+        other = paths.get(f"{role}-color")
+        if other is not None:
+            others[role] = (other, paths.get(f"{role}-depth"))
+        elif f"{role}-depth" in paths:
+            problem = f"stands without {role}-color"
+            raise UsageProblem(table.place(f"{role}-depth"), problem, "add that")
+    return others
+
+
+def _from_files(table: Table, keyed: tuple[int, ...]) -> list[Entry]:
+    paths = _paths(table)
+    color, depth = paths.get("color"), paths.get("depth")
+    if color is None:
+        asked = (*FILES, "frames", "missing")
+        lone = next((key for key in asked if key in table.values), None)
+        if lone is not None:
+            raise UsageProblem(table.place(lone), "stands without color", "add color")
+        return []
+    others = _others(table, paths)
+    choice = frame_choice(
+        table.text("frames"),
+        table.choice("missing", MISSING),
+        (table.place("frames"), table.place("missing")),
+        keyed,
+    )
+    root = table.file.parent
+    pictures = find_pictures(color, depth, others, patterns_in=root, frames=choice)
+    return [Entry(picture, f"{table.file}: [inputs]") for picture in pictures]
+
+
+def _lists(table: Table) -> list[Path]:
+    value = table.values.get("list", [])
+    names = value if isinstance(value, list) else [value]
+    if not all(isinstance(name, str) and name for name in names):
+        problem = f"{value!r} does not name files"
+        raise UsageProblem(table.place("list"), problem, 'write list = "pictures.csv"')
+    return [table.file.parent / name for name in names]
+
+
+def _from_tables(table: Table) -> list[Entry]:
+    tables = table.values.get("pictures", [])
+    if not isinstance(tables, list) or not all(isinstance(row, dict) for row in tables):
+        remedy = "write [[inputs.pictures]] above each picture's color and depth"
+        raise UsageProblem(table.place("pictures"), "is no list of tables", remedy)
+    if not tables:
+        return []
+    places = (f"{table.file}: [[inputs.pictures]] {number}" for number in count(1))
+    return _from_rows(zip(places, tables, strict=False), table.file)
+
+
+def _from_list(file: Path) -> list[Entry]:
+    return _from_rows(read_rows(file, "list of pictures", _EXAMPLE), file)
+
+
+def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
+    """The pictures of rows; a missing file fails in its own job, unless all of them are missing."""
+    entries = [_entry(row, where, file.parent) for where, row in rows]
+    if not entries:
+        raise InputError(file, "has no row", "write one for each picture")
+    if not any(entry.picture.color.exists() for entry in entries[:_TRIED]):
+        first = entries[0]
+        remedy = f"paths are relative to {file.parent}, the folder of {file.name}"
+        raise InputError(first.where, f"{first.picture.color}: no such file", remedy)
+    return entries
+
+
+def _entry(row: Mapping[str, Any], where: str, folder: Path) -> Entry:
+    refuse_unknown(row, (*PARSERS, *ROW_KEYS), where, "a row")
+    options = {
+        key: checked(key, value, f"{where}: {key}")
+        for key, value in row.items()
+        if key not in ROW_KEYS
+    }
+    refuse_contradiction(options, f"{where}: ")
+    paths = {key: _path(row[key], f"{where}: {key}", folder) for key in FILES if key in row}
+    if "color" not in paths:
+        raise InputError(where, "names no color", "give it the path of a colour file")
+    others: dict[str, Any] = {}
+    for role in OTHERS:
+        if (other := paths.get(f"{role}-color")) is not None:
+            others[role] = Picture(other.stem, other, paths.get(f"{role}-depth", other))
+        elif f"{role}-depth" in paths:
+            raise InputError(where, f"names a {role}-depth without {role}-color", "give it both")
+    color = paths["color"]
+    if "depth" not in paths and color.suffix.lower() not in SCENE_SUFFIXES:
+        raise InputError(where, "names no depth, which only EXR holds beside colour", "give depth")
+    stem = _stem(row["stem"], where) if "stem" in row else color.stem
+    return Entry(Picture(stem, color, paths.get("depth", color), **others), where, options)
+
+
+def _path(value: object, where: str, folder: Path) -> Path:
+    if not isinstance(value, str) or not value or "\0" in value:
+        raise InputError(where, f"{value!r} is not a path", "write it in quotes")
+    return folder / value
+
+
+def _stem(value: object, where: str) -> str:
+    stem = str(value)
+    odd = not stem or "/" in stem or "\0" in stem or stem.startswith(".") or not stem.isprintable()
+    if odd or not isinstance(value, str | int):
+        remedy = "it becomes OUT/<kind>/<stem>.<ext>, so write a plain name"
+        raise InputError(f"{where}: stem", f"{value!r} cannot name a file", remedy)
+    return stem

@@ -1,0 +1,219 @@
+"""A job: one picture, the lens that takes it, what to write and how to render it.
+
+Pictures are named by the stem of their colour file; a job writes ``OUT/<kind>/<stem>.<ext>``.
+Nothing here opens a file, though `Job.files` looks which are there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from defocus_core.batch.jobs.output_kinds import KINDS, PREVIEW, Kind
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.io.depth_formats.reading import DepthReading
+from defocus_core.io.depth_formats.sidecars import files_beside
+
+QUALITIES = ("draft", "standard", "high", "reference")
+DEVICES = ("auto", "cpu", "cuda")
+FRAME_ROLE = "frame"  # of other frames among the inputs
+OTHERS = ("hidden", "over", "holdout")  # pictures that belong to another one
+TILES = (16, 1 << 14)  # px; of defocus_core, too
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Where colour and depth of one picture are; the same file twice when one EXR holds both.
+
+    Attributes:
+        stem: its name.
+        color: its colour file.
+        depth: its depth file; of a plate that has none its colour file.
+        hidden: a picture of what lies behind the visible surface, where that is known.
+        over: the plate that it lies over, if it is an element.
+        holdout: a deep picture that hides what is behind it and shows nothing.
+        frame: its number in a shot.
+    """
+
+    stem: str
+    color: Path
+    depth: Path
+    hidden: Picture | None = None
+    over: Picture | None = None
+    holdout: Picture | None = None
+    frame: int | None = None
+
+    @property
+    def others(self) -> dict[str, Picture]:
+        """The pictures of the same scene that belong to it, by role: hidden, over, holdout."""
+        found = {role: getattr(self, role) for role in OTHERS}
+        return {role: picture for role, picture in found.items() if picture is not None}
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Its files by role: color, depth; hidden_color, hidden_depth, over_color, … if any."""
+        files = {"color": self.color, "depth": self.depth}
+        for role, other in self.others.items():
+            files |= {f"{role}_color": other.color, f"{role}_depth": other.depth}
+        return files
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading(DepthReading):
+    """What to take from the input files, and how to read it.
+
+    Attributes:
+        color_layer: colour layer of an EXR.
+        depth_repair: auto, off (depth is used as it is read), or soft-edges=SLOPE in px per px.
+        edge_width: px of the widest soft edges of depth, 0 if none are soft; None: as found.
+    """
+
+    color_layer: str | None = None
+    depth_repair: str = "auto"
+    edge_width: float | None = None
+    blur_channels: tuple[str, ...] = ()  # names or patterns of further channels that are light
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """The outputs of a job, and where to write them."""
+
+    root: Path
+    kinds: tuple[str, ...] = ("render",)
+    format: str = "exr"
+    exr_type: str = "half"
+    jpeg_quality: int = 95  # 1 to 100
+    preview: bool = False
+    overwrite: bool = False
+    map_format: str = "exr"  # or tiff, of float32, too
+    keep_overscan: bool = False  # pixels beyond the display window are written, too
+
+    @property
+    def rows(self) -> list[Kind]:
+        """The rows of the table of kinds that are written."""
+        return [KINDS[name] for name in self.kinds]
+
+    @property
+    def need_rendering(self) -> bool:
+        """Whether a kind needs more than the signed radii."""
+        return any(kind.rendered for kind in self.rows)
+
+    def names(self, stem: str) -> dict[str, str]:
+        """The files of one picture, relative to the root: of each kind, and of kind.preview."""
+        names = {
+            k.name: f"{k.name}/{stem}{k.suffix(self.format, self.map_format)}" for k in self.rows
+        }
+        if self.preview:
+            names |= {f"{kind}{PREVIEW}": f"{kind}/{stem}.preview.png" for kind in self.kinds}
+        return names
+
+
+@dataclass(frozen=True)
+class Machine:
+    """How to compute. ``quality`` or ``tolerance`` decide the pictures.
+
+    ``tile`` changes their last digits, too; the other fields change nothing in them.
+    """
+
+    quality: str = "standard"
+    tolerance: float | None = None  # px of CoC radius, instead of a quality
+    device: str = "auto"
+    threads: int = 1
+    memory: int | None = None  # bytes for the process; None: most of what is available
+    tile: int | None = None  # px on a side of a tile; None: the renderer's own
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A frame of a shot, and the lens that takes it."""
+
+    picture: Picture
+    lens: Lens
+
+
+@dataclass(frozen=True)
+class Shot:
+    """The frames of a shot that decide, besides its own, what a picture looks like.
+
+    Attributes:
+        sample: frames by which is decided for all of the shot how depth is repaired and where a
+            focus lies that the depth decides; empty if each frame decides for itself.
+        window: the frame and its neighbours, ascending: their depth is averaged where the scene is
+            still, and with motion vectors they show what is hidden.
+        focus: frames whose focus is averaged for the focus of this one; empty for its own.
+        motion: layer of motion vectors in the files; None if there is none.
+    """
+
+    sample: tuple[Taken, ...] = ()
+    window: tuple[Picture, ...] = ()
+    focus: tuple[Taken, ...] = ()
+    motion: str | None = None
+
+    @property
+    def pictures(self) -> dict[int, Picture]:
+        """All of these frames by number."""
+        taken = (each.picture for each in (*self.sample, *self.focus))
+        return {int(p.frame): p for p in (*taken, *self.window) if p.frame is not None}
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Their files by role, like frame1001_depth."""
+        return {
+            f"{FRAME_ROLE}{number}_{role}": path
+            for number, picture in sorted(self.pictures.items())
+            for role, path in (("color", picture.color), ("depth", picture.depth))
+        }
+
+
+@dataclass(frozen=True)
+class Job:
+    """One picture to render."""
+
+    picture: Picture
+    lens: Lens
+    reading: Reading
+    outputs: Outputs
+    machine: Machine
+    suffix: str = ""  # tells this lens from others of the same picture
+    shot: Shot | None = None
+    split: str = ""  # of a dataset; it changes nothing in the outputs
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """Its inputs by role: those of picture, shot and lens, and those beside its depth."""
+        files = self.picture.files | files_beside(self.reading.row, self.picture.depth)
+        if self.outputs.need_rendering:
+            files |= self.lens.files
+        return files if self.shot is None else files | self.shot.files
+
+    @property
+    def lens_focal(self) -> float | None:
+        """Focal length in widths of the sensor, where the depth cannot be read without it."""
+        return self.lens.foclen / self.lens.sensor_width if self.reading.needs_lens else None
+
+    @property
+    def sample_id(self) -> str:
+        """The name of the sample, and the stem of its files."""
+        return self.picture.stem + self.suffix
+
+    @property
+    def names(self) -> dict[str, str]:
+        """Every file this job writes, relative to the root: of each kind, and of kind.preview."""
+        return self.outputs.names(self.sample_id)
+
+    @property
+    def paths(self) -> dict[str, Path]:
+        """The file of each kind."""
+        names, root = self.names, self.outputs.root
+        return {kind: root / names[kind] for kind in self.outputs.kinds}
+
+    @property
+    def previews(self) -> dict[str, Path]:
+        """The preview of each kind; empty when none are wanted."""
+        names = {name: path for name, path in self.names.items() if name.endswith(PREVIEW)}
+        return {name.removesuffix(PREVIEW): self.outputs.root / p for name, p in names.items()}
+
+    @property
+    def written(self) -> list[Path]:
+        """Every file this job writes."""
+        return [self.outputs.root / name for name in self.names.values()]

@@ -1,0 +1,194 @@
+"""Jobs files: the pictures of a batch, the lenses that take each, and the outputs.
+
+A TOML file with the tables
+  [inputs]    pictures, see `inputs`
+  [split]     shares of train, test, …, see `splits`
+  [lens]      the options of a lens; ``file``, a lens file below them; ``max-coc``, see [sample]
+  [animate]   keys of lens options by frame, see `animation`; ``file``, files of
+              keys; ``interpolation``
+  [shot]      steady, focus-smooth, motion: what frames have in common, see `shots`
+  [sweep]     lists, grids and ranges of lens options, see `sweep`
+  [sample]    random lenses, see `random_lenses`; ``max-coc``, like
+              "40px", bounds the radius of the blur: a lens beyond it is drawn again, and where no
+              draw suits, or none was drawn, the picture is rejected
+  [reading]   depth-format and the other options of reading, see `reading_options`
+  [outputs]   kinds, format, map-format, exr-type, jpeg-quality, preview; inputs = "copy" adds the
+              sharp picture and its depth, kinds image and depth
+  [machine]   quality, or tolerance, like "1px"; depth-repair may stand here instead
+
+All that decides what the outputs look like stands in it; where they go and who computes them does
+not.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from defocus_core.batch.jobs.inputs import read_inputs, read_whole_shot
+from defocus_core.batch.jobs.job import QUALITIES, Job, Machine, Outputs, Reading
+from defocus_core.batch.jobs.lens_plan import lens_file_of, read_plan
+from defocus_core.batch.jobs.output_kinds import (
+    FORMAT_ALIASES,
+    INPUTS,
+    KINDS,
+    MAP_FORMATS,
+    SUFFIXES,
+    in_one_file,
+)
+from defocus_core.batch.jobs.reading_options import (
+    NAMES_OF_OPTIONS,
+    lens_file_reading,
+    make_reading,
+    reading_values,
+)
+from defocus_core.batch.jobs.shot_lenses import animated, read_animation_table
+from defocus_core.batch.jobs.shots import read_together, with_shot
+from defocus_core.batch.jobs.splits import read_splits
+from defocus_core.batch.jobs.toml_file import Table, read_toml, refuse_unknown, table
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.lenses.quantities import pixel_count
+from defocus_core.errors import UsageProblem
+
+TABLES = (
+    *("inputs", "split", "lens", "animate", "shot", "sweep", "sample"),
+    *("reading", "outputs", "machine"),
+)
+MOST_JOBS = 10_000_000
+
+
+def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
+    """The jobs of a batch: those of one picture follow one another, in the order of the file.
+
+    Args:
+        path: the jobs file.
+        outputs: directory to write to, and defaults for ``[outputs]``.
+        machine: device, threads and memory, and defaults for ``[machine]``.
+
+    Raises:
+        InputError: a file cannot be read or is missing, or files do not pair up.
+        UsageProblem: a key is unknown, a value makes no sense, or two contradict each other.
+    """
+    remedy = "give a jobs file, with tables [inputs] and [lens]"
+    stored = read_toml(path, what="jobs file", remedy=remedy)
+    refuse_unknown(stored, TABLES, path, "a jobs file", "table")
+    named = {name: table(path, stored, name) for name in TABLES}
+    reading = _reading(named["reading"], named["lens"], named["machine"])
+    plan = read_plan(named["lens"], named["sweep"], named["sample"], radii=reading.holds_radii)
+    outputs = _outputs(named["outputs"], outputs)
+    machine = _machine(named["machine"], machine)
+    animation = read_animation_table(named["animate"])
+    entries = read_inputs(named["inputs"], animation.frames)
+    entries = animated(entries, animation, plan, named["lens"], reading)
+    if len(entries) * plan.count > MOST_JOBS:
+        problem = f"asks for {len(entries) * plan.count} pictures"
+        raise UsageProblem(path, problem, f"split it into files of at most {MOST_JOBS}")
+    jobs = [
+        Job(entry.picture, lens, reading, outputs, machine, suffix)
+        for entry in entries
+        for suffix, lens in plan.lenses(entry)
+    ]
+    together = read_together(named["shot"])
+    every = read_whole_shot(named["inputs"])
+    by_frame = {each.picture.frame: each for each in every}
+
+    @cache
+    def lenses(frame: int | None) -> dict[str, Lens]:
+        (entry,) = animated([by_frame[frame]], animation, plan, named["lens"], reading)
+        return dict(plan.lenses(entry))
+
+    splits = read_splits(named["split"])
+    return with_shot(
+        [dataclasses.replace(job, split=splits.of(job.picture)) for job in jobs],
+        [each.picture for each in every],
+        lambda picture, suffix: lenses(picture.frame)[suffix],
+        together,
+        moving="focus-at" in animation.keys,
+    )
+
+
+def _reading(section: Table, lens: Table, machine: Table) -> Reading:
+    """The options of ``[reading]``, over those of the lens file."""
+    section.refuse_unknown(NAMES_OF_OPTIONS)
+    values = reading_values(section.values, section.place)
+    if "depth-repair" in machine.values:
+        if "depth-repair" in section.values:
+            problem = "stands in [reading], too"
+            raise UsageProblem(machine.place("depth-repair"), problem, "keep one of them")
+        repair = {"depth-repair": machine.values["depth-repair"]}
+        values |= reading_values(repair, machine.place)
+    return make_reading(values, lens_file_reading(lens_file_of(lens)), section.place("edge-width"))
+
+
+def _outputs(section: Table, outputs: Outputs) -> Outputs:
+    section.refuse_unknown(
+        (
+            "kinds",
+            "format",
+            "exr-type",
+            "jpeg-quality",
+            "preview",
+            "multiview",
+            "keep-overscan",
+            "map-format",
+            "inputs",
+        )
+    )
+    name = section.values.get("format")
+    if isinstance(name, str):
+        aliased = {**section.values, "format": FORMAT_ALIASES.get(name, name)}
+        section = Table(section.file, section.name, aliased)
+    values = {
+        "kinds": _kinds(section),
+        "format": section.choice("format", tuple(SUFFIXES)),
+        "exr_type": section.choice("exr-type", ("half", "float")),
+        "jpeg_quality": section.whole("jpeg-quality", 1, 100),
+        "preview": section.flag("preview"),
+        "keep_overscan": section.flag("keep-overscan"),
+        "map_format": section.choice("map-format", MAP_FORMATS),
+    }
+    outputs = dataclasses.replace(outputs, **_present(values))
+    if section.choice("inputs", ("copy",)) is not None:
+        outputs = dataclasses.replace(outputs, kinds=(*dict.fromkeys((*outputs.kinds, *INPUTS)),))
+    if section.flag("multiview"):
+        kinds = in_one_file(outputs.kinds, section.place("multiview"))
+        outputs = dataclasses.replace(outputs, kinds=kinds)
+    for field, kind in (("exr_type", "exr"), ("jpeg_quality", "jpg")):
+        if values[field] is not None and outputs.format != kind:
+            problem = f"says nothing about {outputs.format}"
+            remedy = f'leave it out, or use format = "{kind}"'
+            raise UsageProblem(section.place(field.replace("_", "-")), problem, remedy)
+    return outputs
+
+
+def _kinds(section: Table) -> tuple[str, ...] | None:
+    value = section.values.get("kinds")
+    if value is None:
+        return None
+    kinds = value.split(",") if isinstance(value, str) else value
+    if not isinstance(kinds, list) or not kinds:
+        raise UsageProblem(
+            section.place("kinds"), f"{value!r} is no list", 'write ["render", "coc"]'
+        )
+    known = (section.one_of(tuple(KINDS), "kinds", str(kind).strip()) for kind in kinds)
+    return tuple(dict.fromkeys(known))
+
+
+def _machine(section: Table, machine: Machine) -> Machine:
+    section.refuse_unknown(("quality", "tolerance", "depth-repair"))
+    values: dict[str, Any] = {
+        "quality": section.choice("quality", QUALITIES),
+        "tolerance": section.parsed("tolerance", pixel_count),
+    }
+    if None not in values.values():
+        remedy = "keep one of them"
+        raise UsageProblem(section.place("tolerance"), "stands beside quality", remedy)
+    return dataclasses.replace(machine, **_present(values))
+
+
+def _present(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values that the file holds."""
+    return {name: value for name, value in values.items() if value is not None}

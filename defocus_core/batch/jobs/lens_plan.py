@@ -1,0 +1,231 @@
+"""The lenses of each picture: ``[lens]``, the picture's own options, the sweep and the draws.
+
+An option is set in one place, as it would be ignored in another. Only a picture's own options win
+over ``[lens]``, and ``[lens]`` over its lens file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from defocus_core.batch.jobs.inputs import Entry
+from defocus_core.batch.jobs.lens_options import (
+    ALTERNATIVES,
+    OF_BLADES,
+    PARSERS,
+    based,
+    checked,
+    lens_of,
+    merged,
+    parsed,
+    read_lens_file,
+    refuse_contradiction,
+    refuse_idle,
+    refuse_missing,
+    refuse_near_focus,
+    refuse_optics,
+    shape_of,
+)
+from defocus_core.batch.jobs.random_lenses import (
+    MATCHED,
+    Sampling,
+    distribution,
+    drawn_lens,
+    read_sampling,
+    refuse_matched,
+)
+from defocus_core.batch.jobs.sweep import Point, read_sweep
+from defocus_core.batch.jobs.toml_file import Table
+from defocus_core.batch.lenses.lens import Draw, Lens
+from defocus_core.batch.lenses.quantities import Percentile, pixel_count
+from defocus_core.batch.lenses.shipped_lenses import lens_path
+from defocus_core.errors import UsageProblem
+
+METADATA = "lens-from-metadata"
+KEYS = (*PARSERS, "file", "max-coc", METADATA)
+
+
+@dataclass(frozen=True)
+class LensPlan:
+    """The lenses that take each picture.
+
+    Attributes:
+        source: the jobs file, as errors begin with it.
+        options: options of all lenses, as texts.
+        points: the lenses of the sweep.
+        sampling: the options that are drawn, for each point.
+        max_coc: largest CoC radius in px that a lens may have; None for any.
+        taken: options that are swept or drawn, and the name of the table that says so.
+        radii: the depth files hold radii, so that a lens is the shape of its opening alone.
+    """
+
+    source: str
+    options: Mapping[str, str]
+    points: Sequence[Point]
+    sampling: Sampling
+    max_coc: float | None
+    taken: Mapping[str, str]
+    radii: bool = False
+
+    @property
+    def count(self) -> int:
+        """How many lenses take each picture."""
+        return len(self.points) * max(self.sampling.count, 1)
+
+    @property
+    def matched(self) -> bool:
+        """Whether the radii of a set decide focus and f-number."""
+        return self.sampling.match is not None
+
+    def lenses(self, entry: Entry) -> Iterator[tuple[str, Lens]]:
+        """The suffix of each lens for the name of the sample, and the lens.
+
+        Raises:
+            UsageProblem: an option is missing or in two places, or the focus is too near.
+        """
+        _refuse_taken(entry.options, self.taken, f"{entry.where}: ")
+        shared = merged(merged(self.options, self.sampling.options), entry.options)
+        source = f"{entry.where}: " if entry.options else self.source
+        if self.radii:
+            refuse_optics(entry.options, source)
+        if self.matched:
+            refuse_matched(entry.options, f"{entry.where}: ")
+            _refuse_frame(entry)
+        for point in self.points:
+            options = merged(shared, point.options)
+            _check_lens(options, source, radii=self.radii, matched=self.matched)
+            if not self.sampling.count:
+                values = {name: parsed(name, text) for name, text in options.items()}
+                yield point.suffix, replace(lens_of(values, source), max_coc=self.max_coc)
+            for index in range(self.sampling.count):
+                texts = tuple(options.items())
+                draw = Draw(self.sampling.seed, entry.picture.stem, index, texts)
+                lens = drawn_lens(draw, source, self.max_coc)
+                lens = replace(lens, radii_px=self.sampling.radii(entry.picture.stem, index))
+                yield f"{point.suffix}_s{index:03}", lens
+
+
+def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) -> LensPlan:
+    """The lenses that ``[lens]``, ``[sweep]`` and ``[sample]`` ask for.
+
+    Args:
+        lens: ``[lens]``.
+        sweep: ``[sweep]``.
+        sample: ``[sample]``.
+        radii: the depth files hold radii, so that a lens is the shape of its opening alone.
+
+    Raises:
+        InputError: the lens file cannot be read.
+        UsageProblem: a key is unknown, a value makes no sense or two contradict each other.
+    """
+    lens.refuse_unknown(KEYS)
+    own = {
+        name: based(name, checked(name, lens.values[name], lens.place(name)), lens.file)
+        for name in PARSERS
+        if name in lens.values
+    }
+    refuse_contradiction(own, f"{lens.file}: [lens] ")
+    points, sampling = read_sweep(sweep), read_sampling(sample)
+    taken = {
+        same: sweep.name
+        for point in points
+        for name in point.options
+        for same in _with_alternative(name)
+    }
+    _refuse_taken(sampling.options, taken, sample.place(""))
+    taken |= {same: sample.name for name in sampling.options for same in _with_alternative(name)}
+    _refuse_taken(own, taken, lens.place(""))
+    file = lens_file_of(lens)
+    stored = {} if file is None else read_lens_file(file)
+    if radii:
+        refuse_optics(own, lens.place(""))
+        refuse_optics((name for point in points for name in point.options), sweep.place(""))
+        refuse_optics(sampling.options, sample.place(""))
+        stored = shape_of(stored)
+    if sampling.match is not None:
+        _refuse_beside_match(lens, sweep, sample, points, radii=radii)
+        stored = {name: text for name, text in stored.items() if name not in MATCHED}
+    return LensPlan(
+        source=f"{lens.file}: ",
+        options=merged(stored, own),
+        points=points,
+        sampling=sampling,
+        max_coc=_max_coc(lens, sample),
+        taken=taken,
+        radii=radii,
+    )
+
+
+def _refuse_beside_match(
+    lens: Table, sweep: Table, sample: Table, points: Sequence[Point], *, radii: bool
+) -> None:
+    """Refuse what decides the radii beside a set whose radii are to be had.
+
+    Raises:
+        UsageProblem: there is an option that does.
+    """
+    refuse_matched(lens.values, lens.place(""))
+    refuse_matched((name for point in points for name in point.options), sweep.place(""))
+    if radii:
+        problem = "finds a lens of depth, and with depth-format coc the files hold radii"
+        raise UsageProblem(sample.place("match"), problem, "give depth, or leave it out")
+
+
+def _refuse_frame(entry: Entry) -> None:
+    """Refuse to match frames, whose lens must not change from one to the next."""
+    if entry.picture.frame is not None:
+        problem = f"'{entry.picture.stem}' is a frame of a shot, which match would blur by itself"
+        remedy = "name the files by a pattern with *, or leave match out"
+        raise UsageProblem(entry.where, problem, remedy)
+
+
+def lens_file_of(lens: Table) -> Path | None:
+    """The lens file that ``[lens]`` names, relative to the jobs file, or one that ships."""
+    name = lens.text("file")
+    return None if name is None else lens.file.parent / lens_path(Path(name), lens.place("file"))
+
+
+def _max_coc(lens: Table, sample: Table) -> float | None:
+    if "max-coc" in sample.values:
+        _refuse_taken(lens.values, {"max-coc": sample.name}, lens.place(""))
+    table = sample if "max-coc" in sample.values else lens
+    return table.parsed("max-coc", pixel_count)
+
+
+def _check_lens(options: Mapping[str, str], source: str, *, radii: bool, matched: bool) -> None:
+    """Refuse a lens without a required option, with a useless one, or that may focus too near."""
+    if not radii:
+        found = dict.fromkeys(("fnumber", "focus"), "") if matched else {}
+        refuse_missing({**options, **found}, source)
+        nearest = min(_extremes(options, "focus"), default=math.inf)
+        longest = max(_extremes(options, "focal-length"))
+        refuse_near_focus(nearest, longest, f"{source}focus")
+    bladed = any(_extremes(options, "blades"))
+    for name in OF_BLADES:
+        refuse_idle(name, any(_extremes(options, name)), bladed, source)
+
+
+def _extremes(options: Mapping[str, str], name: str) -> list[float]:
+    """The values that an option can get, or the ends of their range; none if the depth decides."""
+    if name not in options:
+        return []
+    drawn = distribution(name, options[name])
+    if drawn is not None and drawn.kind == "percentile":
+        return []
+    values = (parsed(name, options[name]),) if drawn is None else drawn.values
+    return [float(value) for value in values if not isinstance(value, Percentile)]
+
+
+def _refuse_taken(options: Iterable[str], taken: Mapping[str, str], source: str) -> None:
+    """Refuse options that another table of the jobs file sets, too."""
+    for name in options:
+        if name in taken:
+            raise UsageProblem(f"{source}{name}", f"is in [{taken[name]}], too", "remove one")
+
+
+def _with_alternative(name: str) -> set[str]:
+    """The option, and the one that says the same in another way."""
+    return {name}.union(*(pair for pair in ALTERNATIVES if name in pair))

@@ -1,0 +1,159 @@
+"""Kinds of output, one row each, and the types of image files.
+
+A kind is written to ``OUT/<name>/<stem>.<ext>``. An image has the channels of the colour file and
+the type that ``--format`` names. A map is a float32 EXR, or TIFF, of one channel, which in an EXR
+has the kind's name.
+
+A new kind is a new row, and a line of ``help/conventions.md``; the other modules read this table.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.errors import UsageProblem
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+DISPARITY_PER_RADIUS = 8 / (3 * math.pi)  # distance of the centroids of two half discs
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of output.
+
+    Attributes:
+        name: as ``--outputs`` has it.
+        help: a line for ``defocus render --help``.
+        image: whether it is an image; else it is a map.
+        halves: whether it needs the views through the left and the right half of the lens.
+        of_radius: its values [h, w] from signed radii [h, w] in px, NumPy arrays, and from the
+            dual-pixel disparity of a radius of a px; its preview is orange below 0, white at 0 and
+            blue above 0. None of a kind that is rendered: it is the
+            attribute ``name`` of `defocus_core.Views`, and its preview shows linear light.
+        views: of an image of several, the kinds that are the views of its one EXR file.
+        turned: the view that it is of the picture with rows for columns, left or right.
+        source: input that it is made of without rendering, a row of
+            `defocus_core.batch.rendering.contents`; empty for other kinds.
+        channel: the channel of a map in an EXR, if it is not the kind's name.
+        title: what a map shows, for ``defocus info``.
+        unit: the unit of a map's values, empty for a number without one.
+    """
+
+    name: str
+    help: str
+    image: bool = False
+    halves: bool = False
+    of_radius: Callable[[NDArray[Any], float], NDArray[Any]] | None = None
+    views: tuple[str, ...] = ()
+    turned: str = ""
+    source: str = ""
+    channel: str = ""
+    title: str = ""
+    unit: str = ""
+
+    @property
+    def rendered(self) -> bool:
+        """Whether it needs the rendered views; else the signed radii are enough."""
+        return self.of_radius is None and not self.source
+
+    def memory_bytes(self, channels: int, sample_bytes: int) -> int:
+        """Bytes that a pixel takes in memory before it is written.
+
+        Args:
+            channels: of an image.
+            sample_bytes: of a channel of an image.
+        """
+        if not self.rendered:  # computed from the radii while it is written
+            return 0
+        return channels * len(self.rendered_as) * sample_bytes if self.image else 4
+
+    @property
+    def rendered_as(self) -> tuple[str, ...]:
+        """The attributes of `defocus_core.Views` that the file holds."""
+        return self.views or (self.name,)
+
+    def suffix(self, image_format: str, map_format: str = "exr") -> str:
+        """The suffix of its files where images and maps are of two formats."""
+        return ".exr" if self.views else SUFFIXES[image_format if self.image else map_format]
+
+
+_ROWS = (
+    Kind("render", "the defocused picture", image=True),
+    Kind("left", "what the left half of the lens sees (dual pixel)", image=True, halves=True),
+    Kind("right", "what the right half of the lens sees", image=True, halves=True),
+    Kind("up", "what the upper half sees (quad pixel)", image=True, turned="left"),
+    Kind("down", "what the lower half sees", image=True, turned="right"),
+    Kind(
+        "coc",
+        "signed radius of the circle of confusion in px, beyond the focus positive",
+        of_radius=lambda radius, _: radius,
+        title="CoC map (signed radius, negative nearer than the focus)",
+        unit="px",
+    ),
+    Kind(
+        "disparity",
+        "dual-pixel disparity in px, signed alike",
+        of_radius=lambda radius, disparity: radius * disparity,
+        title="disparity map (between left and right, signed like the CoC)",
+        unit="px",
+    ),
+    Kind(
+        "trust",
+        "share of the lens that saw what the picture holds: 1 is nothing invented",
+        title="trust map (share of the lens that saw what the picture holds)",
+    ),
+    Kind(
+        "multiview",
+        "left and right as the views of one EXR",
+        image=True,
+        halves=True,
+        views=("left", "right"),
+    ),
+    Kind(
+        "focus",
+        "the picture in false colour, sharp green, nearer orange, beyond blue",
+        image=True,
+        source="focus",
+    ),
+    Kind("image", "the picture as it was given, in focus", image=True, source="color"),
+    Kind(
+        "depth",
+        "the depth along the axis in metres, as it was given",
+        source="depth",
+        channel="Z",
+        title="depth map",
+        unit="m",
+    ),
+)
+KINDS = {kind.name: kind for kind in _ROWS}
+MAPS = tuple(kind.name for kind in _ROWS if not kind.image)
+INPUTS = tuple(kind.name for kind in _ROWS if kind.source in ("color", "depth"))
+
+PREVIEW = ".preview"  # follows the name of a kind where a preview of it is meant
+
+# Types of image files, and the suffix of each.
+SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif", "jpg": ".jpg"}
+MAP_FORMATS = ("exr", "tiff")
+FORMAT_ALIASES = {"jpeg": "jpg", "tif": "tiff"}
+
+
+def in_one_file(kinds: tuple[str, ...], where: str) -> tuple[str, ...]:
+    """The kinds of output with left and right in one file.
+
+    Args:
+        kinds: as they were asked for.
+        where: option or key that asks for one file, for errors.
+
+    Raises:
+        UsageProblem: left or right is not among them.
+    """
+    row = KINDS["multiview"]
+    if missing := [view for view in row.views if view not in kinds]:
+        problem = f"asks for left and right in one file, but {' and '.join(missing)} is no output"
+        raise UsageProblem(where, problem, "name both, like left,right")
+    return (*(kind for kind in kinds if kind not in row.views), row.name)

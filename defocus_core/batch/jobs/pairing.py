@@ -1,0 +1,225 @@
+"""Pictures of files, directories and patterns: colour, depth and hidden files of one name.
+
+The name of a file in a directory is its stem. In a pattern it is what the wildcards stand for, with
+the text before them if that is the same in all patterns: ``s*/rgb.exr`` names s1, and not 1. A lone
+file pairs with any other lone file, whatever their stems. Of frame patterns, files of one number
+pair up, whatever else their names are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from defocus_core.batch.jobs.job import OTHERS, Picture
+from defocus_core.batch.jobs.output_kinds import PREVIEW
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.safe_files import missing
+from defocus_core.io.shots.frame_patterns import ALL, FrameChoice, chosen, frames_of, is_pattern
+from defocus_core.io.wildcards import has_wildcard, matching, texts_before
+from defocus_core.system.log import note
+
+COLOR_SUFFIXES = frozenset({".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff"})
+PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg"})
+DEPTH_SUFFIXES = PHOTO_SUFFIXES | {
+    *(".exr", ".pfm", ".npy", ".npz", ".png", ".tif", ".tiff", ".dpt", ".bin", ".h5", ".hdf5"),
+    *(".dsp5", ".mat", ".heic", ".heif"),
+}
+SCENE_SUFFIXES = frozenset({".exr"})  # of files that hold colour and depth
+
+Others = Mapping[str, tuple[Path, Path | None]]  # colour and depth of what belongs to a picture
+
+
+@dataclass(frozen=True)
+class _Files:
+    """The files of one path: a file, a directory, or a pattern; a lone file has an empty name."""
+
+    path: Path
+    kind: str
+    by_name: Mapping[str, Path]
+
+
+def find_pictures(
+    color: Path,
+    depth: Path | None,
+    others: Others | None = None,
+    *,
+    patterns_in: Path | None = None,
+    frames: FrameChoice = ALL,
+) -> list[Picture]:
+    """The pictures of the paths of colour and depth, sorted by name; those of a shot by frame.
+
+    Args:
+        color: a colour file, or a directory of them.
+        depth: the depth file or directory; None if each colour EXR holds its own depth.
+        others: colour and depth of what belongs to each picture by role (hidden, over), in the same
+            form.
+        patterns_in: the folder that paths are relative to, which then may be patterns.
+        frames: the frames wanted of frame patterns.
+
+    Raises:
+        InputError: a path is missing or of the wrong sort, or files do not pair up.
+        UsageProblem: frames are chosen, but no path numbers any.
+    """
+    others = others or {}
+    every = (color, depth, *(path for pair in others.values() for path in pair))
+    paths = [path for path in every if path is not None]
+    if any(is_pattern((patterns_in or Path()) / path) for path in paths):
+        return _shot(color, depth, others, patterns_in or Path(), frames)
+    if frames != ALL:
+        problem = "chooses frames, but no path numbers them"
+        raise UsageProblem(frames.source, problem, "give patterns like 'shot.####.exr'")
+    with_text = all(texts_before(path) == texts_before(color) for path in paths)
+    colors, pictures = _paired(color, depth, patterns_in, with_text)
+    for role, (other_color, other_depth) in others.items():
+        # a plate needs no depth, and a holdout has its own
+        lone = role != "hidden" and other_depth is None
+        other_colors, found = _paired(
+            other_color, other_color if lone else other_depth, patterns_in, with_text
+        )
+        _refuse_unpaired(colors, other_colors)
+        for name, picture in pictures.items():
+            other: dict[str, Any] = {role: found[name]}
+            pictures[name] = replace(picture, **other)
+    return list(pictures.values())
+
+
+def whole_shot(
+    color: Path,
+    depth: Path | None,
+    others: Others | None = None,
+    *,
+    patterns_in: Path | None = None,
+) -> list[Picture]:
+    """All frames of frame patterns that have all of their files, ascending; none of other paths.
+
+    Raises:
+        InputError: a pattern matches nothing, or a path is none.
+    """
+    root, others = patterns_in or Path(), others or {}
+    every = (color, depth, *(path for pair in others.values() for path in pair))
+    paths = [path for path in every if path is not None]
+    if not any(is_pattern(root / path) for path in paths):
+        return []
+    files = _numbered(color, depth, others, root)
+    everywhere = set.intersection(*(set(of) for of in files.values()))
+    return [_frame(files, number) for number in sorted(everywhere)]
+
+
+def _shot(
+    color: Path,
+    depth: Path | None,
+    others: Others,
+    root: Path,
+    frames: FrameChoice,
+) -> list[Picture]:
+    """The pictures of frame patterns, by frame; frames that are left out are named."""
+    files = _numbered(color, depth, others, root)
+    paths = [color, depth or color]
+    for other_color, other_depth in others.values():
+        paths += [other_color, other_depth or other_color]
+    every = {root / path: of for path, of in zip(paths, files.values(), strict=True)}
+    numbers, skipped = chosen(every, frames)
+    if skipped:
+        note(f"defocus: {skipped}; left out")
+    return [_frame(files, number) for number in numbers]
+
+
+def _numbered(
+    color: Path, depth: Path | None, others: Others, root: Path
+) -> dict[str, dict[int, Path]]:
+    """The files of frame patterns by role, by number."""
+
+    def numbered(path: Path) -> dict[int, Path]:
+        if not is_pattern(root / path):
+            problem = "numbers no frames, unlike another path"
+            remedy = "give patterns like 'shot.####.exr' for all of them"
+            raise InputError(root / path, problem, remedy)
+        return frames_of(root / path)
+
+    if depth is None and color.suffix.lower() not in SCENE_SUFFIXES:
+        problem = "has no depth, which only EXR holds beside colour"
+        raise InputError(root / color, problem, "give the depth frames as a second argument")
+    paths = {"color": color, "depth": depth or color}
+    for role, (other_color, other_depth) in others.items():
+        paths |= {f"{role}_color": other_color, f"{role}_depth": other_depth or other_color}
+    return {role: numbered(path) for role, path in paths.items()}
+
+
+def _frame(files: Mapping[str, Mapping[int, Path]], number: int, prefix: str = "") -> Picture:
+    """The picture of a frame."""
+    roles = [role for role in OTHERS if not prefix and f"{role}_color" in files]
+    others = {role: _frame(files, number, f"{role}_") for role in roles}
+    color, depth = (files[prefix + role][number] for role in ("color", "depth"))
+    return Picture(files["color"][number].stem, color, depth, **others, frame=number)
+
+
+def _paired(
+    color: Path, depth: Path | None, root: Path | None, with_text: bool
+) -> tuple[_Files, dict[str, Picture]]:
+    """The files of a colour path, and the picture of each name."""
+    if depth is None:
+        colors = depths = _files(color, SCENE_SUFFIXES, root, with_text)
+        if colors.kind == "file" and color.suffix.lower() not in SCENE_SUFFIXES:
+            problem = "has no depth, which only EXR holds beside colour"
+            raise InputError(colors.path, problem, "give the depth file as a second argument")
+    else:
+        colors = _files(color, COLOR_SUFFIXES, root, with_text)
+        depths = _files(depth, DEPTH_SUFFIXES, root, with_text)
+        _refuse_unpaired(colors, depths)
+        _refuse_unpaired(depths, colors)
+    return colors, {
+        name: Picture(name or path.stem, path, depths.by_name[name])
+        for name, path in colors.by_name.items()
+    }
+
+
+def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: bool) -> _Files:
+    if root is not None and has_wildcard(path):
+        kind, named, path = "pattern", matching(root, path, with_text=with_text), root / path
+    else:
+        path = path if root is None else root / path
+        if not path.is_dir():
+            if not path.exists():
+                raise missing(path, "file or directory")
+            return _Files(path, "file", {"": path})
+        kind, named = "directory", matching(path, "*")
+    by_name: dict[str, Path] = {}
+    listed = [(name, file) for name, file in sorted(named) if not _is_preview(file)]
+    held = {file.suffix.lower() for _, file in listed} & suffixes
+    if suffixes is DEPTH_SUFFIXES and kind == "directory" and held - PHOTO_SUFFIXES:
+        suffixes = suffixes - PHOTO_SUFFIXES  # a photograph is depth where no other file is
+    for name, file in listed:
+        if file.suffix.lower() not in suffixes or file.is_dir():
+            continue
+        if name in by_name:
+            problem = (
+                f"names both {by_name[name]} and {file} '{name}', so their outputs would clash"
+            )
+            raise InputError(path, problem, "rename or move one of them, or use a narrower pattern")
+        by_name[name] = file
+    if not by_name:
+        known = ", ".join(sorted(suffix[1:] for suffix in suffixes))
+        raise InputError(path, "holds no file of a known type", f"give files of type {known}")
+    return _Files(path, kind, by_name)
+
+
+def _is_preview(file: Path) -> bool:
+    """Whether a file is a preview of depth that ``defocus depth`` wrote."""
+    return file.name.endswith(f"{PREVIEW}.png")
+
+
+def _refuse_unpaired(files: _Files, others: _Files) -> None:
+    """Refuse files of which one has no partner among the others."""
+    if files.kind != others.kind:
+        many, one = sorted((files, others), key=lambda each: each.kind == "file")
+        problem = f"is a {many.kind} but {one.path} is a {one.kind}"
+        raise InputError(many.path, problem, "give files, or directories, or patterns alone")
+    lone = [name for name in files.by_name if name not in others.by_name]
+    if lone:
+        more = f", nor like {len(lone) - 1} more" if len(lone) > 1 else ""
+        problem = f"holds nothing named '{lone[0]}' like {files.by_name[lone[0]]}{more}"
+        remedy = "name colour and depth files alike, or move the unpaired ones away"
+        raise InputError(others.path, problem, remedy)

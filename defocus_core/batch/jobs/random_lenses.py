@@ -1,0 +1,150 @@
+"""Random lenses of a jobs file: their number and their distributions, from ``[sample]``.
+
+``n`` lenses for each picture and each lens of the sweep, numbered in their names: ``_s000``. What
+is drawn depends on ``seed``, the picture's name and that number alone, not on other pictures or
+draws. What an option is drawn from is written ``uniform(a, b)``, ``loguniform(a, b)``,
+``disparity(a, b)`` (a focus uniform in 1/distance), ``percentile(a, b)`` (a focus uniform in the
+percentile of the depth) or ``choice(a, b, …)``. ``match`` names a set of pictures: the depth of a
+picture decides focus and f-number, so that its radii are those at a share of that set, drawn too.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from defocus_core.batch.jobs.lens_options import PARSERS, lens_of, parsed, refuse_contradiction
+from defocus_core.batch.jobs.toml_file import Table
+from defocus_core.batch.lenses.lens import Draw, Lens
+from defocus_core.batch.lenses.quantities import (
+    Percentile,
+    QuantityError,
+    percentage,
+    read_at,
+    text_of,
+)
+from defocus_core.batch.lenses.radius_set import Radii, RadiusSet, read_radius_set, spread
+from defocus_core.errors import UsageProblem, reason
+
+if TYPE_CHECKING:
+    from defocus_core.optics.distributions import Distribution
+
+KEYS = ("n", "seed", "max-coc", "match", *PARSERS)
+# What a lens must not have whose radii are those of a set.
+MATCHED = ("fnumber", "aperture-diameter", "focus", "focus-at", "sharp-range", "max-coc")
+_CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
+_NOT_RANGED = (
+    *("blades", "focus-at", "aperture-image", "sharp-range"),
+    *("dp-model", "cat-eye", "axial-color", "vignetting", "noise", "noise-seed", "highlights"),
+)
+
+
+def drawn_lens(draw: Draw, source: str, max_coc: float | None) -> Lens:
+    """The lens of a draw.
+
+    Args:
+        draw: its seed, picture, number and options.
+        source: how errors about the focus begin.
+        max_coc: largest CoC radius in px that it may have in its picture.
+    """
+    from defocus_core.optics.distributions import drawn
+
+    options = {name: distribution(name, text) or parsed(name, text) for name, text in draw.options}
+    values = drawn(options, draw.seed, draw.picture, draw.index, draw.attempt)
+    if getattr(options.get("focus"), "kind", "") == "percentile":
+        values["focus"] = Percentile(values["focus"])
+    return replace(lens_of(values, source), max_coc=max_coc, draw=draw)
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How many lenses are drawn for a picture, and what each option is drawn from, as texts.
+
+    With ``match`` focus and f-number give a picture the radii of that set.
+    """
+
+    count: int = 0
+    seed: int = 0
+    options: Mapping[str, str] = field(default_factory=dict)
+    match: RadiusSet | None = None
+
+    def radii(self, picture: str, index: int) -> Radii | None:
+        """Mean, median and 99th percentile of the radii of a lens of a picture; None for any."""
+        if self.match is None:
+            return None
+        from defocus_core.optics.distributions import Distribution, drawn
+
+        first = drawn({"match": Distribution("uniform", (0.0, 1.0))}, self.seed, picture)["match"]
+        return self.match.at(spread(first, index))
+
+
+def read_sampling(table: Table) -> Sampling:
+    """The sampling of ``[sample]``; a count of 0 if there is no such table.
+
+    Raises:
+        UsageProblem: a key is unknown or missing, or a distribution makes no sense.
+    """
+    if not table.values:
+        return Sampling()
+    table.refuse_unknown(KEYS)
+    count, seed = table.whole("n", 1), table.whole("seed", 0)
+    if count is None or seed is None:
+        key = "n" if count is None else "seed"
+        raise UsageProblem(table.place(key), "is missing", f"write {key} = 7 below [sample]")
+    options = {name: text_of(table.values[name]) for name in PARSERS if name in table.values}
+    refuse_contradiction(options, f"{table.file}: [sample] ")
+    for name, text in options.items():
+        if read_at(table.place(name), distribution, name, text) is None:
+            remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
+            raise UsageProblem(table.place(name), f"'{text}' is nothing to draw from", remedy)
+    match = table.text("match")
+    if not options and match is None:
+        remedy = 'write fnumber = "loguniform(1.4, 16)" below [sample]'
+        raise UsageProblem(f"{table.file}: [sample]", "draws no option of the lens", remedy)
+    if match is None:
+        return Sampling(count, seed, options)
+    refuse_matched((name for name in MATCHED if name in table.values), table.place(""))
+    return Sampling(count, seed, options, read_radius_set(table.file.parent / match))
+
+
+def refuse_matched(names: Iterable[str], source: str) -> None:
+    """Refuse options that ``match`` decides.
+
+    Raises:
+        UsageProblem: there is one.
+    """
+    for name in names:
+        if name in MATCHED:
+            problem = "stands beside match in [sample], which finds focus and f-number"
+            raise UsageProblem(f"{source}{name}", problem, "remove one of them")
+
+
+@lru_cache(maxsize=4096)
+def distribution(name: str, text: str) -> Distribution | None:
+    """The distribution that an option is drawn from; None if the text is a plain value.
+
+    Raises:
+        QuantityError: the text makes no sense.
+    """
+    call = _CALL.fullmatch(text)
+    if not call:
+        return None
+    kind, words = call[1].lower(), [word.strip() for word in call[2].split(",")]
+    if kind == "percentile" and len(words) == 1:
+        return None
+    from defocus_core.optics.distributions import Distribution
+
+    if kind != "choice" and name in _NOT_RANGED:
+        raise QuantityError(f"{name} is not drawn from a range", "write choice(…)")
+    if kind in ("disparity", "percentile") and name != "focus":
+        raise QuantityError(f"{kind} is for the focus only", "write uniform(…) or loguniform(…)")
+    values = tuple(percentage(w) if kind == "percentile" else parsed(name, w) for w in words)
+    if kind != "choice" and any(isinstance(value, Percentile) for value in values):
+        raise QuantityError("a percentile is no end of a range", "write percentile(5, 95)")
+    try:
+        return Distribution(kind, values)
+    except ValueError as error:
+        raise QuantityError(f"'{text}' is nothing to draw from: {reason(error)}", "") from None

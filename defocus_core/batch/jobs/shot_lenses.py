@@ -1,0 +1,184 @@
+"""The lens of each picture of a shot: options of the command line, keys of frames, metadata.
+
+What the command line says holds for all frames; an option that it says cannot be animated, too.
+Keys win over metadata, and metadata over the lens file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from defocus_core.batch.jobs.animation import (
+    Animation,
+    interpolation_of,
+    keys_of_table,
+    read_animation,
+)
+from defocus_core.batch.jobs.inputs import Entry
+from defocus_core.batch.jobs.job import Picture, Reading
+from defocus_core.batch.jobs.lens_options import (
+    ALTERNATIVES,
+    make_lens,
+    merged,
+    parsed,
+    read_lens_file,
+)
+from defocus_core.batch.jobs.lens_plan import METADATA, LensPlan
+from defocus_core.batch.jobs.toml_file import Table
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.errors import UsageProblem
+from defocus_core.io.depth_formats.table import UNITS
+from defocus_core.io.shots.key_files import FIELD_OF_VIEW
+from defocus_core.io.shots.lens_metadata import Taken, lens_of
+
+
+@dataclass(frozen=True)
+class ShotLenses:
+    """Where the lens of each picture comes from.
+
+    Attributes:
+        flags: options of the command line, parsed.
+        file: a lens file, if there is one.
+        radii: the depth files hold radii, so that a lens is the shape of its opening alone.
+        animation: options with keys.
+        metadata: whether options are taken from the metadata of each colour file.
+        metres: the unit of the scene, for metadata in it.
+    """
+
+    flags: Mapping[str, Any]
+    file: Path | None = None
+    radii: bool = False
+    animation: Animation = field(default_factory=Animation)
+    metadata: bool = False
+    metres: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuse an option that the command line and the keys both set."""
+        for name in self.animation.keys:
+            for same in _with_alternatives(name):
+                if same in self.flags:
+                    problem = f"is given, and {name} is animated by {self.animation.source(name)}"
+                    raise UsageProblem(f"--{same}", problem, "keep one of them")
+
+    @cached_property
+    def fixed(self) -> Lens | None:
+        """The lens of all pictures, if that is one.
+
+        Raises:
+            InputError: the lens file cannot be read.
+            UsageProblem: an option is missing, or a value makes no sense.
+        """
+        if self.animation.keys or self.metadata:
+            return None
+        return make_lens(self.flags, self.file, radii=self.radii)
+
+    def of(self, picture: Picture) -> tuple[Lens, dict[str, Taken]]:
+        """The lens of a picture, and the options that its metadata decided.
+
+        Raises:
+            InputError: its metadata cannot be read.
+            UsageProblem: an option is missing, or a value makes no sense.
+        """
+        if self.fixed is not None:
+            return self.fixed, {}
+        base, taken = self.texts(picture)
+        values = {name: parsed(name, text) for name, text in base.items()}
+        flags = merged(values, self.flags)
+        lacking = picture.color if self.metadata else None
+        lens = make_lens(flags, self.file, radii=self.radii, lacking=lacking)
+        used = {name: each for name, each in taken.items() if base.get(name) == each.text}
+        return lens, {name: each for name, each in used.items() if name not in self.flags}
+
+    def texts(self, picture: Picture) -> tuple[dict[str, str], dict[str, Taken]]:
+        """The options of a picture by keys and metadata, as texts, and those of its metadata.
+
+        Raises:
+            InputError: its metadata cannot be read.
+            UsageProblem: a frame has no number, or values of two keys have nothing between them.
+        """
+        taken = lens_of(picture.color, self.metres) if self.metadata else {}
+        of_metadata = {name: each.text for name, each in taken.items()}
+        return merged(of_metadata, self._keyed(picture)), taken
+
+    def _keyed(self, picture: Picture) -> dict[str, str]:
+        """The options of the frame of a picture, as texts."""
+        if not self.animation.keys:
+            return {}
+        if picture.frame is None:
+            problem = f"moves the lens, but {picture.color} has no frame number"
+            raise UsageProblem("--animate", problem, "give patterns like 'shot.####.exr'")
+        texts = self.animation.texts(picture.frame)
+        if FIELD_OF_VIEW in texts:
+            texts["focal-length"] = self._focal_length(float(texts.pop(FIELD_OF_VIEW)), picture)
+        return texts
+
+    def _focal_length(self, degrees: float, picture: Picture) -> str:
+        """The focal length of a vertical field of view, on the sensor of the picture's shape."""
+        from defocus_core.io.images.describe import describe
+
+        stored = {} if self.file is None else read_lens_file(self.file)
+        width = self.flags.get("sensor-width") or parsed(
+            "sensor-width", stored.get("sensor-width", f"{Lens.sensor_width}mm")
+        )
+        size = describe(picture.color)
+        height = width * size.height / size.width
+        return f"{height / 2 / math.tan(math.radians(degrees / 2)):.9g}mm"
+
+
+def _with_alternatives(name: str) -> set[str]:
+    name = "focal-length" if name == FIELD_OF_VIEW else name
+    return {name}.union(*(pair for pair in ALTERNATIVES if name in pair))
+
+
+def read_animation_table(table: Table) -> Animation:
+    """The animation of ``[animate]`` of a jobs file.
+
+    Raises:
+        InputError: a file of keys cannot be read, or makes no sense.
+        UsageProblem: an option is unknown or animated twice, or a value makes no sense.
+    """
+    values, interpolation = interpolation_of(table.values, table.place("").rstrip())
+    files = values.pop("file", [])
+    files = files if isinstance(files, list) else [files]
+    if not all(isinstance(file, str) and file for file in files):
+        problem = f"{files!r:.40} does not name files"
+        raise UsageProblem(table.place("file"), problem, 'write file = "pull.csv"')
+    keys = keys_of_table(values, table.place("").rstrip())
+    return read_animation(files, interpolation, keys, table.file.parent)
+
+
+def animated(
+    entries: list[Entry], animation: Animation, plan: LensPlan, lens: Table, reading: Reading
+) -> list[Entry]:
+    """The pictures of a jobs file with the options of their frames, and of their metadata.
+
+    Raises:
+        InputError: the metadata of a picture cannot be read.
+        UsageProblem: an option is set elsewhere, too.
+    """
+    metadata = lens.flag(METADATA) or False
+    if not animation.keys and not metadata:
+        return entries
+    for name in animation.keys:
+        for same in _with_alternatives(name):
+            if same in lens.values or same in plan.taken:
+                table = plan.taken.get(same, lens.name)
+                raise UsageProblem(
+                    f"{lens.file}: [{table}] {same}", "is in [animate], too", "remove one"
+                )
+    width = {n: parsed(n, text) for n, text in plan.options.items() if n == "sensor-width"}
+    metres = UNITS[reading.depth_unit or "m"]
+    lenses = ShotLenses(width, None, plan.radii, animation, metadata, metres)
+    with_options = []
+    for entry in entries:
+        texts = lenses.texts(entry.picture)[0]
+        if metadata:  # what the file says holds
+            said = {same for n in plan.options for same in _with_alternatives(n)}
+            texts = {n: t for n, t in texts.items() if n in animation.keys or n not in said}
+        with_options.append(replace(entry, options=merged(texts, entry.options)))
+    return with_options

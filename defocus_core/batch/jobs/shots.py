@@ -1,0 +1,128 @@
+"""Shots: the frames that decide together what each of them looks like.
+
+Frame patterns make a shot. What is decided once for it comes from a few of its frames, evenly
+spread over all that are there, whichever are rendered; so a frame looks the same alone as with the
+others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+from defocus_core.batch.jobs.job import Job, Picture, Shot, Taken
+from defocus_core.batch.jobs.toml_file import Table
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.errors import UsageProblem
+from defocus_core.io.shots.frame_patterns import window_of
+
+KEYS = ("steady", "focus-smooth", "motion")
+_SAMPLE = 5  # frames that decide for the shot
+AVERAGED = 9  # frames whose depth is averaged: noise falls to a third
+_LOOKED_AT = 13  # frames that may show what one of them hides
+LONGEST_SMOOTH = 1001
+
+
+@dataclass(frozen=True)
+class Together:
+    """What the frames of a shot have in common.
+
+    Attributes:
+        steady: whether what depth decides is decided once; None for the default.
+        focus_smooth: number of frames over which a focus that depth decides is averaged; None for
+            one focus for all of the shot, or each frame's own if the point moves.
+        motion: layer of motion vectors; None if there is none.
+        place: how errors about one of them begin.
+    """
+
+    steady: bool | None = None
+    focus_smooth: int | None = None
+    motion: str | None = None
+    place: Callable[[str], str] = lambda name: f"--{name}"
+
+    def refuse_lone(self) -> None:
+        """Raise UsageProblem if anything is asked of frames where there is no shot."""
+        asked = {"steady": self.steady, "focus-smooth": self.focus_smooth, "motion": self.motion}
+        for name, value in asked.items():
+            if value is not None:
+                problem = "is for the frames of a shot, but no path numbers them"
+                raise UsageProblem(self.place(name), problem, "give patterns like 'shot.####.exr'")
+
+
+def read_together(table: Table) -> Together:
+    """The table ``[shot]`` of a jobs file.
+
+    Raises:
+        UsageProblem: a key is unknown, or a value makes no sense.
+    """
+    table.refuse_unknown(KEYS)
+    return Together(
+        steady=table.flag("steady"),
+        focus_smooth=table.whole("focus-smooth", 2, LONGEST_SMOOTH),
+        motion=table.text("motion"),
+        place=table.place,
+    )
+
+
+def with_shot(
+    jobs: Sequence[Job],
+    every: Sequence[Picture],
+    lens_of: Callable[[Picture, str], Lens],
+    together: Together,
+    *,
+    moving: bool,
+) -> list[Job]:
+    """The jobs of frames, each with the frames that decide what it looks like.
+
+    Args:
+        jobs: the jobs.
+        every: all frames of the shot that are there, ascending; empty if there is no shot.
+        lens_of: the lens of a frame, for the suffix of a job.
+        together: what the frames have in common.
+        moving: whether the point in focus has keys.
+
+    Raises:
+        UsageProblem: something is asked that has no effect.
+    """
+    if not every:
+        together.refuse_lone()
+        return list(jobs)
+    if together.focus_smooth is not None and not any(map(_is_found, jobs)):
+        problem = "smooths nothing: the depth does not decide the focus"
+        raise UsageProblem(together.place("focus-smooth"), problem, "leave it out, or focus-at X,Y")
+    places = {picture.frame: place for place, picture in enumerate(every)}
+    steady = together.steady is not False
+
+    @cache
+    def sample(suffix: str) -> tuple[Taken, ...]:
+        count = min(_SAMPLE, len(every))
+        spread = (round(k * (len(every) - 1) / max(count - 1, 1)) for k in range(count))
+        return tuple(Taken(every[k], lens_of(every[k], suffix)) for k in dict.fromkeys(spread))
+
+    def shot(job: Job) -> Shot | None:
+        place = places.get(job.picture.frame)
+        if place is None:  # a picture of a list
+            return None
+        focus: tuple[Taken, ...] = ()
+        if _is_found(job) and (together.focus_smooth or moving):
+            averaged = window_of(len(every), place, together.focus_smooth or 1)
+            focus = tuple(Taken(every[k], lens_of(every[k], job.suffix)) for k in averaged)
+        repairs = steady and job.reading.depth_repair != "off"
+        decides = repairs or (steady and _is_found(job) and not focus)
+        around = _LOOKED_AT if together.motion else AVERAGED if repairs else 0
+        neighbours = window_of(len(every), place, around) if around else ()
+        made = Shot(
+            sample=sample(job.suffix) if decides else (),
+            window=tuple(every[k] for k in neighbours),
+            focus=focus,
+            motion=together.motion,
+        )
+        return None if made == Shot() else made
+
+    return [replace(job, shot=shot(job)) for job in jobs]
+
+
+def _is_found(job: Job) -> bool:
+    lens = job.lens
+    return lens.focus_at is not None or lens.focus_percentile is not None

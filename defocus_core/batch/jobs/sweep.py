@@ -1,0 +1,153 @@
+"""Sweeps of a jobs file: a grid of lenses, each with a name of its own.
+
+``[sweep]`` gives an option of the lens a list of values, or a range like ``0.5m..8m @ 12 in
+disparity``; several options make a grid. ``lenses`` lists sets of options that belong together. The
+name of a lens holds what is swept and nothing else, so that it stays when a list grows.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from defocus_core.batch.jobs.lens_options import (
+    LENGTHS,
+    PARSERS,
+    based,
+    checked,
+    parsed,
+    refuse_contradiction,
+    tag,
+)
+from defocus_core.batch.jobs.toml_file import Table, refuse_unknown
+from defocus_core.batch.lenses.quantities import Percentile
+from defocus_core.errors import UsageProblem
+
+MOST_LENSES = 100_000
+_RANGE = re.compile(r"(.+?)\.\.(.+?)@\s*(\d{1,6})\s*(?:in\s+(\w+)\s*)?")
+_RANGE_EXAMPLE = "write it like 0.5m..8m @ 12 in disparity"
+SCALES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = {
+    "depth": (float, float),
+    "steps": (float, float),
+    "log": (math.log, math.exp),
+    "disparity": (lambda z: 1 / z, lambda x: math.inf if x == 0 else 1 / x),
+}
+
+
+@dataclass(frozen=True)
+class Point:
+    """One lens of a sweep: the suffix of its samples, and its swept options as texts."""
+
+    suffix: str
+    options: Mapping[str, str]
+
+
+def read_sweep(table: Table) -> list[Point]:
+    """The lenses of ``[sweep]``, the first option slowest; one lens without options if it is empty.
+
+    Raises:
+        UsageProblem: an option is unknown, a value makes no sense, or two lenses have one name.
+    """
+    table.refuse_unknown((*PARSERS, "lenses"))
+    axes = [_sets(table)] if "lenses" in table.values else []
+    for name in PARSERS:
+        if name in table.values:
+            texts = _values(name, table.values[name], table.place(name), table.file)
+            _refuse_many(math.prod(map(len, axes)) * len(texts), f"{table.file}: [sweep]")
+            axes.append([{name: text} for text in texts])
+    return _points(table, axes)
+
+
+def _refuse_many(count: int, where: str) -> None:
+    if count > MOST_LENSES:
+        problem = f"makes {count} lenses for each picture"
+        raise UsageProblem(where, problem, f"ask for at most {MOST_LENSES}")
+
+
+def _points(table: Table, axes: Sequence[Sequence[Mapping[str, str]]]) -> list[Point]:
+    points: dict[str, Point] = {}
+    for combination in product(*axes):
+        options: dict[str, str] = {}
+        for part in combination:
+            twice = next((name for name in part if name in options), None)
+            if twice is not None:
+                problem = "is in lenses, too"
+                raise UsageProblem(table.place(twice), problem, "sweep it in one place")
+            options |= part
+        refuse_contradiction(options, f"{table.file}: [sweep] ")
+        names = (name for name in PARSERS if name in options)
+        suffix = "".join(f"_{tag(name, parsed(name, options[name]))}" for name in names)
+        if suffix in points:
+            problem = f"has two lenses named '{suffix[1:]}'"
+            raise UsageProblem(f"{table.file}: [sweep]", problem, "remove one of them")
+        points[suffix] = Point(suffix, options)
+    return list(points.values())
+
+
+def _values(name: str, value: object, where: str, file: Path) -> list[str]:
+    """Texts of the values of one option."""
+    if isinstance(value, str) and ".." in value:
+        return _range(name, value, where)
+    if not isinstance(value, list) or not value:
+        remedy = f"write a list, or a range: {_RANGE_EXAMPLE.removeprefix('write it ')}"
+        raise UsageProblem(where, f"{value!r} is no list of values", remedy)
+    _refuse_many(len(value), where)
+    return [based(name, checked(name, one, where), file) for one in value]
+
+
+def _sets(table: Table) -> list[dict[str, str]]:
+    sets, where = table.values["lenses"], table.place("lenses")
+    if not isinstance(sets, list) or not sets or not all(isinstance(one, dict) for one in sets):
+        remedy = 'write lenses = [{focus = "1m", fnumber = 2}, {focus = "2m", fnumber = 4}]'
+        raise UsageProblem(where, "is no list of lenses", remedy)
+    _refuse_many(len(sets), where)
+    refuse_unknown((name for one in sets for name in one), tuple(PARSERS), where, "a lens")
+    return [
+        {
+            name: based(name, checked(name, value, f"{where}: {name}"), table.file)
+            for name, value in one.items()
+        }
+        for one in sets
+    ]
+
+
+def _range(name: str, text: str, where: str) -> list[str]:
+    """Texts of the values of a range; its ends are as they are written, values between rounded."""
+    match = _RANGE.fullmatch(text.strip())
+    if not match:
+        raise UsageProblem(where, f"'{text}' is no range", _RANGE_EXAMPLE)
+    low, high = (_end(name, match[side].strip(), where) for side in (1, 2))
+    fit = ("disparity", "depth", "log") if name == "focus" else ("steps", "log")
+    count, scale = int(match[3]), match[4] or fit[0]
+    for wrong, problem, remedy in (
+        (scale not in fit, f"{name} has no steps in {scale}", f"write in {' or in '.join(fit)}"),
+        (count < 2, f"{count} is no number of steps", "give 2 or more, both ends count"),
+        (
+            scale != "disparity" and math.inf in (low, high),
+            f"cannot reach inf in {scale}",
+            "write in disparity",
+        ),
+        (scale == "log" and min(low, high) <= 0, "needs ends above 0 in log", "write in steps"),
+    ):
+        if wrong:
+            raise UsageProblem(where, problem, remedy)
+    _refuse_many(count, where)
+    to, back = SCALES[scale]
+    shares = (index / (count - 1) for index in range(1, count - 1))
+    between = [back((1 - share) * to(low) + share * to(high)) for share in shares]
+    values = [low, *(float(f"{value:.6g}") for value in between), high]
+    unit = "mm" if name in LENGTHS else ""
+    texts = [str(value).removesuffix(".0") + unit * math.isfinite(value) for value in values]
+    return [checked(name, text, where) for text in texts]
+
+
+def _end(name: str, text: str, where: str) -> float:
+    value: Any = parsed(name, checked(name, text, where))
+    if isinstance(value, Percentile | tuple | Path | str):
+        raise UsageProblem(where, f"'{text}' is no end of a range", "write a list of values")
+    return float(value)

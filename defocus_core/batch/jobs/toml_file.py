@@ -1,0 +1,140 @@
+"""TOML files whose every key must be known."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from defocus_core.batch.lenses.quantities import read_at, text_of
+from defocus_core.errors import InputError, UsageProblem, did_you_mean, reason
+
+T = TypeVar("T")
+LARGEST_FILE = 2**26  # bytes
+
+
+def read_toml(file: Path, *, what: str, remedy: str) -> dict[str, Any]:
+    """The tables and values of a TOML file.
+
+    Args:
+        file: the file.
+        what: the kind of file, like ``lens file``, for errors.
+        remedy: the remedy if the file is of another kind.
+
+    Raises:
+        InputError: the file cannot be read as TOML.
+    """
+    try:
+        return tomllib.loads(_text(file, what, remedy))
+    except (ValueError, RecursionError) as error:  # ValueError: a number of 5000 digits
+        raise InputError(file, f"is not TOML: {reason(error)}", "mend that line") from None
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a TOML file."""
+
+    file: Path
+    name: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    def place(self, key: str) -> str:
+        """File, table and key, for errors."""
+        return f"{self.file}: [{self.name}] {key}"
+
+    def refuse_unknown(self, known: Sequence[str]) -> None:
+        """Refuse keys other than ``known``, as the function does."""
+        refuse_unknown(self.values, known, f"{self.file}: [{self.name}]", f"[{self.name}]")
+
+    def text(self, key: str) -> str | None:
+        """A text, or None."""
+        value = self.values.get(key)
+        if value is None:
+            return None
+        if not isinstance(value, str) or not value or "\0" in value:
+            raise UsageProblem(self.place(key), f"{value!r} is not a text", "write it in quotes")
+        return value
+
+    def parsed(self, key: str, parse: Callable[[str], T]) -> T | None:
+        """A quantity, or None."""
+        if key not in self.values:
+            return None
+        return read_at(self.place(key), parse, text_of(self.values[key]))
+
+    def choice(self, key: str, known: Sequence[str]) -> str | None:
+        """One of the ``known`` words, or None."""
+        return self.one_of(known, key, self.values[key]) if key in self.values else None
+
+    def one_of(self, known: Sequence[str], key: str, word: object) -> str:
+        """A word below ``key`` that must be one of the ``known``."""
+        for each in known:
+            if each == word:
+                return each
+        remedy = did_you_mean(str(word), known, f"choose from {', '.join(known)}")
+        raise UsageProblem(self.place(key), f"'{word}' is not known", remedy)
+
+    def flag(self, key: str) -> bool | None:
+        """True or false, or None."""
+        value = self.values.get(key)
+        if value is None or isinstance(value, bool):
+            return value
+        raise UsageProblem(self.place(key), f"{value!r} is neither true nor false", "write true")
+
+    def whole(self, key: str, least: int, most: int | None = None) -> int | None:
+        """A whole number of at least ``least`` and at most ``most``, or None."""
+        value = self.values.get(key)
+        if value is None or (type(value) is int and least <= value <= (most or value)):
+            return value
+        limits = f"{least} or more" if most is None else f"{least} to {most}"
+        problem = f"{value!r} is not a whole number of {limits}"
+        raise UsageProblem(self.place(key), problem, f"write it like {max(least, 1)}")
+
+
+def refuse_unknown(
+    keys: Iterable[str], known: Sequence[str], where: str | Path, owner: str, what: str = "key"
+) -> None:
+    """Refuse keys, or table names, of a file that are not known.
+
+    Args:
+        keys: the keys.
+        known: the keys that are allowed.
+        where: the place, for errors.
+        owner: the file or table that knows them, like ``a lens file``.
+        what: the noun for one of them.
+
+    Raises:
+        UsageProblem: naming the key, and the known one that it resembles.
+    """
+    for key in keys:
+        if key not in known:
+            remedy = did_you_mean(key.replace("_", "-"), known, f"{owner} knows {', '.join(known)}")
+            raise UsageProblem(where, f"unknown {what} '{key}'", remedy)
+
+
+def table(file: Path, tables: Mapping[str, Any], name: str) -> Table:
+    """The table of that name; empty if there is none.
+
+    Raises:
+        UsageProblem: there is a value of that name that is no table.
+    """
+    values = tables.get(name, {})
+    if not isinstance(values, dict):
+        remedy = f"write [{name}] above the keys that belong to it"
+        raise UsageProblem(f"{file}: {name}", "is not a table", remedy)
+    return Table(file, name, values)
+
+
+def _text(file: Path, what: str, remedy: str) -> str:
+    try:
+        with file.open("rb") as opened:
+            data = opened.read(LARGEST_FILE + 1)  # not all of /dev/zero
+        text = data.decode("utf-8-sig")
+    except OSError as error:
+        raise InputError(file, f"cannot be read: {reason(error)}", remedy) from None
+    except UnicodeDecodeError:
+        raise InputError(file, "is not a text file", remedy) from None
+    if "\0" in text or len(data) > LARGEST_FILE:
+        raise InputError(file, f"is not a {what}", remedy)
+    return text

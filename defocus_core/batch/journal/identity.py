@@ -1,0 +1,180 @@
+"""The identity of a job: the hash of its settings and of the bytes of its inputs.
+
+The recipe is the hash of all that decides its outputs but the inputs' contents: lens, reading,
+kinds and types of outputs, quality, the names of its files, and the
+version of the renderer. Where it computes (device, threads), where OUT is and what time it is are
+no part of it. The job itself is the hash of its recipe and its inputs.
+
+A file is taken for unchanged if its size and its time of modification are those recorded, and as
+well if only its time differs and its bytes hash to what was recorded: a copied data set is not
+rendered again.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache, lru_cache
+from hashlib import blake2b
+from importlib.util import find_spec
+from pathlib import Path
+from runpy import run_path
+from stat import S_ISREG
+from typing import Any
+
+from defocus_core.batch.jobs.job import Job, Shot, Taken
+from defocus_core.batch.journal.plain_values import plain
+from defocus_core.batch.lenses.lens import LENS_FILES
+from defocus_core.system.text import version
+
+DIGEST = 16  # bytes of a hash
+CLOCK_TICK = 50_000_000  # ns, more than the step of any file system's times
+Stamp = Mapping[str, Any]
+_PLACES = ("focus_source", *LENS_FILES)  # of a lens: where it stands, not what it is
+_MOST_STAMPS = 256
+_STAMPS: dict[tuple[object, ...], dict[str, Any]] = {}
+_plain = lru_cache(maxsize=4096)(plain)  # jobs share their lenses, readings and outputs
+
+
+def settings(job: Job) -> dict[str, Any]:
+    """The settings of a job as plain values, without its inputs, OUT and the machine."""
+    outputs = {k: v for k, v in _plain(job.outputs).items() if k not in ("root", "overwrite")}
+    lens = {k: v for k, v in _plain(job.lens).items() if k not in _PLACES}
+    return {
+        "stem": job.picture.stem,
+        "suffix": job.suffix,
+        "lens": lens,
+        "reading": _plain(job.reading),
+        "outputs": outputs,
+        "quality": job.machine.quality,
+        **({} if job.machine.tolerance is None else {"tolerance": job.machine.tolerance}),
+        **({} if job.machine.tile is None else {"tile": job.machine.tile}),
+        **({} if job.shot is None else {"shot": shot_settings(job.shot, job.picture.frame)}),
+    }
+
+
+def shot_settings(shot: Shot, frame: int | None) -> dict[str, Any]:
+    """What a job takes of its shot, by frame; the files of the frames are inputs."""
+
+    def taken(frames: Sequence[Taken]) -> list[Any]:
+        lenses = ({k: v for k, v in _plain(f.lens).items() if k not in _PLACES} for f in frames)
+        return [[f.picture.frame, lens] for f, lens in zip(frames, lenses, strict=True)]
+
+    return {
+        "frame": frame,
+        "sample": taken(shot.sample),
+        "window": [picture.frame for picture in shot.window],
+        "focus": taken(shot.focus),
+        **({} if shot.motion is None else {"motion": shot.motion}),
+    }
+
+
+def changed_settings(
+    old: Mapping[str, Any], new: Mapping[str, Any]
+) -> Iterator[tuple[str, object, object]]:
+    """The settings that differ, by names like lens.fnum: what each was, and what it is."""
+    was, now = _flat(old), _flat(new)
+    for key in sorted({*was, *now}):
+        if was.get(key) != now.get(key):
+            yield key, was.get(key, "the default"), now.get(key, "the default")
+
+
+def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """Nested settings by dotted names."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{before}{key}.")
+        else:
+            flat[f"{before}{key}"] = value
+    return flat
+
+
+def recipe(job: Job) -> str:
+    """The hash of everything that decides the outputs of a job but the bytes of its inputs."""
+    names = {role: path.name for role, path in job.files.items()}
+    return digest({"settings": settings(job), "names": names, "renderer": renderer_version()})
+
+
+def name(recipe: str, inputs: Mapping[str, Stamp]) -> str:
+    """The name of a job: the hash of its recipe and the bytes of its inputs."""
+    return digest([recipe, {role: stamp.get("blake2b") for role, stamp in inputs.items()}])
+
+
+def digest(value: object) -> str:
+    """The hash of a plain value."""
+    text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return blake2b(text.encode(), digest_size=DIGEST).hexdigest()
+
+
+@cache
+def renderer_version() -> int:
+    """The version of the renderer, read without importing the core, which would import torch."""
+    core = find_spec("defocus_core")
+    assert core is not None
+    assert core.origin is not None
+    constants = run_path(str(Path(core.origin).with_name("renderer_version.py")))
+    return int(constants["RENDERER_VERSION"])
+
+
+def versions() -> dict[str, Any]:
+    """The versions of the package and of the renderer, as records have them."""
+    return {"version": version(), "renderer": renderer_version()}
+
+
+def stamp(path: Path) -> dict[str, Any]:
+    """Size, time of modification and hash of a file.
+
+    Raises:
+        OSError: it cannot be read, or is no regular file.
+    """
+    if not S_ISREG(path.stat().st_mode):  # to open a pipe is to wait for its writer
+        raise OSError(errno.EINVAL, "is not a regular file", str(path))
+    with path.open("rb") as file:
+        hashed = blake2b(digest_size=DIGEST)
+        while block := file.read(2**20):
+            hashed.update(block)
+        status = os.fstat(file.fileno())
+    return {"size": status.st_size, "mtime_ns": status.st_mtime_ns, "blake2b": hashed.hexdigest()}
+
+
+def settled_stamp(path: Path) -> dict[str, Any]:
+    """The `stamp` of a file, without a time so recent that a later change could have the same.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    status = path.stat()
+    key = (str(path), status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
+    if key in _STAMPS:  # frames of a shot share files
+        return dict(_STAMPS[key])
+    settled = stamp(path)
+    if abs(time.time_ns() - settled["mtime_ns"]) < CLOCK_TICK:
+        del settled["mtime_ns"]
+    elif settled["mtime_ns"] == status.st_mtime_ns:
+        _STAMPS[key] = dict(settled)
+        while len(_STAMPS) > _MOST_STAMPS:
+            _STAMPS.pop(next(iter(_STAMPS)))
+    return settled
+
+
+def unchanged(path: Path, recorded: Stamp, *, read: bool = False) -> bool:
+    """Whether a file is as it was recorded.
+
+    Args:
+        path: the file.
+        recorded: its stamp when it was recorded.
+        read: compare the bytes even if size and time are those recorded.
+    """
+    try:
+        status = path.stat()
+        if status.st_size != recorded.get("size"):
+            return False
+        if status.st_mtime_ns == recorded.get("mtime_ns") and not read:
+            return True
+        return "blake2b" in recorded and stamp(path)["blake2b"] == recorded["blake2b"]
+    except OSError:
+        return False

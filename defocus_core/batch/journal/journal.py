@@ -1,0 +1,258 @@
+"""The journal of OUT: a durable JSON line for each job that ended.
+
+``OUT/journal.jsonl`` holds what a single process wrote, ``OUT/journal-2of8.jsonl`` what that shard
+of a batch did. A last line that is no JSON is a record whose writer died: it is ignored, and cut
+off before the next record is appended. Where records speak of the same file, the last holds.
+
+A record has
+    sample_id   name of the sample, the stem of its files
+    job, recipe its identity, see `identity`
+    status      ok, failed or rejected
+    reason      a code of `reasons`, null if ok; ``message`` says it to people
+    settings    what was asked for: lens, reading, outputs, quality
+    inputs      role to path (relative to OUT, or absolute as given), size, mtime_ns, blake2b
+    outputs     kind, or kind.preview, to path relative to OUT; if ok, size, mtime_ns, blake2b, too
+    lens        what it turned out to be, as `report.lens_record`; with size, coc_px, color_note,
+                depth_note, device and warnings, null if not ok; depth_repair, null if nothing
+                was rendered, see `defocus_core.batch.depth.repair_words`
+    quality, version (of the package), renderer (its version)
+    seconds     of reading, rendering and writing; cpu, of rendering
+    finished    when, UTC
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from defocus_core.batch.journal.record_check import fault_of, folders_outside
+from defocus_core.errors import InputError, reason
+from defocus_core.io.safe_files import is_at, sync_folder, unwritable
+
+Record = Mapping[str, Any]
+_BLOCK = 1000  # lines
+_SAMPLE = re.compile(rb'"sample_id": ("(?:[^"\\]|\\.)+")')
+_SHARD = re.compile(r"\.?journal-(\d+)of(\d+)\.(jsonl|run|lock)")
+
+
+class Shard(NamedTuple):
+    """The part of a batch that one process does: ``number`` of ``of``, from 1."""
+
+    number: int
+    of: int
+
+
+def journal_path(out: Path, shard: Shard | None = None) -> Path:
+    """The journal of OUT, or of a shard."""
+    return out / (f"journal-{shard.number}of{shard.of}.jsonl" if shard else "journal.jsonl")
+
+
+def shards(out: Path) -> list[Shard]:
+    """The shards that have begun in OUT."""
+    names = (_SHARD.fullmatch(path.name) for path in out.glob("*journal-*of*.*"))
+    return sorted({Shard(int(name[1]), int(name[2])) for name in names if name})
+
+
+def require_journal(out: Path) -> None:
+    """Refuse a directory that no batch has written to.
+
+    Raises:
+        InputError: there is no journal.
+    """
+    if not any(out.glob("journal*.jsonl")):
+        raise InputError(out, "has no journal", "name the directory that a batch writes to")
+
+
+def read_all(out: Path) -> list[Record]:
+    """The records of all journals in OUT, in the order in which the jobs came to an end.
+
+    Raises:
+        InputError: a journal cannot be read, or a line of it is broken.
+    """
+    paths = [journal_path(out), *(journal_path(out, shard) for shard in shards(out))]
+    return in_order([read(path) for path in paths])
+
+
+def in_order(journals: Sequence[Sequence[Record]]) -> list[Record]:
+    """The records of several journals in the order in which the jobs came to an end."""
+    records = [record for journal in journals for record in journal]
+    if sum(map(bool, journals)) > 1:
+        records.sort(key=lambda record: str(record.get("finished")))
+    return records
+
+
+def read(path: Path) -> list[Record]:
+    """The records of a journal, none if it is missing.
+
+    Raises:
+        InputError: it cannot be read, or a line is no record; a torn last line is ignored.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        remedy = "check its permissions"
+        raise InputError(path, f"cannot be read: {reason(error)}", remedy) from error
+    lines = [(number, line) for number, line in enumerate(data.split(b"\n"), 1) if line]
+    if lines and not _is_whole(lines[-1][1]):
+        lines.pop()
+    outside = folders_outside(path.parent)
+    records: list[Record] = []
+    with without_collections():
+        for start in range(0, len(lines), _BLOCK):
+            records += _block(path, lines[start : start + _BLOCK], outside)
+    return records
+
+
+def _block(
+    path: Path, numbered: Sequence[tuple[int, bytes]], outside: frozenset[str]
+) -> list[Record]:
+    """The records of a block of lines, which share their keys in memory."""
+    records: list[Any] = []
+    with suppress(ValueError, RecursionError):
+        records = _parsed(b"[" + b",".join(line for _, line in numbered) + b"]")
+    if len(records) != len(numbered):
+        records = [_parsed(line) if _is_whole(line) else None for _, line in numbered]
+    for (number, line), record in zip(numbered, records, strict=True):
+        fault = "is broken" if record is None else fault_of(record, outside)
+        if fault:
+            remedy = "remove that line and the outputs of its job, which is done again"
+            raise InputError(path, f"line {number}{_sample_words(line)} {fault}", remedy)
+    return records
+
+
+def _sample_words(line: bytes) -> str:
+    """The name of the sample in a line that is no record, as far as it can be read."""
+    name = _SAMPLE.search(line)
+    with suppress(ValueError):
+        return f", of {json.loads(name[1])}," if name else ""
+    return ""
+
+
+@contextmanager
+def without_collections() -> Iterator[None]:
+    """Pause the search for garbage cycles: the block makes none, and it is most of its time."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def _parsed(line: bytes) -> Any:
+    return json.loads(line, parse_constant=_refuse_constant)
+
+
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} is no JSON")
+
+
+def _is_whole(line: bytes) -> bool:
+    """Whether a line is JSON; the beginning of a record, whose writer died, is not."""
+    with suppress(ValueError, RecursionError):
+        _parsed(line)
+        return True
+    return False
+
+
+def files_of(record: Record) -> list[str]:
+    """The outputs that a record speaks of, relative to OUT."""
+    return [stamp["path"] for stamp in record["outputs"].values()]
+
+
+def input_path(path: Path, out: Path) -> str:
+    """The path of an input as a journal has it: as given if absolute, else relative to OUT."""
+    if path.is_absolute():
+        return str(path)
+    return (_input_folder(path.parent, out, Path.cwd()) / path.name).as_posix()
+
+
+@lru_cache(maxsize=1024)
+def _input_folder(folder: Path, out: Path, base: Path) -> Path:
+    """A folder relative to OUT; both paths are relative to ``base``."""
+    # What is above a linked folder is what is above that which the link leads to.
+    ups = max((place for place, part in enumerate(folder.parts, 1) if part == ".."), default=0)
+    start = base.joinpath(*folder.parts[:ups]).resolve()
+    return Path(os.path.relpath(start.joinpath(*folder.parts[ups:]), (base / out).resolve()))
+
+
+class Journal:
+    """A journal that records are appended to. Its one writer holds the lock of OUT.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._new = not path.exists()
+        try:
+            self._number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+            self._cut_torn_tail()
+        except OSError as error:
+            raise unwritable(path, error) from error
+
+    def append(self, record: Record) -> None:
+        """Add a record; when this returns, no crash loses it.
+
+        Raises:
+            InputError: it cannot be written; nothing of it is. Or the journal is no longer there.
+        """
+        line = json.dumps(record, allow_nan=False).encode() + b"\n"
+        end = os.fstat(self._number).st_size
+        try:
+            if os.write(self._number, line) < len(line):  # the disk took a part
+                os.write(self._number, line[os.fstat(self._number).st_size - end :])
+            os.fdatasync(self._number)
+        except OSError as error:
+            with suppress(OSError):
+                os.ftruncate(self._number, end)
+            raise unwritable(self.path, error) from error
+        self._require_in_place()
+        if self._new:
+            sync_folder(self.path.parent)
+            self._new = False
+
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            if kind is None:
+                self._require_in_place()
+        finally:
+            os.close(self._number)
+        if self._new:  # without a record, no file is left
+            with suppress(OSError):
+                self.path.unlink()
+
+    def _require_in_place(self) -> None:
+        """Refuse to go on where nobody will find what is written."""
+        if not is_at(self.path, self._number):
+            problem = "was removed or replaced while jobs were done"
+            raise InputError(self.path, problem, "run the same command again, to go on or anew")
+
+    def _cut_torn_tail(self) -> None:
+        """Remove a record that was being written when its writer died; end the last whole line."""
+        data = self.path.read_bytes()
+        last = data.rstrip(b"\n").rpartition(b"\n")[2]
+        if last and not _is_whole(last):
+            os.ftruncate(self._number, data.rindex(last))
+        elif last and not data.endswith(b"\n"):
+            os.write(self._number, b"\n")
+
+
+def merged(records: Sequence[Record]) -> bytes:
+    """A journal of these records, each of them once."""
+    lines = dict.fromkeys(json.dumps(record, allow_nan=False) for record in records)
+    return "".join(f"{line}\n" for line in lines).encode()

@@ -1,0 +1,130 @@
+"""Lookup in the journals of OUT: the record of each file, and the last record of each job."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.jobs.output_kinds import PREVIEW
+from defocus_core.batch.journal import identity
+from defocus_core.batch.journal.journal import Record, files_of, input_path, without_collections
+from defocus_core.errors import InputError
+
+
+class Ledger:
+    """The records of the journals of OUT; ``files`` are the outputs in them, relative to OUT.
+
+    A record names all files that its job writes; of records that name the same file the last one
+    counts. A record of pictures is superseded when none of them is left but previews; a record
+    without outputs, as soon as another one names any of its files.
+    """
+
+    def __init__(self, out: Path, records: Iterable[Record]) -> None:
+        self.out = out
+        self.files: set[str] = set()
+        self._last: dict[str, Record] = {}
+        with without_collections():
+            for record in records:
+                for path in files_of(record):
+                    self._last.pop(path, None)  # the last comes last
+                    self._last[path] = record
+                    if record["status"] == "ok":
+                        self.files.add(path)
+
+    @property
+    def live(self) -> list[Record]:
+        """The records that are not superseded, oldest first, with the outputs that are theirs."""
+        last = {id(record): record for record in self._last.values()}
+        return [own for record in last.values() if (own := self._own(record)) is not None]
+
+    def knows(self, job: Job) -> bool:
+        """Whether a record names a file that a job writes."""
+        return any(name in self._last for name in job.names.values())
+
+    def previews_replaced(self, job: Job) -> dict[str, identity.Stamp]:
+        """Path and stamp of the previews of pictures that a job replaces, and which it leaves."""
+        if job.outputs.preview or not self.knows(job):
+            return {}
+        with_previews = replace(job.outputs, preview=True).names(job.sample_id)
+        return {
+            path: record["outputs"][name]
+            for name, path in with_previews.items()
+            if name.endswith(PREVIEW)
+            and (record := self._last.get(path)) is not None
+            and record["status"] == "ok"
+        }
+
+    def settled(self, job: Job, *, recipe: str, read_inputs: bool) -> Record | None:
+        """The record by which a job need not be done again; None if it has to be.
+
+        That is an ``ok`` of the same recipe whose inputs and outputs are as they were, or a
+        rejection of the same recipe with the same inputs. If the inputs lie elsewhere by now, or
+        the sample is of another split, it is a new record that says so.
+
+        Args:
+            job: the job.
+            recipe: its recipe.
+            read_inputs: compare the bytes of the inputs, not only size and time.
+        """
+        planned = job.names
+        records = [self._last.get(path) for path in planned.values()]
+        record = records[0] if records else None
+        if record is None or any(other is not record for other in records):
+            return None
+        if record["status"] == "failed" or record["recipe"] != recipe:
+            return None
+        moved = {}
+        for role, path in job.files.items():
+            stamp = record["inputs"].get(role, {})
+            if not path.exists() and record["status"] == "ok":
+                continue  # an input that is gone cannot change the outputs
+            # Size and time say nothing of a file that was elsewhere: archives give all one time.
+            elsewhere = stamp.get("path") != (place := input_path(path, self.out))
+            if not identity.unchanged(path, stamp, read=read_inputs or elsewhere):
+                return None
+            if elsewhere:
+                moved[role] = {**stamp, "path": place}
+        if record["status"] == "ok" and not self._in_place(record, planned):
+            return None
+        if moved:
+            record = {**record, "inputs": {**record["inputs"], **moved}}
+        return record if record.get("split", "") == job.split else {**record, "split": job.split}
+
+    def has(self, record: Record) -> bool:
+        """Whether this very record is one that the journals have, and not superseded."""
+        return any(self._last.get(path) is record for path in files_of(record))
+
+    def refuse_other_pictures(self, jobs: Iterable[Job]) -> None:
+        """Refuse to replace outputs of another picture that has the same name.
+
+        Raises:
+            InputError: a job would.
+        """
+        for job in jobs:
+            for name in job.names.values():
+                path, record = self.out / name, self._last.get(name)
+                if record is None or job.outputs.overwrite or not path.exists():
+                    continue
+                before = self.out.resolve() / record["inputs"]["color"]["path"]
+                if before.exists() and before.resolve() != job.picture.color.resolve():
+                    problem = f"exists already, made of another picture, {before.resolve()}"
+                    remedy = "choose another -o, or add --overwrite to replace it"
+                    raise InputError(path, problem, remedy)
+
+    def _own(self, record: Record) -> Record | None:
+        """A record without the outputs that another has replaced; None if it is superseded."""
+        outputs = record["outputs"]
+        own = {n: stamp for n, stamp in outputs.items() if self._last[stamp["path"]] is record}
+        if len(own) == len(outputs):
+            return record
+        if record["status"] != "ok" or all(name.endswith(PREVIEW) for name in own):
+            return None
+        return {**record, "outputs": own}
+
+    def _in_place(self, record: Record, planned: Mapping[str, str]) -> bool:
+        outputs = record["outputs"]
+        return set(outputs) == set(planned) and all(
+            identity.unchanged(self.out / stamp["path"], stamp) for stamp in outputs.values()
+        )

@@ -1,0 +1,116 @@
+"""Progress of the batch in OUT, from its journals."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+
+from defocus_core.batch.journal.journal import (
+    Record,
+    Shard,
+    files_of,
+    in_order,
+    journal_path,
+    read,
+    shards,
+)
+from defocus_core.batch.journal.ledger import Ledger
+from defocus_core.batch.journal.lock import holder
+from defocus_core.batch.journal.run_file import plan_of, run_path
+from defocus_core.errors import InputError
+
+
+@dataclass
+class Progress:
+    """Progress of a batch: jobs that ended, and jobs that are left.
+
+    Attributes:
+        statuses: number of jobs by status.
+        reasons: number of jobs without outputs, by reason.
+        left: jobs that runs set out to do and did not do yet.
+        again: how many of these count among ``statuses``, too: inputs or settings changed, or
+            they failed.
+        running: the processes that hold a lock, in words.
+        rate: jobs a second, of the runs that go on or were stopped; None if there are none.
+        seconds: mean rendering time of a finished job.
+        shards: numbers of the parts that have begun, and of how many; None if not in parts.
+        failures: the records that failed or were rejected, oldest first.
+    """
+
+    statuses: Counter[str]
+    reasons: Counter[str]
+    left: int = 0
+    again: int = 0
+    running: list[str] = field(default_factory=list)
+    rate: float | None = None
+    seconds: float | None = None
+    shards: tuple[list[int], int] | None = None
+    failures: list[Record] = field(default_factory=list)
+
+    @property
+    def jobs(self) -> int:
+        """The number of jobs."""
+        return sum(self.statuses.values()) + self.left - self.again
+
+    @property
+    def eta_seconds(self) -> float | None:
+        """Seconds until all is done at the present rate; None if nothing runs."""
+        if not (self.running and self.rate):
+            return None
+        return self.left / self.rate
+
+
+def progress(out: Path) -> Progress:
+    """Read the journals of OUT, without a lock.
+
+    Raises:
+        InputError: there is no journal, or it is broken.
+    """
+    parts = shards(out)
+    runs = (None, *parts)
+    if not any(path(out, run).exists() for run in runs for path in (journal_path, run_path)):
+        raise InputError(out, "has no journal", "name the directory that a batch writes to")
+    records = {run: read(journal_path(out, run)) for run in runs}
+    every = in_order(list(records.values()))
+    live = Ledger(out, every).live
+    state = Progress(
+        statuses=Counter(record["status"] for record in live),
+        reasons=Counter(record["reason"] for record in live if record["reason"]),
+        failures=[record for record in live if record["status"] != "ok"],
+    )
+    rendered = [record["seconds"]["render"] for record in live if record["status"] == "ok"]
+    if rendered:
+        state.seconds = sum(rendered) / len(rendered)
+    if parts:
+        division = max(part.of for part in parts)
+        state.shards = sorted(part.number for part in parts if part.of == division), division
+    for run in runs:
+        _add_run(state, out, run, records[run], every)
+    return state
+
+
+def _add_run(
+    state: Progress,
+    out: Path,
+    run: Shard | None,
+    records: Sequence[Record],
+    every: Sequence[Record],
+) -> None:
+    """Add the jobs left, the rate and the process of a run that did not get to its end."""
+    who, plan = holder(out, run), plan_of(out, run)
+    if who:
+        state.running.append(who)
+    if plan is None:
+        return
+    left = plan.left(every)
+    known = {name for record in every for name in files_of(record)} if left else set()
+    state.left += len(left)
+    state.again += sum(not known.isdisjoint(files) for files in left)
+    own = [record for record in records if record["finished"] >= plan.begun]
+    if own:
+        until = datetime.now(UTC) if who else datetime.fromisoformat(own[-1]["finished"])
+        since = (until - datetime.fromisoformat(plan.begun)).total_seconds()
+        state.rate = (state.rate or 0.0) + len(own) / max(since, 1e-3)

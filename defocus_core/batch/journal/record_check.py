@@ -1,0 +1,140 @@
+"""What a line of a journal must hold to be a record: a journal may come from anywhere.
+
+An output of a record is a file in the folder of its kind in OUT, and no other file: outputs are
+packed into shards, and removed when they are replaced.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from defocus_core.batch.jobs.output_kinds import KINDS
+from defocus_core.batch.jobs.splits import NAME
+from defocus_core.batch.journal.reasons import STATUSES
+
+Types = Mapping[str, tuple[type, ...]]
+_NOTHING, _NUMBER = type(None), (int, float)
+_ALWAYS: Types = {
+    "sample_id": (str,),
+    "recipe": (str,),
+    "status": (str,),
+    "reason": (str, _NOTHING),
+    "message": (str, _NOTHING),
+    "settings": (dict,),
+    "inputs": (dict,),
+    "outputs": (dict,),
+    "quality": (str,),
+    "version": (str,),
+    "warnings": (list,),
+    "seconds": (dict,),
+    "finished": (str,),
+}
+_OF_A_PICTURE: Types = {
+    "lens": (dict,),
+    "size": (list,),
+    "coc_px": (list,),
+    "device": (str,),
+    "depth_note": (str,),
+}
+_OF_A_LENS: Types = {
+    "focal_length_mm": (*_NUMBER, _NOTHING),
+    "fnumber": (*_NUMBER, _NOTHING),
+    "sensor_width_mm": (*_NUMBER, _NOTHING),
+    "focus_mm": (*_NUMBER, str, _NOTHING),
+    "blades": (int,),
+    "blade_rotation_deg": _NUMBER,
+}
+_OPTICS = ("focal_length_mm", "fnumber", "sensor_width_mm", "focus_mm")  # none beside radii
+
+
+def folders_outside(out: Path) -> frozenset[str]:
+    """The kinds whose folder in OUT is a link that leads out of OUT."""
+    root = Path(os.path.realpath(out))  # Path.resolve raises where a link leads in a circle
+    places = {kind: Path(os.path.realpath(root / kind)) for kind in KINDS}
+    return frozenset(kind for kind, place in places.items() if not place.is_relative_to(root))
+
+
+def fault_of(record: object, outside: frozenset[str] = frozenset()) -> str | None:
+    """What is wrong with a line of a journal, as ``has no lens``; None if it is a record.
+
+    Args:
+        record: what the JSON of the line holds.
+        outside: the kinds whose folder in OUT leads out of OUT.
+    """
+    if not isinstance(record, dict):
+        return "is no record of a job"
+    fault = wrong_type(record, _ALWAYS) or _fault_of_files(record, outside)
+    if fault:
+        return fault
+    if record["status"] not in STATUSES:
+        return f"has the status {record['status']!r}, not one of {', '.join(STATUSES)}"
+    if not is_moment(record["finished"]):
+        return f"finished at {record['finished']!r}, which is no time with a zone"
+    if not _is_split(record.get("split", "")):
+        return f"has the split {record['split']!r:.60}, which is no name"
+    if not all(isinstance(warning, str) for warning in record["warnings"]):
+        return "has a warning that is no text"
+    return _fault_of_picture(record) if record["status"] == "ok" else None
+
+
+def _is_split(name: object) -> bool:
+    """Whether it names a split, or none: shards have its name."""
+    return isinstance(name, str) and (not name or NAME.fullmatch(name) is not None)
+
+
+def wrong_type(values: Mapping[str, Any], types: Types) -> str | None:
+    """What is missing or of a wrong type among values, as ``has no lens``; None if nothing is."""
+    for key, kinds in types.items():
+        if key not in values:
+            return f"has no {key}"
+        if not isinstance(values[key], kinds):
+            return f"has the {key} {values[key]!r:.60}, which is of a wrong type"
+    return None
+
+
+def is_moment(text: str) -> bool:
+    """Whether a text is a time with its zone: one without cannot be compared."""
+    try:
+        return datetime.fromisoformat(text).tzinfo is not None
+    except ValueError:
+        return False
+
+
+def _fault_of_files(record: Mapping[str, Any], outside: frozenset[str]) -> str | None:
+    if "/" in record["sample_id"]:
+        return "has a sample_id with a slash"
+    if "color" not in record["inputs"]:
+        return "has no colour among its inputs"
+    for files in (record["inputs"], record["outputs"]):
+        for role, stamp in files.items():
+            if not isinstance(stamp, dict) or not isinstance(stamp.get("path"), str):
+                return f"has no path of {role}"
+    for stamp in record["outputs"].values():
+        path = stamp["path"]
+        kind, _, name = path.partition("/")
+        if kind not in KINDS or name in ("", ".", "..") or "/" in name or "\0" in name:
+            return f"names the output {path!r}, which is no file of a kind in OUT"
+        if kind in outside:
+            return f"names the output {path!r}, but {kind} is a link that leads out of OUT"
+    return None
+
+
+def _fault_of_picture(record: Mapping[str, Any]) -> str | None:
+    fault = wrong_type(record, _OF_A_PICTURE) or wrong_type(record["lens"], _OF_A_LENS)
+    if fault:
+        return fault
+    lens = record["lens"]
+    if len({lens[key] is None for key in _OPTICS}) > 1:
+        return f"has a lens with some of {', '.join(_OPTICS)}, neither all nor none"
+    if isinstance(lens["focus_mm"], str) and lens["focus_mm"] != "inf":
+        return f"has the focus_mm {lens['focus_mm']!r}, neither a number nor inf"
+    if not isinstance(lens.get("draw", {}), dict):
+        return "has a draw of its lens that names no seed"
+    for key in ("size", "coc_px"):
+        if len(record[key]) != 2 or not all(isinstance(one, _NUMBER) for one in record[key]):
+            return f"has the {key} {record[key]!r:.60}, not two numbers"
+    return wrong_type(record["seconds"], {"render": _NUMBER})

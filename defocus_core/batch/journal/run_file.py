@@ -1,0 +1,142 @@
+"""The plan of a run in progress, ``OUT/.journal.run``, kept until the run is done.
+
+It names the files of all jobs that the run sets out to do. A process that is killed between writing
+a file and saying so in the journal leaves the file: it is ours, though no journal knows it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from glob import escape
+from pathlib import Path
+
+from defocus_core.batch.jobs.output_kinds import KINDS
+from defocus_core.batch.journal.journal import Record, Shard, files_of
+from defocus_core.batch.journal.record_check import is_moment
+from defocus_core.errors import InputError
+from defocus_core.io.safe_files import leftover, written_whole
+
+_LEFTOVER = re.compile(r"\..+\.(\d+)\.\d+\.tmp")
+SHARDS_FOLDER = "shards"  # of tars
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """The jobs of a run.
+
+    Attributes:
+        begun: when it began, UTC.
+        jobs: the files of each job, relative to OUT.
+        unknown: files that earlier runs left and that no journal knows.
+    """
+
+    begun: str
+    jobs: Sequence[Sequence[str]]
+    unknown: Collection[str]
+
+    def left(self, records: Iterable[Record]) -> list[Sequence[str]]:
+        """The jobs that did not end since the run began, by the records of the journals."""
+        recent = (record for record in records if record["finished"] >= self.begun)
+        ended = {name for record in recent for name in files_of(record)}
+        return [files for files in self.jobs if ended.isdisjoint(files)]
+
+    def write(self, path: Path) -> None:
+        """Write the file of the run.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        with written_whole(path) as file:
+            file.write(json.dumps(asdict(self)).encode() + b"\n")
+
+
+def run_path(out: Path, shard: Shard | None = None) -> Path:
+    """The file of a run on OUT, or on a shard."""
+    return out / (f".journal-{shard.number}of{shard.of}.run" if shard else ".journal.run")
+
+
+def plan_of(out: Path, shard: Shard | None = None) -> RunPlan | None:
+    """The plan of the run on OUT, or on a shard; None if it got to its end.
+
+    Raises:
+        InputError: the file is no plan.
+    """
+    return _read(run_path(out, shard))
+
+
+def planned_files(out: Path, shard: Shard | None = None) -> set[str]:
+    """Files that runs were to write, relative to OUT, and that no journal may know.
+
+    Args:
+        out: the directory.
+        shard: only what the run on this shard was to write.
+
+    Raises:
+        InputError: a file is no plan.
+    """
+    paths = out.glob(".journal*.run") if shard is None else [run_path(out, shard)]
+    plans = [plan for path in paths if (plan := _read(path)) is not None]
+    return {name for plan in plans for files in (*plan.jobs, plan.unknown) for name in files}
+
+
+def forget_shards(out: Path) -> None:
+    """Forget the runs on shards, now that one on all of OUT has noted what they left."""
+    for path in out.glob(".journal-*.run"):
+        path.unlink(missing_ok=True)
+
+
+def sweep_up(out: Path) -> None:
+    """Remove the half-written files of processes that were killed; the lock of OUT must be held.
+
+    The index and shards are written without the lock: those of a process that runs are left alone.
+    """
+    for folder in (out, out / SHARDS_FOLDER, *(out / kind for kind in KINDS)):
+        with suppress(OSError):
+            for entry in os.scandir(folder):
+                name = _LEFTOVER.fullmatch(entry.name)
+                if name and (folder.name in KINDS or not _runs(int(name[1]))):
+                    Path(entry.path).unlink(missing_ok=True)
+
+
+def _runs(process: int) -> bool:
+    """Whether another process of this number runs on this machine."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:  # it is another user's
+        return True
+    return process not in (0, os.getpid())
+
+
+def sweep_up_after(process: int, files: Iterable[Path]) -> None:
+    """Remove the half-written siblings of files that a dead process left."""
+    for path in files:
+        for left in path.parent.glob(f"{escape(leftover(path, process))}*"):
+            if _LEFTOVER.fullmatch(left.name):
+                left.unlink(missing_ok=True)
+
+
+def _read(path: Path) -> RunPlan | None:
+    try:
+        text = path.read_bytes()
+    except OSError:
+        return None
+    try:
+        plan = RunPlan(**json.loads(text))
+        files = [*plan.jobs, plan.unknown]
+        is_plan = is_moment(plan.begun) and all(
+            isinstance(names, list) and all(isinstance(name, str) for name in names)
+            for names in files
+        )
+    except (ValueError, TypeError, RecursionError):
+        is_plan = False
+    if not is_plan:
+        remedy = "remove the file, and what the run left half-written; the next run plans anew"
+        raise InputError(path, "is no plan of a run", remedy)
+    return plan

@@ -1,0 +1,169 @@
+"""A lens: its optics, its opening, its sensor, and its record in plain numbers and words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from defocus_core.batch.lenses.quantities import Percentile, length_text
+
+DUAL_PIXEL_MODELS = ("split", "smooth")
+# Fields of files that a lens is made of.
+LENS_FILES = ("aperture_image", "dp_kernels")
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Which of the random lenses of a picture this is.
+
+    Attributes:
+        seed: the seed of the jobs file.
+        picture: name of the picture.
+        index: number of the draw for this picture.
+        options: all options of the lens as texts, drawn or not.
+        attempt: number of draws before this one that did not suit the picture.
+    """
+
+    seed: int
+    picture: str
+    index: int
+    options: tuple[tuple[str, str], ...]
+    attempt: int = 0
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A thin lens, lengths in mm.
+
+    Its focus is at ``foc_dist``, at the depth of pixel ``focus_at``, or at ``focus_percentile`` of
+    the depth; `batch.depth.focusing.focused` finds the distance. Where a file holds radii
+    instead of depth, only the shape of the opening is known: focal length and f-number are NaN.
+    With ``radii_px`` the depth decides f-number, too, which is NaN before.
+    """
+
+    foclen: float
+    fnum: float
+    foc_dist: float | None
+    focus_at: tuple[int, int] | None = None
+    sensor_width: float = 36.0
+    blades: int = 0
+    blade_rotation: float = 0.0
+    focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
+    max_coc: float | None = None  # px, largest CoC radius that the picture may have
+    sharp_range: tuple[float, float] | None = None  # nearest and farthest of what is in focus, too
+    cat_eye: tuple[float, float] | None = None  # radius and distance of the rim, in pupil radii
+    vignetting: bool = False
+    axial_color: tuple[float, float] | None = None  # mm by which red and blue focus farther behind
+    blade_curvature: float = 0.0
+    obstruction: float = 0.0
+    spherical: float = 0.0
+    squeeze: float = 1.0
+    aperture_image: Path | None = None
+    highlights: tuple[float, float] | None = None  # threshold in linear light, and gain
+    dp_model: str = "split"
+    dp_kernels: Path | None = None  # what photodiodes see, instead of a model
+    dp_crosstalk: float = 0.0
+    noise: tuple[float, float] | None = None  # electrons of a light of 1, and of read noise
+    noise_seed: int = 0
+    radii_px: tuple[float, float, float] | None = None  # mean, median, 99th percentile of the blur
+    draw: Draw | None = None  # of a random lens; another can be drawn from it
+    # How errors about its focus begin: the file that sets it, or two dashes.
+    focus_source: str = field(default="", compare=False)
+
+    @property
+    def effects(self) -> dict[str, Any]:
+        """Its effects that are on, by the names of their fields: what a lens is without blades."""
+        values = {name: getattr(self, name) for name in EFFECTS}
+        effects = {name: value for name, value in values.items() if value != EFFECTS[name]}
+        for name, path in self.files.items():
+            effects[name] = path.name
+        if self.sharp_range is not None:
+            effects["sharp_range"] = "..".join(map(length_text, self.sharp_range))
+        if self.axial_color is not None:
+            effects["axial_color"] = "{:g}mm:{:g}mm".format(*self.axial_color)
+        if self.cat_eye is not None:
+            effects["cat_eye"] = "{:g}:{:g}".format(*self.cat_eye)
+        if self.highlights is not None:
+            effects["highlights"] = "{:g}:{:g}".format(*self.highlights)
+        if self.noise is not None:
+            effects["noise"] = "{:g}:{:g}".format(*self.noise)
+        return effects
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """The files that it is made of, by the names of their fields."""
+        paths = {name: getattr(self, name) for name in LENS_FILES}
+        return {name: path for name, path in paths.items() if path is not None}
+
+    @property
+    def is_shape(self) -> bool:
+        """Whether only the shape of the opening is known, as beside a file of radii."""
+        return math.isnan(self.foclen)
+
+
+# Fields of effects that most lenses have not got, and their values if they are off.
+EFFECTS = {
+    field.name: field.default
+    for field in fields(Lens)
+    if field.name
+    in (
+        *("sharp_range", "blade_curvature", "obstruction", "spherical", "squeeze"),
+        *("aperture_image", "dp_model", "dp_kernels", "dp_crosstalk"),
+        *("noise", "noise_seed", "highlights"),
+        *("cat_eye", "vignetting", "axial_color"),
+    )
+}
+
+
+def lens_record(lens: Lens) -> dict[str, Any]:
+    """A lens in plain numbers and words, units in the names; infinity is the word ``inf``.
+
+    Of a lens of which only the shape is known, the other numbers are None.
+    """
+    record: dict[str, Any] = {
+        "focal_length_mm": None if lens.is_shape else lens.foclen,
+        "fnumber": None if math.isnan(lens.fnum) else lens.fnum,
+        "sensor_width_mm": None if lens.is_shape else lens.sensor_width,
+        "focus_mm": "inf" if lens.foc_dist == math.inf else lens.foc_dist,
+        "blades": lens.blades,
+        "blade_rotation_deg": lens.blade_rotation,
+    }
+    record |= lens.effects
+    if lens.focus_at is not None:
+        record["focus_at_px"] = list(lens.focus_at)
+    if lens.focus_percentile is not None:
+        record["focus_percentile"] = lens.focus_percentile
+    if lens.radii_px is not None:
+        record["radii_px"] = list(lens.radii_px)
+    if lens.max_coc is not None:
+        record["max_coc_px"] = lens.max_coc
+    if (draw := lens.draw) is not None:
+        record["draw"] = {"seed": draw.seed, "index": draw.index, "attempt": draw.attempt}
+    return record
+
+
+def lens_words(lens: Lens) -> str:
+    """A lens in words, like ``50mm f/1.4, focus 2m, sensor 36mm``."""
+    return lens_record_words(lens_record(lens))
+
+
+def lens_record_words(lens: Mapping[str, Any]) -> str:
+    """A record of a lens in words."""
+    shape = f", {lens['blades']} blades" if lens["blades"] else ""
+    shape += "".join(f", {name.replace('_', ' ')} {lens[name]}" for name in EFFECTS if name in lens)
+    if lens["focal_length_mm"] is None:
+        return f"radii of the file{shape}"
+    if lens["fnumber"] is None:
+        radii = "radii of mean {:g} px, median {:g} px, 99th percentile {:g} px"
+        foclen, sensor = (length_text(lens[f"{k}_mm"]) for k in ("focal_length", "sensor_width"))
+        return f"{foclen} with {radii.format(*lens['radii_px'])}, sensor {sensor}{shape}"
+    focus = "at {},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""
+    if "focus_percentile" in lens:
+        focus = f"at {Percentile(lens['focus_percentile'])}"
+    if lens["focus_mm"] is not None:
+        focus = f"{length_text(float(lens['focus_mm']))} {focus}".strip()
+    foclen, sensor = (length_text(lens[f"{key}_mm"]) for key in ("focal_length", "sensor_width"))
+    return f"{foclen} f/{lens['fnumber']:g}, focus {focus}, sensor {sensor}{shape}"

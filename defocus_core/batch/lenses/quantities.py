@@ -1,0 +1,296 @@
+"""Quantities as people write them: lengths with a unit, angles, pixels, counts.
+
+A parser takes what stands on the command line or in a lens file and returns millimetres, degrees or
+plain numbers. Decimal arithmetic keeps ``2.3m`` at 2300 mm, so that it is written back as it came.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from typing import TypeVar
+
+from defocus_core.errors import UsageProblem
+
+T = TypeVar("T")
+
+_MM = {"mm": "1", "cm": "10", "m": "1000", "in": "25.4", "ft": "304.8"}
+_BYTES = {
+    **{"b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "tb": 10**12},
+    **{"kib": 2**10, "mib": 2**20, "gib": 2**30, "tib": 2**40},
+}
+_MOST_ELECTRONS = 1e9
+_MOST_SHIFT = 10.0  # mm of the focus of a colour
+AUTO_LIGHTS = (0.93, 16.0)  # threshold and gain; of defocus_core, too
+MOST_BLADES = 100  # a polygon that nobody tells from a circle
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*)\s*", re.I)
+_PERCENTILE = re.compile(r"\s*percentile\s*\(([^(),]*)\)\s*", re.I)
+
+
+class QuantityError(ValueError):
+    """A text that is not the quantity asked for: what is wrong, and what to write instead."""
+
+    def __init__(self, problem: str, remedy: str) -> None:
+        super().__init__(f"{problem}; {remedy}")
+        self.problem = problem
+        self.remedy = remedy
+
+
+@dataclass(frozen=True)
+class Percentile:
+    """The distance that ``percent`` of the pixels do not exceed, those of the sky aside."""
+
+    percent: float
+
+    def __str__(self) -> str:
+        return f"percentile({self.percent:.9g})"
+
+
+def read_at(where: str, parse: Callable[..., T], *texts: str) -> T:
+    """The value that a parser reads from a text.
+
+    Raises:
+        UsageProblem: the text makes no sense; the error names ``where`` it stands.
+    """
+    try:
+        return parse(*texts)
+    except QuantityError as error:
+        raise UsageProblem(where, error.problem, error.remedy) from None
+
+
+def length(text: str) -> float:
+    """A positive length in mm, from ``50mm``, ``2.5 cm``, ``2m``, ``1in`` or ``6ft``."""
+    return _positive(text, "a length", "like 2m or 50mm", _MM)
+
+
+def distances(text: str) -> tuple[float, float]:
+    """The nearest and the farthest distance of a range in mm, from ``1.8m..2.4m``; inf may end it.
+
+    They are as they are written: the range holds both.
+    """
+    ends = text.split("..")
+    if len(ends) != 2:
+        raise QuantityError(f"'{text}' is not a range of distances", "write it like 1.8m..2.4m")
+    near, far = length(ends[0]), math.inf if ends[1].strip() == "inf" else length(ends[1])
+    if near > far:
+        raise QuantityError(f"'{text}' ends before it begins", "write the nearer distance first")
+    return near, far
+
+
+def focus(text: str) -> float | Percentile:
+    """The distance in focus in mm, ``inf`` for infinity; or ``percentile(50)`` of the depth."""
+    if text.strip().lower() in ("inf", "infinity"):
+        return math.inf
+    match = _PERCENTILE.fullmatch(text)
+    return Percentile(percentage(match[1])) if match else length(text)
+
+
+def percentage(text: str) -> float:
+    """A number from 0 to 100, from ``5`` or ``5%``."""
+    percent = _number(text.strip().removesuffix("%"), "a percentage", "like 50", {"": 1})
+    if not 0 <= percent <= 100:
+        raise QuantityError(f"'{text}' is not a percentage", "write one from 0 to 100, like 50")
+    return float(percent)
+
+
+def pixel_count(text: str) -> float:
+    """A positive length in the picture, from ``40px`` or ``40``."""
+    return _positive(text, "a length in px", "like 40px", {"": 1, "px": 1})
+
+
+def number(text: str) -> float:
+    """A finite number of either sign."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise QuantityError(f"'{text}' is not a number", "write it like 1.5") from None
+    if not math.isfinite(value):
+        raise QuantityError(f"'{text}' is not finite", "write it like 1.5")
+    return value
+
+
+def fnumber(text: str) -> float:
+    """A positive f-number, from ``1.4`` or ``f/1.4``."""
+    return _positive(text.lower().removeprefix("f/"), "an f-number", "like 1.4", {"": 1})
+
+
+def angle(text: str) -> float:
+    """An angle in degrees, from ``15`` or ``15deg``."""
+    units = {"": 1, "deg": 1}
+    degrees = float(_number(text.replace("°", "deg"), "an angle", "like 15deg", units))
+    if abs(degrees) > 360:
+        raise QuantityError(f"'{text}' is more than a turn", "give -360 to 360 degrees")
+    return degrees
+
+
+def blades(text: str) -> int:
+    """The number of aperture blades: 0 for a round opening, else 3 or more."""
+    try:
+        count = int(text)
+    except ValueError:
+        raise QuantityError(f"'{text}' is not a whole number", "write it like 6") from None
+    if count < 0 or count in (1, 2):
+        raise QuantityError(f"{count} blades make no opening", "give 0 (round) or 3 and more")
+    if count > MOST_BLADES:
+        raise QuantityError(
+            f"{count} blades are too many", f"give at most {MOST_BLADES}, or 0 (round)"
+        )
+    return count
+
+
+def within(least: float, most: float, what: str, example: str) -> Callable[[str], float]:
+    """A parser of plain numbers from ``least`` to ``most``."""
+
+    def parse(text: str) -> float:
+        value = float(_number(text, what, example, {"": 1}))
+        if not least <= value <= most:
+            raise QuantityError(f"'{text}' is not {what}", f"give {least:g} to {most:g}, {example}")
+        return value
+
+    return parse
+
+
+def one_of(words: Sequence[str], what: str) -> Callable[[str], str]:
+    """A parser of one of some words."""
+
+    def parse(text: str) -> str:
+        if (word := text.strip().lower()) not in words:
+            raise QuantityError(f"'{text}' is not {what}", f"write {' or '.join(words)}")
+        return word
+
+    return parse
+
+
+def dual_pixel(models: Sequence[str]) -> Callable[[str], str | Path]:
+    """A parser of one of some models of dual pixels, or of the path of a file of kernels, NPY."""
+
+    def parse(text: str) -> str | Path:
+        if (word := text.strip().lower()) in models:
+            return word
+        if not word.endswith(".npy"):
+            remedy = f"write {' or '.join(models)}, or name a file of kernels, like pair.npy"
+            raise QuantityError(f"'{text}' is not a model of dual pixels", remedy)
+        return file(text)
+
+    return parse
+
+
+def highlights(text: str) -> tuple[float, float] | None:
+    """Threshold and gain of clipped lights, from ``auto`` or ``0.93:16``; None from ``off``."""
+    if (word := text.strip().lower()) in ("auto", "off"):
+        return AUTO_LIGHTS if word == "auto" else None
+    words = text.split(":")
+    if len(words) != 2:
+        raise QuantityError(f"'{text}' is no THRESHOLD:GAIN", "write auto, or like 0.93:16")
+    example = "like 0.93:16"
+    return (
+        within(0, 0.999, "a threshold in linear light", example)(words[0]),
+        within(1, 1000, "a gain", example)(words[1]),
+    )
+
+
+def rim(text: str) -> tuple[float, float]:
+    """Radius of a rim, and its distance, in radii of the opening, from ``1.05:1.5``."""
+    words = text.split(":")
+    if len(words) != 2:
+        raise QuantityError(f"'{text}' is not the rim of a barrel", "write it like 1.05:1.5")
+    size = within(0.1, 10, "the radius of a rim", "like 1.05:1.5")(words[0])
+    return size, within(0, 100, "the distance of a rim", "like 1.05:1.5")(words[1])
+
+
+def shifts(text: str) -> tuple[float, float]:
+    """Shifts of the focus of red and of blue in mm, of either sign, from ``0.1mm:0.05mm``."""
+    words = text.split(":")
+    if len(words) != 2:
+        raise QuantityError(f"'{text}' is no RED:BLUE", "write it like 0.1mm:0.05mm")
+    red, blue = (float(_number(word, "a length", "like 0.1mm", _MM)) for word in words)
+    if max(abs(red), abs(blue)) > _MOST_SHIFT:
+        problem, remedy = f"'{text}' shifts too far", f"give {_MOST_SHIFT:g}mm at most"
+        raise QuantityError(problem, remedy)
+    return red, blue
+
+
+def switch(text: str) -> bool:
+    """Whether something is ``on``, or ``off``."""
+    return one_of(("on", "off"), "on or off")(text) == "on"
+
+
+def noise(text: str) -> tuple[float, float]:
+    """Electrons of a light of 1, and electrons of read noise, from ``4000:3`` or ``4000e:3e``."""
+    words = [word.strip().removesuffix("e") for word in text.split(":")]
+    if len(words) != 2:
+        example = "write ELECTRONS:READ, like 4000:3"
+        raise QuantityError(f"'{text}' is not a noise of a sensor", example)
+    units, what = {"": 1}, "a number of electrons"
+    electrons, read = (float(_number(word, what, "like 4000:3", units)) for word in words)
+    if not (0 < electrons <= _MOST_ELECTRONS and 0 <= read <= _MOST_ELECTRONS):
+        remedy = f"give up to {_MOST_ELECTRONS:g} electrons, like 4000:3"
+        raise QuantityError(f"'{text}' is not a noise of a sensor", remedy)
+    return electrons, read
+
+
+def seed(text: str) -> int:
+    """A whole number, 0 or more."""
+    if not (text.strip().isdecimal() and len(text) < 10):
+        raise QuantityError(f"'{text}' is not a whole number", "write it like 7")
+    return int(text)
+
+
+def file(text: str) -> Path:
+    """The path of a file."""
+    if not text or "\0" in text:
+        raise QuantityError(f"{text!r} is not the name of a file", "write it like pupil.png")
+    return Path(text)
+
+
+def pixel(text: str) -> tuple[int, int]:
+    """A pixel (x, y), counted from 0 at the upper left, from ``X,Y``."""
+    match = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*", text)
+    if not match:
+        raise QuantityError(f"'{text}' is not a pixel", "write it as X,Y, like 240,135")
+    return int(match[1]), int(match[2])
+
+
+def byte_count(text: str) -> int:
+    """A positive number of bytes, from ``1GB``, ``500 MB``, ``1.5GiB`` or ``4096B``."""
+    count = int(_number(text, "a size", "like 2GB", _BYTES))
+    if count < 1:
+        raise QuantityError(f"'{text}' holds no byte", "write it like 2GB")
+    return count
+
+
+def text_of(value: object) -> str:
+    """A value as TOML, JSON or CSV hold it, as the text that the command line would take."""
+    return ",".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+def length_text(mm: float, digits: int = 6) -> str:
+    """A length to show, like ``50mm``, ``2m`` or ``inf``."""
+    if math.isinf(mm):
+        return "inf"
+    return f"{mm / 1000:.{digits}g}m" if abs(mm) >= 1000 else f"{mm:.{digits}g}mm"
+
+
+def _number(text: str, what: str, example: str, units: Mapping[str, str | int]) -> Decimal:
+    """A number times the value of its unit; a unit of no letters is a plain number."""
+    match = _NUMBER.fullmatch(text)
+    if not match:
+        raise QuantityError(f"'{text}' is not {what}", f"write it {example}")
+    unit = match[2].lower()
+    if unit in units:
+        return Decimal(match[1]) * Decimal(units[unit])
+    if not unit:
+        raise QuantityError(f"'{text}' has no unit", f"write it with a unit, {example}")
+    known = " or ".join(filter(None, units)) or "no unit"
+    raise QuantityError(f"'{text}' has an unknown unit", f"use {known}, {example}")
+
+
+def _positive(text: str, what: str, example: str, units: Mapping[str, str | int]) -> float:
+    value = float(_number(text, what, example, units))
+    if not 0 < value < math.inf:
+        raise QuantityError(f"'{text}' is not positive and finite", f"give one that is, {example}")
+    return value

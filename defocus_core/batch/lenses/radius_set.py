@@ -1,0 +1,121 @@
+"""A set of pictures by the radii of their blur, which other pictures are to have, too.
+
+It is the folder of a finished batch, or a table, ``.csv`` or ``.jsonl``, with a row for each
+picture and columns ``coc_mean_px``, ``coc_p50_px`` and ``coc_p99_px``: mean, median and 99th
+percentile of its radii without sign, in px. ``count`` says how many pictures a row stands for, as
+in a histogram.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+from defocus_core.errors import InputError
+from defocus_core.io.rows import read_rows
+
+MEASURES = ("coc_mean_px", "coc_p50_px", "coc_p99_px")
+INDEX = "metadata.jsonl"
+_COUNT = "count"
+_EXAMPLE = '{"coc_mean_px": 2.1, "coc_p50_px": 1.5, "coc_p99_px": 8}'
+_GOLDEN = (math.sqrt(5) - 1) / 2
+Radii = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class RadiusSet:
+    """The distributions of mean, median and 99th percentile over the pictures of a set.
+
+    Attributes:
+        values: of each, ascending.
+        shares: of each value the middle of its share of the pictures, in 0…1.
+    """
+
+    values: tuple[tuple[float, ...], ...]
+    shares: tuple[tuple[float, ...], ...]
+
+    def at(self, share: float) -> Radii:
+        """The radii at a share of each distribution: those of one rank go together.
+
+        Values between two are interpolated, and have six digits.
+        """
+        mean, median, most = (
+            float(f"{_interpolated(share, *one):.6g}")
+            for one in zip(self.shares, self.values, strict=True)
+        )
+        return mean, median, most
+
+
+def spread(first: float, index: int) -> float:
+    """The share in 0…1 of a lens of a picture: those of one picture spread evenly, however many.
+
+    Args:
+        first: that of the first lens.
+        index: number of the lens.
+    """
+    return (first + index * _GOLDEN) % 1
+
+
+def read_radius_set(place: Path) -> RadiusSet:
+    """The set of a finished batch or a table.
+
+    Raises:
+        InputError: it cannot be read, or has no radii.
+    """
+    file = place / INDEX if place.is_dir() else place
+    if place.is_dir() and not file.exists():
+        remedy = f"finish that batch, or run 'defocus merge {place}'"
+        raise InputError(place, f"has no {INDEX} of a finished batch", remedy)
+    rows: list[tuple[float, ...]] = []
+    for where, row in read_rows(file, "table of radii", _EXAMPLE):
+        if any(name in row for name in MEASURES) or file.name != INDEX:
+            rows.append(_numbers(row, where))
+    rows = [row for row in rows if row[-1]]
+    if not rows:
+        remedy = f"give a finished batch, or rows like {_EXAMPLE}"
+        raise InputError(file, "has no radii of pictures", remedy)
+    return _set_of(rows)
+
+
+def _numbers(row: Mapping[str, Any], where: str) -> tuple[float, ...]:
+    """Mean, median and 99th percentile of a row, and its count."""
+    found = []
+    for name in (*MEASURES, _COUNT):
+        value = row.get(name, 1 if name == _COUNT else None)
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = math.nan
+        if not 0 <= number < math.inf or isinstance(value, bool):
+            what = f"has no {name}" if value is None else f"has the {name} {value!r:.40}"
+            raise InputError(where, f"{what}, not a number of at least 0", f"write {_EXAMPLE}")
+        found.append(number)
+    return tuple(found)
+
+
+def _set_of(rows: Sequence[tuple[float, ...]]) -> RadiusSet:
+    values, shares = [], []
+    total = sum(row[-1] for row in rows)
+    for which in range(len(MEASURES)):
+        ordered = sorted((row[which], row[-1]) for row in rows)
+        ends = accumulate(count for _, count in ordered)
+        values.append(tuple(value for value, _ in ordered))
+        shares.append(
+            tuple((end - n / 2) / total for end, (_, n) in zip(ends, ordered, strict=True))
+        )
+    return RadiusSet(tuple(values), tuple(shares))
+
+
+def _interpolated(share: float, places: Sequence[float], values: Sequence[float]) -> float:
+    """The value at a place between the places of values; beyond the ends that of the end."""
+    high = bisect_left(places, share)
+    if high in (0, len(places)):
+        return values[min(high, len(places) - 1)]
+    low = high - 1
+    part = (share - places[low]) / (places[high] - places[low])
+    return values[low] + part * (values[high] - values[low])

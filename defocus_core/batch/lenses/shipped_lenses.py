@@ -1,0 +1,56 @@
+"""Lens files that ship, by the names that begin with @."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+
+from defocus_core.errors import UsageProblem, did_you_mean
+
+MARK = "@"
+
+
+@dataclass(frozen=True)
+class ShippedLens:
+    """A lens file that ships.
+
+    Attributes:
+        name: as ``--lens`` takes it, with the mark.
+        path: the file.
+        subject: its first line, in words.
+    """
+
+    name: str
+    path: Path
+    subject: str
+
+
+@cache
+def shipped_lenses() -> tuple[ShippedLens, ...]:
+    """The lens files that ship, sorted by name."""
+    folder = Path(str(files("defocus_core.batch.lenses")))
+    return tuple(
+        ShippedLens(f"{MARK}{path.stem}", path, _subject(path))
+        for path in sorted(folder.glob("*.toml"))
+    )
+
+
+def lens_path(path: Path, where: str) -> Path:
+    """The lens file of a path, or of a name like ``@portrait-85``.
+
+    Raises:
+        UsageProblem: no lens of that name ships; the error names ``where`` it stands.
+    """
+    if not str(path).startswith(MARK):
+        return path
+    known = {lens.name: lens.path for lens in shipped_lenses()}
+    if str(path) in known:
+        return known[str(path)]
+    remedy = did_you_mean(str(path), tuple(known), "see 'defocus lenses'")
+    raise UsageProblem(where, f"no lens {path} ships with defocus", remedy)
+
+
+def _subject(path: Path) -> str:
+    return path.read_text(encoding="utf-8").splitlines()[0].removeprefix("# ")

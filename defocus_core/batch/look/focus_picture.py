@@ -1,0 +1,108 @@
+"""The picture in false colour, near, sharp and far, with the histogram of its radii."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.look.preview import diverging, largest
+from defocus_core.io.arrays import bands
+from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from defocus_core.io.images.color_planes import Color
+
+_SHARP_PX = 1.0  # radius up to which a pixel counts as sharp
+_SHARP = (0.25, 0.80, 0.35)  # sRGB
+_DARKEST = 0.35  # brightness of a black pixel, so that its colour shows
+_BINS = 48
+_SHARES = (5, 3)  # of the height and the width of the picture that the histogram takes
+_LEAST = (40, 96)  # px of its height and width, less in pictures that have no room
+_BEHIND = 0.12  # brightness behind it
+
+
+def focus_planes(color: Color, radius: Any) -> tuple[Any, ...]:
+    """The red, green and blue planes [H, W], linear light, computed a few rows at a time.
+
+    Args:
+        color: the colour input.
+        radius: signed CoC radius in px, [H, W].
+    """
+    most = max(largest(radius[rows]) for rows in bands(radius.shape))
+    inset = _histogram(radius, most)
+    return tuple(_Plane(color, radius, most, inset, channel) for channel in range(3))
+
+
+class _Plane:
+    """A channel of the picture in false colour, [H, W]."""
+
+    def __init__(self, color: Color, radius: Any, most: float, inset: Any, channel: int) -> None:
+        import numpy as np
+
+        self._color, self._radius, self._most = color, radius, most
+        self._inset, self._channel = inset, channel
+        self.shape, self.dtype = radius.shape, np.dtype(np.float32)
+
+    def __getitem__(self, rows: slice) -> NDArray[Any]:
+        import numpy as np
+
+        colors = [
+            plane[rows]
+            for plane, name in zip(
+                self._color.planes, self._color.channels, strict=False
+            )  # passes follow
+            if name != "A"
+        ]
+        light = np.mean([plane.astype("float32") for plane in colors], axis=0, dtype="float32")
+        brightness = linear_to_srgb(np.clip(light, 0, 1))
+        hue = _hues(self._radius[rows], self._most)[..., self._channel]
+        shown = hue * (_DARKEST + (1 - _DARKEST) * brightness)
+        first, last, _ = rows.indices(self.shape[0])
+        height, width = self._inset.shape[:2]
+        top = self.shape[0] - height
+        if last > top:
+            begin = max(first, top)
+            part = self._inset[begin - top : last - top, :, self._channel]
+            shown[begin - first :, :width] = part
+        linear: NDArray[Any] = srgb_to_linear(shown).astype("float32")
+        return linear
+
+
+def _hues(radius: NDArray[Any], most: float) -> NDArray[Any]:
+    """Colours [..., 3], sRGB, of signed radii [h, w]."""
+    import numpy as np
+
+    sharp = np.abs(radius) <= _SHARP_PX
+    hues: NDArray[Any] = diverging(radius, most / 2)
+    hues[sharp] = _SHARP
+    return hues
+
+
+def _histogram(radius: Any, most: float) -> NDArray[Any]:
+    """Bars of how many pixels have a radius, from the least to the greatest, sRGB [h, w, 3]."""
+    import numpy as np
+    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    strips = [radius[rows] for rows in bands(radius.shape)]
+    ends = min(float(s.min()) for s in strips), max(float(s.max()) for s in strips)
+    width_px = max(ends[1] - ends[0], 1e-6)
+    of_strips = [np.histogram(s, _BINS, (ends[0], ends[0] + width_px))[0] for s in strips]
+    counts = np.sum(of_strips, axis=0)
+    height, width = (
+        min(max(length // share, least), length)
+        for length, share, least in zip(radius.shape, _SHARES, _LEAST, strict=True)
+    )
+    letters = max(8, height // 7)
+    room = max(height - letters - 6, 1)
+    bars = np.sqrt(counts / max(counts.max(), 1))  # few pixels show, too
+    column = np.arange(width) * _BINS // width
+    middles = (ends[0] + (np.arange(_BINS) + 0.5) * width_px / _BINS).astype("float32")
+    colors = _hues(middles[None], most)[0][column]
+    high = np.arange(height)[:, None] >= room - np.rint(bars[column] * (room - 2))
+    inside = high & (np.arange(height)[:, None] < room)
+    inset = np.where(inside[..., None], colors, np.float32(_BEHIND)).astype("float32")
+    buffer = oiio.ImageBuf(np.ascontiguousarray(inset))
+    words = f"{ends[0]:.1f} to {ends[1]:.1f} px"
+    oiio.ImageBufAlgo.render_text(buffer, 4, height - 4, words, letters, "", (0.9, 0.9, 0.9))
+    return np.asarray(buffer.get_pixels(oiio.FLOAT))

@@ -1,0 +1,33 @@
+"""Lamps: clipped lights of pictures, with the light that they lost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from defocus_core.batch.lenses.lens import Lens
+
+if TYPE_CHECKING:
+    from defocus_core.tensors.source import Pixels
+
+
+def lit(pictures: Sequence[Pixels], colors: int, lens: Lens) -> tuple[list[Pixels], int | None]:
+    """Pictures of one scene with the light of their lamps, if the lens asks for it.
+
+    Args:
+        pictures: each [C, H, W], of linear light.
+        colors: how many of their channels are colours, the first ones.
+        lens: the lens.
+
+    Returns:
+        The pictures, as they are if one of them has light above 1; and the number of lamps, None
+        if they are not asked for.
+    """
+    from defocus_core.tensors.clipped_lights import ClippedLights
+
+    if lens.highlights is None:
+        return [*pictures], None
+    found = [ClippedLights(picture, *lens.highlights, colors=colors) for picture in pictures]
+    if any(lights.measured for lights in found):
+        return [*pictures], 0
+    return [lights.added for lights in found], sum(lights.count for lights in found)

@@ -1,0 +1,65 @@
+"""Images with the noise of a sensor, computed a few rows at a time while they are written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from hashlib import blake2b
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.jobs.output_kinds import KINDS
+from defocus_core.batch.lenses.lens import Lens
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_SEED_BYTES = 5  # of a seed, of which rows of pictures make others
+
+
+def noisy(
+    planes: Sequence[Any], channels: Sequence[str], job: Job, lens: Lens, view: str
+) -> tuple[Any, ...]:
+    """The planes [H, W] of an image with the lens' noise, if it has any; alpha has none.
+
+    Args:
+        planes: linear light, one array for each channel.
+        channels: names of the channels.
+        job: the job, whose sample decides the random numbers.
+        lens: the lens, whose sensor has noise.
+        view: the kind of output that it is of, which decides the random numbers, too.
+    """
+    if lens.noise is None:
+        return tuple(planes)
+    electrons, read = lens.noise
+    if KINDS[view].halves or KINDS[view].turned:
+        electrons /= 2
+    words = f"{lens.noise_seed} {job.picture.stem}{job.suffix} {view}"
+    return tuple(
+        plane if name == "A" else _Noisy(plane, electrons, read, f"{words} {name}")
+        for plane, name in zip(planes, channels, strict=True)
+    )
+
+
+class _Noisy:
+    """An array [H, W] with noise."""
+
+    def __init__(self, plane: Any, electrons: float, read: float, words: str) -> None:
+        self._plane, self._noise = plane, (electrons, read)
+        digest = blake2b(words.encode(), digest_size=_SEED_BYTES).digest()
+        self._seed = int.from_bytes(digest)
+        self.shape, self.dtype = plane.shape, plane.dtype
+
+    def __getitem__(self, rows: slice) -> NDArray[Any]:
+        import numpy as np
+        import torch
+
+        from defocus_core.io.exr.writing import clamped_half
+        from defocus_core.optics.sensor_noise import with_noise
+
+        values = np.asarray(self._plane[rows])
+        light = torch.from_numpy(values.astype("float32"))[None]
+        electrons, read = self._noise
+        first = rows.indices(self.shape[0])[0]
+        noise = with_noise(light, electrons=electrons, read=read, seed=self._seed, first_row=first)
+        noisy: NDArray[Any] = noise[0].numpy()
+        return clamped_half(noisy)[0] if values.dtype == np.float16 else noisy

@@ -1,0 +1,269 @@
+"""The opening of a lens: its pupil, with its picture if it has one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.jobs.output_kinds import DISPARITY_PER_RADIUS
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.errors import InputError, UsageProblem, reason
+from defocus_core.io.images.color_space import linear_to_srgb, quantised
+from defocus_core.io.safe_files import read_head
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from defocus_core.optics.aperture import Aperture
+    from defocus_core.optics.cat_eye import CatEye
+    from defocus_core.optics.dual_pixel import DualPixel
+    from defocus_core.optics.pupil_field import PupilField
+    from defocus_core.optics.pupil_image import PupilImage
+    from defocus_core.optics.sensitivity import Sensitivity
+
+# Greatest difference of channels of a grey picture, as a share of its brightest pixel: compression
+# of JPEG makes less.
+_GREY = 0.02
+_MOST_SIDE = 4096  # px; sums of areas lose digits beyond
+_COLORS = 3
+_MOST_KERNELS = 1024  # of a field
+_MOST_RADIUS = 2000  # px of a drawn blur
+_SHOWN = 256  # px of a side of a square of the picture to look at
+
+
+def aperture_of(lens: Lens, color: int | None = None) -> Aperture:
+    """The pupil of a lens, as light of a colour sees it: red is 0, green 1, blue 2.
+
+    Without a colour, a coloured pupil is the mean of its colours.
+
+    Raises:
+        InputError: the picture of the pupil cannot be used.
+    """
+    from defocus_core.optics.aperture import Aperture
+
+    picture = None
+    if lens.aperture_image is not None:
+        mean, *colors = pupil_images(lens.aperture_image)
+        picture = colors[color] if colors and color is not None else mean
+    return Aperture(
+        blades=lens.blades,
+        rotation=lens.blade_rotation,
+        curvature=lens.blade_curvature,
+        obstruction=lens.obstruction,
+        spherical=lens.spherical,
+        image=picture,
+        squeeze=lens.squeeze,
+    )
+
+
+def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
+    """The barrel that clips the opening in pictures of (width, height) px, if one does.
+
+    Raises:
+        UsageProblem: the rim would hide the middle of the opening in the corners, or the opening is
+            a field of kernels.
+    """
+    from defocus_core.optics.cat_eye import CatEye
+    from defocus_core.optics.pupil_field import PupilField
+
+    if lens.cat_eye is None:
+        return None
+    if lens.aperture_image and isinstance(pupil_images(lens.aperture_image)[0], PupilField):
+        problem = "clips a field of kernels, which were clipped where they were measured"
+        raise UsageProblem("--cat-eye", problem, "leave it out")
+    rim, distance = lens.cat_eye
+    width, height = size
+    tangent = lens.sensor_width / 2 * math.hypot(1, height / width) / lens.foclen
+    try:
+        return CatEye(rim, distance * tangent, lens.vignetting)
+    except ValueError as error:
+        most = 0.9 * rim / tangent
+        problem = f"hides the middle of the opening in the corners: {reason(error)}"
+        remedy = f"give a distance of {most:.2g} at most with this lens"
+        raise UsageProblem("--cat-eye", problem, remedy) from None
+
+
+def aperture_in_pixels(
+    lens: Lens, pixel_aspect: float, color: int | None = None
+) -> tuple[Aperture, float]:
+    """The pupil of a lens before pixels that need not be square.
+
+    A radius of the CoC is so many px wide; pixels that are wider than high show it higher in px.
+
+    Args:
+        lens: the lens.
+        pixel_aspect: width of a pixel by its height.
+        color: of the light, as `aperture_of` counts them.
+
+    Returns:
+        The pupil, and the longer half axis of its blur in px, in radii of the CoC.
+
+    Raises:
+        InputError: the picture of the pupil cannot be used.
+    """
+    pupil = aperture_of(lens, color)
+    if pixel_aspect == 1:
+        return pupil, 1.0
+    squeeze = lens.squeeze * pixel_aspect
+    longer = pixel_aspect if squeeze >= 1 else 1 / lens.squeeze
+    return replace(pupil, squeeze=squeeze), longer
+
+
+def dual_pixel_of(lens: Lens) -> DualPixel:
+    """The photodiodes of the sensor behind a lens.
+
+    Raises:
+        InputError: the file of their kernels cannot be used.
+    """
+    from defocus_core.optics.dual_pixel import DualPixel
+
+    measured = None if lens.dp_kernels is None else _pair(lens.dp_kernels, _stamp(lens.dp_kernels))
+    return DualPixel(lens.dp_model, lens.dp_crosstalk, measured)
+
+
+def disparity_of(lens: Lens) -> float:
+    """Px between left and right for a CoC radius of a px, signed alike.
+
+    Without effects it is that of half discs.
+    """
+    if not lens.effects:
+        return DISPARITY_PER_RADIUS
+    return dual_pixel_of(lens).disparity(aperture_of(lens))
+
+
+def pupil_images(path: Path) -> tuple[PupilImage, ...]:
+    """The picture of a pupil, as light: the mean of its colours, then each if they differ.
+
+    Raises:
+        InputError: the file cannot be read, or is no picture of a pupil.
+    """
+    return _pupil_images(path, _stamp(path))
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """Size and time of a file, that tell whether it was changed; None without one."""
+    status = path.stat() if path.is_file() else None
+    return status and (status.st_size, status.st_mtime_ns)
+
+
+@lru_cache(maxsize=16)
+def _pair(path: Path, _stamp: object) -> tuple[Sensitivity, Sensitivity]:
+    """What the left and the right photodiodes see, of an NPY file of their kernels.
+
+    Raises:
+        InputError: the file cannot be read, or does not hold two kernels.
+    """
+    import numpy as np
+    import torch
+
+    from defocus_core.io.array_files.float_maps import read_npy
+    from defocus_core.optics.sensitivity import sensitivities
+
+    values = np.array(read_npy(path, integers=True), "float64")
+    if values.ndim != 3 or len(values) != 2 or max(values.shape) > _MOST_SIDE:
+        shape = " × ".join(str(n) for n in values.shape)
+        problem = f"holds {shape} numbers, not two kernels"
+        raise InputError(path, problem, "save left and right as 2 × height × width")
+    try:
+        left, right = torch.from_numpy(values)
+        return sensitivities(left, right)
+    except ValueError as error:
+        problem = f"holds no kernels of two photodiodes: {reason(error)}"
+        raise InputError(path, problem, "measure both of a point beyond the focus") from None
+
+
+@lru_cache(maxsize=16)
+def _pupil_images(path: Path, _stamp: object) -> tuple[PupilImage, ...]:
+    import numpy as np
+    import torch
+
+    from defocus_core.io.array_files.float_maps import NPY_MAGIC, read_npy
+    from defocus_core.io.images.color import read_color
+    from defocus_core.optics.pupil_image import PupilImage
+
+    if read_head(path).startswith(NPY_MAGIC):
+        values = np.array(read_npy(path, integers=True), "float64")
+        if values.ndim > 3:
+            return (_field(path, values),)
+        light = values[None] if values.ndim == 2 else np.moveaxis(values, -1, 0)
+    else:
+        color = read_color(path)
+        light = np.stack([plane[:] for plane in color.planes], dtype="float64")
+        light = light[: len(color.channels) - ("A" in color.channels)]
+    if light.ndim != 3 or max(light.shape[1:]) > _MOST_SIDE:
+        shape = " × ".join(str(n) for n in light.shape)
+        problem = f"is no picture of a pupil: it has {shape} numbers"
+        raise InputError(path, problem, f"give one picture of {_MOST_SIDE} px a side at most")
+    differ = float(np.ptp(light, axis=0).max()) > _GREY * float(np.abs(light).max())
+    try:
+        mean = PupilImage(torch.from_numpy(light.mean(axis=0)))
+        colors = light if differ and len(light) == _COLORS else ()
+        return (mean, *(PupilImage(torch.from_numpy(each), like=mean) for each in colors))
+    except ValueError as error:
+        problem = f"is no picture of a pupil: {reason(error)}"
+        raise InputError(path, problem, "give a picture that is bright where it is open") from None
+
+
+def _field(path: Path, values: NDArray[Any]) -> PupilField:
+    """Kernels of a grid over the frame, [rows, columns, H, W] or with a channel before H.
+
+    Raises:
+        InputError: they are no kernels, too many, or of colours.
+    """
+    import torch
+
+    from defocus_core.optics.pupil_field import PupilField
+
+    if values.ndim == 5 and values.shape[2] == 1:
+        values = values[:, :, 0]
+    count = values.shape[0] * values.shape[1]
+    if values.ndim != 4 or count > _MOST_KERNELS or max(values.shape[2:]) > _MOST_SIDE:
+        shape = " × ".join(str(n) for n in values.shape)
+        problem = f"is no field of kernels: it has {shape} numbers"
+        remedy = f"save rows × columns × height × width, of {_MOST_KERNELS} kernels at most"
+        raise InputError(path, problem, remedy)
+    try:
+        return PupilField(torch.from_numpy(values))
+    except ValueError as error:
+        problem = f"is no field of kernels: {reason(error)}"
+        raise InputError(path, problem, "give kernels that are bright where light falls") from None
+
+
+def write_aperture(path: Path, lens: Lens, radius: float) -> None:
+    """Write the opening and the blur of a point to look at, PNG, or the blur alone, EXR.
+
+    Args:
+        path: the file; its suffix decides.
+        lens: the lens.
+        radius: of the blur, in px, signed.
+
+    Raises:
+        InputError: the picture of the pupil cannot be used, or the file not be written.
+    """
+    import numpy as np
+    import torch
+
+    from defocus_core.io.exr.writing import write_exr
+    from defocus_core.io.images.encode import write_samples
+
+    if path.suffix.lower() not in (".png", ".exr"):
+        raise InputError(path, "is neither PNG nor EXR", "end its name in .png or .exr")
+    if abs(radius) > _MOST_RADIUS:
+        raise UsageProblem("--radius", f"is beyond {_MOST_RADIUS} px", "give a smaller one")
+    pupil = aperture_of(lens)
+    r = torch.tensor(radius, dtype=torch.float64)
+    pixel = dual_pixel_of(lens)
+    kernels = pixel.kernels(pupil, r, 2 * math.ceil(abs(radius)) + 1).numpy()
+    if path.suffix.lower() == ".exr":
+        write_exr(path, {"kernel": kernels[0].astype("float32")}, {})
+        return
+    opening = pupil.kernel(torch.tensor(_SHOWN / 2.0, dtype=torch.float64), _SHOWN).numpy()
+    squares = []
+    for light in (opening, *kernels):
+        cells = np.arange(_SHOWN) * len(light) // _SHOWN
+        squares.append(light[np.ix_(cells, cells)] / light.max())
+    shown = linear_to_srgb(np.concatenate(squares, axis=1).astype("float32"))
+    write_samples(path, shown.shape, iter([quantised(shown[..., None], 8)]), "png", {})

@@ -1,0 +1,93 @@
+"""PNG previews, 8 bit, for looking at: never for measuring."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.io.arrays import bands
+from defocus_core.io.images.color_space import quantised
+from defocus_core.io.images.encode import display_encoded, write_samples
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+# sRGB; orange against blue stays apart for all common kinds of colour vision.
+NEAR = (0.85, 0.37, 0.01)
+IN_FOCUS = (1.0, 1.0, 1.0)
+FAR = (0.10, 0.35, 0.70)
+
+
+def write_preview(path: Path, pixels: Any) -> None:
+    """Write linear, premultiplied pixels [H, W, C], C = 1…4 as Y, YA, RGB, RGBA, over black.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    channels = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[pixels.shape[2]]
+    encoded = (
+        display_encoded(pixels[rows], channels, 8, keep_alpha=False)[0]
+        for rows in bands(pixels.shape)
+    )
+    write_samples(path, pixels.shape[:2], encoded, "png", {})
+
+
+def write_depth_preview(path: Path, metres: Any) -> None:
+    """Write depth [H, W] as disparity, from black at infinity to white at the nearest pixel.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    import numpy as np
+
+    near = (float(np.min(metres[rows])) for rows in bands(metres.shape))
+    nearest = min((value for value in near if np.isfinite(value)), default=1.0)
+    write_preview(path, _Disparity(metres, nearest))
+
+
+class _Disparity:
+    """Nearest depth over depth, 0 … 1, [H, W, 1], a few rows at a time."""
+
+    def __init__(self, metres: Any, nearest: float) -> None:
+        self._metres, self._nearest = metres, nearest
+        self.shape = (*metres.shape, 1)
+
+    def __getitem__(self, rows: slice) -> Any:
+        return (self._nearest / self._metres[rows])[:, :, None]
+
+
+def write_signed_preview(path: Path, radius: Any) -> None:
+    """Write signed CoC radii, or another signed map, [H, W]: orange near, white at 0, blue far.
+
+    The colours are symmetric about 0; full colour is the largest finite |radius|.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    most = max(largest(radius[rows]) for rows in bands(radius.shape))
+    encoded = (quantised(diverging(radius[rows], most), 8) for rows in bands(radius.shape))
+    write_samples(path, radius.shape, encoded, "png", {})
+
+
+def largest(radius: NDArray[np.float32]) -> float:
+    """The largest finite |radius|."""
+    import numpy as np
+
+    size = np.abs(radius)
+    return float(np.max(size, where=np.isfinite(size), initial=0.0))
+
+
+def diverging(radius: NDArray[np.float32], full: float) -> NDArray[np.float32]:
+    """Colours 0…1 in sRGB, [H, W, 3], of signed radii [H, W], full from a |radius| on.
+
+    NaN is black.
+    """
+    import numpy as np
+
+    amount: NDArray[np.float32] = np.minimum(np.abs(radius) / np.float32(full or 1.0), 1.0)
+    amount = amount[:, :, None]
+    white, near, far = (np.array(c, np.float32) for c in (IN_FOCUS, NEAR, FAR))
+    hue: NDArray[np.float32] = np.where((radius < 0)[:, :, None], near, far)
+    return white + amount * (hue - white)

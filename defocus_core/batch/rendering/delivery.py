@@ -1,0 +1,136 @@
+"""Writing the images and maps of a job: all files or none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from defocus_core.batch.depth.repair_words import repair_attribute
+from defocus_core.batch.lenses.quantities import length_text
+from defocus_core.batch.rendering.contents import contents_of
+from defocus_core.errors import InputError
+from defocus_core.io.arrays import Beside, Stack
+from defocus_core.io.safe_files import written_together
+from defocus_core.system.text import version
+
+if TYPE_CHECKING:
+    from defocus_core.batch.jobs.output_kinds import Kind
+    from defocus_core.batch.lenses.lens import Lens
+    from defocus_core.batch.rendering.outcome import Outcome, Rendering
+
+
+def write(rendering: Rendering) -> Outcome:
+    """Write the files of a job, all or none; its outcome, with warnings of what they cannot hold.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    outcome, outputs = rendering.outcome, rendering.outcome.job.outputs
+    if not outputs.root.is_dir():  # created again, it would have no journal
+        problem = "was removed while jobs were done"
+        raise InputError(outputs.root, problem, "run the same command again")
+    with written_together():
+        warnings = [warning for kind in outputs.rows for warning in _write_kind(rendering, kind)]
+    if outputs.format == "exr" and any(kind.image for kind in outputs.rows):
+        warnings += rendering.color.left_out
+    return replace(outcome, warnings=(*outcome.warnings, *warnings))
+
+
+def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
+    """Write the file of a kind, and its preview if there is to be one; the warnings."""
+    from defocus_core.batch.look.preview import (
+        write_depth_preview,
+        write_preview,
+        write_signed_preview,
+    )
+    from defocus_core.io.exr.writing import write_exr
+    from defocus_core.io.images.encode import write_image, write_map
+
+    job, contents = rendering.outcome.job, contents_of(rendering, kind)
+    path, preview = job.paths[kind.name], job.previews.get(kind.name)
+    attributes, warnings = _attributes(rendering.outcome, kind), []
+    if kind.image:
+        carried = {
+            k: v for k, v in rendering.color.attributes.items() if not kind.views or k != "view"
+        }
+        lost = write_image(
+            path,
+            Stack(contents.planes),
+            contents.names,
+            exr_type=job.outputs.exr_type,
+            bits=16 if job.outputs.format == "png16" else 8,
+            jpeg_quality=job.outputs.jpeg_quality,
+            attributes={**carried, **attributes},
+            extras=contents.extras,
+            layout=contents.layout,
+            clamped=rendering.clamped.get(kind.name, 0),
+        )
+        warnings = [f"{kind.name}: {warning}" for warning in lost]
+    elif job.outputs.map_format == "tiff":
+        write_map(path, contents.planes[0])
+    else:
+        channel = kind.channel or kind.name
+        write_exr(path, {channel: contents.planes[0]}, attributes, contents.layout)
+    if preview is not None and kind.of_radius:
+        write_signed_preview(preview, contents.planes[0])
+    elif preview is not None and kind.source == "depth":
+        write_depth_preview(preview, contents.planes[0])
+    elif preview is not None:
+        count = len(contents.planes) // len(kind.rendered_as)
+        views = range(0, len(contents.planes), count)
+        write_preview(preview, Beside([Stack(contents.planes[n : n + count]) for n in views]))
+    return warnings
+
+
+def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
+    """Attributes of an EXR output; no directory and no time, so that its bytes are repeatable."""
+    job, lens = outcome.job, outcome.lens
+    others = {
+        role: f"{other.color.name} {other.depth.name}" for role, other in job.picture.others.items()
+    }
+    values = {
+        "version": version(),
+        "kind": kind.name,
+        "color": job.picture.color.name,
+        "depth": job.picture.depth.name,
+        "hidden": others.pop("hidden", ""),
+        **others,
+        "color_read_as": outcome.color_note,
+        "depth_read_as": outcome.depth_words(rendered=kind.rendered),
+        **_repair(outcome, kind),
+        **_optics(lens),
+        "blades": str(lens.blades),
+        "blade_rotation": f"{lens.blade_rotation:.9g}deg",
+        **{name: str(value) for name, value in lens.effects.items()},
+        "coc_px": " ".join(f"{radius:.6g}" for radius in outcome.coc_px),
+        "quality": outcome.quality,
+        "device": outcome.device,
+    }
+    return {f"defocus:{name}": value for name, value in values.items()}
+
+
+def _repair(outcome: Outcome, kind: Kind) -> dict[str, str]:
+    """What was asked of the repair of depth, and what it did; nothing where neither is unusual."""
+    if not kind.rendered:
+        return {}
+    reading = outcome.job.reading
+    asked = [f"--depth-repair {reading.depth_repair}"] * (reading.depth_repair != "auto")
+    if reading.edge_width is not None:
+        asked.append(f"--edge-width {reading.edge_width:g}px")
+    values = {
+        "depth_repair_asked": " ".join(asked),
+        "depth_repair": repair_attribute(outcome.repair),
+    }
+    return {name: value for name, value in values.items() if value}
+
+
+def _optics(lens: Lens) -> dict[str, str]:
+    """What of a lens decides the radii; nothing where a file holds them."""
+    if lens.is_shape:
+        return {}
+    return {
+        "focal_length": length_text(lens.foclen, 9),
+        "fnumber": f"{lens.fnum:.9g}",
+        "sensor_width": length_text(lens.sensor_width, 9),
+        "focus": "" if lens.foc_dist is None else length_text(lens.foc_dist, 9),
+    }

@@ -1,0 +1,191 @@
+"""Forecast of a job: work, seconds and memory, before it is rendered."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.depth.repair_words import repair_record, repair_words
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.rendering.memory_budget import base_mb, regions_at_once
+from defocus_core.batch.rendering.outcome import Outcome
+from defocus_core.errors import UserError
+from defocus_core.io.arrays import scratch_folder
+from defocus_core.system.process import set_to_render
+from defocus_core.system.text import duration
+
+if TYPE_CHECKING:
+    from defocus_core.evaluation.cost import Cost
+
+# Most pictures of a batch to decode for a forecast; the others count as their average.
+MOST_READ = 16
+# Kind, height, width and largest CoC radius in px of a scene that needs every step of rendering.
+_SCENE = ("thin", 540, 960, 16.0)
+_REPEATS = 2  # the fastest counts: a machine is never faster than it is
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Work, time and memory of one job.
+
+    Attributes:
+        outcome: the outcome as far as it is known before rendering.
+        read_seconds: time to decode the inputs, measured.
+        cost: the work, and the steps of the last rendering; None if only maps are written, which
+            needs no rendering.
+        seconds: time to render, right within a factor of two.
+        peak_mb: upper bound of the memory of the process, or of the GPU.
+        scratch_mb: size of its arrays in scratch files; 0 if they are held in memory.
+        renderings: how many times it is rendered, for colours apart, and for up and down.
+    """
+
+    outcome: Outcome
+    read_seconds: float
+    cost: Cost | None
+    seconds: float
+    peak_mb: float
+    scratch_mb: float
+    renderings: int = 1
+
+
+@cache
+def work_per_second(device: str, threads: int) -> float:
+    """Units of work that this machine does in a second, measured in a second or two."""
+    import torch
+
+    from defocus_core.evaluation.cost import cost
+    from defocus_core.evaluation.synthetic_scenes import scenery
+    from defocus_core.renderer.engine.settings import Settings
+    from defocus_core.renderer.stream import Stream
+
+    set_to_render()
+    image, radius = (part.to(device) for part in scenery(*_SCENE)[:2])
+    seconds = []
+    for _ in range(_REPEATS + 1):  # the first is for what a process does once
+        start = time.perf_counter()
+        stream = Stream(image, radius, Settings(threads=threads))
+        for _ in stream.regions():
+            pass
+        if device == "cuda":
+            torch.cuda.synchronize()
+        seconds.append(time.perf_counter() - start)
+    return cost(stream).work / min(seconds[1:])
+
+
+def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[UserError]]:
+    """Forecasts of jobs, or of `MOST_READ` spread evenly over more; their inputs are decoded.
+
+    Returns:
+        The forecasts by the number of the job, and the errors of jobs that would fail.
+
+    Raises:
+        UsageProblem: this machine has not got the device.
+    """
+    from defocus_core.batch.rendering import job_steps
+
+    job_steps.load()
+    device = job_steps.choose_device(jobs[0].machine.device)
+    rate = 0.0
+    if any(job.outputs.need_rendering for job in jobs):
+        rate = work_per_second(device, jobs[0].machine.threads)
+    count = min(len(jobs), MOST_READ)
+    by_number, unusable = {}, []
+    for number in (k * (len(jobs) - 1) // max(count - 1, 1) for k in range(count)):
+        try:
+            by_number[number] = _forecast(jobs[number], device, rate)
+        except UserError as error:
+            unusable.append(error)
+    return by_number, unusable
+
+
+def _forecast(job: Job, device: str, rate: float) -> Forecast:
+    from defocus_core.batch.rendering import job_steps
+    from defocus_core.batch.rendering.colors_apart import renderings
+    from defocus_core.batch.rendering.streams import Streams
+    from defocus_core.evaluation.cost import cost
+
+    start = time.perf_counter()
+    loaded = job_steps.load_inputs(job)
+    read_seconds = time.perf_counter() - start
+    outcome, radius = job_steps.prepare(job, loaded)
+    held = loaded.holding
+    scratch_mb = held.arrays_mb if held.scratch else 0.0
+    peak = base_mb() + held.files_mb if device == "cpu" else 0.0
+    if not job.outputs.need_rendering:
+        return Forecast(outcome, read_seconds, None, 0.0, peak, scratch_mb)
+    streams, work, most = Streams(loaded, radius, outcome), 0.0, 0.0
+    for color in (colors := renderings(loaded, outcome)):
+        stream = streams.of(color)
+        of_stream = cost(stream)
+        work += of_stream.work
+        most = max(most, regions_at_once(job, stream, held, device)[1])
+    outcome = replace(outcome, repair=stream.repair)
+    last = of_stream._replace(work=work)
+    return Forecast(outcome, read_seconds, last, work / rate, peak + most, scratch_mb, len(colors))
+
+
+def record(forecast: Forecast) -> dict[str, Any]:
+    """A forecast in plain numbers."""
+    values: dict[str, Any] = {
+        "size": list(forecast.outcome.size),
+        "coc_px": list(forecast.outcome.coc_px),
+        "read_seconds": forecast.read_seconds,
+        "render_seconds": forecast.seconds,
+        "peak_mb": forecast.peak_mb,
+        "color_note": forecast.outcome.color_note,
+        "depth_note": forecast.outcome.depth_words(),
+        "depth_repair": repair_record(forecast.outcome.repair),
+    }
+    if forecast.scratch_mb:
+        values["scratch_mb"] = forecast.scratch_mb
+        values["scratch_folder"] = str(scratch_folder())
+    if (cost := forecast.cost) is not None:
+        names = ("slices", "tiles", "slice_tiles", "slice_tiles_seen")
+        values["renderings"] = forecast.renderings
+        values["stats"] = {name: getattr(cost, name) for name in names}
+    return values
+
+
+def line(forecast: Forecast) -> str:
+    """A forecast in words."""
+    (width, height), (near, far) = forecast.outcome.size, forecast.outcome.coc_px
+    start = f"  {width}x{height}, CoC {near:.2f} to {far:.2f} px: "
+    scratch = ""
+    if forecast.scratch_mb:
+        scratch = f", and {forecast.scratch_mb:.0f} MB of scratch in {scratch_folder()}"
+    if (cost := forecast.cost) is None:
+        return f"{start}maps alone, nothing is rendered{scratch}"
+    share = 100 * cost.slice_tiles_seen / cost.slice_tiles
+    note = repair_words(forecast.outcome.repair)
+    repair_note = f"; depth: {note}" if note else ""
+    times = f"{forecast.renderings} renderings of " if forecast.renderings > 1 else ""
+    return (
+        f"{start}{times}{cost.slices} slices, {cost.slice_tiles_seen} of {cost.slice_tiles} steps "
+        f"of slice x tile ({share:.0f} %) and what is hidden; about {duration(forecast.seconds)}, "
+        f"at most {forecast.peak_mb:.0f} MB{scratch}{repair_note}"
+    )
+
+
+def total(samples: Sequence[Forecast], jobs: int) -> dict[str, Any]:
+    """Totals of all jobs, in proportion to the forecasts of a sample of them."""
+    share = jobs / len(samples)
+    return {
+        "pictures": jobs,
+        "pictures_read": len(samples),
+        "read_seconds": share * sum(each.read_seconds for each in samples),
+        "render_seconds": share * sum(each.seconds for each in samples),
+        "peak_mb": max(each.peak_mb for each in samples),
+    }
+
+
+def total_line(samples: Sequence[Forecast], jobs: int) -> str:
+    """Totals of all jobs, in words."""
+    every = total(samples, jobs)
+    few = f", from {len(samples)} of them" if len(samples) < jobs else ""
+    return (
+        f"{jobs} pictures: about {duration(every['render_seconds'])} to render and "
+        f"{duration(every['read_seconds'])} to read{few}; {every['peak_mb']:.0f} MB"
+    )

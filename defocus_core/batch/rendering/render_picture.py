@@ -1,0 +1,171 @@
+"""Rendering a decoded picture to arrays of each kind of output, within the memory there is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.jobs.output_kinds import KINDS
+from defocus_core.batch.rendering.colors_apart import Colors, renderings
+from defocus_core.batch.rendering.memory_budget import image_type, regions_at_once
+from defocus_core.batch.rendering.outcome import Loaded, Outcome, Rendering
+from defocus_core.batch.rendering.streams import Streams
+from defocus_core.errors import TooLarge
+from defocus_core.system import memory
+from defocus_core.system.process import set_to_render
+
+if TYPE_CHECKING:
+    from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
+    from defocus_core.renderer.stream import Stream
+    from defocus_core.tensors.views import Views
+
+Progress = Callable[[int, int], None]
+# Share of the pixels of left or right from which on a warning says that they were negative.
+_MANY_CLAMPED = 0.01
+_TRUSTED = 0.99  # share of the lens
+
+
+def rendered(
+    loaded: Loaded,
+    radius: Any,
+    outcome: Outcome,
+    progress: Progress | None = None,
+    seen: HiddenLayer | None = None,
+) -> Rendering:
+    """The images and maps that need rendering.
+
+    Args:
+        loaded: its decoded inputs.
+        radius: signed CoC radius in px, [H, W].
+        outcome: the job, and what is known of it so far.
+        progress: called with (tiles done, tiles in all).
+        seen: what other frames have seen of what is hidden.
+
+    Raises:
+        TooLarge: it does not fit into memory.
+    """
+    import torch
+
+    set_to_render()
+    images = _Images(outcome.job, loaded)
+    wall, cpu = time.perf_counter(), time.process_time()
+    streams = Streams(loaded, radius, outcome, seen)
+    stream = _fill(images, loaded, streams, progress)
+    if outcome.device == "cuda":
+        torch.cuda.synchronize()
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
+    lights = {} if streams.lights is None else {"lights": streams.lights}
+    outcome = replace(
+        outcome,
+        color_note=", ".join(filter(None, (outcome.color_note, streams.words))),
+        repair=stream.repair,
+        render_seconds=wall,
+        render_cpu_seconds=cpu,
+        stats={**stream.stats, "pixels_invented": images.invented, **lights, **scratch},
+        warnings=(*outcome.warnings, *_clamped(stream.stats)),
+    )
+    return loaded.rendering(outcome, radius, images.planes, images.clamped)
+
+
+def _clamped(stats: Mapping[str, float]) -> list[str]:
+    """A warning if many pixels of left or right were negative."""
+    share = stats.get("pixels_clamped", 0) / stats["pixels"]
+    if share < _MANY_CLAMPED:
+        return []
+    why = "detail as fine as a pixel overshoots in half a lens"
+    return [f"left, right: below 0 in {100 * share:.0f} % of the pixels, and made 0: {why}"]
+
+
+def _fill(images: _Images, loaded: Loaded, streams: Streams, progress: Progress | None) -> Stream:
+    """Render as many regions at once as fit, and one by one if a GPU runs out of memory."""
+    import torch
+
+    job, most, device = streams.outcome.job, None, streams.outcome.device
+    colors = renderings(loaded, streams.outcome)
+    while True:
+        images.clamped.clear()
+        try:
+            for number, color in enumerate(colors):
+                stream = streams.of(color)
+                at_once = most or regions_at_once(job, stream, loaded.holding, device)[0]
+                if at_once < job.machine.threads:  # memory is short
+                    memory.keep_freed(False)
+                    memory.trim()
+                shown = progress and partial(_of_all, progress, number, len(colors))
+                images.invented = 0  # of one rendering
+                for part in stream.regions(at_once, shown):
+                    images.place(streams.in_order(part, color), color)
+            return stream
+        except torch.OutOfMemoryError:  # other programs use the GPU, too
+            torch.cuda.empty_cache()
+            if most == 1:
+                problem = "does not fit into the memory of the GPU"
+                remedy = "use --device cpu, or a smaller --tile"
+                raise TooLarge(job.picture.color, problem, remedy) from None
+            most = 1
+
+
+def _of_all(progress: Progress, number: int, count: int, done: int, tiles: int) -> None:
+    """Report tiles of one of several renderings of a picture."""
+    progress(number * tiles + done, count * tiles)
+
+
+class _Images:
+    """The images of a job while they are rendered.
+
+    Attributes:
+        planes: each rendered kind's arrays [H, W]: C of each view of an image, one of a map.
+        clamped: number of pixels of each kind that were clamped to the range of half.
+        invented: number of pixels of which less than `_TRUSTED` of the lens saw what is there.
+    """
+
+    def __init__(self, job: Job, loaded: Loaded) -> None:
+        height, width, channels = loaded.color.shape
+        self.planes: dict[str, tuple[Any, ...]] = {}
+        self.clamped: dict[str, int] = {}
+        self.invented = 0
+        for kind in job.outputs.rows:
+            if not kind.rendered:
+                continue
+            count, dtype = (channels, image_type(job)) if kind.image else (1, "float32")
+            count *= len(kind.rendered_as)
+            self.planes[kind.name] = tuple(
+                loaded.holding.keeping.new((height, width), dtype) for _ in range(count)
+            )
+
+    def place(self, part: Views, colors: Colors) -> None:
+        """Copy a rendered region to its place: the channels and kinds that were rendered."""
+        import numpy as np
+
+        from defocus_core.io.arrays import to_array
+        from defocus_core.io.exr.writing import clamped_half
+
+        top, left, height, width = part.box
+        if colors.turned:
+            top, left, height, width = left, top, width, height
+        rows, columns = slice(top, top + height), slice(left, left + width)
+        self.invented += int(np.count_nonzero(to_array(part.trust) < _TRUSTED))
+        for kind, planes in self.planes.items():
+            if bool(turned := KINDS[kind].turned) != colors.turned:
+                continue
+            names = (turned,) if turned else KINDS[kind].rendered_as
+            views = [to_array(getattr(part, view)) for view in names]
+            if turned:
+                views = [view.swapaxes(-1, -2) for view in views]
+            if KINDS[kind].image and len(colors.channels) * len(views) < len(planes):
+                apart, some = len(planes) // len(views), colors.channels
+                planes = tuple(planes[v * apart + c] for v in range(len(views)) for c in some)
+            pixels = views[0] if len(views) == 1 else np.concatenate(views)
+            pixels = pixels.reshape(len(planes), height, width)
+            if planes[0].dtype == np.float16:
+                pixels, beyond = clamped_half(pixels)
+                if beyond.any():
+                    count = int(np.count_nonzero(beyond.any(axis=0)))
+                    self.clamped[kind] = self.clamped.get(kind, 0) + count
+            for plane, values in zip(planes, pixels, strict=True):
+                plane[rows, columns] = values

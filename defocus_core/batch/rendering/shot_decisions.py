@@ -1,0 +1,147 @@
+"""Decisions for all frames of a shot: how depth is repaired, and where the focus lies.
+
+They are made from a sample of its frames, so that no frame decides for itself and flickers. Every
+process finds them anew, from the same files to the same result.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from statistics import median
+from typing import TYPE_CHECKING
+
+from defocus_core.batch.depth.focusing import focused, lens_scale, radius_at_infinity, radius_map
+from defocus_core.batch.jobs.job import Job, Shot, Taken
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.rendering.memory_budget import holding
+from defocus_core.batch.rendering.outcome import Loaded
+from defocus_core.errors import UserError
+from defocus_core.io.arrays import Keeping, Windows
+from defocus_core.io.shots.frame_patterns import in_words
+
+if TYPE_CHECKING:
+    from defocus_core.depth.diagnosis import DepthRepair
+    from defocus_core.io.depth_formats.depth import Depth
+    from defocus_core.io.images.color_planes import Color
+
+Read = Callable[[Job, Keeping], tuple["Color", "Depth"]]
+_KEPT = 1 << 12  # foci of frames
+_FOCI: dict[object, float] = {}
+_REPAIRS: dict[object, DepthRepair] = {}
+
+
+def shot_focused(job: Job, loaded: Loaded, read: Read) -> Lens:
+    """The lens of a job with its focus distance, decided with other frames if its shot says so.
+
+    Deep pictures are focused one by one.
+
+    Raises:
+        UsageProblem: the focus lies outside the picture, or too near.
+        Rejected: no frame has depth to focus on, or the blur exceeds ``max_coc``.
+    """
+    shot, lens, depth = job.shot, job.lens, loaded.depth
+    frames = () if shot is None or loaded.layers is not None else shot.focus or shot.sample
+    if not frames or lens.draw is not None or not is_found(lens):
+        return focused(lens, depth)
+    foc_dist = _mean_focus(frames, job, read)
+    found = dataclasses.replace(lens, foc_dist=foc_dist, focus_at=None, focus_percentile=None)
+    within = focused(found, depth)
+    return dataclasses.replace(
+        within, focus_at=lens.focus_at, focus_percentile=lens.focus_percentile
+    )
+
+
+def is_found(lens: Lens) -> bool:
+    """Whether the depth decides where the focus of a lens lies."""
+    return lens.focus_at is not None or lens.focus_percentile is not None
+
+
+def _mean_focus(frames: Sequence[Taken], job: Job, read: Read) -> float:
+    """The mean focus in mm of frames, in disparity, of those that have something to focus on."""
+    found, failed = [], []
+    for frame in frames:
+        try:
+            found.append(_own_focus(frame, job, read))
+        except UserError as error:
+            failed.append(error)
+    if not found:
+        raise failed[0]
+    disparity = [1 / each for each in found]
+    whole = job.shot is not None and not job.shot.focus  # a frame that is unlike others counts less
+    mean = median(disparity) if whole else sum(disparity) / len(disparity)
+    return 1 / mean if mean else float("inf")
+
+
+def _own_focus(frame: Taken, job: Job, read: Read) -> float:
+    key = (frame, job.reading)
+    if key not in _FOCI:
+        while len(_FOCI) >= _KEPT:
+            _FOCI.pop(next(iter(_FOCI)))
+        of_frame = dataclasses.replace(job, picture=frame.picture, lens=frame.lens)
+        _, depth = read(of_frame, holding(job).keeping)
+        foc_dist = focused(dataclasses.replace(frame.lens, max_coc=None), depth).foc_dist
+        _FOCI[key] = float("inf") if foc_dist is None else foc_dist
+    return _FOCI[key]
+
+
+def shot_repair(job: Job, lens: Lens, loaded: Loaded, read: Read) -> DepthRepair | None:
+    """The repair of depth that the shot of a job has decided on; None if each frame decides.
+
+    Args:
+        job: the job.
+        lens: its lens, with the focus distance.
+        loaded: its decoded inputs; layers are not repaired.
+        read: decodes the picture of a job.
+    """
+    from defocus_core.sequences.shot_repair import agreed_repair, repair_through
+
+    shot, depth = job.shot, loaded.depth
+    if shot is None or not shot.sample or job.reading.depth_repair == "off":
+        return None
+    if not job.outputs.need_rendering or loaded.is_layered:
+        return None
+    key = (shot.sample, job.reading)
+    if key not in _REPAIRS:
+        _REPAIRS.clear()
+        each = [_repair_of(frame, job, read) for frame in shot.sample]
+        _REPAIRS[key] = agreed_repair([r for r, _ in each], [scale for _, scale in each])
+    radii = depth.is_radius
+    scale = 1.0 if radii else lens_scale(lens, depth.size)
+    infinity = None if radii else radius_at_infinity(lens, depth.size)
+    return repair_through(_REPAIRS[key], scale, infinity)
+
+
+def _repair_of(frame: Taken, job: Job, read: Read) -> tuple[DepthRepair, float]:
+    """The repair that a frame needs, and the scale of its lens."""
+    import torch
+
+    from defocus_core.depth.repair import repair_depth
+
+    keeping = holding(job).keeping
+    of_frame = dataclasses.replace(job, picture=frame.picture, lens=frame.lens)
+    color, depth = read(of_frame, keeping)
+    lens = shot_focused(of_frame, Loaded(holding(job), color, depth), read)
+    radius, _ = radius_map(lens, depth, keeping)
+    infinity = None if depth.is_radius else radius_at_infinity(lens, depth.size)
+    _, repair = repair_depth(
+        Windows([radius], "cpu", lone=True),
+        Windows(color.planes, "cpu"),
+        infinity,
+        torch.get_num_threads(),
+        depth_repair=job.reading.depth_repair,
+        edge_width=job.reading.edge_width,
+    )
+    return repair, 1.0 if depth.is_radius else lens_scale(lens, depth.size)
+
+
+@lru_cache(maxsize=8)
+def decided_words(shot: Shot | None, repair: DepthRepair | None) -> str:
+    """The frames that decided on a repair, in words; empty if nothing is repaired."""
+    from defocus_core.depth.diagnosis import DepthRepair
+
+    if shot is None or repair is None or repair == DepthRepair():
+        return ""
+    numbers = [int(each.picture.frame or 0) for each in shot.sample]
+    return f"as {in_words(numbers)} of the shot decide"

@@ -1,0 +1,244 @@
+"""Neighbours of a frame: its depth averaged with theirs, and what they have seen behind it."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.depth.focusing import radius_map
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.jobs.shots import AVERAGED
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.rendering.memory_budget import capacity_mb
+from defocus_core.batch.rendering.outcome import Loaded, Outcome
+from defocus_core.batch.rendering.shot_decisions import Read
+from defocus_core.errors import InputError, TooLarge, UsageProblem
+from defocus_core.io.arrays import bands
+from defocus_core.io.shots.motion_channels import Motion, read_motion
+from defocus_core.system import memory
+
+if TYPE_CHECKING:
+    import torch
+
+    from defocus_core.io.depth_formats.depth import Depth
+    from defocus_core.io.images.color_planes import Color
+    from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
+    from defocus_core.sequences.motion import Frame
+
+# Rows beside a band that decide its means; share of the memory that decoded neighbours may take;
+# change of radius in px, from a frame to the next, of one surface; most frames that are kept.
+_BESIDE, _SHARE, _STEP, _MOST_KEPT = 4, 0.1, 0.5, 40
+_FEWEST = 2  # frames of a window that has neighbours
+# Distances in frames of the neighbours that may show what is hidden: in a moving shot the nearest
+# show it best, and each farther one shows more; of those between there is little more to see.
+_DISTANCES = frozenset({1, 3, 6, 10})
+
+
+def with_neighbours(
+    outcome: Outcome, loaded: Loaded, radius: Any, read: Read
+) -> tuple[Outcome, Any, HiddenLayer | None]:
+    """The radii [H, W] px to render by, and what neighbours have seen of what is hidden.
+
+    Args:
+        outcome: the job, and what is known of it so far.
+        loaded: its decoded inputs.
+        radius: signed CoC radius in px, [H, W].
+        read: decodes the picture of a job.
+
+    Raises:
+        InputError: a neighbour cannot be read, or is unlike the frame.
+        UsageProblem: motion is of no use for it.
+    """
+    job, repair, seen = outcome.job, outcome.decided, None
+    if job.shot is None or len(job.shot.window) < _FEWEST:
+        return outcome, radius, None
+    if loaded.is_layered and job.shot.motion is not None:
+        problem = "has no effect: layers, of deep pixels or of a plate, hold what is hidden"
+        raise UsageProblem("--motion", problem, "leave it out")
+    quiets = repair is not None and repair.noise is not None
+    if not quiets and job.shot.motion is None:
+        return outcome, radius, None
+    neighbours = Neighbours(job, loaded, outcome.lens, read)
+    if repair is not None and repair.noise is not None:
+        radius = neighbours.quiet_radius(radius, repair.noise)
+        count = min(len(job.shot.window), AVERAGED)
+        note = f"averaged over {count} frames where the scene is still"
+        outcome = replace(outcome, shot_note=f"{note}, {outcome.shot_note}")
+    if job.shot.motion is not None:
+        seen = neighbours.hidden(radius)
+    return outcome, radius, seen
+
+
+class Neighbours:
+    """The neighbours of a frame, decoded when they are needed; neighbours of the last are kept."""
+
+    def __init__(self, job: Job, loaded: Loaded, lens: Lens, read: Read) -> None:
+        """Keep what the neighbours are read with.
+
+        Args:
+            job: a job of a shot.
+            loaded: its decoded inputs.
+            lens: its lens, with the focus distance.
+            read: decodes the picture of a job.
+        """
+        assert job.shot is not None
+        self._job, self._loaded, self._lens, self._read = job, loaded, lens, read
+        self._shot, window = job.shot, job.shot.window
+        self._window, self._radii = window, dict[int, Any]()
+        self._place = [picture.frame for picture in window].index(job.picture.frame)
+        others = (place for place in range(len(window)) if place != self._place)
+        self._order = sorted(others, key=lambda place: (abs(place - self._place), place))
+        if self._shot.motion is not None and loaded.holding.scratch:
+            problem = "is too large for --motion in the memory that is allowed"
+            raise TooLarge(job.picture.color, problem, "allow more --memory, or leave out --motion")
+
+    def quiet_radius(self, radius: Any, noise: float) -> Any:
+        """Radii [H, W] px averaged with those of the neighbours where the scene is still."""
+        import torch
+
+        from defocus_core.sequences.motion import Frame
+        from defocus_core.sequences.temporal_mean import temporal_mean
+
+        averaged = self._loaded.holding.keeping.new(radius.shape, "float32")
+        own = self._loaded.color
+        order = self._order[: AVERAGED - 1]
+        others = [(self._files(place), self._radius(place)) for place in order]
+        moved, parts = None, bands(radius.shape)
+        if self._shot.motion is not None:
+            moved = [self._path(self._place, place) for place in order]
+            parts = [slice(0, radius.shape[0])]
+        for rows in parts:
+            top = max(rows.start - _BESIDE, 0)
+            around = slice(top, rows.stop + _BESIDE)
+            frame = Frame(_image(own, around), torch.from_numpy(radius[around]))
+            mean, _ = temporal_mean(
+                frame,
+                (
+                    Frame(
+                        _image(color, around),
+                        torch.from_numpy(other[around]),
+                        moved[number] if moved else None,
+                    )
+                    for number, ((color, _), other) in enumerate(others)
+                ),
+                noise,
+            )
+            averaged[rows] = mean[rows.start - top : rows.stop - top].numpy()
+        return averaged
+
+    def hidden(self, radius: Any) -> HiddenLayer:
+        """What the neighbours have seen behind the surfaces of radii [H, W] px."""
+        import torch
+
+        from defocus_core.sequences.motion import Frame
+        from defocus_core.sequences.seen_behind import seen_behind
+
+        image = _image(self._loaded.color, slice(None))
+        return seen_behind(Frame(image, torch.from_numpy(radius[:])), self._moved())
+
+    def _moved(self) -> Iterator[Frame]:
+        """The neighbours that are looked at, the closest first, with the motion to the frame."""
+        import torch
+
+        from defocus_core.sequences.motion import Frame
+
+        for place in self._order:
+            if abs(place - self._place) not in _DISTANCES:
+                continue
+            image = _image(self._files(place)[0], slice(None))
+            motion = self._path(place, self._place)
+            yield Frame(image, torch.from_numpy(self._radius(place)[:]), motion)
+
+    def _path(self, start: int, end: int) -> torch.Tensor:
+        """The motion [2, H, W] px from one frame of the window to another."""
+        import torch
+
+        from defocus_core.sequences.motion import chained
+
+        way = range(start, end, 1 if end > start else -1)
+        motions = [self._motion(place)[end > start] for place in way]
+        radii = [torch.from_numpy(self._radius(place)[:]) for place in way]
+        return chained([torch.from_numpy(each) for each in motions], radii, _STEP)
+
+    def _motion(self, place: int) -> Motion:
+        picture = self._window[place]
+        channel = self._shot.motion
+        assert channel is not None
+        files, overscan = (picture.color, picture.depth), self._loaded.color.overscan
+        motion: Motion = _CACHE.kept(
+            ("motion", picture, channel, overscan),
+            lambda: read_motion(files, channel, overscan),
+            self._most_mb(),
+        )
+        if motion.to_next.shape[1:] != self._loaded.depth.metres.shape:
+            raise InputError(picture.color, "has motion vectors of another size", "render it again")
+        return motion
+
+    def _radius(self, place: int) -> Any:
+        """The radii of a frame of the window through the lens of the frame."""
+        if place not in self._radii:
+            own = place == self._place
+            depth = self._loaded.depth if own else self._files(place)[1]
+            keeping = self._loaded.holding.keeping
+            self._radii[place] = radius_map(self._lens, depth, keeping)[0]
+        return self._radii[place]
+
+    def _files(self, place: int) -> tuple[Color, Depth]:
+        picture = self._window[place]
+        keeping = self._loaded.holding.keeping
+        color, depth = _CACHE.kept(
+            (picture, self._job.reading, self._job.lens_focal),
+            lambda: self._read(replace(self._job, picture=picture), keeping),
+            self._most_mb(),
+        )
+        if color.shape != self._loaded.color.shape:
+            height, width, channels = color.shape
+            own = self._loaded.color.path
+            problem = f"is {width}x{height} px of {channels} channels, unlike {own}"
+            raise InputError(picture.color, problem, "give frames of one size, or --no-steady")
+        return color, depth
+
+    def _most_mb(self) -> float:
+        return _SHARE * capacity_mb(self._job.machine)
+
+
+class _Cache:
+    """What was decoded of frames of a shot, as long as it fits; the oldest goes first."""
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[object, Any] = OrderedDict()
+
+    def kept(self, key: object, make: Any, most_mb: float) -> Any:
+        """The value of a key, made if it is not there."""
+        if key in self._kept:
+            self._kept.move_to_end(key)
+            return self._kept[key]
+        value = make()
+        self._kept[key] = value
+        while len(self._kept) > 1 and (
+            len(self._kept) > _MOST_KEPT or sum(map(_size_mb, self._kept.values())) > most_mb
+        ):
+            self._kept.popitem(last=False)
+        return value
+
+
+_CACHE = _Cache()
+
+
+def _size_mb(value: Any) -> float:
+    """The memory of what was decoded."""
+    if isinstance(value, Motion):
+        return float(value.to_next.nbytes + value.to_previous.nbytes) / memory.MB
+    color, depth = value
+    planes = (*color.planes, *color.extras.values(), depth.metres)
+    return sum(getattr(plane, "nbytes", 0) for plane in planes) / memory.MB
+
+
+def _image(color: Color, rows: slice) -> torch.Tensor:
+    """The colours [C, h, W] of some rows."""
+    import numpy as np
+    import torch
+
+    return torch.from_numpy(np.stack([plane[rows] for plane in color.planes]).astype(np.float32))

@@ -1,0 +1,103 @@
+"""Output paths checked by name before any work: collisions, and files that must not be replaced."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Collection, Sequence
+from pathlib import Path
+
+from defocus_core.batch.jobs.job import Job, Outputs
+from defocus_core.errors import InputError
+from defocus_core.io.safe_files import missing
+
+_NAME_BYTES = 255  # the longest name of a file on Linux
+
+
+def refuse_misplaced(jobs: Sequence[Job]) -> None:
+    """Refuse jobs that get in the way of one another or of their inputs.
+
+    Raises:
+        InputError: an output is an input or another job's output, has too long a name, or lies
+            where nothing can be written.
+    """
+    _refuse_clashes(jobs)
+    for outputs in {job.outputs for job in jobs}:
+        refuse_unwritable(outputs)
+
+
+def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
+    """Refuse to replace files that no job is known to have written.
+
+    Args:
+        jobs: what is to be done.
+        known: files that may be replaced, relative to the root of the outputs.
+
+    Raises:
+        InputError: there is another file, or a directory, where one is to be written.
+    """
+    existing = []
+    for job in jobs:
+        root, overwrite = job.outputs.root, job.outputs.overwrite
+        for name in job.names.values():
+            path = root / name
+            if path.is_dir():
+                problem = "is a directory where a file is to be written"
+                raise InputError(path, problem, "choose another -o")
+            if not overwrite and name not in known and os.path.lexists(path):
+                existing.append(path)
+    if existing:
+        others = f" (and {len(existing) - 1} more)" if len(existing) > 1 else ""
+        raise InputError(
+            existing[0],
+            f"exists already{others}, and the journal does not know it",
+            "move it away, choose another -o, or add --overwrite to render all again",
+        )
+
+
+def _refuse_clashes(jobs: Sequence[Job]) -> None:
+    count = Counter((job.outputs.root, name) for job in jobs for name in job.names.values())
+    twice = next((root / name for (root, name), times in count.items() if times > 1), None)
+    if twice is not None:
+        raise InputError(twice, "would be written twice", "rename one of the colour files")
+    for root, name in count:
+        length = len(os.fsencode(name.rpartition("/")[2]))
+        if length > _NAME_BYTES:
+            problem = f"has a name of {length} bytes, more than {_NAME_BYTES}"
+            raise InputError(root / name, problem, "give the picture a shorter name or stem")
+    pictures = {job.picture for job in jobs}
+    pictures |= {other for picture in pictures for other in picture.others.values()}
+    named = {path for one in pictures for path in (one.color, one.depth)}
+    # Path.resolve raises where a link leads in a circle; who reads it says it better.
+    named |= {Path(os.path.realpath(path)) for path in named if path.is_symlink()}
+    places = {folder: folder.resolve() for folder in {path.parent for path in named}}
+    own = {
+        (outputs.root / kind).resolve()
+        for outputs in {job.outputs for job in jobs}
+        for kind in outputs.kinds
+    }
+    inputs = {place / path.name for path in named if (place := places[path.parent]) in own}
+    if not inputs:  # a batch has many outputs, and hardly ever such inputs
+        return
+    for path in (path for job in jobs for path in job.written):
+        if path.parent.resolve() / path.name in inputs:
+            raise InputError(path, "is an input and would be overwritten", "choose another -o")
+
+
+def refuse_unwritable(outputs: Outputs) -> None:
+    """Refuse a place where nothing can be written.
+
+    Raises:
+        InputError: a file is in the way, or the place is forbidden.
+    """
+    for folder in (outputs.root, *(outputs.root / kind for kind in outputs.kinds)):
+        if folder.is_symlink() and not folder.exists():
+            raise missing(folder)
+        if not folder.resolve().is_relative_to(outputs.root.resolve()):
+            problem = "is a link that leads out of the output directory"
+            raise InputError(folder, problem, "make it a directory, or name another -o")
+        existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        if not existing.is_dir():
+            raise InputError(existing, "is a file where a directory is needed", "choose another -o")
+        if not os.access(existing, os.W_OK | os.X_OK):
+            raise InputError(existing, "cannot be written to", "choose another -o")

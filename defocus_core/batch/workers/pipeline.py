@@ -1,0 +1,180 @@
+"""Jobs in this process, as a pipeline: read the next picture, render this one, write the last one.
+
+Each picture is computed while the next one is decoded and the one before is encoded, as far as
+memory allows. At most one picture waits to be computed and one to be written, whatever the number
+of jobs.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from queue import SimpleQueue
+
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.rendering import job_steps
+from defocus_core.batch.rendering.memory_budget import Gate
+from defocus_core.batch.workers import job_result
+from defocus_core.batch.workers.job_result import Computed, Ready, Result, TileCount
+from defocus_core.batch.workers.plan import Chunk, Done, Execute
+
+
+def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
+    """Do the jobs of a batch in this process."""
+    job_steps.load()
+    run(_jobs(chunks, stopped), done, stopped=stopped)
+
+
+def execute_alone(progress: TileCount | None) -> Execute:
+    """An executor of a lone job, which raises the error that ends the job.
+
+    Args:
+        progress: called with (tiles done, tiles in all) while it renders.
+    """
+
+    def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
+        def done_or_raised(number: int, result: Result) -> None:
+            if "error" in result:
+                raise result["error"]
+            done(number, result)
+
+        job_steps.load()
+        run(_jobs(chunks, stopped), done_or_raised, progress, stopped)
+
+    return execute
+
+
+def _jobs(chunks: Iterator[Chunk], stopped: Callable[[], bool]) -> Iterator[tuple[int, Job]]:
+    for chunk in chunks:
+        for numbered in chunk:
+            if stopped():
+                return
+            yield numbered
+
+
+def run(
+    jobs: Iterable[tuple[int, Job]],
+    done: Done,
+    progress: TileCount | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> None:
+    """Do jobs in their order.
+
+    Args:
+        jobs: numbered; asked for the next one, on a thread of its own, before the last is done.
+        done: called with number and result of each as soon as it is durable, on another thread
+            or on this one, one at a time.
+        progress: called with (tiles done, tiles in all) of the picture that is being computed.
+        stopped: whether no further picture is to be computed; those read ahead are let go.
+
+    Raises:
+        Exception: what ``jobs`` or ``done`` raised.
+    """
+    gate = Gate()
+    ahead, behind = _Ahead(jobs, gate), _Behind(done, gate)
+    try:
+        for number, ready in ahead:
+            if stopped():
+                break
+            behind.put(number, ready.result or job_result.compute(ready, progress))
+    finally:
+        try:
+            ahead.stop()
+        finally:
+            behind.close()
+    behind.check()
+
+
+class _Ahead:
+    """Jobs whose inputs are decoded, one of them before it is asked for."""
+
+    def __init__(self, jobs: Iterable[tuple[int, Job]], gate: Gate) -> None:
+        self._jobs, self._gate = jobs, gate
+        self._room = threading.Semaphore(1)
+        self._queue: SimpleQueue[tuple[int, Ready] | BaseException | None] = SimpleQueue()
+        self._decoding = threading.Lock()
+        self._stopped = False
+        threading.Thread(target=self._read, name="reader", daemon=True).start()
+
+    def __iter__(self) -> Iterator[tuple[int, Ready]]:
+        while (item := self._queue.get()) is not None:
+            if isinstance(item, BaseException):
+                raise item
+            self._room.release()
+            yield item
+
+    def stop(self) -> None:
+        """Read nothing more, and wait for what is being decoded.
+
+        A decoder written in C that outlives Python aborts the process.
+        """
+        self._stopped = True
+        self._room.release()
+        self._gate.open()
+        with self._decoding:
+            pass
+
+    def _read(self) -> None:
+        reader = job_result.Reader()
+        try:
+            for number, job in self._jobs:
+                self._room.acquire()
+                self._gate.enter(number, job)
+                with self._decoding:
+                    if self._stopped:
+                        return
+                    ready = reader.read(job)
+                self._queue.put((number, ready))
+                del ready
+        except BaseException as error:
+            self._queue.put(error)
+        finally:
+            self._queue.put(None)
+
+
+class _Behind:
+    """Writes what is computed, on a thread; whoever brings the next waits for it."""
+
+    def __init__(self, done: Done, gate: Gate) -> None:
+        self._done, self._gate = done, gate
+        self._room = threading.Semaphore(1)
+        self._queue: SimpleQueue[tuple[int, Computed | Result] | None] = SimpleQueue()
+        self._error: BaseException | None = None
+        self._ended = threading.Event()  # a join that a signal interrupts cannot be tried again
+        threading.Thread(target=self._write, name="writer", daemon=True).start()
+
+    def put(self, number: int, computed: Computed | Result) -> None:
+        self._room.acquire()
+        self.check()
+        self._queue.put((number, computed))
+
+    def check(self) -> None:
+        """Raise what ``done`` raised."""
+        if self._error is not None:
+            raise self._error
+
+    def close(self) -> None:
+        """Wait until all is written, even if a signal comes meanwhile: nothing stays half-written.
+
+        A second signal ends the waiting.
+        """
+        self._queue.put(None)
+        try:
+            self._ended.wait()
+        except BaseException:
+            self._ended.wait()
+            raise
+
+    def _write(self) -> None:
+        while (item := self._queue.get()) is not None:
+            number, computed = item
+            try:
+                result = job_result.write(computed) if isinstance(computed, Computed) else computed
+                del computed, item
+                self._done(number, result)
+            except BaseException as error:
+                self._error = error
+            finally:
+                self._gate.leave(number)
+                self._room.release()
+        self._ended.set()

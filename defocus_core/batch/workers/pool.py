@@ -1,0 +1,233 @@
+"""Jobs of a batch in worker processes on this machine.
+
+A process that dies (a crash in a decoder, the system short of memory) is replaced. Which of the
+jobs it had was to blame is not known, so each of them is done again with a process to itself; one
+that has seen `STRIKES` processes die has failed.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection, wait
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.journal.run_file import sweep_up_after
+from defocus_core.batch.workers import worker
+from defocus_core.batch.workers.job_result import failed
+from defocus_core.batch.workers.plan import Chunk, Done, Execute
+from defocus_core.errors import InputError
+
+if TYPE_CHECKING:
+    from multiprocessing.context import SpawnProcess
+
+Serve = Callable[[Connection], None]
+STRIKES = 3
+AT_ONCE = 3  # fewer jobs make a process wait: one is read, one rendered and one written
+_FAILED_STARTS = 3  # processes that may die before they are ready
+_GRACE = 10.0  # seconds to end in
+_GLANCE = 0.1  # seconds between two looks at whether all is to stop
+
+
+class Pool:
+    """Processes that do jobs.
+
+    Args:
+        processes: the number of processes.
+        chunks: jobs, in chunks of one picture.
+        done: called with number and result of each.
+        stopped: whether no further job is to be begun.
+        serve: the work of a process, at its end of the connection.
+    """
+
+    def __init__(
+        self,
+        processes: int,
+        chunks: Iterator[Chunk],
+        done: Done,
+        stopped: Callable[[], bool],
+        serve: Serve = worker.serve,
+    ) -> None:
+        self.serve = serve
+        self.processes, self.chunks, self.done, self.stopped = processes, chunks, done, stopped
+        self.workers: list[_Worker] = []
+        self.returned: deque[Chunk] = deque()  # of workers that died when they started
+        self.suspects: deque[tuple[int, Job]] = deque()
+        self.strikes: Counter[int] = Counter()
+        self.failed_starts = 0
+
+    def run(self) -> None:
+        """Do all jobs, or until stopped.
+
+        Raises:
+            InputError: processes cannot be started.
+            Exception: what ``done`` raised.
+        """
+        try:
+            self._start_workers()
+            while self.workers:
+                for each in self.workers:
+                    self._send_jobs(each)
+                for each in [each for each in self.workers if self._is_over(each)]:
+                    each.finish()
+                    self.workers.remove(each)
+                self._receive()
+                self._start_workers()
+        finally:
+            for each in self.workers:
+                each.kill()
+
+    def _start_workers(self) -> None:
+        """Start as many processes as there is work for, each with a chunk of its own."""
+        while len(self.workers) < self.processes and not self.stopped():
+            without_jobs = sum(not each.flight for each in self.workers)
+            chunk = [] if len(self.suspects) > without_jobs else self._next_chunk()
+            if chunk is None:
+                return
+            self.workers.append(_Worker(self.serve, chunk))
+
+    def _next_chunk(self) -> Chunk | None:
+        """Jobs that no worker has; None if there are no more."""
+        return self.returned.popleft() if self.returned else next(self.chunks, None)
+
+    def _send_jobs(self, each: _Worker) -> None:
+        """Send a worker the jobs that it can take."""
+        if self.stopped():
+            self.suspects.clear()
+            each.stop()
+        elif self.suspects:
+            if each.ready and not each.flight:
+                each.alone = True
+                each.send([self.suspects.popleft()])
+        elif each.ready and not each.alone and len(each.flight) < AT_ONCE:
+            each.send(self._next_chunk() or [])
+
+    def _is_over(self, each: _Worker) -> bool:
+        """Whether a worker has nothing to do; before it is ready, it has begun nothing."""
+        return not each.flight if each.ready else self.stopped()
+
+    def _receive(self) -> None:
+        """Wait until a worker sends a result or dies."""
+        if not self.workers:
+            return
+        handles: dict[Any, _Worker] = {each.connection: each for each in self.workers}
+        handles |= {each.process.sentinel: each for each in self.workers}
+        for each in dict.fromkeys(handles[handle] for handle in wait(list(handles), _GLANCE)):
+            try:
+                while each.connection.poll():
+                    self._handle(each, each.connection.recv())
+            except (EOFError, OSError):
+                self._replace(each)
+
+    def _handle(self, each: _Worker, message: Any) -> None:
+        if message == worker.READY:
+            each.ready, self.failed_starts = True, 0
+            return
+        number, result = message
+        if each.flight.pop(number, None) is not None:
+            each.alone = False
+            self.done(number, result)
+
+    def _replace(self, each: _Worker) -> None:
+        """A worker has died: jobs that it may have begun are done again, each by itself."""
+        self.workers.remove(each)
+        each.kill()
+        if each.stopping:  # and let go of what it had not begun
+            return
+        if not each.ready:
+            self.failed_starts += 1
+            if self.failed_starts >= _FAILED_STARTS:
+                problem = f"die when they start (exit code {each.process.exitcode})"
+                raise InputError("worker processes", problem, "see if 'defocus render' works")
+            if each.flight:
+                self.returned.append(list(each.flight.items()))
+            return
+        for number, job in each.flight.items():
+            self.strikes[number] += 1
+            if self.strikes[number] < STRIKES:
+                self.suspects.append((number, job))
+                continue
+            message = f"{job.picture.color}: {_death(each.process.exitcode, self.strikes[number])}"
+            self.done(number, failed("failed", "worker-died", message, {}))
+
+
+class _Worker:
+    """A process, and the jobs that it has; the first of them wait until it has started."""
+
+    def __init__(self, serve: Serve, chunk: Chunk) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        self.process: SpawnProcess = context.Process(
+            target=serve, args=(theirs,), daemon=True, name="defocus-worker"
+        )
+        with _without_interrupts():
+            self.process.start()
+        theirs.close()
+        self.flight: dict[int, Job] = {}
+        self.ready = False
+        self.alone = False
+        self.stopping = False
+        self.send(chunk)
+
+    def send(self, chunk: Chunk) -> None:
+        """Give it jobs."""
+        self.flight |= dict(chunk)
+        with suppress(OSError):  # it is dead, which `_receive` sees
+            for numbered in chunk:
+                self.connection.send(numbered)
+
+    def stop(self) -> None:
+        """Let it end after the jobs that it has begun."""
+        if not self.stopping:
+            self.stopping = True
+            with suppress(OSError):
+                self.connection.send(None)
+
+    def finish(self) -> None:
+        """Let it end, as it has nothing to do."""
+        if self.ready:
+            self.stop()
+            self.process.join(_GRACE)
+        self.kill()
+
+    def kill(self) -> None:
+        """End it now."""
+        self.connection.close()
+        self.process.kill()
+        self.process.join(_GRACE)
+        if self.process.pid is not None:
+            files = (path for job in self.flight.values() for path in job.written)
+            sweep_up_after(self.process.pid, files)
+
+
+def execute_in(processes: int) -> Execute:
+    """An executor of jobs in so many processes."""
+
+    def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
+        Pool(processes, chunks, done, stopped).run()
+
+    return execute
+
+
+def _death(code: int | None, times: int) -> str:
+    how = f"with exit code {code}"
+    if code is not None and code < 0:
+        with suppress(ValueError):
+            how = f"by {signal.Signals(-code).name}"
+    return f"{times} processes that worked on it died, the last {how}; see if it is damaged"
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Processes started in the block never hear Ctrl-C, which is the coordinator's affair."""
+    resource_tracker.ensure_running()  # else the first process starts it, which unblocks SIGINT
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

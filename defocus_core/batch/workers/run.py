@@ -1,0 +1,244 @@
+"""A batch run: skips finished jobs, does the others, and writes each result to the journal.
+
+This is the one path of `defocus render`, `batch` and `retry`. Only this process writes the journal.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Protocol
+
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.journal import identity, run_file
+from defocus_core.batch.journal.journal import Journal, Record, input_path, journal_path, read_all
+from defocus_core.batch.journal.lock import Check, LockLost, locked
+from defocus_core.batch.journal.run_file import RunPlan
+from defocus_core.batch.workers.job_result import Result
+from defocus_core.batch.workers.output_checks import refuse_unwritable
+from defocus_core.batch.workers.plan import Chunk, Execution, Plan, make_plan
+from defocus_core.errors import InputError, alike
+from defocus_core.io.safe_files import unwritable
+from defocus_core.system.interrupts import Interrupts
+from defocus_core.system.log import note
+
+MOST_IN_A_CHUNK = 8
+
+
+class NoSpace(InputError):  # noqa: N818 - a mistake of nobody's
+    """Nothing more can be written."""
+
+
+class Listener(Protocol):
+    """Receives the events of a batch."""
+
+    def planned(self, plan: Plan) -> None:
+        """Before the first job is done."""
+
+    def ended(self, job: Job, record: Record, result: Result) -> None:
+        """A job has come to its end, and the journal has it."""
+
+
+@dataclass
+class Summary:
+    """The result of a batch: jobs by status, without those that were done before."""
+
+    jobs: int
+    skipped: int
+    left: int = 0
+    statuses: Counter[str] = field(default_factory=Counter)
+    reasons: Counter[str] = field(default_factory=Counter)
+    warned: int = 0
+    warnings: Counter[str] = field(default_factory=Counter)  # without their numbers
+    seconds: float = 0.0
+    interrupted: bool = False
+
+
+def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener) -> Summary:
+    """Do jobs that write to OUT.
+
+    Raises:
+        InputError: the journal, or an output that must not be touched, is in the way; or nothing
+            more can be written.
+    """
+    every = {job.outputs for job in jobs}
+    for outputs in every:
+        refuse_unwritable(outputs)
+    folders = [
+        *{out / kind for outputs in every for kind in outputs.kinds},
+        out,
+        *out.absolute().parents,
+    ]
+    new = [folder for folder in folders if not folder.exists()]
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise unwritable(out, error) from error
+    try:
+        with locked(out, execution.shard, say=note) as require_lock:
+            return _carried_out(jobs, out, execution, listener, require_lock)
+    finally:
+        for folder in new:
+            with suppress(OSError):  # it holds a file, or does not exist
+                folder.rmdir()
+
+
+def _carried_out(
+    jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener, require_lock: Check
+) -> Summary:
+    if execution.shard is None:  # else other shards write to OUT, too
+        run_file.sweep_up(out)
+    plan = make_plan(jobs, out, execution)
+    listener.planned(plan)
+    settled = len(plan.settled)
+    plan.settled.clear()  # a night is long, and they are many
+    left = len(plan.todo) + plan.beyond
+    summary = Summary(settled + left, settled, left)
+    path = run_file.run_path(out, execution.shard)
+    if plan.moved:
+        with Journal(journal_path(out, execution.shard)) as journal:
+            for record in plan.moved:
+                journal.append(record)
+        plan.moved.clear()
+    if not plan.todo:
+        if not plan.unknown and not execution.again:
+            path.unlink(missing_ok=True)
+        return summary
+    others = _others_left(plan, out) if execution.again else []
+    with Interrupts(patient=len(plan.todo) > 1) as interrupts:
+        RunPlan(_now(), plan.files + others, sorted(plan.unknown)).write(path)
+        plan.files.clear()
+        if execution.shard is None and not execution.again:
+            run_file.forget_shards(out)
+        try:
+            with Journal(journal_path(out, execution.shard)) as journal:
+                _Batch(
+                    plan, out, execution, listener, journal, summary, interrupts, require_lock
+                ).do()
+            require_lock()
+        except LockLost:  # the plan of the run is another's by now
+            raise
+        except BaseException:
+            if len(jobs) == 1 and not plan.unknown and not others:
+                path.unlink(missing_ok=True)
+            raise
+        if execution.shard is None:
+            run_file.sweep_up(out)
+        if not summary.left and not plan.unknown and not others:
+            path.unlink(missing_ok=True)
+    summary.interrupted = interrupts.asked
+    return summary
+
+
+def _others_left(plan: Plan, out: Path) -> list[Sequence[str]]:
+    """The files of each job that a stopped batch has left, and that is not in the plan."""
+    stopped = run_file.plan_of(out)
+    own = {name for files in plan.files for name in files}
+    left = stopped.left(read_all(out)) if stopped else []
+    return [files for files in left if own.isdisjoint(files)]
+
+
+@dataclass
+class _Batch:
+    """Jobs being done."""
+
+    plan: Plan
+    out: Path
+    execution: Execution
+    listener: Listener
+    journal: Journal
+    summary: Summary
+    interrupts: Interrupts
+    require_lock: Check
+    stopping: bool = False
+
+    def do(self) -> None:
+        """Do all jobs, or those until the user or a full disk stops the batch."""
+        start = time.perf_counter()
+        try:
+            self.execution.execute(self.chunks(), self.done, self.stopped)
+        finally:
+            self.summary.seconds = time.perf_counter() - start
+
+    def stopped(self) -> bool:
+        """Whether no further job is to be begun."""
+        return self.stopping or self.interrupts.asked
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Jobs of one picture at a time."""
+        for chunk in _chunks(self.plan.todo, self.execution.spread):
+            if self.stopped():
+                return
+            yield chunk
+
+    def done(self, number: int, result: Result) -> None:
+        """Write the record of a job."""
+        self.require_lock()
+        job, recipe = self.plan.todo[number]
+        if result["reason"] == "no-space":  # no other job will find space
+            raise NoSpace(*result["message"].split(": ", 1))
+        record = record_of(job, recipe, self.out, result)
+        self.journal.append(record)
+        if result["status"] == "ok":
+            self.plan.unknown.difference_update(job.names.values())
+            for path, stamp in self.plan.previews.pop(number, {}).items():
+                if identity.unchanged(self.out / path, stamp):
+                    (self.out / path).unlink()
+        self.summary.left -= 1
+        self.summary.statuses[result["status"]] += 1
+        self.summary.warned += bool(result["warnings"])
+        self.summary.warnings.update({alike(warning) for warning in result["warnings"]})
+        if result["reason"]:
+            self.summary.reasons[result["reason"]] += 1
+        if result["status"] == "failed" and self.execution.fail_fast:
+            self.stopping = True
+        self.listener.ended(job, record, result)
+
+
+def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any]:
+    """The record of a job for the journal."""
+    places = {role: input_path(path, out) for role, path in job.files.items()}
+    inputs = {
+        role: {"path": place, **result["inputs"].get(role, {})} for role, place in places.items()
+    }
+    outputs = result["outputs"] or {name: {"path": path} for name, path in job.names.items()}
+    copied = ("lens", "size", "coc_px", "device", "warnings", "seconds")
+    notes = ("color_note", "depth_note", "depth_repair", "measures")
+    return {
+        "sample_id": job.sample_id,
+        **({"split": job.split} if job.split else {}),
+        "job": identity.name(recipe, inputs),
+        "recipe": recipe,
+        "status": result["status"],
+        "reason": result["reason"],
+        "message": result["message"],
+        "settings": identity.settings(job),
+        "inputs": inputs,
+        "outputs": outputs,
+        **{key: result[key] for key in (*copied, *notes)},
+        "quality": result["quality"] or job.machine.quality,
+        **identity.versions(),
+        "finished": _now(),
+    }
+
+
+def _chunks(todo: Sequence[tuple[Job, str]], spread: int) -> Iterator[Chunk]:
+    """Jobs of one picture that follow one another, in chunks that keep all workers busy."""
+    most = max(1, min(MOST_IN_A_CHUNK, len(todo) // (4 * spread)))
+    chunk: Chunk = []
+    for number, (job, _) in enumerate(todo):
+        if chunk and (len(chunk) == most or chunk[-1][1].picture != job.picture):
+            yield chunk
+            chunk = []
+        chunk.append((number, job))
+    if chunk:
+        yield chunk
+
+
+def _now() -> str:
+    return datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="milliseconds")

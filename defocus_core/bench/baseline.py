@@ -1,0 +1,100 @@
+"""Comparison with a stored run of ``defocus bench --time --json > FILE``, to find slower cases.
+
+What is compared is the cost in transforms measured beside each rendering, not in seconds: the
+stored run may be of another machine, or of this one when it was busy.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.errors import InputError, reason
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from defocus_core.bench.timing import Case, Cost
+
+TOLERANCE = 0.25  # how much slower, in transforms, counts as slower
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A stored run.
+
+    Attributes:
+        path: its file.
+        threads: number of threads that it was measured with.
+        device: device that it was measured on.
+        fft_units: cost of each case, by name.
+    """
+
+    path: Path
+    threads: int
+    device: str
+    fft_units: Mapping[str, float]
+
+    def refuse_incomparable(self, cases: Sequence[Case], *, threads: int, device: str) -> None:
+        """Refuse other numbers of threads, a GPU instead of a CPU, and other cases.
+
+        Raises:
+            InputError: there would be nothing to compare.
+        """
+        if (self.threads, self.device) != (threads, device):
+            problem = f"was measured on {self.device} with --threads {self.threads}"
+            remedy = f"add --device {self.device} --threads {self.threads}, or store a new one"
+            raise InputError(self.path, problem, remedy)
+        if not any(case.name in self.fft_units for case in cases):
+            problem = "holds none of the cases asked for"
+            raise InputError(self.path, problem, "ask for the same sizes, radii and qualities")
+
+    def compare(self, costs: Mapping[Case, Cost]) -> list[dict[str, Any]]:
+        """The ratio, new to stored, of each case that both have; the slowest first."""
+        units = {case.name: cost.fft_units for case, cost in costs.items()}
+        compared = [
+            {"case": name, "fft_units": units[name], "stored": old, "ratio": units[name] / old}
+            for name, old in self.fft_units.items()
+            if name in units
+        ]
+        return sorted(compared, key=lambda each: -float(each["ratio"]))
+
+    def confirmed(
+        self, costs: Mapping[Case, Cost], again: Callable[[Case], Cost]
+    ) -> dict[Case, Cost]:
+        """Time slower cases once more, and keep the faster: a busy machine is not slow twice."""
+        names = {each["case"] for each in slower(self.compare(costs))}
+        retimed = {case: again(case) for case in costs if case.name in names}
+        return {
+            case: min(cost, retimed.get(case, cost), key=lambda each: each.fft_units)
+            for case, cost in costs.items()
+        }
+
+
+def slower(compared: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The cases whose ratio exceeds 1 by more than the tolerance, in their order."""
+    return [each for each in compared if each["ratio"] > 1 + TOLERANCE]
+
+
+def read_baseline(path: Path) -> Baseline:
+    """Read what ``--json`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, or holds no such run.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        fft_units = {str(row["case"]): float(row["fft_units"]) for row in document["rows"]}
+        threads, device = int(document["threads"]), str(document["device"])
+    except OSError as error:
+        raise InputError(path, f"cannot be read: {reason(error)}", "check the path") from error
+    except (ValueError, TypeError, KeyError) as error:
+        problem = f"is no stored run ({type(error).__name__}: {reason(error)})"
+        raise InputError(
+            path, problem, "make one with: defocus bench --time --json > FILE"
+        ) from None
+    if not all(value > 0 for value in fft_units.values()):
+        raise InputError(path, "holds a time that is not positive", "store a new run")
+    return Baseline(path, threads, device, fft_units)

@@ -1,0 +1,75 @@
+"""Controllability of each method on shots: ten strengths asked for, and the blur made of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from statistics import fmean
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.bench.error import work
+
+if TYPE_CHECKING:
+    from defocus_core.bench.truth_set import Pictures, Shot
+
+
+@dataclass(frozen=True)
+class Control:
+    """One shot by one method, at several strengths of its blur.
+
+    Attributes:
+        scene: name of the scene.
+        shot: name of the shot.
+        method: a quality or a baseline method.
+        rank_correlation: of the strengths asked for and the blur made; 1 if more is always more.
+        rises: steps from a strength to the next that made more blur.
+        blur: made at each strength, the share of the RMS gradient that is lost.
+    """
+
+    scene: str
+    shot: str
+    method: str
+    rank_correlation: float
+    rises: int
+    blur: tuple[float, ...]
+
+
+def measure_control(
+    shot: Shot, pictures: Pictures, methods: Sequence[str], *, device: str, threads: int
+) -> Iterator[Control]:
+    """One row for each method, when it is done."""
+    from defocus_core.evaluation.controllability import (
+        STRENGTHS,
+        blur_made,
+        rank_correlation,
+        rises,
+    )
+
+    sharp, radius = pictures.sharp.to(device), pictures.signed_radius.to(device)
+    for method in methods:
+        made = []
+        for strength in STRENGTHS:
+            picture = work(method, shot, sharp, radius, threads, strength)()
+            made.append(blur_made(picture, sharp, border=shot.border))
+        correlation = rank_correlation(STRENGTHS, made)
+        yield Control(shot.scene, shot.name, method, correlation, rises(made), tuple(made))
+
+
+def control_document(rows: Sequence[Control]) -> list[dict[str, Any]]:
+    """The rows, for JSON."""
+    return [asdict(row) for row in rows]
+
+
+def control_lines(rows: Sequence[Control]) -> Iterator[str]:
+    """For each method the rank correlation, on the mean and at worst, and the steps that rose."""
+    steps = len(rows[0].blur) - 1
+    yield ""
+    yield f"more blur asked for, more blur made? {steps + 1} strengths of each shot, by rank"
+    yield f"{'':<18}{'method':<9}{'mean':>7}{'least':>7}{'rises':>9}  least at"
+    for method in dict.fromkeys(row.method for row in rows):
+        own = [row for row in rows if row.method == method]
+        least = min(own, key=lambda row: row.rank_correlation)
+        rose = f"{sum(row.rises for row in own)}/{steps * len(own)}"
+        mean = fmean(row.rank_correlation for row in own)
+        numbers = f"{mean:>7.3f}{least.rank_correlation:>7.3f}{rose:>9}"
+        yield f"{'control':<18}{method:<9}{numbers}  {least.scene} {least.shot}"

@@ -1,0 +1,100 @@
+"""Error and cost of one shot of known truth, by each quality and baseline method.
+
+Methods are the qualities of the renderer and the baselines it has to beat.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from defocus_core.batch.depth.focusing import radius_at_infinity
+from defocus_core.bench.timing import Cost, FftUnit, measured
+from defocus_core.errors import InputError
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from defocus_core.bench.truth_set import Pictures, Shot
+    from defocus_core.evaluation.metrics import Errors
+
+BASELINES = {"input": "the sharp input", "sum": "plain sum of slices", "over": "over / alpha"}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One shot by one method.
+
+    Attributes:
+        scene: name of the scene.
+        shot: name of the shot.
+        method: a quality or a baseline method.
+        errors: errors against the truth.
+        cost: cost of the rendering alone.
+    """
+
+    scene: str
+    shot: str
+    method: str
+    errors: Errors
+    cost: Cost
+
+
+def measure_shot(
+    shot: Shot,
+    pictures: Pictures,
+    methods: Sequence[str],
+    *,
+    device: str,
+    threads: int,
+    show: Callable[[Shot, Pictures, str, Tensor], None] | None = None,
+) -> Iterator[Row]:
+    """One row for each method, when it is done; ``show`` is given each picture, [3, H, W].
+
+    Raises:
+        InputError: the picture does not fit into the memory of the GPU.
+    """
+    import torch
+
+    from defocus_core.evaluation import metrics
+
+    sharp, radius = pictures.sharp.to(device), pictures.signed_radius.to(device)
+    try:
+        unit = FftUnit(sharp)
+        for method in methods:
+            picture, cost = measured(work(method, shot, sharp, radius, threads), unit, repeats=1)
+            picture = picture.cpu()
+            if show is not None:
+                show(shot, pictures, method, picture)
+            errors = metrics.measure(
+                picture, pictures.truth, pictures.signed_radius, border=shot.border
+            )
+            yield Row(shot.scene, shot.name, method, errors, cost)
+    except torch.OutOfMemoryError:
+        problem = "does not fit into the memory of the GPU"
+        raise InputError(shot.folder, problem, "use --device cpu") from None
+
+
+def work(
+    method: str, shot: Shot, sharp: Tensor, radius: Tensor, threads: int, strength: float = 1.0
+) -> Callable[[], Tensor]:
+    """The rendering of a shot by a method, with its radii times a strength."""
+    from defocus_core.evaluation import baselines
+    from defocus_core.optics.aperture import Aperture
+    from defocus_core.renderer.render import render
+
+    aperture = Aperture(shot.lens.blades, shot.lens.blade_rotation)
+    radius = radius * strength
+    if method == "input":
+        return lambda: sharp
+    if method in BASELINES:
+        layered = {"sum": baselines.plain_sum, "over": baselines.over}[method]
+        return lambda: layered(sharp, radius, aperture=aperture, threads=threads)
+    height, width = radius.shape
+    infinity = strength * radius_at_infinity(shot.lens, (width, height))
+    return lambda: (
+        render(
+            sharp, radius, aperture=aperture, quality=method, threads=threads, infinity=infinity
+        ).render
+    )

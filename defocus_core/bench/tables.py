@@ -1,0 +1,186 @@
+"""Tables and JSON records of errors and times, their means and regressions.
+
+A regression is a shot on which `standard` is worse than a baseline by more than truth in half
+floats can show: 0.1 dB, 0.001 SSIM, or 1 % of relative RMSE.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from statistics import fmean
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.bench.baseline import TOLERANCE
+from defocus_core.bench.error import BASELINES
+
+if TYPE_CHECKING:
+    from defocus_core.bench.error import Row
+    from defocus_core.bench.timing import Case, Cost
+
+JUDGED = "standard"
+CAP = 50.0  # dB that a shot adds to a mean at most: easy scenes do not hide hard ones
+_LEAST_DB, _LEAST_SSIM, _LEAST_SHARE = 0.1, 0.001, 0.01
+# Relative RMSE of rounding to half, which truth and input have both.
+_ROUNDING = 1.4e-4
+# Title, width and decimals of each column of numbers.
+_COLUMNS = {
+    "psnr": ("PSNR", 7, 2),
+    "psnr_edges": ("edges", 7, 2),
+    "psnr_elsewhere": ("other", 7, 2),
+    "rel_rmse": ("relRMSE", 9, 5),
+    "ssim": ("SSIM", 9, 5),
+    "p999": ("p999", 9, 4),
+    "seconds": ("seconds", 9, 3),
+    "fft_units": ("FFTs", 9, 1),
+    "peak_mb": ("MB", 7, 0),
+}
+
+
+def record(row: Row) -> dict[str, Any]:
+    """A row in plain words and numbers."""
+    names = {"scene": row.scene, "shot": row.shot, "method": row.method}
+    return {**names, **asdict(row.errors), **asdict(row.cost)}
+
+
+def means(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """For each method the means over all shots, each PSNR capped at 50 dB.
+
+    Shots that every method renders right, like a white picture, are left out unless there are no
+    others. Memory is the maximum over the shots.
+    """
+    records = [record(row) for row in rows]
+    hard = {(r["scene"], r["shot"]) for r in records if r["psnr"] < 90}
+    records = [r for r in records if not hard or (r["scene"], r["shot"]) in hard]
+    averages = []
+    for method in dict.fromkeys(r["method"] for r in records):
+        own = [r for r in records if r["method"] == method]
+        mean: dict[str, Any] = {"method": method, "shots": len(own)}
+        for name in _COLUMNS:
+            values = [r[name] for r in own if r[name] is not None]
+            if name.startswith("psnr"):
+                values = [min(value, CAP) for value in values]
+            gather = max if name == "peak_mb" else fmean
+            mean[name] = gather(values) if values else None
+        averages.append(mean)
+    return averages
+
+
+def losses(row: Row, rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Losses of a row of the standard quality to each baseline in `rows`; none for other rows."""
+    if row.method != JUDGED:
+        return []
+    lost_to = []
+    for other in rows:
+        if (other.scene, other.shot) != (row.scene, row.shot) or other.method not in BASELINES:
+            continue
+        own, best = row.errors, other.errors
+        excess = own.rel_rmse - best.rel_rmse
+        by = {
+            "psnr": (best.psnr - own.psnr, _LEAST_DB),
+            "ssim": (best.ssim - own.ssim, _LEAST_SSIM),
+            "rel_rmse": (excess, max(_LEAST_SHARE * best.rel_rmse, _ROUNDING)),
+        }
+        lost = {name: value for name, (value, least) in by.items() if value > least}
+        if lost:
+            where = {"scene": row.scene, "shot": row.shot, "baseline": other.method}
+            lost_to.append({**where, "lost": lost, "share": excess / max(best.rel_rmse, 1e-12)})
+    return lost_to
+
+
+def loss_words(row: Row, rows: Sequence[Row]) -> list[str]:
+    """Losses of a row of the standard quality to each baseline, in words."""
+    return [_loss(loss).removeprefix("! ") for loss in losses(row, rows)]
+
+
+def regressions(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Where the standard quality is worse than a baseline, and by how much, the worst first."""
+    every = (loss for row in rows for loss in losses(row, rows))
+    return sorted(every, key=lambda loss: -float(loss["lost"].get("psnr", 0.0)))
+
+
+def error_document(rows: Sequence[Row]) -> dict[str, Any]:
+    """All rows, means and regressions, for JSON."""
+    records = [record(row) for row in rows]
+    return {"rows": records, "means": means(rows), "regressions": regressions(rows)}
+
+
+def error_heading() -> str:
+    """The titles of the columns of errors."""
+    titles = "".join(f"{title:>{width}}" for title, width, _ in _COLUMNS.values())
+    return f"{'scene':<10}{'shot':<8}{'method':<9}{titles}"
+
+
+def error_line(row: Row, *, worse: bool = False) -> str:
+    """A row of the table, marked if it is a regression."""
+    names = f"{row.scene:<10}{row.shot:<8}{row.method:<9}"
+    return names + _cells(record(row)) + (" !" if worse else "")
+
+
+def summary_lines(rows: Sequence[Row]) -> Iterator[str]:
+    """Means and regressions in words."""
+    averages = means(rows)
+    shots = averages[0]["shots"]
+    yield ""
+    yield f"means of {shots} shot{'s' * (shots != 1)}, PSNR capped at {CAP:g} dB"
+    for mean in averages:
+        yield f"{'mean':<18}{mean['method']:<9}" + _cells(mean)
+    worse = regressions(rows)
+    if worse:
+        yield ""
+    for lost in worse:
+        yield _loss(lost)
+
+
+def _loss(loss: dict[str, Any]) -> str:
+    lost = loss["lost"] | {"share": 100 * loss["share"]}
+    formats = {"psnr": "{psnr:.2f} dB", "ssim": "{ssim:.4f} SSIM"}
+    formats["rel_rmse"] = "{share:.1f} % relative RMSE"
+    words = ", ".join(text.format(**lost) for name, text in formats.items() if name in lost)
+    baseline = BASELINES[loss["baseline"]]
+    return f"! {loss['scene']} {loss['shot']}: {JUDGED} loses {words} to {baseline}"
+
+
+def _cells(values: dict[str, Any]) -> str:
+    return "".join(
+        f"{'-':>{width}}" if values[name] is None else f"{values[name]:>{width}.{decimals}f}"
+        for name, (_, width, decimals) in _COLUMNS.items()
+    )
+
+
+def time_record(case: Case, cost: Cost) -> dict[str, Any]:
+    """A case and its cost in plain words and numbers."""
+    size = {"width": case.size[0], "height": case.size[1]}
+    settings = {"kind": case.kind, **size, "radius": case.radius, "quality": case.quality}
+    return {"case": case.name, **settings, **asdict(cost)}
+
+
+def time_heading() -> str:
+    """The titles of the columns of times."""
+    return f"{'kind':<8}{'size':<11}{'r':<6}{'quality':<10}{'seconds':>9}{'FFTs':>8}{'MB':>7}"
+
+
+def time_line(case: Case, cost: Cost) -> str:
+    """A row of the table of times."""
+    size = "{}x{}".format(*case.size)
+    memory = "-" if cost.peak_mb is None else f"{cost.peak_mb:.0f}"
+    names = f"{case.kind:<8}{size:<11}{case.radius:<6g}{case.quality:<10}"
+    return f"{names}{cost.seconds:>9.3f}{cost.fft_units:>8.1f}{memory:>7}"
+
+
+def comparison_lines(
+    compared: Sequence[Mapping[str, Any]], worse: Sequence[Mapping[str, Any]]
+) -> Iterator[str]:
+    """The cases that got slower since a stored run, and a summary of all."""
+    yield ""
+    for each in worse:
+        yield (
+            f"! {each['case']}: {each['fft_units']:.1f} FFTs, stored {each['stored']:.1f}: "
+            f"{each['ratio']:.2f} x"
+        )
+    ratios = sorted(each["ratio"] for each in compared)
+    yield (
+        f"{len(worse)} of {len(compared)} cases slower than stored by more than "
+        f"{100 * TOLERANCE:g} %; ratio {ratios[0]:.2f} to {ratios[-1]:.2f}, "
+        f"median {ratios[len(ratios) // 2]:.2f}"
+    )

@@ -1,0 +1,153 @@
+"""Sets of scenes with known truth: their shots, decoded.
+
+Each directory ``SCENE`` of a set holds ``camera.json``, ``rgb.exr``, ``depth.exr`` and, for each
+shot of the camera, ``truth_<shot>.exr``: what a thin lens would have photographed.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.errors import InputError, UsageProblem, reason
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+BLADES = {"disk": 0, "hexagon": 6}
+LEAST_INNER = 11  # px that SSIM needs
+_HERE = Path(__file__).parents[1]
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One picture of a set.
+
+    Attributes:
+        folder: folder of the scene.
+        name: name of the shot.
+        lens: lens of the shot.
+        border: px at each side that may show content from outside the frame.
+    """
+
+    folder: Path
+    name: str
+    lens: Lens
+    border: int
+
+    @property
+    def scene(self) -> str:
+        """The name of the scene."""
+        return self.folder.name
+
+    @property
+    def truth(self) -> Path:
+        """The file of the thin-lens picture."""
+        return self.folder / f"truth_{self.name}.exr"
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """A shot decoded: sharp picture and truth [3, H, W], linear; signed radius [H, W] in px."""
+
+    sharp: Tensor
+    truth: Tensor
+    signed_radius: Tensor
+
+
+def sample_set() -> Path:
+    """The scenes of the repository this runs from.
+
+    Raises:
+        UsageProblem: it does not run from one.
+    """
+    for root in (_HERE, Path.cwd()):
+        if any((root / "sample_scenes").glob("*/camera.json")):
+            return root / "sample_scenes"
+    problem = "is missing, and the sample scenes are not part of an installed package"
+    raise UsageProblem("--truth", problem, "name a directory of <scene>/camera.json")
+
+
+def find_shots(root: Path) -> list[Shot]:
+    """All shots of a set, by name of the scene.
+
+    Raises:
+        InputError: there is no set, or a file of it is missing or damaged.
+    """
+    if not root.is_dir():
+        raise InputError(root, "is no directory", "name one that holds <scene>/camera.json")
+    cameras = sorted(root.glob("*/camera.json"))
+    if not cameras:
+        raise InputError(root, "holds no <scene>/camera.json", "name a directory of such scenes")
+    shots = [shot for camera in cameras for shot in _shots(camera)]
+    if not shots:
+        raise InputError(root, "holds no shot", "list shots in camera.json")
+    return shots
+
+
+def _shots(file: Path) -> list[Shot]:
+    try:
+        camera: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        shots = [_shot(file.parent, camera, shot) for shot in camera["shots"]]
+    except OSError as error:
+        raise InputError(file, f"cannot be read: {reason(error)}", "check it") from error
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        problem = f"does not describe a camera ({type(error).__name__}: {reason(error)})"
+        raise InputError(file, problem, "compare it with those of sample_scenes") from error
+    for shot in shots:
+        for path in (shot.folder / "rgb.exr", shot.folder / "depth.exr", shot.truth):
+            if not path.is_file():
+                raise InputError(path, "is missing", f"add it or take the shot out of {file}")
+        if min(camera["width"], camera["height"]) - 2 * shot.border < LEAST_INNER:
+            problem = f"{shot.name} leaves no picture within its border of {shot.border} px"
+            raise InputError(file, problem, "use larger pictures or less blur")
+    return shots
+
+
+def _shot(folder: Path, camera: dict[str, Any], shot: dict[str, Any]) -> Shot:
+    lens = Lens(
+        foclen=float(camera["focal_length_mm"]),
+        fnum=float(shot.get("thin_lens_fnumber", shot["fnumber"])),
+        foc_dist=1000 * float(shot["focus_distance_m"]),
+        sensor_width=float(camera["sensor_width_mm"]),
+        blades=BLADES[shot.get("aperture", "disk")],
+        blade_rotation=float(shot.get("aperture_rotation_deg", 0)),
+    )
+    return Shot(folder, str(shot["name"]), lens, math.ceil(shot["max_coc_radius_px"]))
+
+
+def read(shot: Shot) -> Pictures:
+    """Decode a shot.
+
+    Raises:
+        InputError: a file cannot be read, or they differ in size.
+    """
+    import torch
+
+    from defocus_core.batch.depth.focusing import signed_radius
+    from defocus_core.io.depth_formats.depth import read_depth, require_valid
+
+    depth = read_depth(shot.folder / "depth.exr")
+    require_valid(depth)
+    height, width = depth.metres.shape
+    radius = torch.from_numpy(signed_radius(shot.lens, depth.metres, (width, height)))
+    sharp, truth = (_rgb(path, (height, width)) for path in (shot.folder / "rgb.exr", shot.truth))
+    return Pictures(sharp, truth, radius)
+
+
+def _rgb(path: Path, size: tuple[int, int]) -> Tensor:
+    import torch
+
+    from defocus_core.io.images.color import read_color, require_finite
+
+    color = read_color(path)
+    require_finite(color)
+    if color.pixels.shape != (*size, 3):
+        shape = "x".join(map(str, color.pixels.shape))
+        problem = f"is {shape} (height, width, channels), not {size[0]}x{size[1]}x3 as depth.exr is"
+        raise InputError(path, problem, "write RGB of the size of the depth")
+    return torch.from_numpy(color.pixels.transpose(2, 0, 1).copy())

@@ -1,0 +1,226 @@
+"""One pair compared: the record that reports are made of, and the verdict.
+
+Without rules, B is the same if all values are equal over the display window; −0 equals 0, and NaN
+equals NaN. With rules to fail, the rules decide about values. Another size, another set of
+channels, and NaN or infinity on one side only are never the same.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.compare.findings.cause import declared_coc, diagnose, of_another_size
+from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.flip import measure_flip
+from defocus_core.compare.metrics import equal_metrics, measure, measure_edges
+from defocus_core.compare.nonfinite import count_nonfinite
+from defocus_core.compare.picture import Picture, in_linear_light, read_picture
+from defocus_core.compare.pixels import Pixels
+from defocus_core.compare.record import (
+    DIFFERENT,
+    EXTRA,
+    MISSING,
+    SAME,
+    UNREADABLE,
+    WARNING,
+    Comparison,
+    Settings,
+    Worst,
+)
+from defocus_core.compare.selection import near_edges, read_mask
+from defocus_core.compare.structure import compare_structure
+from defocus_core.compare.thresholds import Rules
+from defocus_core.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from defocus_core.compare.pairing import Pair
+
+
+def compare_pair(pair: Pair, rules: Rules, settings: Settings) -> tuple[Comparison, Pixels | None]:
+    """Compare two files.
+
+    Returns:
+        The record, and the pixels if the two have comparable ones.
+
+    Raises:
+        UsageProblem: the region is not within the picture.
+    """
+    blank = Comparison(pair.name, pair.a, pair.b)
+    if pair.a is None or pair.b is None:
+        return replace(blank, status=MISSING if pair.b is None else EXTRA), None
+    try:
+        a, b = read_picture(pair.a), read_picture(pair.b)
+        return compare_pictures(pair.name, a, b, rules, settings)
+    except InputError as error:
+        return replace(blank, status=UNREADABLE, error=str(error)), None
+
+
+def compare_pictures(
+    name: str, a: Picture, b: Picture, rules: Rules, settings: Settings
+) -> tuple[Comparison, Pixels | None]:
+    """Compare two pictures that have been read.
+
+    Returns:
+        The record, and the pixels if the two have comparable ones.
+
+    Raises:
+        InputError: the mask or the CoC map cannot be read, or is not of this picture.
+        UsageProblem: the region is not within the picture.
+    """
+    import numpy as np
+
+    with np.errstate(all="ignore"):  # NaN and infinity are looked for, not stumbled upon
+        return _compared(Comparison(name, a.path, b.path), a, b, rules, settings)
+
+
+def _compared(
+    blank: Comparison, a: Picture, b: Picture, rules: Rules, settings: Settings
+) -> tuple[Comparison, Pixels | None]:
+    structure = compare_structure(a, b)
+    record = replace(
+        blank,
+        size=(a.width, a.height),
+        notes=structure.notes,
+        metadata=structure.metadata,
+        findings=structure.findings,
+    )
+    strict = bool(structure.findings) or (settings.metadata and bool(structure.metadata))
+    apart = [name for name in structure.apart if not _equal(a.planes[name], b.planes[name])]
+    if apart:
+        text = f"other values in {', '.join(apart)}, which is of another size than the picture"
+        record, strict = replace(record, findings=(*record.findings, Finding("apart", text))), True
+    if not structure.common:
+        findings = (*record.findings, *of_another_size(a, b))
+        return replace(record, findings=findings, status=DIFFERENT), None
+    if (a.gamma, a.associated) != (b.gamma, b.associated):
+        a, b = in_linear_light(a), in_linear_light(b)
+    pixels, corner = _pixels(a, b, structure.common, settings)
+    return _judged(record, pixels, corner, (a, b), rules, settings, strict=strict), pixels
+
+
+def _pixels(
+    a: Picture, b: Picture, names: Sequence[str], settings: Settings
+) -> tuple[Pixels, tuple[int, int]]:
+    """The pixels that are compared, and column and row of the first."""
+    size = (a.height, a.width)
+    selected = None if settings.mask is None else read_mask(settings.mask, size)
+    cut = (slice(None), slice(None)) if settings.region is None else settings.region.cut(size)
+    pixels = Pixels(
+        names=tuple(names),
+        a=tuple(a.planes[name][cut] for name in names),
+        b=tuple(b.planes[name][cut] for name in names),
+        gamma=a.gamma,
+        selected=None if selected is None else selected[cut],
+    )
+    if pixels.selected is not None and not pixels.selected.any():
+        assert settings.mask is not None
+        problem = f"is 0 everywhere in the region {settings.region}"
+        raise InputError(settings.mask, problem, "give a mask and a region that overlap")
+    return pixels, (cut[1].start or 0, cut[0].start or 0)
+
+
+def _judged(
+    record: Comparison,
+    pixels: Pixels,
+    corner: tuple[int, int],
+    sides: tuple[Picture, Picture],
+    rules: Rules,
+    settings: Settings,
+    *,
+    strict: bool,
+) -> Comparison:
+    """The record with all that the pixels say, and the verdict."""
+    nonfinite = count_nonfinite(pixels, corner)
+    apart = nonfinite.apart is not None
+    differing = any(each.any() for each in pixels.differences)
+    metrics = dict(measure(pixels, over=rules.over) if differing else equal_metrics(pixels))
+    if settings.flip:
+        metrics |= measure_flip(pixels)
+    if settings.coc is not None:
+        near = _near(settings.coc, record, pixels, corner)
+        metrics |= measure_edges(pixels, near)
+        compared = near if pixels.selected is None else near[pixels.selected]
+        record = replace(record, edge_share=float(compared.mean()))
+    findings = [*record.findings, *nonfinite.findings()]
+    if differing and settings.diagnose:
+        findings += diagnose(pixels, sides[1].types, record.a) or declared_coc(*sides)
+    record = replace(
+        record,
+        encoding={1.0: "linear", None: "sRGB"}.get(pixels.gamma, "power"),
+        findings=tuple(findings),
+        metrics=metrics,
+        nonfinite=nonfinite,
+        notes=(*record.notes, *nonfinite.notes()),
+    )
+    if differing or apart:
+        record = _placed(record, pixels, corner)
+    failed = _met(rules.fail, metrics)
+    unmeasured = tuple(rule.text for rule in rules.fail if rule.metric not in metrics)
+    decided = len(unmeasured) < len(rules.fail)
+    bad = bool(failed) if decided else differing
+    record = replace(record, failed=failed, unmeasured=unmeasured, warned=_met(rules.warn, metrics))
+    if strict or apart or bad:
+        proposal = "" if strict or apart else _proposal(metrics)
+        return replace(record, status=DIFFERENT, proposal=proposal)
+    return replace(record, status=WARNING if record.warned else SAME)
+
+
+def _near(folder: Path, record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Any:
+    """The compared pixels near a depth edge, by the CoC map of the whole picture."""
+    assert record.size is not None
+    (width, height), (x, y) = record.size, corner
+    near = near_edges(folder, record.name, (height, width))
+    return near[y : y + pixels.shape[0], x : x + pixels.shape[1]]
+
+
+def _met(rules: Sequence[Any], metrics: Mapping[str, float]) -> tuple[str, ...]:
+    return tuple(r.text for r in rules if r.metric in metrics and r.meets(metrics[r.metric]))
+
+
+def _placed(record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Comparison:
+    """The record with the worst pixel, and where pixels differ."""
+    import numpy as np
+
+    bad = pixels.greatest > 0
+    row, column = np.unravel_index(int(pixels.greatest.argmax()), pixels.shape)
+    assert record.nonfinite is not None
+    if record.nonfinite.apart is not None:
+        bad |= record.nonfinite.apart
+        row, column = np.argwhere(record.nonfinite.apart)[0]
+    rows, columns = np.flatnonzero(bad.any(axis=1)), np.flatnonzero(bad.any(axis=0))
+    (x, y), top, left = corner, int(rows[0]), int(columns[0])
+    a, b = (
+        {n: float(plane[row, column]) for n, plane in zip(pixels.names, side, strict=True)}
+        for side in (pixels.a, pixels.b)
+    )
+    return replace(
+        record,
+        differing=int(np.count_nonzero(bad)),
+        window=(x + left, y + top, int(columns[-1]) - left + 1, int(rows[-1]) - top + 1),
+        worst=Worst(x + int(column), y + int(row), a, b),
+        channels={
+            name: float(np.abs(each).max())
+            for name, each in zip(pixels.names, pixels.differences, strict=True)
+        },
+    )
+
+
+def _proposal(metrics: Mapping[str, float]) -> str:
+    """The tightest rule of two digits that lets a pair pass."""
+    greatest = metrics.get("max")
+    if not greatest or not math.isfinite(greatest):
+        return ""
+    digit = 10.0 ** (math.floor(math.log10(greatest)) - 1)
+    bound = math.ceil(greatest / digit) * digit
+    return f"max>{bound:.3g}"
+
+
+def _equal(a: Any, b: Any) -> bool:
+    import numpy as np
+
+    return bool(np.array_equal(a, b, equal_nan=a.dtype.kind == "f" and b.dtype.kind == "f"))

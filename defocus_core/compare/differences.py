@@ -1,0 +1,70 @@
+"""Difference images of a pair: signed values for programs, amplified ones to look at.
+
+``NAME.diff.exr`` has B − A of each channel, float. ``NAME.diff.png`` shows the difference of the
+colour, amplified, around middle grey; pixels that are NaN or infinite on one side are magenta.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from defocus_core.io.exr.writing import write_exr
+from defocus_core.io.images.encode import write_samples
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from defocus_core.compare.pixels import Pixels
+    from defocus_core.compare.record import Comparison
+
+_GREY, _HALF = 128, 127  # levels of no difference, and of the greatest on either side
+_MAGENTA = (255, 0, 255)
+_NAME = "defocus:amplification"
+
+
+def write_differences(folder: Path, record: Comparison, pixels: Pixels) -> tuple[Path, ...]:
+    """Write both images of a pair; its name with its suffix begins theirs.
+
+    Raises:
+        InputError: one cannot be written.
+    """
+    import numpy as np
+
+    exr, png = (folder / f"{record.name}.diff{suffix}" for suffix in (".exr", ".png"))
+    with np.errstate(over="ignore"):
+        signed = {
+            name: each.astype(np.float32)
+            for name, each in zip(pixels.names, pixels.differences, strict=True)
+        }
+    apart = None if record.nonfinite is None else record.nonfinite.apart
+    if apart is not None:
+        for plane in signed.values():
+            plane[apart] = np.float32(np.nan)
+    write_exr(exr, signed, {})
+    with np.errstate(all="ignore"):  # differences may overflow
+        factor, shown = amplified(pixels, apart)
+    write_samples(png, pixels.shape, [shown], "png", {_NAME: f"{factor:g}"})
+    return exr, png
+
+
+def amplified(pixels: Pixels, apart: NDArray[np.bool_] | None) -> tuple[float, NDArray[np.uint8]]:
+    """The power of 2 that makes the difference visible, and the picture of it [H, W, 3]."""
+    import numpy as np
+
+    names = pixels.color[0] if pixels.color else pixels.names[:1]
+    chosen = [pixels.differences[pixels.names.index(name)] for name in names]
+    if not any(each.any() for each in chosen):  # the others differ
+        chosen = [each for each in pixels.differences if each.any()][:3] or chosen
+        chosen = chosen if len(chosen) == 3 else chosen[:1]
+    difference = np.stack(chosen * (3 // len(chosen)), axis=2)
+    most = float(np.percentile(np.abs(difference).max(axis=2), 99.9)) or float(
+        np.abs(difference).max()
+    )
+    factor = 2.0 ** np.floor(np.log2(1 / most)) if most else 1.0
+    levels = _GREY + np.rint(np.clip(difference * factor, -1.0, 1.0) * _HALF)
+    shown = levels.astype(np.uint8)
+    if apart is not None:
+        shown[apart] = _MAGENTA
+    return float(factor), shown

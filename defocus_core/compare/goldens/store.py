@@ -1,0 +1,143 @@
+"""A folder of goldens: its pictures, and golden.json with how each was made."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.journal import identity
+from defocus_core.compare.record import EXTRA, MISSING, Comparison
+from defocus_core.errors import InputError, reason
+from defocus_core.io.safe_files import missing, unwritable, written_whole
+
+MANIFEST = "golden.json"
+_LARGEST = 2**28  # bytes of golden.json
+
+
+@dataclass(frozen=True)
+class Store:
+    """What a folder of goldens holds.
+
+    Attributes:
+        folder: the folder.
+        samples: by sample, how its pictures were made: settings, versions, machine, files.
+        aside: samples that are neither looked at nor changed.
+    """
+
+    folder: Path
+    samples: Mapping[str, Mapping[str, Any]]
+    aside: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def only(self, names: Collection[str]) -> Store:
+        """The samples of these names; the others are put aside."""
+        chosen = {name: sample for name, sample in self.samples.items() if name in names}
+        others = {name: sample for name, sample in self.samples.items() if name not in names}
+        return Store(self.folder, chosen, others)
+
+    def changed_settings(self, jobs: Sequence[Job]) -> list[str]:
+        """The settings of jobs that differ from those of their goldens, a line for each."""
+        lines = []
+        for job in jobs:
+            stored = self.samples.get(job.sample_id)
+            if stored is None:
+                continue
+            changes = identity.changed_settings(stored.get("settings", {}), identity.settings(job))
+            lines += [f"{job.sample_id}: {key} {now} instead of {was}" for key, was, now in changes]
+        return lines
+
+    @property
+    def files(self) -> set[str]:
+        """Files of all samples, relative to the folder."""
+        return {file for sample in self.samples.values() for file in sample.get("files", ())}
+
+
+def read_store(folder: Path, *, new: bool = False) -> Store:
+    """Read golden.json of a folder.
+
+    Args:
+        folder: the folder of goldens.
+        new: whether there may be none yet.
+
+    Raises:
+        InputError: there is none, or it is damaged.
+    """
+    file = folder / MANIFEST
+    if not file.exists():
+        if new:
+            return Store(folder, {})
+        raise missing(file, "file of goldens; make them with defocus golden update --accept")
+    try:
+        with file.open("rb") as opened:
+            samples = json.loads(opened.read(_LARGEST))["samples"]
+        sound = all(isinstance(sample["files"], list) for sample in samples.values())
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        problem = f"cannot be read: {reason(error)}"
+        raise InputError(file, problem, "restore it from your version control") from None
+    if not sound:
+        raise InputError(file, "has no list of files", "restore it from your version control")
+    return Store(folder, samples)
+
+
+def accept(store: Store, jobs: Sequence[Job], root: Path, records: Sequence[Comparison]) -> int:
+    """Make new pictures goldens, and remove the goldens that no job asks for; their number.
+
+    Each file is replaced as a whole, golden.json last.
+
+    Args:
+        store: the folder.
+        jobs: whose pictures were rendered.
+        root: where they lie.
+        records: how they compare with the goldens; what passes stays as it is.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    changed = [record for record in records if not record.passes]
+    for record in changed:
+        path = store.folder / record.name
+        try:
+            if record.status == MISSING:
+                if record.name in store.files:
+                    path.unlink()
+                continue
+            with (root / record.name).open("rb") as source, written_whole(path) as file:
+                shutil.copyfileobj(source, file)
+        except OSError as error:
+            raise unwritable(path, error) from error
+    written = {record.name for record in changed if record.status != MISSING}
+    samples = {name: dict(sample) for name, sample in store.aside.items()}
+    for job in jobs:
+        files = sorted(job.names.values())
+        stored = store.samples.get(job.sample_id)
+        if stored is None or written & set(files) or stored["files"] != files:
+            stored = {"settings": identity.settings(job), "files": files, **_made_by()}
+        samples[job.sample_id] = dict(stored)
+    with written_whole(store.folder / MANIFEST) as file:
+        file.write(json.dumps({"samples": samples}, indent=1, sort_keys=True).encode())
+    return len(changed)
+
+
+def change_words(record: Comparison) -> str:
+    """What accepting a picture does: ``new``, ``removed`` or ``changed``."""
+    return {EXTRA: "new", MISSING: "removed"}.get(record.status, "changed")
+
+
+def _made_by() -> dict[str, Any]:
+    """Versions and machine."""
+    import torch
+
+    machine = {
+        "system": platform.system(),
+        "processor": platform.machine(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        "torch": torch.__version__,
+    }
+    return {**identity.versions(), "machine": machine}

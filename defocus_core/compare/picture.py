@@ -1,0 +1,268 @@
+"""Files decoded for comparison: all channels as stored, metadata, and how the file is laid out.
+
+Integers become 0…1, other numbers stay as they are. Nothing is scaled or multiplied by alpha,
+unless two files store differently: then `in_linear_light` makes them comparable.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.errors import InputError
+from defocus_core.io.array_files.float_maps import is_float_map, read_float_map
+from defocus_core.io.exr.header import Header, Raw, is_exr, read_attributes, read_headers
+from defocus_core.io.exr.reading import read_parts
+from defocus_core.io.images.color_space import linear_light, unit
+from defocus_core.io.images.exr_channels import NO_DEPTH
+from defocus_core.io.images.raster import Raster, read_pages, read_samples
+from defocus_core.io.safe_files import read_head
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+SUFFIXES = frozenset(
+    {".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pfm", ".npy"},
+)
+_KNOWN = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
+# Codecs of OpenEXR by the number in the header.
+_CODECS = ("none", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB", "HTJ2K")
+_LINE_ORDERS = ("increasing", "decreasing", "random")
+_PNG = b"\x89PNG\r\n\x1a\n"
+_MULTIPART = 0x1000
+# Attributes that are numbers, by their type in the header.
+_NUMBERS = {
+    **dict.fromkeys(("float", "v2f", "v3f", "m33f", "m44f", "box2f", "chromaticities"), "f"),
+    **dict.fromkeys(("double", "v2d", "v3d", "m33d", "m44d"), "d"),
+    **dict.fromkeys(("int", "v2i", "v3i", "box2i", "rational"), "i"),
+}
+_LONGEST = 80  # characters of a metadata value that are shown
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A decoded file.
+
+    Attributes:
+        path: the file.
+        width: of the picture shown, in px.
+        height: in px.
+        planes: name of each channel to its pixels [h, w]; parts and pages of another size have
+            planes of their own size.
+        types: name of each channel to its number type in the file.
+        gamma: exponent of the power law that decodes the colour, 1 for linear, None for sRGB.
+        associated: whether colour is multiplied by alpha.
+        metadata: attributes that describe the picture, as text.
+        layout: how the file is laid out, as text; it changes no pixel.
+    """
+
+    path: Path
+    width: int
+    height: int
+    planes: Mapping[str, NDArray[Any]]
+    types: Mapping[str, str]
+    gamma: float | None = 1.0
+    associated: bool = True
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    layout: Mapping[str, str] = field(default_factory=dict)
+
+
+def read_picture(path: Path) -> Picture:
+    """Decode all channels of a colour, depth or map file.
+
+    Raises:
+        InputError: the file cannot be read, or not all of it, or it holds deep data.
+    """
+    head = read_head(path)
+    if is_exr(head):
+        return _from_exr(path)
+    if head.startswith(_PNG):
+        _refuse_damaged_png(path)
+    if is_float_map(head):
+        float_map = read_float_map(path, integers=True)
+        values = float_map.values
+        (height, width), kind = values.shape, values.dtype.name
+        layout = {"format": float_map.format}
+        return Picture(path, width, height, {"Z": values}, {"Z": kind}, layout=layout)
+    return _from_raster(path, read_pages(path, wanted=_KNOWN))
+
+
+def _refuse_damaged_png(path: Path) -> None:
+    """Refuse a PNG whose chunks are not whole: decoders skip a damaged one that holds no pixels.
+
+    Raises:
+        InputError: a checksum is wrong, or the file does not end with its last chunk.
+    """
+    data = memoryview(path.read_bytes())
+    at, kind = len(_PNG), b""
+    while at < len(data) and kind != b"IEND":
+        size, kind = int.from_bytes(data[at : at + 4], "big"), bytes(data[at + 4 : at + 8])
+        end = at + 8 + size
+        if int.from_bytes(data[end : end + 4], "big") != zlib.crc32(data[at + 4 : end]):
+            problem = f"is truncated or damaged (the checksum of its chunk {kind!r} is wrong)"
+            raise InputError(path, problem, "write or copy it again")
+        at = end + 4
+    if kind != b"IEND" or at != len(data):
+        raise InputError(path, "is damaged (it does not end as PNG does)", "write or copy it again")
+
+
+def color_layers(names: Sequence[str]) -> Iterator[tuple[str, ...]]:
+    """The channels of each colour layer: R, G, B, or Y, of one prefix; without alpha."""
+    prefixes = dict.fromkeys(_prefix(name) for name in names)
+    for prefix in prefixes:
+        for wanted in (("R", "G", "B"), ("Y",)):
+            layer = tuple(prefix + channel for channel in wanted)
+            chroma = {prefix + channel for channel in ("X", "RY", "BY")} & set(names)
+            if set(layer) <= set(names) and not (wanted == ("Y",) and chroma):
+                yield layer
+                break
+
+
+def layers(names: Sequence[str]) -> Iterator[tuple[str, ...]]:
+    """All channels of each layer: those of one prefix."""
+    for prefix in dict.fromkeys(_prefix(name) for name in names):
+        yield tuple(name for name in names if _prefix(name) == prefix)
+
+
+def is_map(names: Sequence[str]) -> bool:
+    """Whether a file holds a map of numbers, and no light."""
+    return set(names) <= {*NO_DEPTH, "Z"}
+
+
+def in_linear_light(picture: Picture) -> Picture:
+    """The picture with its colour as linear light, multiplied by alpha if it has one."""
+    import numpy as np
+
+    if picture.gamma == 1.0 and picture.associated:
+        return picture
+    planes = dict(picture.planes)
+    for layer in color_layers(list(planes)):
+        alpha = planes.get(_prefix(layer[0]) + "A")
+        light = linear_light(
+            np.stack([planes[name] for name in layer], axis=2),
+            None if alpha is None else alpha[:, :, None],
+            gamma=picture.gamma,
+            associated=picture.associated,
+        )
+        planes |= {name: light[:, :, index] for index, name in enumerate(layer)}
+    return replace(picture, planes=planes, gamma=1.0, associated=True)
+
+
+def _prefix(name: str) -> str:
+    """What stands before the channel's own name, its dot or slash included."""
+    return name[: max(name.rfind("."), name.rfind("/")) + 1]
+
+
+def _place(name: str) -> tuple[str, int, str]:
+    """Sorts channels as people name them: R, G, B, A, then others by name."""
+    own = name[len(_prefix(name)) :]
+    return _prefix(name), "RGBA".find(own) if own in ("R", "G", "B", "A") else 4, own
+
+
+def _from_exr(path: Path) -> Picture:
+    headers = read_headers(path)
+    if any(header.deep for header in headers):
+        problem = "holds deep data, which is not compared"
+        raise InputError(path, problem, "flatten it first, for example with oiiotool --flatten")
+    counts = Counter(channel.name for header in headers for channel in header.channels)
+    labels = Counter(header.label for header in headers)
+    planes, types = {}, {}
+    for part in read_parts(path, headers):
+        label = part.header.label if labels[part.header.label] == 1 else str(part.header.index)
+        for channel in part.header.channels:
+            name = channel.name if counts[channel.name] == 1 else f"{label}/{channel.name}"
+            if name in planes:
+                problem = f"has two channels {channel.name}"
+                raise InputError(path, problem, "write it again with plain names")
+            planes[name], types[name] = part.channels[channel.name], channel.type
+    if not planes:
+        raise InputError(path, "has no channels", "write or copy it again")
+    metadata = {
+        f"{header.label}/{name}" if len(headers) > 1 else name: _spoken(raw)
+        for header in headers
+        for name, raw in header.attributes.items()
+    }
+    display = headers[0].display
+    layout = {"format": "EXR", **_exr_layout(path, headers), "channel order": " ".join(planes)}
+    ordered = {name: planes[name] for name in sorted(planes, key=_place)}
+    return Picture(
+        *(path, display.width, display.height, ordered, types),
+        metadata=metadata,
+        layout=layout,
+    )
+
+
+def _exr_layout(path: Path, headers: Sequence[Header]) -> dict[str, str]:
+    """Codec, order of lines, tiles and windows of each part."""
+    layout = {}
+    with path.open("rb") as file:
+        (_, version) = struct.unpack("<4sI", file.read(8))
+        for header in headers:
+            raw = read_attributes(file)
+            of = f" of part {header.label}" if len(headers) > 1 else ""
+            layout[f"compression{of}"] = _word(_CODECS, raw.get("compression"))
+            layout[f"order of lines{of}"] = _word(_LINE_ORDERS, raw.get("lineOrder"))
+            tiles = raw.get("tiles")
+            sides = struct.unpack("<2I", tiles.value[:8]) if tiles else None
+            layout[f"tiles{of}"] = f"{sides[0]}x{sides[1]}" if sides else "none"
+            layout[f"data window{of}"] = str(header.data)
+            layout[f"display window{of}"] = str(header.display)
+            if not version & _MULTIPART:
+                break
+    return layout
+
+
+def _word(words: Sequence[str], number: Raw | None) -> str:
+    """The word that an attribute of one byte stands for."""
+    if number is None or len(number.value) != 1:
+        return "unknown"
+    place = number.value[0]
+    return words[place] if place < len(words) else f"number {place}"
+
+
+def _spoken(raw: Raw) -> str:
+    """An attribute's value in words; of a type that is not known, its bytes."""
+    kind, value = raw
+    if kind == "string":
+        return value.decode("utf-8", "replace")
+    code = _NUMBERS.get(kind, "")
+    if not code or len(value) % struct.calcsize(code):
+        return f"{kind} {value.hex()}"
+    numbers = struct.unpack(f"<{len(value) // struct.calcsize(code)}{code}", value)
+    return " ".join(f"{number:.9g}" for number in numbers)
+
+
+def _from_raster(path: Path, pages: Sequence[Raster]) -> Picture:
+    import numpy as np
+
+    if any(page.deep for page in pages):
+        raise InputError(path, "holds deep data, which is not compared", "flatten it first")
+    planes: dict[str, NDArray[Any]] = {}
+    types: dict[str, str] = {}
+    for page in pages:
+        dotted = f"{page.page}/" if page.page else ""
+        names = [f"{dotted}{name}" for name in page.channels]
+        if len(set(names)) < len(names):
+            names = [f"{dotted}channel {index}" for index in range(len(names))]
+        pixels = np.empty((page.height, page.width, len(names)), np.float32)
+        for window, samples in read_samples(path, page.page):
+            pixels[window] = unit(samples)
+        planes |= {name: pixels[:, :, index] for index, name in enumerate(names)}
+        types |= dict.fromkeys(names, page.type)
+    first = pages[0]
+    metadata = {name: str(tag.value)[:_LONGEST] for name, tag in first.tags.items()}
+    if first.space.unheeded:
+        metadata["colour space"] = first.space.unheeded
+    return Picture(
+        *(path, first.width, first.height, planes, types),
+        gamma=first.space.gamma,
+        associated=first.associated or not any(name.endswith("A") for name in planes),
+        metadata=metadata,
+        layout={"format": path.suffix.lower().lstrip(".").upper()},
+    )

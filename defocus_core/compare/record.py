@@ -1,0 +1,106 @@
+"""The record of a comparison: all that is known of a pair, of which reports are made."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.nonfinite import Nonfinite
+from defocus_core.compare.selection import Region
+
+# Statuses of a pair, the worst last.
+SAME, WARNING, DIFFERENT, MISSING, EXTRA, UNREADABLE = STATUSES = (
+    *("same", "warning", "different", "missing", "extra", "unreadable"),
+)
+PASSING = (SAME, WARNING)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How pairs are compared.
+
+    Attributes:
+        region: the part that is compared; None for all.
+        mask: a file that is not 0 where pixels are compared.
+        coc: a folder of CoC maps, to tell depth edges apart.
+        flip: whether FLIP is measured.
+        metadata: whether metadata that differs makes a picture different.
+        diagnose: whether the cause of a difference is looked for.
+    """
+
+    region: Region | None = None
+    mask: Path | None = None
+    coc: Path | None = None
+    flip: bool = False
+    metadata: bool = False
+    diagnose: bool = True
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The worst pixel: its column and row in the picture, and its values by channel."""
+
+    x: int
+    y: int
+    a: Mapping[str, float]
+    b: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All that is known of a pair.
+
+    Attributes:
+        name: of the pair.
+        a: the file of A, None if it is missing.
+        b: the file of B, None if it is missing.
+        status: one of `STATUSES`.
+        size: width and height of A.
+        encoding: what the values are: ``linear``, ``sRGB`` or ``power`` for a power law.
+        findings: what happened to B, the structure first.
+        metrics: by name, those that the pair has.
+        channels: the greatest difference of each channel.
+        differing: number of pixels that differ.
+        window: x, y, width and height of the smallest rectangle with all pixels that differ.
+        worst: the worst pixel; None if none differs.
+        nonfinite: counts of NaN and infinite pixels.
+        edge_share: share of the compared pixels that are near depth edges, with CoC maps.
+        failed: rules that made it fail.
+        warned: rules that made it a warning.
+        unmeasured: rules to fail whose metric the pair does not have.
+        notes: differences that change no pixel.
+        metadata: attributes that differ.
+        proposal: a rule that would let it pass; empty if no rule would.
+        error: why a file could not be read.
+        images: files of difference images that were written.
+    """
+
+    name: str
+    a: Path | None
+    b: Path | None
+    status: str = SAME
+    size: tuple[int, int] | None = None
+    encoding: str = ""
+    findings: tuple[Finding, ...] = ()
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    channels: Mapping[str, float] = field(default_factory=dict)
+    differing: int = 0
+    window: tuple[int, int, int, int] | None = None
+    worst: Worst | None = None
+    nonfinite: Nonfinite | None = None
+    edge_share: float | None = None
+    failed: tuple[str, ...] = ()
+    warned: tuple[str, ...] = ()
+    unmeasured: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    metadata: tuple[str, ...] = ()
+    proposal: str = ""
+    error: str = ""
+    images: tuple[Path, ...] = ()
+
+    @property
+    def passes(self) -> bool:
+        """Whether B may stand for A."""
+        return self.status in PASSING

@@ -1,0 +1,156 @@
+"""Pixels that are compared: a region, a mask, and the pixels near depth edges.
+
+Near a depth edge, by the CoC map of a picture: neighbours whose signed radii differ by more than
+1 px lie on two sides of an edge, and what lies within the greatest radius of one is near it. The
+same definition as that of the errors of ``defocus bench``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.lenses.quantities import QuantityError
+from defocus_core.compare.picture import read_picture
+from defocus_core.errors import InputError, UsageProblem
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+_EDGE = 1.0  # px
+_REGION = re.compile(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(\d+)\s*,\s*(\d+)\s*")
+
+
+@dataclass(frozen=True)
+class Region:
+    """A rectangle of the picture shown: its first column and row, width and height in px."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+    def __str__(self) -> str:
+        return f"{self.x},{self.y},{self.width},{self.height}"
+
+    def cut(self, size: tuple[int, int]) -> tuple[slice, slice]:
+        """Rows and columns of a picture of (height, width).
+
+        Raises:
+            UsageProblem: the region is not within the picture.
+        """
+        height, width = size
+        within = self.x >= 0 and self.y >= 0
+        if not within or self.x + self.width > width or self.y + self.height > height:
+            problem = f"{self} is not within a picture of {width}x{height}"
+            raise UsageProblem("--region", problem, "write X,Y,WIDTH,HEIGHT within it")
+        return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
+
+
+def region(text: str) -> Region:
+    """The region that ``X,Y,W,H`` means.
+
+    Raises:
+        QuantityError: it means none.
+    """
+    match = _REGION.fullmatch(text)
+    if match is None:
+        raise QuantityError(
+            f"'{text}' is no region", "write X,Y,WIDTH,HEIGHT in px, like 0,0,64,64"
+        )
+    found = Region(*(int(number) for number in match.groups()))
+    if found.width < 1 or found.height < 1:
+        raise QuantityError(f"'{text}' holds no pixel", "write X,Y,WIDTH,HEIGHT in px")
+    return found
+
+
+def read_mask(path: Path, size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Where a mask is not 0 in any channel, [H, W].
+
+    Raises:
+        InputError: it cannot be read, is of another size, holds NaN, or selects no pixel.
+    """
+    import numpy as np
+
+    mask = read_picture(path)
+    if (mask.height, mask.width) != size:
+        problem = f"is {mask.width}x{mask.height}, but the picture is {size[1]}x{size[0]}"
+        raise InputError(path, problem, "give a mask of the size of the picture")
+    planes = [plane for plane in mask.planes.values() if plane.shape == size]
+    if any(np.isnan(plane).any() for plane in planes):
+        raise InputError(path, "holds NaN", "save it with numbers: 0 where nothing is compared")
+    selected: NDArray[np.bool_] = np.logical_or.reduce([plane != 0 for plane in planes])
+    if not selected.any():
+        raise InputError(path, "is 0 everywhere", "make it 1 where pixels are to be compared")
+    return selected
+
+
+def near_edges(folder: Path, name: str, size: tuple[int, int]) -> NDArray[np.bool_]:
+    """Pixels near a depth edge, [H, W], by the CoC map of a picture.
+
+    Args:
+        folder: CoC maps, ``NAME.exr`` for a picture of the name NAME, or one map for all.
+        name: of the pair.
+        size: (height, width) of the picture.
+
+    Raises:
+        InputError: there is no such map, it cannot be read or is of another size.
+    """
+    import numpy as np
+
+    path = coc_file(folder, name)
+    picture = read_picture(path)
+    if (picture.height, picture.width) != size:
+        problem = f"is {picture.width}x{picture.height}, but the picture is {size[1]}x{size[0]}"
+        raise InputError(path, problem, "give the CoC maps of these pictures")
+    plane = picture.planes.get("coc")
+    if plane is None and len(picture.planes) == 1:
+        (plane,) = picture.planes.values()
+    if plane is None:
+        problem = f"has no channel coc, only {', '.join(picture.planes)}"
+        raise InputError(path, problem, "give what 'defocus render --outputs coc' wrote")
+    radius = np.asarray(plane, np.float32)
+    radius = np.where(np.isfinite(radius), radius, np.float32(0.0))
+    edges = np.zeros(size, bool)
+    across = np.abs(np.diff(radius, axis=1)) > _EDGE
+    down = np.abs(np.diff(radius, axis=0)) > _EDGE
+    for beside, step in ((edges[:, 1:], across), (edges[:, :-1], across)):
+        beside |= step
+    for beside, step in ((edges[1:], down), (edges[:-1], down)):
+        beside |= step
+    return widened(edges, math.ceil(float(np.abs(radius).max(initial=0.0))))
+
+
+def widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """Pixels with a true one within ``reach`` rows and columns."""
+    import numpy as np
+
+    for axis in (0, 1):
+        length = mask.shape[axis]
+        counts = np.cumsum(mask, axis=axis, dtype=np.int32)
+        first = np.clip(np.arange(length) - reach - 1, -1, length - 1)
+        last = np.minimum(np.arange(length) + reach, length - 1)
+        below: Any = np.take(counts, np.maximum(first, 0), axis=axis)
+        outside = np.expand_dims(first < 0, 1 - axis)
+        mask = np.take(counts, last, axis=axis) - np.where(outside, 0, below) > 0
+    return mask
+
+
+def coc_file(folder: Path, name: str) -> Path:
+    """The CoC map of a picture, in a folder or the lone one for all.
+
+    Raises:
+        InputError: there is none.
+    """
+    if folder.is_file():
+        return folder
+    stem = Path(name).with_suffix("")
+    for candidate in (folder / f"{stem}.exr", folder / f"{stem.name}.exr"):
+        if candidate.is_file():
+            return candidate
+    problem = f"holds no CoC map {stem.name}.exr for {name}"
+    raise InputError(folder, problem, "name the directory that --outputs coc made")

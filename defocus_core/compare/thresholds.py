@@ -1,0 +1,200 @@
+"""Rules like ``psnr<45``: which pictures fail and which get a warning, from flags and a file.
+
+A rule says when a picture is bad, so that it fails. A rule that would fail the better picture, like
+``psnr>45``, is refused: it lets everything through.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+from defocus_core.batch.jobs.toml_file import Table, read_toml, refuse_unknown
+from defocus_core.batch.lenses.quantities import QuantityError, read_at
+from defocus_core.compare.metrics import METRICS
+from defocus_core.errors import UsageProblem, did_you_mean
+
+OVER = 0.01  # the difference that ``share`` counts pixels beyond, unless --over says another
+_RULE = re.compile(r"\s*([\w.-]+?)\s*(<=|>=|<|>)\s*([+-]?[\d.]+(?:e[+-]?\d+)?)\s*(%|dB)?\s*", re.I)
+_COMPARISONS = {"low": (">", ">="), "high": ("<", "<=")}
+_KEYS = ("fail", "warn", "over")
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A condition that a bad picture meets.
+
+    Attributes:
+        metric: a name of `METRICS`.
+        sign: <, <=, > or >=.
+        bound: the number on the right.
+        text: as it was written.
+    """
+
+    metric: str
+    sign: str
+    bound: float
+    text: str
+
+    def meets(self, value: float) -> bool:
+        """Whether a value is bad; NaN is."""
+        if math.isnan(value):
+            return True
+        if value == self.bound:
+            return len(self.sign) == 2
+        return value < self.bound if self.sign[0] == "<" else value > self.bound
+
+
+def rule(text: str) -> Rule:
+    """The rule that a text means.
+
+    Raises:
+        QuantityError: it means none, or would let everything through.
+    """
+    match = _RULE.fullmatch(text)
+    if match is None:
+        raise QuantityError(f"'{text}' is no rule", "write like psnr<45 or max>0.02")
+    name, sign, number, unit = match.groups()
+    name = name.lower()
+    if name not in METRICS:
+        remedy = did_you_mean(name, list(METRICS), f"metrics are {', '.join(METRICS)}")
+        raise QuantityError(f"'{name}' is no metric", remedy)
+    try:
+        bound = float(number) / (100 if unit == "%" else 1)
+    except ValueError:
+        raise QuantityError(f"'{number}' is no number", "write like psnr<45") from None
+    signs = _COMPARISONS[METRICS[name].better]
+    if sign not in signs:
+        better = "higher" if signs[0] == "<" else "lower"
+        problem = f"'{text}' is met by the better pictures: {better} {name} is better"
+        raise QuantityError(problem, f"write {name}{signs[0]}{number}{unit or ''}")
+    return Rule(name, sign, bound, f"{name}{sign}{number}{unit or ''}")
+
+
+@dataclass(frozen=True)
+class Rules:
+    """The rules for one picture.
+
+    Attributes:
+        fail: a picture that meets one of them is different.
+        warn: a picture that meets one of them is the same, with a warning.
+        over: the difference that the metric ``share`` counts pixels beyond.
+    """
+
+    fail: tuple[Rule, ...] = ()
+    warn: tuple[Rule, ...] = ()
+    over: float = OVER
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """The rules for all pictures, and for pictures whose names match a pattern.
+
+    Attributes:
+        general: the rules for all.
+        overrides: pattern, and what differs from the general rules; the last that matches wins.
+        flags: what the command line says, which wins over all.
+    """
+
+    general: Rules = Rules()
+    overrides: tuple[tuple[str, Mapping[str, Any]], ...] = ()
+    flags: Mapping[str, Any] = field(default_factory=dict)
+
+    def of(self, name: str) -> Rules:
+        """The rules for a picture."""
+        rules = self.general
+        for pattern, changes in self.overrides:
+            if matches(name, pattern):
+                rules = replace(rules, **changes)
+        return replace(rules, **self.flags)
+
+    def idle(self, names: Sequence[str]) -> list[str]:
+        """Patterns that match none of the pictures."""
+        patterns = dict.fromkeys(pattern for pattern, _ in self.overrides)
+        return [p for p in patterns if not any(matches(name, p) for name in names)]
+
+
+def matches(name: str, pattern: str) -> bool:
+    """Whether a pattern means a picture: its relative path, or its name if it has no slash.
+
+    ``*`` stands for any characters, those of folders included.
+    """
+    return fnmatchcase(name, pattern) or (
+        "/" not in pattern and fnmatchcase(Path(name).name, pattern)
+    )
+
+
+def read_thresholds(
+    file: Path | None,
+    fail: Sequence[Rule] = (),
+    warn: Sequence[Rule] = (),
+    over: float | None = None,
+    default: Rules = Rules(),
+) -> Thresholds:
+    """The thresholds of a file and of the command line.
+
+    Args:
+        file: like compare.toml, or None.
+        fail: rules of flags; if there are any, they replace those of the file.
+        warn: the same.
+        over: of flags.
+        default: what holds where neither says anything.
+
+    Raises:
+        InputError: the file cannot be read.
+        UsageProblem: it has an unknown key, or a rule that makes no sense.
+    """
+    given = {"fail": tuple(fail), "warn": tuple(warn), "over": over}
+    flags = {key: value for key, value in given.items() if value not in ((), None)}
+    if file is None:
+        return Thresholds(default, flags=flags)
+    remedy = "name a file with rules, like compare.toml"
+    tables = read_toml(file, what="file of thresholds", remedy=remedy)
+    refuse_unknown(tables, (*_KEYS, "override"), file, "a file of thresholds")
+    top = {key: value for key, value in tables.items() if key != "override"}
+    overrides = tables.get("override", [])
+    if not isinstance(overrides, list) or not all(isinstance(each, dict) for each in overrides):
+        problem, remedy = "is no list of tables", "write [[override]] above files, fail and warn"
+        raise UsageProblem(f"{file}: override", problem, remedy)
+    read = []
+    for number, values in enumerate(overrides, 1):
+        table = Table(file, f"override {number}", values)
+        table.refuse_unknown(("files", *_KEYS))
+        pattern = table.text("files")
+        if pattern is None:
+            raise UsageProblem(table.place("files"), "is missing", "write files = 'left/*'")
+        read.append((pattern, _changes(table)))
+    general = replace(default, **_changes(Table(file, "thresholds", top)))
+    return Thresholds(general, tuple(read), flags)
+
+
+def _changes(table: Table) -> dict[str, Any]:
+    """The rules that a table sets."""
+    changes: dict[str, Any] = {}
+    for key in ("fail", "warn"):
+        if key in table.values:
+            texts = table.values[key]
+            texts = [texts] if isinstance(texts, str) else texts
+            if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+                problem = f"{texts!r} is no list of rules"
+                raise UsageProblem(table.place(key), problem, f"write {key} = ['psnr<45']")
+            changes[key] = tuple(read_at(table.place(key), rule, text) for text in texts)
+    if "over" in table.values:
+        changes["over"] = difference(table.values["over"], table.place("over"))
+    return changes
+
+
+def difference(value: object, where: str) -> float:
+    """A difference that the metric ``share`` counts pixels beyond.
+
+    Raises:
+        UsageProblem: it is no number of 0 or more.
+    """
+    if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf:
+        return float(value)
+    raise UsageProblem(where, f"{value!r} is no difference of 0 or more", f"write {OVER}")

@@ -1,0 +1,126 @@
+"""The two surfaces beside pixels on a depth edge: their colours, and the share of the nearer one.
+
+In the way of Bayesian matting (Chuang et al. 2001) both surfaces have a mean and a variance of
+colour beside the edge. A share is expected before the colour is known; the colour corrects it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.tensors.neighbourhoods import squares_around
+
+# A pixel is on an edge if its radius and those of its neighbours span more than this, in px.
+EDGE = 1.513
+# Half width in px of the square around a pixel from which both surfaces are estimated.
+AROUND = 2
+# Index of the pixel itself in this square.
+MIDDLE = (2 * AROUND + 1) ** 2 // 2
+# Least standard deviation of the colours of a surface, as a share of their mean.
+_LEAST_DEVIATION = 0.01
+# Least standard deviation as a share of the brightest channel: less may be rounding.
+_ROUNDING = 1e-4
+# Pixels examined at once: bounds memory.
+AT_ONCE = 1 << 12
+
+
+class Side(NamedTuple):
+    """One of the two surfaces beside n pixels.
+
+    Attributes:
+        mean: [n, C] colour.
+        variance: [n, C] of colour.
+        signed_radius: [n] px.
+        known: [n] bool, whether it is seen without the other surface.
+    """
+
+    mean: Tensor
+    variance: Tensor
+    signed_radius: Tensor
+    known: Tensor
+
+
+class Around(NamedTuple):
+    """The 25 pixels around each of n.
+
+    Attributes:
+        colors: [C, 25, n].
+        radii: [25, n] px.
+        is_near: [25, n] bool, whether they are of the nearer one of two surfaces.
+        nearness: [25, n], their weights: 0 on an edge.
+    """
+
+    colors: Tensor
+    radii: Tensor
+    is_near: Tensor
+    nearness: Tensor
+
+    @property
+    def color(self) -> Tensor:
+        """[n, C] of the pixels themselves."""
+        return self.colors[:, MIDDLE].T
+
+    def own(self) -> Tensor:
+        """[25, n] bool, which are of the pixel's own surface, not of a second or third one."""
+        alike = (self.radii - self.radii[MIDDLE]).detach().abs() <= EDGE
+        return alike & (self.is_near == self.is_near[MIDDLE])
+
+    def select(self, index: Tensor) -> Around:
+        """The squares around the pixels of these indices."""
+        return Around(*(each.index_select(-1, index) for each in self))
+
+
+def around_edge(
+    image: Tensor, signed_radius: Tensor, edge: Tensor, border: Tensor, at: Tensor
+) -> Around:
+    """The squares around pixels at [n, 2]; radii below the border [H, W] are near."""
+    place = squares_around(at, (edge.shape[0], edge.shape[1]), AROUND).flatten(1).T.contiguous()
+    spots = place.flatten()
+    radii, on_edge = (
+        x.flatten().index_select(0, spots).reshape(place.shape) for x in (signed_radius, edge)
+    )
+    is_near = radii.detach() < border[at[:, 0], at[:, 1]]
+    colors = image.flatten(1).index_select(1, spots).reshape(len(image), *place.shape)
+    return Around(colors, radii, is_near, closeness(image) * ~on_edge)
+
+
+def closeness(like: Tensor) -> Tensor:
+    """Weights of the pixels of a square by their distance from its middle, [25, 1]."""
+    offset = torch.arange(-AROUND, AROUND + 1, device=like.device)
+    squares = (offset * offset + (offset * offset)[:, None]).flatten()
+    return torch.exp(squares.to(like.dtype) / -4)[:, None]
+
+
+def side_of(around: Around, weight: Tensor) -> Side:
+    """The surface of the pixels of a square that have a weight; [25, n], 0 for other surfaces."""
+    total = weight.sum(0)
+    share = weight / torch.where(total > 0, total, 1.0)
+    mean, radius = (around.colors * share).sum(1), (around.radii * share).sum(0)
+    off = around.colors - mean[:, None]
+    spread = (off * off * share).sum(1)
+    brightest = torch.maximum(mean, around.colors[:, MIDDLE]).amax(0).clamp(min=0)
+    least = torch.maximum(_LEAST_DEVIATION * mean, _ROUNDING * brightest)
+    variance = spread + least * least + torch.finfo(mean.dtype).tiny ** 0.5
+    return Side(mean.T, variance.T, radius, total > 0)
+
+
+def share_deviation(
+    color: Tensor, near: Side, far: Side, expected: Tensor, deviation: float
+) -> Tensor:
+    """How far the most probable share [n] of the nearer surface is from the expected one.
+
+    Args:
+        color: [n, C] = share · near + (1 - share) · far.
+        near: The nearer surface.
+        far: The farther surface.
+        expected: [n] shares before the colour is known.
+        deviation: Standard deviation of the expected shares.
+    """
+    variance = (near.variance + far.variance) / 2
+    apart = near.mean - far.mean
+    evidence = (apart * apart / variance).sum(1)
+    observed = (apart * (color - far.mean) / variance).sum(1)
+    return (observed - expected * evidence) / (deviation**-2 + evidence)

@@ -1,0 +1,217 @@
+"""Named arrays in one file: NPZ, HDF5 with MATLAB 7.3, and MATLAB 5.
+
+MATLAB 7.3 is HDF5 behind a block of text, its axes in reverse order as HDF5 shows them. MATLAB 5
+(MathWorks, "MAT-File Format") is a list of elements, each of a type, a length and padded data.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.errors import InputError, reason
+from defocus_core.io.safe_files import check_size, read_head
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+_MATLAB_5, _MATLAB_73 = b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"
+_AGAIN = "write or copy it again"
+_NUMERIC = "fiu"  # kinds of NumPy types
+# MATLAB 5: types of data elements, and of arrays.
+_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8"}
+_TYPES |= {13: "u8"}
+_MATRIX, _COMPRESSED = 14, 15
+_CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4"}
+_LARGEST_MATLAB = 2**28  # bytes, since it is decompressed at once
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An array in a container.
+
+    Attributes:
+        shape: of all of it.
+        dtype: as NumPy names it, like ``float32``.
+        load: reads it, or with a number only that entry of its first axis.
+    """
+
+    shape: tuple[int, ...]
+    dtype: str
+    load: Callable[[int | None], NDArray[Any]]
+
+
+def container_type(head: bytes) -> str:
+    """NPZ, HDF5 or MATLAB for a file that starts with ``head``; empty for any other."""
+    if head.startswith(b"PK\x03\x04"):
+        return "NPZ"
+    if head.startswith((HDF5_MAGIC, _MATLAB_73[:16])):
+        return "HDF5"
+    return "MATLAB" if head.startswith(_MATLAB_5[:16]) else ""
+
+
+def read_entries(path: Path) -> dict[str, Entry]:
+    """The arrays of numbers in a container, by name, of two axes or more; none is loaded.
+
+    Raises:
+        InputError: it is damaged, has no such array, or h5py is missing.
+    """
+    kind = container_type(read_head(path))
+    list_entries = {"NPZ": _npz, "HDF5": _hdf5, "MATLAB": _matlab}[kind]
+    try:
+        entries = {
+            name: entry
+            for name, entry in list_entries(path)
+            if len(entry.shape) >= 2 and min(entry.shape) > 0
+        }
+    except InputError:
+        raise
+    except Exception as error:  # h5py, zipfile and NumPy raise half a dozen types
+        problem = f"is a truncated or damaged {kind} file ({reason(error)})"
+        raise InputError(path, problem, _AGAIN) from error
+    if not entries:
+        raise InputError(path, f"is a {kind} file without an array of numbers", "check its name")
+    return entries
+
+
+def checked(path: Path, shape: tuple[int, ...], itemsize: int) -> None:
+    """Refuse an array whose header claims more than its file could hold.
+
+    Raises:
+        InputError: it does.
+    """
+    check_size(path, shape[-1], math.prod(shape[:-1]), itemsize)
+
+
+def _loading(path: Path, load: Callable[[int | None], NDArray[Any]]) -> Any:
+    """A loader that raises InputError if the file is damaged."""
+
+    def guarded(index: int | None) -> NDArray[Any]:
+        try:
+            return load(index)
+        except InputError:
+            raise
+        except Exception as error:
+            problem = f"is truncated or damaged ({reason(error)})"
+            raise InputError(path, problem, _AGAIN) from error
+
+    return guarded
+
+
+def _npz(path: Path) -> Iterator[tuple[str, Entry]]:
+    import numpy as np
+
+    with zipfile.ZipFile(path) as archive:
+        members = [name for name in archive.namelist() if name.endswith(".npy")]
+        for member in members:
+            with archive.open(member) as file:
+                version = np.lib.format.read_magic(file)
+                read_header = {
+                    (1, 0): np.lib.format.read_array_header_1_0,
+                    (2, 0): np.lib.format.read_array_header_2_0,
+                }[version]
+                shape, _, dtype = read_header(file)
+            if dtype.kind not in _NUMERIC:
+                continue
+            load = partial(_npz_array, path, member, shape, dtype.itemsize)
+            yield member.removesuffix(".npy"), Entry(shape, dtype.name, _loading(path, load))
+
+
+def _npz_array(
+    path: Path, member: str, shape: tuple[int, ...], itemsize: int, index: int | None
+) -> NDArray[Any]:
+    import numpy as np
+
+    checked(path, shape, itemsize)
+    with zipfile.ZipFile(path) as archive, archive.open(member) as file:
+        values: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
+    return values if index is None else values[index]
+
+
+def _hdf5(path: Path) -> Iterator[tuple[str, Entry]]:
+    try:
+        import h5py
+    except ImportError:
+        problem = "is an HDF5 file, which is read with h5py, and h5py is not installed"
+        raise InputError(path, problem, "run: pip install 'defocus[hdf5]'") from None
+    entries: list[tuple[str, Entry]] = []
+
+    def load(name: str, index: int | None) -> NDArray[Any]:
+        with h5py.File(path, "r") as file:
+            dataset = file[name]
+            shape = dataset.shape if index is None else dataset.shape[1:]
+            checked(path, shape, dataset.dtype.itemsize)
+            values: NDArray[Any] = dataset[()] if index is None else dataset[index]
+            return values
+
+    def visit(name: str, item: Any) -> None:
+        shape, dtype = getattr(item, "shape", None), getattr(item, "dtype", None)
+        if shape and dtype is not None and dtype.kind in _NUMERIC and not name.startswith("#"):
+            loader = _loading(path, lambda index: load(name, index))
+            entries.append((name, Entry(tuple(shape), dtype.name, loader)))
+
+    with h5py.File(path, "r") as file:
+        file.visititems(visit)
+    yield from entries
+
+
+def _matlab(path: Path) -> Iterator[tuple[str, Entry]]:
+    if (size := path.stat().st_size) > _LARGEST_MATLAB:
+        problem = f"is a MATLAB file of {size} bytes"
+        raise InputError(path, problem, "save it with -v7.3, which is read in pieces")
+    data = path.read_bytes()
+    order = {b"IM": "<", b"MI": ">"}[data[126:128]]
+    room = _LARGEST_MATLAB
+    for kind, body in _elements(data[128:], order):
+        if kind == _COMPRESSED:
+            decompress = zlib.decompressobj()
+            body = decompress.decompress(body, room + 1)
+            room -= len(body)
+            if room < 0 or not decompress.eof:
+                raise ValueError("arrays of more than 256 MiB, or cut short")
+            kind, body = next(_elements(body, order))
+        if kind == _MATRIX and (named := _matrix(body, order)) is not None:
+            name, values = named
+            load = lambda index, v=values: v if index is None else v[index]  # noqa: E731
+            yield name, Entry(values.shape, values.dtype.name, load)
+
+
+def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+    """Type and data of each element; those of up to four bytes have both in one word."""
+    place = 0
+    while place + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, place)
+        start = place + 8
+        if kind >> 16:
+            kind, size, start = kind & 0xFFFF, kind >> 16, place + 4
+            place += 8
+        else:
+            place = start + (size if kind == _COMPRESSED else -(-size // 8) * 8)
+        body = data[start : start + size]
+        if len(body) < size:
+            raise ValueError("it ends early")
+        yield kind, body
+
+
+def _matrix(body: bytes, order: str) -> tuple[str, NDArray[Any]] | None:
+    """Name and values of an array element; None of what is not an array of numbers."""
+    import numpy as np
+
+    parts = list(_elements(body, order))
+    flags = struct.unpack_from(f"{order}I", parts[0][1])[0]
+    if (flags & 0xFF) not in _CLASSES or flags & 0x800:  # complex
+        return None
+    shape = tuple(np.frombuffer(parts[1][1], f"{order}i4").tolist())
+    name, (kind, data) = parts[2][1].decode("ascii", "replace"), parts[3]
+    stored = np.frombuffer(data, np.dtype(f"{order}{_TYPES[kind]}"))
+    values = stored.astype(_CLASSES[flags & 0xFF]).reshape(shape, order="F")
+    return name, values

@@ -1,0 +1,253 @@
+"""Arrays [H, W] in memory or, where they would not fit, in a scratch file.
+
+A scratch file has no name, so that nothing of it stays however the process ends. Only the window
+that is read or written is in memory.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.errors import InputError, reason
+
+if TYPE_CHECKING:
+    import numpy as np
+    import torch
+    from numpy.typing import NDArray
+
+_GRID = 1 << 16  # pixels of a sample of a picture, about
+# Pixels of a band of rows.
+_BAND = 1 << 20
+_LASTING = Path("/var/tmp")
+
+
+class Scratch:
+    """An array [H, W] in a file without a name, read and filled by slices like one in memory.
+
+    Attributes:
+        shape: (height, width).
+        dtype: of the numbers.
+    """
+
+    def __init__(self, shape: tuple[int, int], dtype: Any) -> None:
+        """Make a file of zeros.
+
+        Raises:
+            InputError: there is no room for it.
+        """
+        import numpy as np
+
+        self.shape, self.dtype = shape, np.dtype(dtype)
+        size, folder = math.prod(shape) * self.dtype.itemsize, scratch_folder()
+        try:
+            self._file = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(self._file.fileno(), 0, size)
+            else:
+                self._file.truncate(size)
+        except OSError as error:
+            raise _no_room(folder, size, error) from None
+
+    def __getitem__(self, window: Any) -> NDArray[Any]:
+        """A copy of the window [rows] or [rows, columns]."""
+        import numpy as np
+
+        (top, below, step), (left, beside, stride) = self._cuts(window)
+        values = np.empty((max(below - top, 0), max(beside - left, 0)), self.dtype)
+        for rows, offset in self._runs(values, top, left):
+            if os.preadv(self._file.fileno(), [rows.data], offset) < rows.nbytes:
+                raise OSError("a scratch file ended early")
+        return values[::step, ::stride]
+
+    def __setitem__(self, window: Any, values: NDArray[Any]) -> None:
+        """Fill the window [rows] or [rows, columns], slices without steps."""
+        import numpy as np
+
+        (top, below, _), (left, beside, _) = self._cuts(window)
+        cut = np.ascontiguousarray(np.broadcast_to(values, (below - top, beside - left)))
+        try:
+            for rows, offset in self._runs(cut.astype(self.dtype, copy=False), top, left):
+                os.pwritev(self._file.fileno(), [rows.data], offset)
+        except OSError as error:
+            raise _no_room(scratch_folder(), cut.nbytes, error) from None
+
+    def _cuts(self, window: Any) -> list[tuple[int, int, int]]:
+        cuts = window if isinstance(window, tuple) else (window,)
+        cuts = (*cuts, *[slice(None)] * (2 - len(cuts)))
+        return [cut.indices(length) for cut, length in zip(cuts, self.shape, strict=True)]
+
+    def _runs(
+        self, values: NDArray[Any], top: int, left: int
+    ) -> Iterator[tuple[NDArray[Any], int]]:
+        """Pieces of an array that are contiguous in the file, each with its offset in bytes."""
+        if values.shape[1] == self.shape[1]:
+            count = max(1, _BAND // max(1, self.shape[1]))
+            pieces = [values[y : y + count] for y in range(0, len(values), count)]
+        else:
+            count, pieces = 1, list(values)
+        for number, piece in enumerate(pieces):
+            place = (top + number * count) * self.shape[1] + left
+            if piece.size:
+                yield piece, place * self.dtype.itemsize
+
+
+@dataclass(frozen=True)
+class Keeping:
+    """Where the arrays of a picture are kept."""
+
+    scratch: bool = False
+
+    def new(self, shape: tuple[int, int], dtype: Any) -> Any:
+        """An array [H, W] of zeros."""
+        if self.scratch:
+            return Scratch(shape, dtype)
+        import numpy as np
+
+        return np.zeros(shape, dtype)
+
+
+IN_MEMORY = Keeping()
+
+
+class Stack:
+    """C arrays [H, W] as one [H, W, C], read by slices of rows."""
+
+    def __init__(self, planes: Sequence[Any]) -> None:
+        self.planes = planes
+        self.shape = (*planes[0].shape, len(planes))
+        self.dtype = planes[0].dtype
+
+    def __getitem__(self, rows: slice) -> NDArray[Any]:
+        import numpy as np
+
+        return np.stack([plane[rows] for plane in self.planes], axis=2)
+
+
+class _Times:
+    """An array [H, W] times a factor and plus an offset, read by slices."""
+
+    def __init__(self, array: Any, factor: float, offset: float) -> None:
+        self._array, self._factor, self._offset = array, factor, offset
+        self.shape, self.dtype = array.shape, array.dtype
+
+    def __getitem__(self, window: Any) -> NDArray[Any]:
+        values: NDArray[Any] = self._array[window] * self.dtype.type(self._factor)
+        return values + self.dtype.type(self._offset) if self._offset else values
+
+
+def times(array: Any, factor: float, offset: float = 0.0) -> Any:
+    """An array [H, W] times a factor and then plus an offset, computed where it is read.
+
+    The array itself if the factor is 1 and the offset 0.
+    """
+    return array if factor == 1 and offset == 0 else _Times(array, factor, offset)
+
+
+class Beside:
+    """Arrays [H, W, C] of one size side by side, read by slices of rows."""
+
+    def __init__(self, arrays: Sequence[Stack]) -> None:
+        self._arrays = arrays
+        height, width, channels = arrays[0].shape
+        self.shape = (height, width * len(arrays), channels)
+
+    def __getitem__(self, rows: slice) -> NDArray[Any]:
+        import numpy as np
+
+        return np.concatenate([array[rows] for array in self._arrays], axis=1)
+
+
+class Windows:
+    """Arrays [H, W] as a source of `defocus_core`: [C, H, W], or [H, W] of a lone array."""
+
+    def __init__(self, planes: Sequence[Any], device: str, *, lone: bool = False) -> None:
+        import torch
+
+        height, width = planes[0].shape
+        self._planes, self._lone = planes, lone
+        self.shape = (height, width) if lone else (len(planes), height, width)
+        self.device = torch.device(device)
+        first = planes[0][0:1, 0:1]
+        self.dtype: torch.dtype = torch.from_numpy(first.copy()).dtype
+
+    def __getitem__(self, window: Any) -> torch.Tensor:
+        """The window [..., rows, columns], on the device."""
+        import numpy as np
+
+        cuts = window if isinstance(window, tuple) else (window,)
+        cuts = tuple(cut for cut in cuts if cut is not Ellipsis)
+        if self._lone:
+            return to_device(self._planes[0][cuts], self.device)
+        return to_device(np.stack([plane[cuts] for plane in self._planes]), self.device)
+
+
+def bands(shape: Sequence[int]) -> list[slice]:
+    """Bands of rows that together are an array [H, W, …]."""
+    height, width = shape[:2]
+    count = max(1, _BAND // max(1, width))
+    return [slice(*pair) for pair in pairwise([*range(0, height, count), height])]
+
+
+def count_of(masks: Iterable[tuple[NDArray[np.bool_], int]]) -> tuple[int, str]:
+    """Number of true pixels in bands [h, W], each with its first row, and the first as x,y."""
+    import numpy as np
+
+    count, first = 0, ""
+    for band, top in masks:
+        if not count and band.any():
+            y, x = np.unravel_index(int(band.argmax()), band.shape)
+            first = f"{x},{y + top}"
+        count += int(np.count_nonzero(band))
+    return count, first
+
+
+def scratch_folder() -> Path:
+    """Where scratch files lie: $TMPDIR, or else /var/tmp."""
+    if not os.environ.get("TMPDIR") and os.access(_LASTING, os.W_OK):
+        return _LASTING
+    return Path(tempfile.gettempdir())
+
+
+def _no_room(folder: Path, size: int, error: OSError) -> InputError:
+    problem = f"has no room for {size / 10**6:.0f} MB of scratch: {reason(error)}"
+    remedy = "free some, let TMPDIR name another directory, or allow more --memory"
+    return InputError(folder, problem, remedy)
+
+
+def to_device(values: Any, device: torch.device) -> torch.Tensor:
+    """An array as a tensor on a device; the copy to a GPU goes on while the CPU works."""
+    import torch
+
+    tensor = torch.from_numpy(values)
+    if device.type != "cuda":
+        return tensor.to(device)
+    return tensor.pin_memory().to(device, non_blocking=True)
+
+
+def to_array(values: torch.Tensor) -> Any:
+    """A tensor as an array in memory, after waiting for the work on the GPU that it needs."""
+    import torch
+
+    if not values.is_cuda:
+        return values.cpu().numpy()
+    held = torch.empty(values.shape, dtype=values.dtype, pin_memory=True)
+    held.copy_(values, non_blocking=True)
+    torch.cuda.current_stream(values.device).synchronize()
+    return held.numpy()
+
+
+def evenly(plane: Any) -> Any:
+    """About `_GRID` values of an array [H, W], evenly spread."""
+    import numpy as np
+
+    height, width = plane.shape
+    step = max(1, math.isqrt(height * width // _GRID))
+    rows = [np.asarray(plane[row : row + 1])[:, ::step] for row in range(0, height, step)]
+    return np.concatenate(rows)

@@ -1,0 +1,137 @@
+"""The declarations on one depth file: of its format, the user, the file and its sidecar.
+
+Options that contradict or mean nothing are refused; a missing one is asked for by its name.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NoReturn
+
+from defocus_core.errors import UsageProblem
+from defocus_core.io.depth_formats.reading import DepthReading
+from defocus_core.io.depth_formats.rules import DepthFormat
+from defocus_core.io.depth_formats.sidecars import Facts
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from defocus_core.io.depth_formats.samples import Samples
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A depth file and the declarations on it.
+
+    Attributes:
+        path: the file.
+        reading: the options of the user.
+        row: the format.
+        samples: its numbers and its metadata.
+        facts: the facts of its sidecar; None if there is none.
+    """
+
+    path: Path
+    reading: DepthReading
+    row: DepthFormat
+    samples: Samples
+    facts: Facts | None
+
+    @property
+    def rule(self) -> str:
+        """scale, inverse, log or radius; empty where the user must say it."""
+        return self.facts.rule if self.facts is not None and self.facts.rule else self.row.rule
+
+    @property
+    def named(self) -> str:
+        """The option that asks for the format, as errors name it."""
+        name = self.reading.depth_format
+        return "--depth-kind disparity" if name is None else f"--depth-format {name}"
+
+
+def refuse_idle(declared: Declared, rule: str) -> None:
+    """Refuse options that would mean nothing for the rule, or contradict the format.
+
+    Raises:
+        UsageProblem: one is set.
+    """
+    reading, row = declared.reading, declared.row
+    disparity, radial = rule == "inverse", geometry_of(declared) == "radial"
+    in_px = disparity and not row.per_metre  # disparity of two cameras
+    has_range = row.name in ("metres", "disparity") or "depth-range" in row.needs or not row.rule
+    has_unit = row.unitless and (not disparity or row.per_metre)
+    has_scale = rule in ("scale", "inverse") and (
+        declared.facts is None or not declared.facts.scale
+    )
+    means_nothing = {
+        "depth-unit": reading.depth_unit is not None and not has_unit,
+        "depth-range": reading.depth_range is not None and not has_range,
+        "depth-scale": reading.depth_scale is not None and not has_scale,
+        "baseline": reading.baseline is not None and not in_px,
+        "doffs": reading.doffs is not None and not in_px,
+        "focal-px": reading.focal_px is not None and not (in_px or radial),
+        "fov": reading.fov is not None and not radial,
+        "radial": reading.geometry == "radial" and disparity,
+    }
+    for option in (option for option, idle in means_nothing.items() if idle):
+        kind = "disparity" if disparity else row.name
+        if reading.depth_format is None and not disparity:
+            kind = "planar depth"
+        raise UsageProblem(f"--{option}", f"means nothing for {kind}", "leave it out")
+    if reading.depth_range is None:
+        return
+    for option in ("depth_unit", "depth_scale", "baseline", "doffs"):
+        if getattr(reading, option) is not None:
+            name = f"--{option.replace('_', '-')}"
+            raise UsageProblem(name, "stands beside --depth-range", "give one of them")
+
+
+def ask(declared: Declared, option: str, value: str) -> NoReturn:
+    """Ask for an option that the format cannot do without.
+
+    Raises:
+        UsageProblem: always.
+    """
+    note = declared.row.note
+    problem = f"leaves --{option} open" + (f": {note}" if note else "")
+    raise UsageProblem(declared.named, problem, f"add --{option} {value}")
+
+
+def geometry_of(declared: Declared) -> str:
+    """Planar, radial, or ask: by the user, the file, the channel or the format, in this order."""
+    reading, row, facts = declared.reading, declared.row, declared.facts
+    if reading.geometry is not None:
+        return reading.geometry
+    if facts is not None and facts.radial:
+        return "radial"
+    return "radial" if declared.samples.channel in row.radial_channels else row.geometry
+
+
+def focal_of(declared: Declared, picture_width: int, lens_focal: float | None) -> float | None:
+    """Focal length in px of the depth map where it holds distances to the point, else None.
+
+    Raises:
+        UsageProblem: the field of view, or whether it is radial, must be said.
+    """
+    reading, row, width = declared.reading, declared.row, declared.samples.width
+    geometry = geometry_of(declared)
+    if geometry == "ask":
+        problem = "leaves open whether the numbers are depth or the distance to the point"
+        problem += f" ({row.note})" if row.note else ""
+        raise UsageProblem(declared.named, problem, "add --planar or --radial")
+    if geometry == "planar":
+        return None
+    if reading.fov is not None and reading.focal_px is not None:
+        raise UsageProblem("--fov", "stands beside --focal-px", "give one of them")
+    if reading.focal_px is not None:
+        return reading.focal_px * width / picture_width  # it is that of the colour
+    if reading.fov is not None:
+        return width / 2 / math.tan(math.radians(reading.fov) / 2)
+    if row.focal_px is not None:
+        return row.focal_px if row.focal_width is None else row.focal_px * width / row.focal_width
+    if lens_focal is not None:
+        return lens_focal * width
+    name = "--radial" if reading.geometry else declared.named
+    problem = "is the distance to the point, and nothing says the field of view"
+    raise UsageProblem(name, problem, "add --fov 60deg or --focal-px PX")

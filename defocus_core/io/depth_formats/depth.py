@@ -1,0 +1,263 @@
+"""Depth maps decoded to planar metres, with sky at infinity.
+
+What the numbers of a file mean is a row of `table`, or said by the user.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.errors import InputError
+from defocus_core.io.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
+from defocus_core.io.depth_formats.file_types import read_numbers
+from defocus_core.io.depth_formats.holes import fill_from_farther, set_far, set_outside
+from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading
+from defocus_core.io.depth_formats.resolving import resolved
+from defocus_core.io.depth_formats.rules import HALF_MAX, Decoding, DepthFormat, decoded, unpacked
+from defocus_core.io.depth_formats.samples import Samples, divided
+from defocus_core.io.depth_formats.sidecars import marked_pixels
+from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.system.text import counted
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Depth:
+    """A decoded depth map.
+
+    Attributes:
+        metres: float32 [H, W], planar distance along the axis, +inf is sky; of `is_radius`, signed
+            CoC radius in px.
+        path: the file.
+        channel: the channel's name in the file, empty where channels have none.
+        note: how the file was understood, for people.
+        is_radius: whether the file holds radii instead of depth.
+        by_custom: whether nothing but the custom of the type of file says that 16 bits are
+            millimetres.
+        whole: whether the numbers of the file are integers, which have no inf.
+        named: whether the user named the format, which says what 0 is.
+        replaced: how many invalid pixels were taken as far, or filled.
+        replaced_words: the same for people; empty if none.
+        data_window: its data window in words, if it does not cover the picture.
+        overscan: pixels beyond the picture shown.
+        nothing: where the colour is an element's and holds nothing, bool [H, W]; None if nowhere.
+            The depth is inf there, a radius 0.
+    """
+
+    metres: Any
+    path: Path
+    channel: str
+    note: str
+    is_radius: bool = False
+    by_custom: bool = False
+    whole: bool = False
+    named: bool = False
+    replaced: int = 0
+    replaced_words: str = ""
+    data_window: str = ""
+    overscan: Overscan = NO_OVERSCAN
+    nothing: Any = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the picture shown, in px."""
+        rows, columns = self.overscan.shown(*self.metres.shape)
+        return columns.stop - columns.start, rows.stop - rows.start
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was taken for granted, and what was replaced, for people."""
+        granted = (
+            f"{self.path.name}: 16 bits read as millimetres; say --depth-unit or --depth-format"
+        )
+        replaced = f"{self.path.name}: {self.replaced_words}"
+        return *([granted] * self.by_custom), *([replaced] * bool(self.replaced_words))
+
+    def something(self, rows: slice) -> NDArray[np.float32]:
+        """The depths of some rows but where there is nothing."""
+        band: NDArray[np.float32] = self.metres[rows]
+        return band.ravel() if self.nothing is None else band[~self.nothing[rows]]
+
+    def valid(self, rows: slice) -> NDArray[np.bool_]:
+        """Where some rows have a depth: the file may have NaN, 0 and negative numbers."""
+        import numpy as np
+
+        band = self.metres[rows]
+        if self.is_radius:
+            finite: NDArray[np.bool_] = np.isfinite(band)
+            return finite
+        positive: NDArray[np.bool_] = band > 0  # asked this way round, NaN is invalid too
+        return positive
+
+    @property
+    def invalid(self) -> NDArray[np.bool_]:
+        """Where there is no depth: [H, W]."""
+        return ~self.valid(slice(None))
+
+
+def read_depth(
+    path: Path,
+    reading: DepthReading = AS_IT_IS,
+    *,
+    keeping: Keeping = IN_MEMORY,
+    size: tuple[int, int] | None = None,
+    lens_focal: float | None = None,
+    overscan: Overscan = NO_OVERSCAN,
+    alpha: Any = None,
+) -> Depth:
+    """Decode a depth map; holes are marked, not refused, unless they are to be replaced.
+
+    Args:
+        path: the file.
+        reading: what the user says of it.
+        keeping: where the numbers are to be kept.
+        size: width and height of the colour that it belongs to as it is shown, None if there is
+            none.
+        lens_focal: focal length of the lens in widths of its sensor, None if there is none.
+        overscan: pixels of the colour beyond the picture shown.
+        alpha: [H, W] of the colour, None if it has none.
+
+    Raises:
+        InputError: the file cannot be read, or what its depth is stays open.
+        UsageProblem: an option is missing or makes no sense for this file.
+    """
+    row = reading.row
+    samples = read_numbers(path, reading, keeping, size, overscan)
+    if row.weights or row.bits:
+        samples = Samples(
+            unpacked(samples.values[:], row), samples.type, samples.words, metadata=samples.metadata
+        )
+    if row.stride != 1:
+        samples = _strided(samples, row.stride)
+    values, division = divided(path, samples.values, alpha, reading.unpremultiply_depth, keeping)
+    width = samples.width if size is None else size[0]
+    decoding = resolved(path, reading, samples, picture_width=width, lens_focal=lens_focal)
+    metres, half_sky = _decode(replace(samples, values=values), decoding, keeping, overscan)
+    marks = _apply_marks(path, row, samples, metres)
+    by_custom = samples.type == "16-bit PNG" and not reading.says_scale
+    words = (samples.words, division, decoding.words, *marks)
+    note = f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}"
+    is_radius = decoding.rule == "radius"
+    depth = Depth(
+        metres,
+        path,
+        samples.channel,
+        note,
+        is_radius=is_radius,
+        by_custom=by_custom,
+        whole=samples.is_integer,
+        named=reading.depth_format is not None,
+        data_window=samples.data_window,
+        overscan=overscan,
+    )
+    return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
+
+
+def require_valid(depth: Depth) -> None:
+    """Refuse a depth map with holes.
+
+    Raises:
+        InputError: naming how many pixels have no depth, and the first as x,y.
+    """
+    count, first = count_of((~depth.valid(rows), rows.start) for rows in bands(depth.metres.shape))
+    if not count:
+        return
+    what = "NaN or infinite" if depth.is_radius else "NaN or ≤ 0"
+    problem = f"is {what} in {counted(count, 'pixel')}, the first at {first}"
+    remedy = "fill the holes, and write inf for sky; or say --invalid far, or fill"
+    if depth.data_window:
+        problem = f"{problem}; its data window is {depth.data_window} only"
+        remedy = "render the whole display window, or give the colour alpha; or say --invalid far"
+    if depth.whole and depth.named:
+        remedy = "say --invalid far if they are sky, or fill if they are holes"
+    elif depth.whole:
+        remedy = (
+            "say --depth-format, since 0 is a hole for some and sky for others; "
+            "or --invalid far, or fill"
+        )
+    raise InputError(depth.path, problem, remedy)
+
+
+def _strided(samples: Samples, step: int) -> Samples:
+    """Every so many rows and columns."""
+    values = samples.values[::step, ::step]
+    return Samples(values, samples.type, samples.words, samples.channel, samples.metadata)
+
+
+def _decode(
+    samples: Samples, decoding: Decoding, keeping: Keeping, overscan: Overscan
+) -> tuple[Any, bool]:
+    """Metres [H, W] of the numbers, and whether 65504 of a half was taken as sky."""
+    import numpy as np
+
+    values = samples.values
+    own = isinstance(values, Scratch) or (values.flags.owndata and values.flags.writeable)
+    # Numbers that were read are not needed any more: metres take their place.
+    metres = values if own and values.dtype == "=f4" else keeping.new(values.shape, np.float32)
+    half = values.dtype.newbyteorder("=") == np.float16 and decoding.sky <= HALF_MAX
+    half_sky, frame = False, (values.shape[0], values.shape[1])
+    for rows in bands(values.shape):
+        numbers = values[rows]
+        half_sky |= half and bool((numbers == HALF_MAX).any())
+        metres[rows] = decoded(
+            numbers, decoding, first_row=rows.start, frame=frame, overscan=overscan
+        )
+    return metres, half_sky
+
+
+def _apply_marks(path: Path, row: DepthFormat, samples: Samples, metres: Any) -> tuple[str, ...]:
+    """Set what alpha, another array or a mask beside the file marks; what was used, in words."""
+    import numpy as np
+
+    words, marks = [], []
+    if samples.within is not None:
+        set_outside(metres, samples.within)
+    if samples.nothing is not None:
+        marks.append((samples.nothing, np.inf))
+        words.append("sky where alpha is 0")
+    if samples.holes is not None:
+        marks.append((samples.holes, np.nan))
+        words.append(f"holes of {row.holes}")
+    if row.mask is not None:
+        mask = marked_pixels(row.mask, path, metres.shape)
+        if mask is None:
+            words.append("no mask beside it")
+        else:
+            pixels, place = mask
+            marks.append((pixels, np.nan if row.mask.marks == "invalid" else np.inf))
+            words.append(f"mask {place.name}")
+    for pixels, value in marks:
+        for rows in bands(metres.shape):
+            metres[rows] = np.where(pixels[rows], np.float32(value), metres[rows])
+    return tuple(words)
+
+
+def _replaced(depth: Depth, how: str) -> Depth:
+    """The depth whose invalid pixels are far, or filled; how many is said.
+
+    Raises:
+        InputError: no pixel has a depth to fill from.
+    """
+    shape = depth.metres.shape
+    count, _ = count_of((~depth.valid(rows), rows.start) for rows in bands(shape))
+    if not count:
+        return depth
+    if depth.is_radius:
+        problem = f"is NaN or infinite in {counted(count, 'pixel')}"
+        raise InputError(depth.path, problem, "radii have no far: mend them, leave --invalid out")
+    if how == "far":
+        for rows in bands(shape):
+            set_far(depth.metres, rows)
+        words = f"{counted(count, 'invalid pixel')} taken as infinitely far"
+    else:
+        if not fill_from_farther(depth.metres):
+            raise InputError(depth.path, "has no pixel with a depth", "check --depth-format")
+        words = f"{counted(count, 'invalid pixel')} filled from the farther neighbour"
+    note = f"{depth.note}, {words}"
+    return replace(depth, note=note, replaced=count, replaced_words=words)

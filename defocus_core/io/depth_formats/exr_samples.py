@@ -1,0 +1,116 @@
+"""The depth channel of an EXR file, found by the format's names or by the usual ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.errors import InputError
+from defocus_core.io.arrays import Keeping
+from defocus_core.io.depth_formats.reading import DepthReading
+from defocus_core.io.depth_formats.samples import Samples
+from defocus_core.io.exr.header import Header, read_headers
+from defocus_core.io.exr.reading import Part, read_parts
+from defocus_core.io.exr.views import in_view
+from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.io.images.exr_channels import (
+    ChannelGroup,
+    NoDepthChannel,
+    channels_of,
+    choose_depth,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from defocus_core.io.depth_formats.rules import DepthFormat
+
+
+def exr_samples(
+    path: Path, reading: DepthReading, keeping: Keeping, overscan: Overscan = NO_OVERSCAN
+) -> Samples:
+    """Read the depth channel of an EXR file.
+
+    Raises:
+        InputError: the file cannot be read, or has no depth channel or several.
+    """
+    headers = in_view(path, read_headers(path), reading.view)
+    chosen = choose_depth_channel(path, headers, reading)
+    header = chosen.header
+    alpha = _alpha(chosen) if reading.row.alpha else None
+
+    def wanted(other: Header, name: str) -> bool:
+        return other.index == header.index and name in (chosen.source, alpha)
+
+    parts = read_parts(path, headers, keeping, wanted, overscan)
+    pixels = parts[header.index].channels.get(chosen.source)
+    if pixels is None:
+        problem = f"has {chosen.name} at a lower resolution than its other channels"
+        raise InputError(path, problem, "save the depth without subsampling")
+    kind = {"float16": "half", "float32": "float"}.get(pixels.dtype.name, pixels.dtype.name)
+    place = f" of part {header.label}" if len(headers) > 1 else ""
+    view = f" in view {header.shown}" if header.shown else ""
+    words = (f"EXR {kind} channel {chosen.name}{place}{view}", header.cut_note(overscan))
+    window = header.display.grown(overscan)
+    transparency = None if alpha is None else parts[header.index].channels[alpha]
+    return Samples(
+        pixels,
+        "integer EXR" if pixels.dtype.kind in "iu" else "EXR",
+        ", ".join(filter(None, words)),
+        channel=chosen.name,
+        nothing=None if transparency is None else transparency[:] == 0,
+        within=window.cut(header.data),
+        data_window="" if header.data.covers(window) else str(header.data),
+    )
+
+
+def choose_depth_channel(
+    path: Path, headers: Sequence[Header], reading: DepthReading
+) -> ChannelGroup:
+    """The depth channel of a file: the one named, that of the format, or one of the usual names.
+
+    Raises:
+        InputError: there is none, or several could be the depth.
+    """
+    row, named = reading.row, reading.depth_channel
+    if named is None and (row.channels or row.plane is not None):
+        every = channels_of(path, headers, reading.part)
+        if (known := _by_pattern(row, every)) is not None:
+            return known
+    try:
+        return choose_depth(path, headers, channel=named, part=reading.part)
+    except NoDepthChannel as error:
+        if not any(_is_grey(each) for each in read_parts(path, tuple(headers))):
+            raise
+        if reading.depth_format is not None and named is None:  # then it is said to be depth
+            return choose_depth(path, headers, channel="R", part=reading.part)
+        remedy = "R, G and B are equal: if they are the depth, say --depth-channel R"
+        raise NoDepthChannel(path, error.problem, remedy) from None
+
+
+def _by_pattern(row: DepthFormat, every: Sequence[ChannelGroup]) -> ChannelGroup | None:
+    if row.plane is not None:
+        return every[row.plane]
+    for pattern in row.channels:
+        for channel in every:
+            if fnmatchcase(channel.name, pattern):
+                return channel
+    return None
+
+
+def _alpha(chosen: ChannelGroup) -> str | None:
+    """Name of the alpha channel beside a depth channel, None if there is none."""
+    names = {channel.plain: channel.name for channel in chosen.header.channels}
+    layer = chosen.name.rpartition(".")[0]
+    return next((names[name] for name in (f"{layer}.A", "A") if name in names), None)
+
+
+def _is_grey(part: Part) -> bool:
+    """Whether R, G and B of a part are equal: depth may have been saved as a grey picture."""
+    import numpy as np
+
+    planes: Sequence[Any] = [part.channels.get(name) for name in "RGB"]
+    if any(plane is None for plane in planes):
+        return False
+    return all(np.array_equal(planes[0], plane, equal_nan=True) for plane in planes[1:])

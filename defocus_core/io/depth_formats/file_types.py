@@ -1,0 +1,219 @@
+"""Depth files of every type opened: which type a file is of, and its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.array_files.bare_arrays import bare_type, read_bare, read_headerless
+from defocus_core.io.array_files.containers import Entry, container_type, read_entries
+from defocus_core.io.array_files.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
+from defocus_core.io.arrays import Keeping
+from defocus_core.io.depth_formats.exr_samples import exr_samples
+from defocus_core.io.depth_formats.photo_depth import (
+    PhotoDepth,
+    is_heic,
+    is_jpeg,
+    read_gdepth,
+    read_heic,
+)
+from defocus_core.io.depth_formats.reading import DepthReading
+from defocus_core.io.depth_formats.rules import DepthFormat
+from defocus_core.io.depth_formats.samples import Samples
+from defocus_core.io.exr.header import is_exr
+from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.io.images.exr_channels import require_part
+from defocus_core.io.images.png_text import png_text
+from defocus_core.io.images.raster import Raster, choose_page, read_pages, read_samples
+from defocus_core.io.safe_files import read_head
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+WANTED = "EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres"
+
+
+def read_numbers(
+    path: Path,
+    reading: DepthReading,
+    keeping: Keeping,
+    size: tuple[int, int] | None,
+    overscan: Overscan = NO_OVERSCAN,
+) -> Samples:
+    """Read the numbers of a depth file.
+
+    Args:
+        path: the file.
+        reading: what to take from it.
+        keeping: where the numbers are to be kept.
+        size: width and height of the colour that the depth belongs to, None if there is none.
+        overscan: pixels beyond the picture shown, of files that have them.
+
+    Raises:
+        InputError: the file cannot be read, or is of no type that the format comes in.
+        UsageProblem: a channel for a file that has no named ones.
+    """
+    row, head = reading.row, read_head(path, 32)
+    if row.files == ("headerless",):
+        width, height = size or row.size or (0, 0)
+        return Samples(read_headerless(path, (width, height)), "headerless", "float32 rows")
+    if is_exr(head):
+        return _allowed(path, exr_samples(path, reading, keeping, overscan), reading)
+    if path.suffix.lower() == ".exr":
+        raise InputError(path, "is not an OpenEXR file", "check what wrote it")
+    if container_type(head):
+        return _allowed(path, _from_container(path, reading, container_type(head)), reading)
+    if reading.depth_channel is not None:
+        raise UsageProblem("--depth-channel", f"{path} has no named channels", "leave it out")
+    if is_float_map(head):
+        samples = _from_map(path, reading)
+    elif bare_type(head):
+        samples = Samples(read_bare(path), bare_type(head), bare_type(head))
+    elif is_heic(head):
+        samples = _from_photo(read_heic(path), "HEIC")
+    elif is_jpeg(head) and "GDepth" in row.files:
+        samples = _from_photo(read_gdepth(path), "GDepth")
+    else:
+        samples = _from_raster(path, reading, keeping)
+    return _allowed(path, samples, reading)
+
+
+def _allowed(path: Path, samples: Samples, reading: DepthReading) -> Samples:
+    """Refuse a type of file that the named format does not come in."""
+    row = reading.row
+    if reading.depth_format is not None and samples.type not in row.files:
+        problem = (
+            f"is read as {_article(samples.type)}, and {row.name} comes as {', '.join(row.files)}"
+        )
+        raise InputError(path, problem, "check --depth-format")
+    return samples
+
+
+def _article(kind: str) -> str:
+    return f"{'an' if kind[0] in 'aeiouEHN8' else 'a'} {kind}"
+
+
+def _from_photo(photo: PhotoDepth, file_type: str) -> Samples:
+    """Numbers of a depth image in a photograph, of unsigned integers."""
+    metadata = {**photo.metadata, "top": 2.0 ** (8 * photo.values.itemsize) - 1}
+    return Samples(photo.values, file_type, f"{file_type} depth image", metadata=metadata)
+
+
+def _from_map(path: Path, reading: DepthReading) -> Samples:
+    """Numbers of a PFM, or of an NPY whose axes the format may say."""
+    row, integers = reading.row, reading.says_scale
+    if read_head(path).startswith(NPY_MAGIC) and (row.plane is not None or "N" in row.axes):
+        values = _map_of(path, read_npy(path, integers=integers), row, reading.part)
+        file_type = "NPY"
+    else:
+        read = read_float_map(path, integers=integers)
+        values, file_type = read.values, read.format
+    whole = values.dtype.kind in "iu"
+    return Samples(values, f"integer {file_type}" if whole else file_type, file_type)
+
+
+def _from_container(path: Path, reading: DepthReading, kind: str) -> Samples:
+    row, entries = reading.row, read_entries(path)
+    name = _array_name(path, entries, reading)
+    values = _frame(path, entries[name], row, reading.part)
+    holes = None
+    if row.holes and row.holes in entries and name != row.holes:
+        holes = _frame(path, entries[row.holes], row, reading.part) == 0
+    return Samples(values, kind, f"{kind} array {name}", channel=name, holes=holes)
+
+
+def _array_name(path: Path, entries: Mapping[str, Entry], reading: DepthReading) -> str:
+    """The array that holds the depth: the one named, that of the format, or the only one."""
+    names = ", ".join(list(entries)[:20])
+    if reading.depth_channel is not None:
+        if reading.depth_channel not in entries:
+            problem = f"has no array {reading.depth_channel}; it has {names}"
+            raise InputError(path, problem, "check --depth-channel")
+        return reading.depth_channel
+    for pattern in reading.row.channels:
+        for name in entries:
+            if fnmatchcase(name, pattern) or fnmatchcase(name.rpartition("/")[2], pattern):
+                return name
+    if len(entries) == 1:
+        return next(iter(entries))
+    raise InputError(path, f"holds the arrays {names}", "choose one with --depth-channel")
+
+
+def _frame(path: Path, entry: Entry, row: DepthFormat, part: int | None) -> NDArray[Any]:
+    """One map of an array in a container, of which no more than that is loaded."""
+    frames = len(entry.shape) > 2 and ("N" in row.axes or entry.shape[-1] > 4)
+    if not frames or entry.shape[0] == 1 or row.plane is not None:
+        return _map_of(path, entry.load(None), row, part)
+    return _map_of(path, entry.load(_chosen_frame(path, entry.shape[0], part)), row, None)
+
+
+def _map_of(path: Path, values: NDArray[Any], row: DepthFormat, part: int | None) -> NDArray[Any]:
+    """One map [H, W] of an array of any number of axes."""
+    while values.ndim > 2 and values.shape[0] == 1:
+        values = values[0]
+    if values.ndim == 3 and row.plane is not None:
+        values = values[:, :, row.plane]
+    if values.ndim == 3 and values.shape[2] == 1:
+        values = values[:, :, 0]
+    if values.ndim == 3 and "N" in row.axes:
+        values = values[_chosen_frame(path, values.shape[0], part)]
+    if values.ndim != 2:
+        shape = " × ".join(str(n) for n in values.shape)
+        problem = f"has {shape} numbers, not height × width"
+        raise InputError(path, problem, "save one map a file, or say its --depth-format")
+    return values.T if row.axes.endswith("WH") else values
+
+
+def _chosen_frame(path: Path, count: int, part: int | None) -> int:
+    """The frame that ``--part`` chooses of several."""
+    if part is None:
+        raise InputError(path, f"holds {count} frames", "choose one with --part, counted from 0")
+    require_part(path, part, count)
+    return part
+
+
+def _from_raster(path: Path, reading: DepthReading, keeping: Keeping) -> Samples:
+    """Numbers of a PNG, TIFF or JPEG: one channel, or the bits of a pixel of several."""
+    import numpy as np
+
+    row = reading.row
+    raster = choose_page(path, read_pages(path, wanted=WANTED), reading.part)
+    if raster.deep:
+        raise InputError(path, "holds deep data", "flatten it first")
+    bits = {"uint8": "8-bit", "uint16": "16-bit"}.get(raster.type, raster.type)
+    kind = f"{bits} {path.suffix[1:].upper()}"
+    metadata = png_text(path) if row.sidecar == "text-chunks" else {}
+    dtypes = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16}  # 65504 of half is sky
+    dtype = dtypes.get(raster.type, np.float32)
+    size = raster.height, raster.width
+    if row.weights or row.bits == "float32":
+        packed = np.empty((*size, len(raster.channels)), dtype)
+        for window, samples in read_samples(path, raster.page):
+            packed[window] = samples
+        several = len(raster.channels) in (3, 4) and raster.type == "uint8"
+        file_type = f"8-bit {'RGBA' if len(raster.channels) == 4 else 'RGB'}" if several else kind
+        return Samples(packed, file_type, kind)
+    _refuse_unsuited(path, raster, reading)
+    values = keeping.new(size, dtype)
+    for window, samples in read_samples(path, raster.page):
+        if samples.shape[2] >= 3 and (samples[:, :, :1] != samples[:, :, 1:3]).any():
+            problem = f"has channels {', '.join(raster.channels)}; depth is one channel"
+            raise InputError(path, problem, "save the depth as a single grey channel")
+        values[window] = samples[:, :, 0]
+    file_type = {"uint16": "16-bit PNG", "uint8": "8-bit PNG"}.get(raster.type, "float TIFF")
+    return Samples(values, file_type, kind, metadata=metadata)
+
+
+def _refuse_unsuited(path: Path, raster: Raster, reading: DepthReading) -> None:
+    """Refuse pictures of 8 bits, and of several channels, unless options declare them as depth."""
+    if raster.type == "uint8" and not reading.says_scale:
+        problem = "has 8 bits, too few for depth and without a metric scale"
+        remedy = f"save depth as {WANTED}; or say --depth-range NEAR FAR and --depth-kind"
+        raise InputError(path, problem, remedy)
+    if len(raster.channels) != 1 and not reading.says_scale:
+        problem = f"has channels {', '.join(raster.channels)}; depth is one channel"
+        raise InputError(path, problem, "save the depth as a single grey channel")

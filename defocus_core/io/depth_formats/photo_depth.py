@@ -1,0 +1,141 @@
+"""Depth images inside photographs of phones: HEIC auxiliary depth, and GDepth in JPEG.
+
+GDepth (Google, "Depthmap metadata"): XMP properties, the depth map itself in base64 in the extended
+XMP, which is spread over segments APP1 of at most 64 kB (Adobe, "XMP Specification Part 3").
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+import struct
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.errors import InputError, reason
+from defocus_core.io.images.raster import read_pages, read_samples
+from defocus_core.io.safe_files import quiet, read_head
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_XMP, _EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
+_EXTENSION_HEAD = 32 + 8  # digest, length of all, offset of this part
+_PROPERTY = re.compile(rb"""GDepth:(\w+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+_ELEMENT = re.compile(rb"<GDepth:(\w+)>([^<]*)</GDepth:")
+_START_OF_SCAN = 0xDA
+
+
+@dataclass(frozen=True)
+class PhotoDepth:
+    """A depth image inside a photograph.
+
+    Attributes:
+        values: integers [H, W] as they are stored.
+        metadata: what the file says of them: near, far, format, units, measure of GDepth; d_min,
+            d_max, representation_type of HEIC.
+    """
+
+    values: NDArray[Any]
+    metadata: dict[str, Any]
+
+
+def is_heic(head: bytes) -> bool:
+    """Whether a file that starts with ``head`` is HEIF."""
+    return head[4:8] == b"ftyp" and head[8:12] in (b"heic", b"heix", b"mif1", b"msf1", b"hevc")
+
+
+def is_jpeg(head: bytes) -> bool:
+    """Whether a file that starts with ``head`` is a JPEG."""
+    return head.startswith(b"\xff\xd8\xff")
+
+
+def read_heic(path: Path) -> PhotoDepth:
+    """The depth image of a HEIC photograph.
+
+    Raises:
+        InputError: it is damaged or has none, or pillow-heif is missing.
+    """
+    try:
+        import pillow_heif
+    except ImportError:
+        problem = "is a HEIC file, read with pillow-heif, and pillow-heif is not installed"
+        raise InputError(path, problem, "run: pip install 'defocus[heif]'") from None
+    import numpy as np
+
+    try:
+        with quiet():
+            images = pillow_heif.open_heif(str(path)).info.get("depth_images") or []
+            values = np.asarray(images[0]) if images else None
+    except Exception as error:
+        problem = f"is a damaged HEIC file ({reason(error)})"
+        raise InputError(path, problem, "copy it again") from error
+    if values is None:
+        raise InputError(path, "has no depth image", "take the photograph in portrait mode")
+    return PhotoDepth(
+        values if values.ndim == 2 else values[:, :, 0], dict(images[0].info["metadata"] or {})
+    )
+
+
+def read_gdepth(path: Path) -> PhotoDepth:
+    """The depth image of a JPEG photograph that holds GDepth.
+
+    Raises:
+        InputError: it has none, or one that is damaged.
+    """
+    read_head(path)
+    with path.open("rb") as file:
+        packet = b"".join(_xmp(file.read()))
+    metadata = {name: one or other for name, one, other in _PROPERTY.findall(packet)}
+    metadata |= dict(_ELEMENT.findall(packet))
+    if b"Data" not in metadata:
+        raise InputError(path, "has no GDepth in its XMP", "check what took or edited it")
+    data = metadata.pop(b"Data")
+    try:
+        values = _decoded(base64.b64decode(data, validate=False))
+    except (InputError, ValueError) as error:  # it would name the scratch file
+        why = error.problem if isinstance(error, InputError) else reason(error)
+        problem = f"has a damaged GDepth image ({why})"
+        raise InputError(path, problem, "copy the photograph again") from error
+    words = {
+        name.decode("ascii", "replace"): text.decode("utf-8", "replace")
+        for name, text in metadata.items()
+    }
+    return PhotoDepth(values, words)
+
+
+def _xmp(data: bytes) -> Iterator[bytes]:
+    """The XMP packet of a JPEG and the parts of its extension, in order."""
+    place, parts = 2, {}
+    while place + 4 <= len(data) and data[place] == 0xFF and data[place + 1] != _START_OF_SCAN:
+        (size,) = struct.unpack_from(">H", data, place + 2)
+        body = data[place + 4 : place + 2 + size]
+        if body.startswith(_XMP):
+            yield body.removeprefix(_XMP)
+        elif body.startswith(_EXTENSION):
+            body = body.removeprefix(_EXTENSION)
+            (offset,) = struct.unpack_from(">I", body, 36) if len(body) >= _EXTENSION_HEAD else (0,)
+            parts[offset] = body[_EXTENSION_HEAD:]
+        place += 2 + size
+    for offset in sorted(parts):
+        yield parts[offset]
+
+
+def _decoded(data: bytes) -> NDArray[Any]:
+    """First channel [H, W] of an encoded image, 8 or 16 bit."""
+    import numpy as np
+
+    suffix = ".png" if data.startswith(b"\x89PNG") else ".jpg"
+    with tempfile.NamedTemporaryFile(suffix=suffix) as file:  # OpenImageIO reads files alone
+        file.write(data)
+        file.flush()
+        image = Path(file.name)
+        page = read_pages(image)[0]
+        dtype = np.uint16 if page.type == "uint16" else np.uint8
+        values = np.empty((page.height, page.width), dtype)
+        for window, samples in read_samples(image):
+            values[window] = samples[:, :, 0]
+    return values

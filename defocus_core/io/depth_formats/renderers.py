@@ -1,0 +1,147 @@
+"""Formats of renderers, engines and simulators: one row each."""
+
+from __future__ import annotations
+
+from defocus_core.io.depth_formats.rules import ANY, FLOATS, UNREAL_DEPTH, DepthFormat
+
+_SCENE = "units of the scene, as metres unless --depth-unit says otherwise"
+_ALPHA = f"{_SCENE}; where alpha is 0 is sky"
+
+RENDERERS = (
+    DepthFormat(
+        name="metres",
+        title="any file of depth, in the unit of --depth-unit",
+        files=ANY,
+        unitless=True,
+    ),
+    DepthFormat(
+        name="disparity",
+        title="any file of disparity",
+        files=ANY,
+        rule="inverse",
+        note="0 is infinitely far; a scale, a range, or focal length and baseline must be said",
+        aliases=("inverse",),
+    ),
+    DepthFormat(
+        name="coc",
+        title="signed radius of the circle of confusion in px, as 'render --outputs coc' writes it",
+        files=FLOATS,
+        rule="radius",
+        channels=("coc",),
+        note="used as it is: of the lens, only --blades and --blade-rotation have an effect",
+    ),
+    DepthFormat(
+        name="blender",
+        title="Blender, pass Z",
+        files=("EXR",),
+        channels=("*.Depth.Z", "Depth.Z", "Z", "*.Depth.V", "Depth.V", "V"),
+        unitless=True,
+        note=f"{_SCENE}; the pass Mist is no depth",
+    ),
+    DepthFormat(
+        name="blenderproc",
+        title="BlenderProc",
+        files=("HDF5",),
+        channels=("depth", "distance"),
+        radial_channels=("distance",),
+    ),
+    DepthFormat(
+        name="vision-blender",
+        title="VisionBlender",
+        files=("NPZ",),
+        channels=("depth_map", "depth*", "*"),
+    ),
+    DepthFormat(
+        name="kubric",
+        title="Kubric",
+        files=("float TIFF", "NPZ", "EXR"),
+        geometry="ask",
+    ),
+    DepthFormat(
+        name="mitsuba",
+        title="Mitsuba, AOV depth",
+        files=("EXR",),
+        channels=("depth", "*depth*", "*.T", "dd.y"),
+        geometry="radial",
+        invalid=(0,),
+        unitless=True,
+        note="some versions are off by the near clip",
+    ),
+    DepthFormat(
+        name="unreal-mrq",
+        title="Unreal, Movie Render Queue",
+        files=("EXR",),
+        scale=1 / 100,
+        channels=(*UNREAL_DEPTH, "ImageDepth.R", "ImageDepth*", "*WorldDepth*", "R"),
+        sky=1e6,
+        sky_numbers=(65504,),
+        aliases=("unreal",),
+    ),
+    DepthFormat(
+        name="unity-perception",
+        title="Unity Perception",
+        files=("EXR",),
+        channels=("R", "*"),
+        geometry="ask",
+        note="its Depth strategy is --planar, its Range strategy --radial",
+    ),
+    DepthFormat(
+        name="carla",
+        title="CARLA, depth camera",
+        files=("8-bit RGB", "8-bit RGBA"),
+        scale=1000 / (2**24 - 1),
+        weights=(1.0, 256.0, 65536.0),
+        sky=2.0**24 - 1,
+    ),
+    DepthFormat(
+        name="habitat",
+        title="Habitat, pinhole camera",
+        files=FLOATS,
+        invalid=(0,),
+        note="an equirectangular camera writes the distance to the point: --radial",
+    ),
+    DepthFormat(
+        name="mujoco-warp",
+        title="MuJoCo Warp, Newton",
+        files=FLOATS,
+        geometry="ask",
+        note="radial in versions before March 2026, planar since",
+        aliases=("newton",),
+    ),
+    DepthFormat(
+        name="nuke-scanline",
+        title="Nuke, ScanlineRender, 1/z",
+        files=("EXR",),
+        rule="inverse",
+        channels=("depth.Z", "Z"),
+        per_metre=True,
+        unitless=True,
+    ),
+    DepthFormat(
+        name="arnold",
+        title="Arnold, Redshift, Karma",
+        files=("EXR",),
+        channels=("Z", "depth.Z", "*.Z"),
+        alpha=True,
+        invalid=(0,),
+        unitless=True,
+        note=_ALPHA,
+        aliases=("redshift", "karma"),
+    ),
+    DepthFormat(
+        name="vray-zdepth",
+        title="V-Ray, ZDepth",
+        files=("EXR", "16-bit PNG", "8-bit PNG", "float TIFF"),
+        channels=("ZDepth*", "Z", "R", "*"),
+        needs=("depth-range",),
+        note="--depth-range is the distance of black, then of white",
+    ),
+    DepthFormat(
+        name="colmap",
+        title="COLMAP, depth_maps/*.bin",
+        files=("COLMAP",),
+        invalid=(0,),
+        unitless=True,
+        note=_SCENE,
+    ),
+)

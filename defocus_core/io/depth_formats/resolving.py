@@ -1,0 +1,239 @@
+"""The decoding of one depth file, resolved from its format, the user's options and a sidecar."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.depth_formats.declared import Declared, ask, focal_of, refuse_idle
+from defocus_core.io.depth_formats.reading import DepthReading
+from defocus_core.io.depth_formats.rules import (
+    HALF_MAX,
+    Decoding,
+    DepthFormat,
+    depth_range,
+    disparity_range,
+)
+from defocus_core.io.depth_formats.sidecars import Facts, facts_of
+from defocus_core.io.depth_formats.table import UNIT_WORDS, UNITS, custom
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from defocus_core.io.depth_formats.samples import Samples
+
+MM_PER_M = 1000.0
+_CALIBRATION = {"focal-px": "--focal-px PX", "baseline": "--baseline 65mm"}
+
+
+def resolved(
+    path: Path,
+    reading: DepthReading,
+    samples: Samples,
+    *,
+    picture_width: int,
+    lens_focal: float | None,
+) -> Decoding:
+    """The decoding of the numbers of a file to depth.
+
+    Args:
+        path: the file.
+        reading: the options of the user.
+        samples: its numbers.
+        picture_width: px of the colour, or of the depth if there is no colour.
+        lens_focal: focal length of the lens in widths of its sensor, None if there is no lens.
+
+    Raises:
+        UsageProblem: an option is missing, or two declarations contradict each other.
+        InputError: a sidecar cannot be understood, or the type of file has no custom.
+    """
+    row = reading.row
+    facts = facts_of(row.sidecar, path, samples.metadata) if row.sidecar else None
+    declared = Declared(path, reading, row, samples, facts)
+    rule = _rule(declared)
+    refuse_idle(declared, rule)
+    make = {"scale": _depth_decoding, "inverse": _disparity_decoding, "log": _logarithm_decoding}
+    if rule == "radius":
+        return Decoding("radius", words="signed CoC radius in px")
+    decoding = make[rule](declared)
+    sky = reading.sky
+    if sky is None:
+        sky = -math.inf if rule == "inverse" else _own_sky(samples, row)
+    focal = focal_of(declared, picture_width, lens_focal)
+    geometry = "" if focal is None else f", radial with a focal length of {focal:.6g} px"
+    return replace(
+        decoding,
+        sky=sky,
+        sky_numbers=row.sky_numbers,
+        invalid=row.invalid,
+        invalid_infinity=row.invalid_infinity,
+        focal_px=focal,
+        words=f"{decoding.words}{geometry}",
+    )
+
+
+def _own_sky(samples: Samples, row: DepthFormat) -> float:
+    """The least number that is sky; the largest half is, in a file of half."""
+    half = samples.values.dtype.newbyteorder("=") == "float16"
+    return min(row.sky, HALF_MAX) if half else row.sky
+
+
+def _rule(declared: Declared) -> str:
+    """scale, inverse, log or radius: of the format, or by --depth-kind."""
+    reading, rule = declared.reading, declared.rule
+    by_kind = {"depth": "scale", "disparity": "inverse"}.get(reading.depth_kind or "")
+    if not rule:
+        if by_kind is None:
+            ask(declared, "depth-kind", "depth or disparity")
+        return by_kind
+    if by_kind is not None and by_kind != rule:
+        holds = {"scale": "depth", "inverse": "disparity"}.get(rule, declared.row.title)
+        problem = f"contradicts --depth-format {declared.row.name}, which is {holds}"
+        raise UsageProblem("--depth-kind", problem, "leave one of them out")
+    if reading.depth_range is not None and reading.depth_format is None and by_kind is None:
+        problem = "does not say whether the numbers are depth or disparity"
+        raise UsageProblem("--depth-range", problem, "add --depth-kind disparity, or depth")
+    return rule
+
+
+def _ends(declared: Declared, *, disparity: bool) -> tuple[float, float] | None:
+    """Near and far in metres, where a range is set.
+
+    Raises:
+        UsageProblem: the format needs a range, or of disparity a scale, and neither is set.
+    """
+    reading, row = declared.reading, declared.row
+    ends, is_relative = reading.depth_range, "depth-range" in row.needs or not row.rule
+    if ends is None:
+        if disparity and is_relative and reading.depth_scale is None:
+            remedy = "NEAR FAR, like 1m 20m; or --depth-scale and --doffs, as 1/z = scale v + doffs"
+            ask(declared, "depth-range", remedy)
+        if not disparity and "depth-range" in row.needs:
+            ask(declared, "depth-range", "NEAR FAR, like 1m 20m")
+        return None
+    near, far = (end / MM_PER_M for end in ends)
+    if near == far:
+        raise UsageProblem("--depth-range", "has the same distance twice", "give two distances")
+    return near, far
+
+
+def _within(declared: Declared) -> None:
+    """Refuse floats beyond 0 and 1, whose ends no range can be of.
+
+    Raises:
+        InputError: there are such numbers.
+    """
+    import numpy as np
+
+    from defocus_core.io.arrays import bands
+
+    values = declared.samples.values
+    if declared.samples.is_integer:
+        return
+    least, most = math.inf, -math.inf
+    for rows in bands(values.shape):
+        band = values[rows]
+        finite = band[np.isfinite(band)]
+        if finite.size:
+            least, most = min(least, float(finite.min())), max(most, float(finite.max()))
+    if least < -1e-3 or most > 1 + 1e-3:
+        problem = f"has floats from {least:.4g} to {most:.4g}, and --depth-range is of 0 and 1"
+        raise InputError(declared.path, problem, "give --depth-scale and --doffs instead")
+
+
+def _depth_decoding(declared: Declared) -> Decoding:
+    reading, row, samples = declared.reading, declared.row, declared.samples
+    if (ends := _ends(declared, disparity=False)) is not None:
+        _within(declared)
+        scale, shift = depth_range(*ends, samples.top)
+        words = f"depth, 0 is {ends[0]:.6g} m and {samples.top:.6g} is {ends[1]:.6g} m"
+        return Decoding("scale", scale, shift, words=words)
+    if "depth-scale" in row.needs and reading.depth_scale is None:
+        ask(declared, "depth-scale", "METRES")
+    facts = declared.facts
+    if facts is not None and facts.scale is not None:
+        words = f"{row.name}, {facts.source}"
+        return Decoding("scale", facts.scale, facts.shift or 0.0, words=words)
+    unit = reading.depth_unit
+    if reading.depth_format is None and unit is None:
+        unit = custom(samples) if reading.depth_scale is None else "m"
+        if unit is None:
+            problem = f"has {samples.channel or 'numbers'} in whole numbers, whose unit is unknown"
+            named = samples.type == "HEIC"
+            remedy = "say --depth-format apple-heic" if named else "say --depth-unit mm"
+            raise InputError(declared.path, problem, remedy)
+    words = UNIT_WORDS.get(unit or "", "")
+    scale = row.scale * UNITS[unit or "m"]
+    if row.integer_scale is not None and samples.is_integer:
+        scale = row.integer_scale
+    if reading.depth_scale is not None:
+        scale *= reading.depth_scale
+        words = ", ".join(filter(None, (words, f"× {reading.depth_scale:g}")))
+    if reading.depth_format is not None:
+        words = ", ".join(filter(None, (row.name, words)))
+    return Decoding("scale", scale, words=words)
+
+
+def _disparity_decoding(declared: Declared) -> Decoding:
+    reading, row, facts = declared.reading, declared.row, declared.facts
+    if (ends := _ends(declared, disparity=True)) is not None:
+        _within(declared)
+        top = declared.samples.top
+        scale, shift = disparity_range(*ends, top)
+        words = f"disparity, 0 is {ends[1]:.6g} m and {top:.6g} is {ends[0]:.6g} m"
+        return Decoding("inverse", scale, shift, words=words)
+    if facts is not None and facts.scale is not None:
+        words = f"{row.name}, {facts.source}"
+        return Decoding("inverse", facts.scale, facts.shift or 0.0, words=words)
+    if row.per_metre:
+        if row.sidecar:
+            raise InputError(declared.path, f"has no {row.sidecar} metadata", "check what wrote it")
+        unit = UNITS[reading.depth_unit or "m"]
+        scale = row.scale * (reading.depth_scale or 1.0)
+        return Decoding("inverse", scale, focal_baseline=unit, words=f"{row.name}, 1 / z")
+    return _by_calibration(declared)
+
+
+def _by_calibration(declared: Declared) -> Decoding:
+    """Disparity by focal length and baseline, or by a scale alone.
+
+    Raises:
+        UsageProblem: neither is set.
+    """
+    reading, row, facts = declared.reading, declared.row, declared.facts
+    beside = Facts("") if facts is None else facts
+    own_baseline = None if reading.baseline is None else reading.baseline / MM_PER_M
+    focal = _first(reading.focal_px, beside.focal_px, row.focal_px)
+    baseline = _first(own_baseline, beside.baseline, row.baseline)
+    doffs = _first(reading.doffs, beside.doffs) or 0.0
+    scale = row.scale * (1.0 if reading.depth_scale is None else reading.depth_scale)
+    source = f" by {facts.source}" if facts is not None else ""
+    if focal is not None and baseline is not None:
+        words = f"{row.name}, {focal:.6g} px × {baseline:.6g} m{source}"
+        return Decoding("inverse", scale, doffs, focal * baseline, words=words)
+    if focal is None and baseline is None and reading.depth_scale is not None:
+        words = f"disparity, 1/z = {scale:g} v{f' + {doffs:g}' if doffs else ''}"
+        return Decoding("inverse", scale, doffs, words=words)
+    missing = [n for n, value in zip(_CALIBRATION, (focal, baseline), strict=True) if value is None]
+    names = " and ".join(f"--{name}" for name in missing)
+    why = f": there is no {row.sidecar} beside {declared.path}" if row.sidecar else ""
+    remedy = f"add {' and '.join(_CALIBRATION[name] for name in missing)}"
+    if row.name == "disparity":
+        remedy += ", or --depth-range NEAR FAR, or --depth-scale"
+    raise UsageProblem(declared.named, f"leaves {names} open{why}", remedy)
+
+
+def _logarithm_decoding(declared: Declared) -> Decoding:
+    facts = declared.facts
+    if facts is None or facts.ends is None:
+        problem = f"has no text chunks near and far, which {declared.row.name} needs"
+        raise InputError(declared.path, problem, "check what wrote or edited it")
+    near, far = facts.ends
+    words = f"{declared.row.name}, from {near:.6g} m to {far:.6g} m"
+    return Decoding("log", ends=facts.ends, words=words)
+
+
+def _first(*values: float | None) -> float | None:
+    return next((value for value in values if value is not None), None)

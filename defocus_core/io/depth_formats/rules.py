@@ -1,0 +1,299 @@
+"""Depth formats as data: the fields of a row, and the pure functions that decode by them.
+
+Four kinds of rule are enough for every row. Numbers v of the file become
+  scale     depth  scale · v + shift
+  inverse   depth  focal · baseline / (scale · v + shift), or 1 / (scale · v + shift)
+  log       depth  near^(1 − t) far^t
+  bits      numbers v first: float32 in the four bytes of a pixel, float16 in 16 bits, or an integer
+            spread over R, G and B; then one of the above
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+HALF_MAX = 65504.0  # the largest number that half can hold
+SKY = 1e10  # Blender's far clip: numbers from this one on are sky in every format of depth
+FLOATS = ("EXR", "PFM", "NPY", "NPZ", "float TIFF")
+# R, G and B of it are equal, A is 1; a fault of its writer spoils what follows the dot.
+UNREAL_DEPTH = tuple(
+    f"FinalImage{writer}WorldDepth{end}"
+    for writer in ("MovieRenderQueue_", "PW")
+    for end in (".R", "*")
+)
+ANY = (*FLOATS, "16-bit PNG", "8-bit PNG", "8-bit RGB", "integer EXR", "integer NPY", "HDF5")
+
+
+@dataclass(frozen=True)
+class Mask:
+    """An image or array beside the depth file that marks pixels.
+
+    Attributes:
+        places: where it may lie, relative to the depth file's folder; ``{stem}`` is the stem of
+            the depth file, ``{folder}`` the name of its folder, ``{number}`` the last digits of
+            the stem.
+        marks: ``invalid`` or ``sky``.
+        where: pixels it marks: ``zero``, ``nonzero``, or the number of a class.
+    """
+
+    places: tuple[str, ...]
+    marks: str
+    where: str | int
+
+
+@dataclass(frozen=True)
+class DepthFormat:
+    """A depth convention: one row of the table.
+
+    Attributes:
+        name: as ``--depth-format`` has it.
+        title: which data set, renderer or network writes it.
+        files: types of file it may come in, as `Samples.type` has them.
+        rule: scale, inverse, log, or radius, whose numbers are signed CoC radii in px; empty
+            where ``--depth-kind`` must say whether they are depth or disparity.
+        scale: what 1 in the file is: metres of depth, px of disparity.
+        integer_scale: what 1 is where the numbers are integers; None for `scale`.
+        per_metre: whether disparity is in 1/m rather than in px.
+        bits: ``float32`` or ``float16`` where the bits of a pixel are those of a float.
+        weights: of R, G and B, where a pixel is an integer spread over them.
+        channels: names of EXR channels and of arrays in a container, patterns allowed, the first
+            that is there wins; empty for the usual names.
+        holes: name of the array in the same file whose zeros are invalid.
+        radial_channels: which of these hold the distance to the point.
+        plane: which entry of a last axis of several; of EXR channels in the order of the file.
+        axes: order of axes in the file, N for frames.
+        stride: every so many rows and columns are taken.
+        size: width and height of a file without a header.
+        geometry: planar, radial, or ask where the user must say it.
+        invalid: numbers that mean no depth, beside NaN and what is not in front of the camera.
+        invalid_infinity: whether +inf means no depth rather than sky.
+        sky: numbers from this one on are sky.
+        sky_numbers: single numbers that are sky.
+        focal_px: focal length in px of its pictures, where it is fixed.
+        focal_width: width of the pictures that `focal_px` is of; None for any width.
+        baseline: metres between its two cameras, where it is fixed.
+        sidecar: name of what else holds a part of the rule, as `sidecars`
+            has it.
+        mask: what marks pixels.
+        alpha: whether nothing is where the alpha of the EXR is 0.
+        needs: options without which it cannot be decoded.
+        unitless: whether its unit is that of a scene, so that ``--depth-unit`` may say it.
+        note: what else a user should know.
+        aliases: other names.
+    """
+
+    name: str
+    title: str
+    files: tuple[str, ...]
+    rule: str = "scale"
+    scale: float = 1.0
+    integer_scale: float | None = None
+    per_metre: bool = False
+    bits: str = ""
+    weights: tuple[float, ...] = ()
+    channels: tuple[str, ...] = ()
+    holes: str = ""
+    radial_channels: tuple[str, ...] = ()
+    plane: int | None = None
+    axes: str = "HW"
+    stride: int = 1
+    size: tuple[int, int] | None = None
+    geometry: str = "planar"
+    invalid: tuple[float, ...] = ()
+    invalid_infinity: bool = False
+    sky: float = SKY
+    sky_numbers: tuple[float, ...] = ()
+    focal_px: float | None = None
+    focal_width: int | None = None
+    baseline: float | None = None
+    sidecar: str = ""
+    mask: Mask | None = None
+    alpha: bool = False
+    needs: tuple[str, ...] = ()
+    unitless: bool = False
+    note: str = ""
+    aliases: tuple[str, ...] = field(default=())
+
+
+@dataclass(frozen=True)
+class Decoding:
+    """The decoding of one file: its format, completed by the user and the sidecar.
+
+    Attributes:
+        rule: scale, inverse, log or radius.
+        scale: multiplies the numbers.
+        shift: added to that.
+        focal_baseline: metres · px over disparity in px; 1 of disparity in 1/m.
+        ends: depth in metres at number 1 and at 65534, of log.
+        sky: numbers from this one on are sky; of disparity, numbers up to this one.
+        sky_numbers: single numbers that are sky.
+        invalid: single numbers that are no depth.
+        invalid_infinity: whether +inf is no depth.
+        focal_px: of a distance to the point, the focal length of the picture; None of depth.
+        words: the rule, for people.
+    """
+
+    rule: str
+    scale: float = 1.0
+    shift: float = 0.0
+    focal_baseline: float = 1.0
+    ends: tuple[float, float] = (1.0, 1.0)
+    sky: float = SKY
+    sky_numbers: tuple[float, ...] = ()
+    invalid: tuple[float, ...] = ()
+    invalid_infinity: bool = False
+    focal_px: float | None = None
+    words: str = ""
+
+
+LOG_STEPS = 65533  # between the numbers 1 and 65534
+
+
+def unpacked(samples: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
+    """Numbers [H, W] of the samples [H, W] or [H, W, C] of a file whose bits a row explains."""
+    import numpy as np
+
+    if row.weights:
+        planes = samples[..., : len(row.weights)].astype(np.float64)
+        numbers: NDArray[Any] = planes @ np.array(row.weights)
+        return numbers
+    if row.bits == "float32":  # OpenCV reads B, G, R, A: these are its bytes, little endian
+        return np.ascontiguousarray(samples[..., [2, 1, 0, 3]]).view("<f4")[..., 0]
+    if row.bits == "float16":
+        return np.ascontiguousarray(samples.astype(np.uint16)).view(np.float16)
+    return samples
+
+
+def decoded(
+    numbers: NDArray[Any],
+    decoding: Decoding,
+    *,
+    first_row: int = 0,
+    frame: tuple[int, int] | None = None,
+    overscan: Overscan = NO_OVERSCAN,
+) -> NDArray[np.float32]:
+    """Planar metres of numbers [h, W] of a file: +inf is sky; NaN, 0 and less are invalid.
+
+    Args:
+        numbers: of any type.
+        decoding: how to read them; of rule ``radius`` the result is the radii themselves.
+        first_row: which row of the frame is the first of `numbers`.
+        frame: rows and columns of the frame; None if `numbers` has all of them.
+        overscan: pixels of the frame beyond the picture, whose middle is on the optical axis.
+    """
+    import numpy as np
+
+    with np.errstate(over="ignore"):  # as below
+        metres = _metres(numbers, decoding)
+    if decoding.focal_px is not None:
+        rows, columns = overscan.shown(*(frame or numbers.shape[:2]))
+        cosine = _cosine(
+            metres.shape,
+            decoding.focal_px,
+            first=(first_row - rows.start, -columns.start),
+            size=(rows.stop - rows.start, columns.stop - columns.start),
+        )
+        metres = (metres.astype(np.float64) * cosine).astype(np.float32)
+    for marked, value in ((is_sky, np.inf), (is_marked_invalid, np.nan)):
+        pixels = marked(numbers, decoding)
+        if pixels is not None and pixels.any():
+            metres = np.where(pixels, np.float32(value), metres)
+    return metres
+
+
+def is_sky(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_] | None:
+    """Which numbers stand for sky; None if none can."""
+    import numpy as np
+
+    if decoding.rule == "radius":
+        return None
+    if decoding.rule == "inverse":
+        sky: NDArray[np.bool_] = numbers <= np.float32(decoding.sky)
+    else:
+        with np.errstate(over="ignore"):  # a double beyond float32 is sky
+            sky = numbers.astype(np.float32, copy=False) >= np.float32(decoding.sky)
+    for number in decoding.sky_numbers:
+        sky |= numbers == number
+    return sky
+
+
+def is_marked_invalid(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_] | None:
+    """Which numbers the format marks as invalid; None if none. NaN stays NaN by any rule."""
+    import numpy as np
+
+    marked = [numbers == number for number in decoding.invalid]
+    if decoding.invalid_infinity:
+        marked.append(np.isposinf(numbers))
+    return np.logical_or.reduce(marked) if marked else None
+
+
+def _metres(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.float32]:
+    """Depth, or distance to the point, in metres."""
+    import numpy as np
+
+    plain = decoding.rule in ("scale", "radius") and (decoding.scale, decoding.shift) == (1, 0)
+    if plain:
+        return numbers.astype(np.float32, copy=False)
+    scaled: NDArray[np.float64] = numbers.astype(np.float64) * decoding.scale
+    if decoding.shift:
+        scaled += decoding.shift
+    if decoding.rule in ("scale", "radius"):
+        return scaled.astype(np.float32)
+    if decoding.rule == "inverse":
+        # No point in front of both cameras has a negative disparity.
+        with np.errstate(divide="ignore"):
+            depth = np.where(scaled < 0, np.nan, decoding.focal_baseline / np.abs(scaled))
+    else:
+        assert decoding.rule == "log", decoding.rule
+        near, far = map(math.log, decoding.ends)
+        depth = np.exp(near + (scaled - 1) / LOG_STEPS * (far - near))
+    return depth.astype(np.float32)
+
+
+def _cosine(
+    shape: tuple[int, ...], focal_px: float, *, first: tuple[int, int], size: tuple[int, int]
+) -> NDArray[np.float64]:
+    """Depth along the axis by distance to the point, f / √(x² + y² + f²), at pixels [h, w].
+
+    x and y are those of pixel centres from the middle of the frame: M. Roberts et al.: Hypersim,
+    2021 (issue 9 of its code).
+
+    Args:
+        shape: (h, w) of the window.
+        focal_px: focal length in px.
+        first: row and column of the frame at which the window begins; negative beyond it.
+        size: rows and columns of the frame.
+    """
+    import numpy as np
+
+    y, x = (
+        np.arange(start, start + count) - (length - 1) / 2
+        for start, count, length in zip(first, shape, size, strict=True)
+    )
+    cosine: NDArray[np.float64] = focal_px / np.sqrt(x**2 + y[:, None] ** 2 + focal_px**2)
+    return cosine
+
+
+def disparity_range(near: float, far: float, top: float) -> tuple[float, float]:
+    """Scale and shift with which number 0 is the disparity 1/far, and `top` is 1/near.
+
+    Args:
+        near: metres.
+        far: metres, or inf.
+        top: the greatest number of the type.
+    """
+    least = 0.0 if math.isinf(far) else 1 / far
+    return (1 / near - least) / top, least
+
+
+def depth_range(near: float, far: float, top: float) -> tuple[float, float]:
+    """Scale and shift with which number 0 is `near`, and `top` is `far`; both in metres."""
+    return (far - near) / top, near

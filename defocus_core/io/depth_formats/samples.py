@@ -1,0 +1,128 @@
+"""The numbers of a depth file as they stand in it, and the type of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.errors import InputError
+from defocus_core.io.arrays import Keeping, bands
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+# Alpha of an edge whose numbers tell if they were multiplied, and of the whole pixel beside it.
+_EDGE, _WHOLE = (0.05, 0.9), 0.995
+# Edge pixels that are enough to judge by, and the share of them that must look multiplied.
+_ENOUGH, _MOST = 12, 0.8
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The numbers of a depth file.
+
+    Attributes:
+        values: [H, W], or [H, W, C] of pixels that are bits; of the type they have in the file,
+            an array or something else that rows can be cut from.
+        type: of the file and its numbers, as the rows of the table have it.
+        words: type of the file and of its numbers, for people.
+        channel: name in the file; empty where it has none.
+        metadata: of the file, by key.
+        nothing: pixels of an alpha of 0, where that means sky, [H, W].
+        holes: pixels without depth by another array of the file, [H, W].
+        within: rows and columns that the file has; the others have no depth. None of all.
+        data_window: its data window in words, if it does not cover the picture.
+    """
+
+    values: Any
+    type: str
+    words: str
+    channel: str = ""
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    nothing: NDArray[np.bool_] | None = None
+    holes: NDArray[np.bool_] | None = None
+    within: tuple[slice, slice] | None = None
+    data_window: str = ""
+
+    @property
+    def width(self) -> int:
+        """Of the map in px."""
+        return int(self.values.shape[1])
+
+    @property
+    def top(self) -> float:
+        """The greatest number of the type: 255, 65535, …; 1 of floats."""
+        import numpy as np
+
+        dtype = np.dtype(self.values.dtype)
+        return 1.0 if dtype.kind == "f" else float(np.iinfo(dtype).max)
+
+    @property
+    def is_integer(self) -> bool:
+        """Whether the numbers are integers."""
+        return self.values.dtype.kind in "iu"
+
+
+def divided(path: Path, values: Any, alpha: Any, how: str, keeping: Keeping) -> tuple[Any, str]:
+    """The numbers of a depth file without the alpha in them, and what was done, in words.
+
+    Args:
+        path: the file.
+        values: its numbers [H, W].
+        alpha: [H, W] of the colour; None if it has none.
+        how: on, off, or auto: on if the edges tell that the numbers were multiplied.
+        keeping: where the result is kept.
+
+    Raises:
+        InputError: it is to be divided and there is no alpha of its size.
+    """
+    import numpy as np
+
+    usable = alpha is not None and tuple(alpha.shape) == tuple(values.shape[:2])
+    if how == "on" and not usable:
+        problem = "cannot be divided by alpha: the colour has no alpha of its size"
+        raise InputError(path, problem, "leave --unpremultiply-depth out")
+    if not usable or how == "off" or (how == "auto" and not _is_multiplied(values, alpha)):
+        return values, ""
+    result = keeping.new(tuple(values.shape), np.float32)
+    for rows in bands(values.shape):
+        share = np.asarray(alpha[rows], np.float32)
+        numbers = np.asarray(values[rows], np.float32)
+        result[rows] = np.divide(numbers, share, out=numbers.copy(), where=share > 0)
+    return result, "divided by alpha"
+
+
+def _is_multiplied(values: Any, alpha: Any) -> bool:
+    """Whether edges have the depth beside them times alpha, and not the depth itself."""
+    import numpy as np
+
+    multiplied = plain = 0
+    for share, numbers in _overlapping(alpha, values):
+        edge = (share > _EDGE[0]) & (share < _EDGE[1])
+        if not edge.any():
+            continue
+        whole = (share >= _WHOLE) & np.isfinite(numbers) & (numbers > 0)
+        for step in (1, 2):
+            for axis in (0, 1):
+                for away in (-step, step):
+                    at = edge & np.roll(whole, away, axis)
+                    beside, own = np.roll(numbers, away, axis)[at], numbers[at]
+                    times = share[at] * beside
+                    nearer = np.abs(own - times) < np.abs(own - beside)
+                    multiplied += int(np.count_nonzero(nearer & (own > 0)))
+                    plain += int(np.count_nonzero(~nearer & (own > 0)))
+    return multiplied >= _ENOUGH and multiplied > _MOST * (multiplied + plain)
+
+
+def _overlapping(*arrays: Any) -> Iterator[list[NDArray[np.float32]]]:
+    """Bands of arrays [H, W], each with two rows of the next."""
+    import numpy as np
+
+    for rows in bands(arrays[0].shape):
+        wide = slice(rows.start, rows.stop + 2)
+        yield [np.asarray(array[wide], np.float32) for array in arrays]

@@ -1,0 +1,255 @@
+"""Files beside a depth file that hold a part of its rule: calibration, cameras, masks.
+
+Also the metadata of the file itself: MoGe's text chunks, HEIC's and GDepth's properties.
+"""
+
+from __future__ import annotations
+
+import configparser
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.errors import InputError, reason
+from defocus_core.io.depth_formats.rules import DepthFormat, Mask
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+_LONGEST = 1 << 20  # characters of a sidecar
+_CHECK = "check the file"
+
+
+@dataclass(frozen=True)
+class Facts:
+    """The facts that a sidecar holds.
+
+    Attributes:
+        source: the file, or the part of the depth file, for people.
+        focal_px: focal length in px.
+        baseline: metres.
+        doffs: px.
+        ends: depth in metres at the ends of log.
+        scale: multiplies numbers, before `shift` is added.
+        shift: see `scale`.
+        rule: scale or inverse, where the file declares one.
+        radial: whether the file says that it holds the distance to the point.
+    """
+
+    source: str
+    focal_px: float | None = None
+    baseline: float | None = None
+    doffs: float | None = None
+    ends: tuple[float, float] | None = None
+    scale: float | None = None
+    shift: float | None = None
+    rule: str = ""
+    radial: bool = False
+
+
+def facts_of(name: str, path: Path, metadata: Mapping[str, Any]) -> Facts | None:
+    """The facts of the sidecar of a depth file; None if there is no such file.
+
+    Args:
+        name: of the kind of sidecar, as a row has it.
+        path: the depth file.
+        metadata: of the depth file.
+
+    Raises:
+        InputError: the sidecar cannot be understood.
+    """
+    place = path
+    try:
+        if name in _METADATA_READERS:
+            return _METADATA_READERS[name](metadata)
+        for place in _PLACES[name](path):
+            if place.is_file():
+                return _SIDECAR_READERS[name](place, path)
+    except (OSError, ValueError, KeyError, IndexError, configparser.Error) as error:
+        problem = f"does not say what {name} of {path.name} should ({reason(error)})"
+        raise InputError(place, problem, _CHECK) from None
+    return None
+
+
+def _text(path: Path) -> str:
+    with path.open(encoding="utf-8", errors="replace") as file:
+        return file.read(_LONGEST)
+
+
+def _number_at_end(path: Path) -> str:
+    digits = re.search(r"(\d+)\D*$", path.stem)
+    return digits[1] if digits else path.stem
+
+
+def _calib(path: Path, _: Path) -> Facts:
+    """Middlebury: ``cam0=[f 0 cx; 0 f cy; 0 0 1]``, ``doffs=``, ``baseline=`` in mm."""
+    lines = dict(line.split("=", 1) for line in _text(path).splitlines() if "=" in line)
+    focal = float(lines["cam0"].strip(" []").split()[0])
+    baseline = float(lines["baseline"]) / 1000
+    return Facts(path.name, _positive(focal), _positive(baseline), float(lines.get("doffs", 0)))
+
+
+def _parameters(path: Path, _: Path) -> Facts:
+    """4D light field benchmark: disparity is 0 at the focus distance."""
+    parser = configparser.ConfigParser()
+    parser.read_string(_text(path))
+    values = {key: value for section in parser.values() for key, value in section.items()}
+    width = max(float(values[f"image_resolution_{axis}_px"]) for axis in "xy")
+    focal = float(values["focal_length_mm"]) / float(values["sensor_size_mm"]) * width
+    baseline = float(values["baseline_mm"]) / 1000
+    focus = _positive(float(values["focus_distance_m"]))
+    return Facts(path.name, _positive(focal), _positive(baseline), focal * baseline / focus)
+
+
+def _intrinsics(path: Path, depth: Path) -> Facts:
+    """Spring: a line ``fx fy cx cy`` for each frame, the first of which is 1."""
+    frame = int(_number_at_end(depth))
+    line = [line for line in _text(path).splitlines() if line.strip()][max(frame - 1, 0)]
+    return Facts(f"{path.name}, frame {frame}", _positive(float(line.split()[0])))
+
+
+def _extrinsics(path: Path, depth: Path) -> Facts:
+    """UnrealStereo4K: a line of intrinsics, 3×3, and one of world to camera, 3×4, a camera."""
+    import numpy as np
+
+    own = path.parent.parent / f"Extrinsics{'1' if depth.parent.name.endswith('1') else '0'}"
+    poses, focal = [], 0.0
+    for number in "01":
+        file = path.parent.parent / f"Extrinsics{number}" / path.name
+        intrinsics, pose = _text(file).splitlines()[:2]
+        if file.parent == own:
+            focal = float(intrinsics.split()[0])
+        matrix = np.eye(4)
+        matrix[:3] = np.array([float(word) for word in pose.split()]).reshape(3, 4)
+        poses.append(np.linalg.inv(matrix))
+    baseline = abs(float((np.linalg.inv(poses[0]) @ poses[1])[0, 3]))
+    return Facts(f"{own.name}/{path.name}", _positive(focal), _positive(baseline))
+
+
+def _text_chunks(metadata: Mapping[str, Any]) -> Facts | None:
+    """MoGe: near and far, and a unit in files of its first version."""
+    if not {"near", "far"} <= metadata.keys():
+        return None
+    unit = float(metadata.get("unit", 1))
+    near, far = (_positive(float(metadata[key]) * unit) for key in ("near", "far"))
+    return Facts("text chunks near and far", ends=(near, far))
+
+
+def _heic(metadata: Mapping[str, Any]) -> Facts:
+    """HEIC: uniform disparity in 1/m from d_min to d_max over the 255 steps of 8 bits."""
+    kind = int(metadata.get("representation_type", 1))
+    if kind != 1:
+        raise ValueError(f"representation_type {kind}, not the 1 of uniform disparity")
+    least, most = float(metadata["d_min"]), float(metadata["d_max"])
+    return Facts("d_min and d_max", scale=(most - least) / metadata["top"], shift=least)
+
+
+def _gdepth(metadata: Mapping[str, Any]) -> Facts:
+    """GDepth: RangeInverse is linear in 1/z, RangeLinear in z; Near and Far in m or mm."""
+    unit = {"m": 1.0, "mm": 1e-3}[str(metadata.get("Units", "m"))]
+    near, far = (_positive(float(metadata[key]) * unit) for key in ("Near", "Far"))
+    radial = metadata.get("MeasureType") == "OpticRay"
+    source, top = f"GDepth {metadata['Format']}", float(metadata["top"])
+    if metadata["Format"] == "RangeInverse":
+        scale, shift = (1 / far - 1 / near) / top, 1 / near
+        return Facts(source, scale=scale, shift=shift, rule="inverse", radial=radial)
+    if metadata["Format"] != "RangeLinear":
+        raise ValueError(f"Format {metadata['Format']}")
+    return Facts(source, scale=(far - near) / top, shift=near, rule="scale", radial=radial)
+
+
+def _positive(value: float) -> float:
+    if not 0 < value < math.inf:
+        raise ValueError(f"{value:g} is not positive")
+    return value
+
+
+_METADATA_READERS: dict[str, Callable[[Mapping[str, Any]], Facts | None]] = {
+    "text-chunks": _text_chunks,
+    "heic": _heic,
+    "gdepth": _gdepth,
+}
+_SIDECAR_READERS: dict[str, Callable[[Path, Path], Facts]] = {
+    "calib.txt": _calib,
+    "parameters.cfg": _parameters,
+    "intrinsics.txt": _intrinsics,
+    "Extrinsics": _extrinsics,
+}
+_PLACES: dict[str, Callable[[Path], list[Path]]] = {
+    "calib.txt": lambda path: [path.with_name("calib.txt")],
+    "parameters.cfg": lambda path: [path.with_name("parameters.cfg")],
+    "intrinsics.txt": lambda path: [
+        path.with_name("intrinsics.txt"),
+        path.parent.parent / "cam_data" / "intrinsics.txt",
+    ],
+    "Extrinsics": lambda path: [
+        path.parent.parent / "Extrinsics0" / f"{path.stem}.txt",
+        path.parent / "Extrinsics0" / f"{path.stem}.txt",
+    ],
+}
+
+
+def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
+    """Files beside a depth file by which it is read, by role; empty if there are none."""
+    files = {}
+    if row.sidecar in _PLACES:
+        place = next((place for place in _PLACES[row.sidecar](path) if place.is_file()), None)
+        if place is not None:
+            files["depth_sidecar"] = place
+            if row.sidecar == "Extrinsics":
+                files["depth_sidecar_right"] = _right_camera_file(place)
+    if row.mask is not None and (mask := _mask_file(row.mask, path)) is not None:
+        files["depth_mask"] = mask
+    return files
+
+
+def marked_pixels(
+    mask: Mask, path: Path, shape: tuple[int, int]
+) -> tuple[NDArray[np.bool_], Path] | None:
+    """Where a mask marks pixels, [H, W], and its file; None if there is no such file.
+
+    Raises:
+        InputError: the mask cannot be read, or is of another size.
+    """
+    place = _mask_file(mask, path)
+    if place is None:
+        return None
+    values = _mask_values(place)
+    if values.shape != shape:
+        own, depth = (f"{w}x{h} px" for h, w in (values.shape, shape))
+        raise InputError(place, f"is {own} and {path} is {depth}", _CHECK)
+    if isinstance(mask.where, int):
+        return values == mask.where, place
+    return (values == 0) == (mask.where == "zero"), place
+
+
+def _mask_file(mask: Mask, path: Path) -> Path | None:
+    """The mask of a depth file; None if there is none."""
+    words = {"stem": path.stem, "folder": path.parent.name, "number": _number_at_end(path)}
+    places = (path.parent / template.format(**words) for template in mask.places)
+    return next((place for place in places if place.is_file() and place != path), None)
+
+
+def _right_camera_file(first: Path) -> Path:
+    """The file of the right camera, of UnrealStereo4K."""
+    return first.parent.parent / "Extrinsics1" / first.name
+
+
+def _mask_values(path: Path) -> NDArray[Any]:
+    """First channel of a mask [H, W], as it is stored."""
+    import numpy as np
+
+    from defocus_core.io.images.raster import choose_page, read_pages, read_samples
+
+    if path.suffix == ".npy":
+        values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
+        return values.reshape(values.shape[:2]) if values.ndim == 3 else values
+    page = choose_page(path, read_pages(path), None)
+    values = np.empty((page.height, page.width), np.float32)
+    for window, samples in read_samples(path, page.page):
+        values[window] = samples[:, :, 0]
+    return values

@@ -1,0 +1,135 @@
+"""Luminance and chroma of OpenEXR files, of which chroma may have fewer samples than pixels.
+
+RY = (R - Y) / Y and BY = (B - Y) / Y at every other pixel; Y = wr R + wg G + wb B with the weights
+of the primaries (OpenEXR, "Technical Introduction", Luminance/Chroma Images). Between samples,
+chroma is interpolated by cubics (Catmull, Rom 1974).
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.io.exr.header import Header
+from defocus_core.io.exr.windows import Overscan
+from defocus_core.system.interrupts import put_off
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Wanted = Callable[[Header, str], bool]
+
+CHROMA = ("RY", "BY")
+_REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blue, white: x, y
+
+
+def is_chroma(name: str) -> bool:
+    """Whether a channel is chroma by its name."""
+    return name.rpartition(".")[2] in CHROMA
+
+
+def planes_of(
+    path: Path, headers: Sequence[Header], wanted: Wanted, overscan: Overscan
+) -> list[dict[str, NDArray[Any]]]:
+    """The channels of each part in the frame, chroma interpolated; others of fewer samples are not.
+
+    Raises:
+        Exception: whatever OpenEXR raises of a damaged file.
+    """
+    with put_off():
+        import OpenEXR
+
+    decoded = OpenEXR.File(str(path), separate_channels=True).parts
+    if len(decoded) != len(headers):
+        raise ValueError("a part is missing")
+    every = []
+    for header, part in zip(headers, decoded, strict=True):
+        samples = part.channels
+        every.append(
+            {
+                channel.name: _in_frame(
+                    _interpolated(samples[channel.name].pixels, channel.sampling, header),
+                    header,
+                    overscan,
+                )
+                for channel in header.channels
+                if wanted(header, channel.name)
+                and not header.deep
+                and (not channel.subsampled or is_chroma(channel.name))
+            }
+        )
+    return every
+
+
+def rgb_of(
+    luminance: NDArray[Any], chroma: Sequence[NDArray[Any]], weights: Sequence[float]
+) -> list[NDArray[np.float32]]:
+    """R, G and B of Y and of RY and BY, all [H, W]."""
+    import numpy as np
+
+    y = np.asarray(luminance, np.float32)
+    red, blue = (y * (1 + np.asarray(each, np.float32)) for each in chroma)
+    red_weight, green_weight, blue_weight = (np.float32(weight) for weight in weights)
+    green = (y - red_weight * red - blue_weight * blue) / green_weight
+    return [red, green.astype(np.float32), blue]
+
+
+def weights_of(header: Header) -> tuple[float, ...]:
+    """How much R, G and B are in the luminance of a part, by its primaries; they add up to 1."""
+    import numpy as np
+
+    said = header.attributes.get("chromaticities")
+    values = _REC_709
+    if said is not None and said.kind == "chromaticities" and len(said.value) == 32:
+        values = struct.unpack("<8f", said.value)
+    points = np.array(values).reshape(4, 2)
+    xyz = np.c_[points / points[:, 1:], (1 - points.sum(1)) / points[:, 1]]
+    xyz[:, 1] = 1.0
+    amounts = np.linalg.solve(xyz[:3].T, xyz[3])
+    return tuple(float(amount) for amount in amounts / amounts.sum())
+
+
+def _interpolated(samples: NDArray[Any], sampling: tuple[int, int], header: Header) -> NDArray[Any]:
+    """Samples [h, w] of a data window, one for each of its pixels."""
+    import numpy as np
+
+    if sampling == (1, 1):
+        return samples
+    across, down = sampling
+    values = np.asarray(samples, np.float32)
+    values = _along(values, 0, np.arange(header.data.height) / down)
+    return _along(values, 1, np.arange(header.data.width) / across)
+
+
+def _along(values: NDArray[np.float32], axis: int, at: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Values at positions along an axis, cubic between samples; at the ends they are continued."""
+    import numpy as np
+
+    first = np.floor(at).astype(int)
+    t = at - first
+    weights = (
+        ((2 - t) * t - 1) * t / 2,
+        ((3 * t - 5) * t * t + 2) / 2,
+        ((4 - 3 * t) * t + 1) * t / 2,
+        (t - 1) * t * t / 2,
+    )
+    total = np.float32(0)
+    shape = (-1, 1) if axis == 0 else (1, -1)
+    for offset, weight in zip((-1, 0, 1, 2), weights, strict=True):
+        index = np.clip(first + offset, 0, values.shape[axis] - 1)
+        total = total + weight.reshape(shape).astype(np.float32) * values.take(index, axis)
+    return np.asarray(total, np.float32)
+
+
+def _in_frame(values: NDArray[Any], header: Header, overscan: Overscan) -> NDArray[Any]:
+    """Values of the data window where they lie in the frame; 0 elsewhere."""
+    import numpy as np
+
+    window = header.display.grown(overscan)
+    whole = np.zeros((window.height, window.width), values.dtype)
+    whole[window.cut(header.data)] = values[header.data.cut(window)]
+    return whole

@@ -1,0 +1,226 @@
+"""Samples of a deep OpenEXR part, decoded some rows at a time, nearest first in each pixel.
+
+A sample with a ZBack beyond its Z fills a volume: it counts as a surface at the middle of both in
+1 / distance, whose blur is the mean of theirs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from defocus_core.errors import InputError, first_line
+from defocus_core.io.exr.opening import damaged, opened
+from defocus_core.io.exr.windows import Window
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from defocus_core.io.exr.header import Channel, Header
+
+HELD_BYTES = 1 << 27
+_held: dict[object, list[Strip]] = {}
+ALPHA, DEPTH, BACK = _OF_LAYERS = "A", "Z", "ZBack"
+_ROWS, _PIXELS = 16, 1 << 16  # decoded at once
+_ROUNDING = 2e-3  # alpha beyond 1 by less is rounding of half
+
+
+class Strip(NamedTuple):
+    """The samples of some rows, sorted by pixel and in each pixel by depth.
+
+    Attributes:
+        window: of the rows.
+        pixel: [N] number of the pixel of each sample in the window.
+        rank: [N] number of the sample in its pixel, 0 is the nearest.
+        values: [N] by channel; coverage and depth of a view by their plain names, too.
+    """
+
+    window: Window
+    pixel: NDArray[Any]
+    rank: NDArray[Any]
+    values: dict[str, NDArray[Any]]
+
+    @property
+    def nbytes(self) -> int:
+        """Size of its arrays."""
+        arrays = (self.pixel, self.rank, *self.values.values())
+        return sum(array.nbytes for array in arrays)
+
+    @property
+    def most(self) -> int:
+        """The number of samples of the pixel with most of them."""
+        return int(self.rank.max(initial=-1)) + 1
+
+    def dense(self, chosen: Any, values: NDArray[Any]) -> NDArray[Any]:
+        """The values [N] of the chosen samples, one a pixel, as rows [h, w]; 0 elsewhere."""
+        import numpy as np
+
+        rows = np.zeros(self.window.height * self.window.width, values.dtype)
+        rows[self.pixel[chosen]] = values[chosen]
+        return rows.reshape(self.window.height, self.window.width)
+
+
+class Summary(NamedTuple):
+    """Samples of a deep part.
+
+    Attributes:
+        most: of the pixel that has most.
+        total: in all.
+        pixels: number of pixels that have some.
+        ends: least and greatest finite depth, as it stands in the file; None if there is none.
+    """
+
+    most: int
+    total: int
+    pixels: int
+    ends: tuple[float, float] | None
+
+
+def most_samples(path: Path, header: Header) -> int:
+    """The number of samples of the pixel with most of them.
+
+    Raises:
+        InputError: the file cannot be decoded.
+    """
+    return _most_samples(path, header, _version(path))
+
+
+@lru_cache(maxsize=64)
+def _most_samples(path: Path, header: Header, version: object) -> int:
+    return max((strip.most for strip in strips(path, header)), default=0)
+
+
+def summary(path: Path, header: Header) -> Summary:
+    """The samples of a deep part, in figures.
+
+    Raises:
+        InputError: the file cannot be decoded.
+    """
+    import numpy as np
+
+    most = total = pixels = 0
+    ends: list[float] = []
+    for strip in strips(path, header):
+        most, total = max(most, strip.most), total + len(strip.rank)
+        pixels += int(np.count_nonzero(strip.rank == 0))
+        depth = strip.values.get(DEPTH, np.zeros(0))
+        finite = depth[np.isfinite(depth)]
+        ends += [float(finite.min()), float(finite.max())] if len(finite) else []
+    return Summary(most, total, pixels, (min(ends), max(ends)) if ends else None)
+
+
+def strips(path: Path, header: Header, *, last: bool = False) -> Iterator[Strip]:
+    """The samples of a deep part, some rows at a time.
+
+    Those of one part are held, if they are not too many, until they are read for the last time.
+
+    Args:
+        path: the file.
+        header: of the part.
+        last: whether they are not needed again.
+
+    Raises:
+        InputError: the file cannot be decoded, or alpha is no coverage.
+    """
+    key = path, header, _version(path)
+    held = _held.pop(key, None)
+    if held is None:
+        held, size = [], 0
+        for strip in _decoded(path, header):
+            size += strip.nbytes
+            if not last and size <= HELD_BYTES:
+                held.append(strip)
+            yield strip
+        if last or size > HELD_BYTES:
+            return
+    else:
+        yield from held
+    if not last:
+        _held.clear()
+        _held[key] = held
+
+
+def _version(path: Path) -> tuple[int, int]:
+    """What changes with a file: the time of its last change, and its size."""
+    state = path.stat()
+    return state.st_mtime_ns, state.st_size
+
+
+def _decoded(path: Path, header: Header) -> Iterator[Strip]:
+    """The samples of a deep part, decoded some rows at a time."""
+    with opened(path, header) as file:
+        spec, (x0, y0, x1, y1) = file.spec(), header.data
+        count, channels = spec.nchannels, {channel.name: channel for channel in header.channels}
+        step = spec.tile_height or max(_ROWS, _PIXELS // spec.width // _ROWS * _ROWS)
+        for top in range(y0, y1 + 1, step):
+            end = min(top + step, y1 + 1)
+            rows = (header.index, 0, top, end)
+            data = (
+                file.read_native_deep_tiles(header.index, 0, x0, x1 + 1, top, end, 0, 1, 0, count)
+                if spec.tile_width
+                else file.read_native_deep_scanlines(*rows, 0, 0, count)
+            )
+            if data is None or file.has_error:
+                raise damaged(path, first_line(path, file.geterror()))
+            window = Window(x0, top, x1, end - 1)
+            yield _strip(path, data, window, channels)
+
+
+def _strip(path: Path, data: Any, window: Window, channels: Mapping[str, Channel]) -> Strip:
+    """Some decoded rows: their samples, sorted; of another view's channels nothing."""
+    import numpy as np
+
+    size = window.width * window.height
+    counts = np.fromiter(map(data.samples, range(size)), np.int64, size)
+    pixel = np.repeat(np.arange(size, dtype=np.int32), counts)
+    rank = np.arange(len(pixel)) - np.repeat(np.cumsum(counts) - counts, counts)
+    pairs = list(zip(pixel.tolist(), rank.tolist(), strict=True))
+    rank = rank.astype(np.int32)
+    values: dict[str, NDArray[Any]] = {}
+    for index in range(data.channels):
+        channel = channels.get(data.channelname(index))
+        if channel is None:
+            continue
+        is_whole = channel.type == "uint"
+        value = data.deep_value_uint if is_whole else data.deep_value
+        numbers = (value(p, index, k) for p, k in pairs)
+        name = channel.plain if channel.plain in _OF_LAYERS else channel.name
+        values[name] = np.fromiter(numbers, "u4" if is_whole else "f4", len(pairs))
+    _check_alpha(path, values)
+    if BACK in values and DEPTH in values:
+        values[DEPTH] = _middle(values[DEPTH], values[BACK])
+    if DEPTH in values:
+        order = np.lexsort((np.nan_to_num(values[DEPTH], nan=np.inf, posinf=np.inf), pixel))
+        values = {name: each[order] for name, each in values.items()}
+    for name, channel in channels.items():  # of a view
+        values[name] = values[channel.plain if channel.plain in _OF_LAYERS else name]
+    return Strip(window, pixel, rank, values)
+
+
+def _check_alpha(path: Path, values: dict[str, NDArray[Any]]) -> None:
+    """Add an alpha of 1 if there is none, and make 1 what rounding has made more.
+
+    Raises:
+        InputError: alpha is no coverage.
+    """
+    import numpy as np
+
+    some = next(iter(values.values()))
+    alpha = values.get(ALPHA, np.ones(len(some), np.float32))
+    wrong = int(np.count_nonzero(~((alpha >= 0) & (alpha <= 1 + _ROUNDING))))
+    if wrong:
+        problem = f"has an alpha that is not between 0 and 1 in {wrong} samples"
+        raise InputError(path, problem, "render or save it again")
+    values[ALPHA] = np.minimum(alpha, 1)
+
+
+def _middle(front: NDArray[Any], back: NDArray[Any]) -> NDArray[Any]:
+    """The middle of volumes in 1 / distance; of surfaces, their distance."""
+    import numpy as np
+
+    with np.errstate(divide="ignore", invalid="ignore"):
+        middle = 2 / (1 / front + 1 / back)
+    return np.where((back > front) & (front > 0), middle, front).astype(np.float32)

@@ -1,0 +1,249 @@
+"""Headers of OpenEXR files, read without trust and before any pixel is allocated.
+
+By hand, because no library gives an attribute back as it stands in the file: OpenEXR's binding for
+Python refuses a header with text that is not UTF-8, OpenImageIO turns attributes into its own.
+Layout: openexr.com, "OpenEXR File Layout".
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
+
+from defocus_core.errors import InputError
+from defocus_core.io.exr.windows import Overscan, Window
+from defocus_core.io.safe_files import check_size, read_head
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+MAGIC = b"\x76\x2f\x31\x01"
+PIXEL_TYPES = {0: "uint", 1: "half", 2: "float"}
+_BYTES = {"uint": 4, "half": 2, "float": 4}
+_LONG_NAMES, _DEEP, _MULTIPART = 0x400, 0x800, 0x1000
+_SHORT_NAME, _LONGEST_NAME = 31, 255
+# The attributes read here are tens of bytes, a channel list at most some thousand names.
+_LONGEST_VALUE = 2**24
+# Attributes that describe how this one file is laid out, not the picture.
+STRUCTURAL = frozenset(
+    {
+        *("channels", "dataWindow", "displayWindow", "lineOrder", "tiles", "type", "version"),
+        *("compression", "dwaCompressionLevel", "zipCompressionLevel", "chunkCount"),
+        *("name", "multiView", "deepImageState", "maxSamplesPerPixel"),
+    }
+)
+
+
+class Raw(NamedTuple):
+    """An attribute of a header as it stands in the file: of any type, and of any text."""
+
+    kind: str
+    value: bytes
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel of a header.
+
+    Attributes:
+        name: in the file.
+        type: uint, half or float.
+        sampling: every how many pixels it has a sample, across and down.
+        plain: its name without that of a view.
+    """
+
+    name: str
+    type: str
+    sampling: tuple[int, int] = (1, 1)
+    plain: str = ""
+
+    def __post_init__(self) -> None:
+        """Its plain name is its name unless it is of a view."""
+        object.__setattr__(self, "plain", self.plain or self.name)
+
+    @property
+    def subsampled(self) -> bool:
+        """Whether it has fewer samples than the picture has pixels."""
+        return self.sampling != (1, 1)
+
+
+@dataclass(frozen=True)
+class Header:
+    """One part of an EXR file; its attributes are those that another file may carry.
+
+    Attributes:
+        multi_view: the views whose channels are in one part, the default one first.
+        shown: the view that the channels are restricted to; empty if to none.
+        subsampled: whether a channel of the part, of any view, has fewer samples than pixels.
+    """
+
+    index: int
+    name: str  # empty in most single-part files
+    channels: tuple[Channel, ...]
+    data: Window
+    display: Window
+    deep: bool
+    pixel_aspect: float = 1.0  # width of a pixel by its height
+    multi_view: tuple[str, ...] = ()
+    shown: str = ""
+    subsampled: bool = False
+    attributes: Mapping[str, Raw] = field(default_factory=dict, compare=False)
+
+    @property
+    def view(self) -> str:
+        """The view of the whole part; empty if it has none."""
+        raw = self.attributes.get("view")
+        return raw.value.decode("utf-8", "replace") if raw and raw.kind == "string" else ""
+
+    def cut_note(self, kept: Overscan) -> str:
+        """Pixels beyond the display window, and those missing in it; empty if there are none.
+
+        Args:
+            kept: the pixels beyond the display window that are read.
+        """
+        data, display = self.data, self.display
+        overscan = f"overscan {kept}" if any(kept) else ""
+        is_cropped = not display.grown(kept).covers(data)
+        cropped = f"cropped from {data} to the display window" if is_cropped else ""
+        missing = "" if data.covers(display) else f"nothing outside the data window {data}"
+        return ", ".join(filter(None, (overscan, cropped, missing)))
+
+    @property
+    def label(self) -> str:
+        """The part's name in messages, or its number if it has none."""
+        return self.name or str(self.index)
+
+    @property
+    def pixel_bytes(self) -> int:
+        """Bytes of one decoded pixel, all channels."""
+        return sum(_BYTES[channel.type] for channel in self.channels)
+
+
+def is_exr(head: bytes) -> bool:
+    """Whether a file that starts with ``head`` claims to be OpenEXR."""
+    return head.startswith(MAGIC)
+
+
+def read_headers(path: Path) -> tuple[Header, ...]:
+    """Headers of all parts, sizes checked.
+
+    Raises:
+        InputError: not an OpenEXR file, a damaged header, or a size that the file cannot hold.
+    """
+    if not is_exr(read_head(path)):
+        raise InputError(path, "is not an OpenEXR file", "check what wrote it")
+    try:
+        with path.open("rb") as file:
+            headers = tuple(_parts(file))
+    except UnicodeDecodeError as error:
+        problem = f"has a name in its header that is not UTF-8, {error.object!r}"
+        raise InputError(path, problem, "write it again with plain names") from error
+    except (OSError, ValueError, struct.error) as error:
+        problem = f"has a damaged OpenEXR header ({error})"
+        raise InputError(path, problem, "write or copy it again") from error
+    for header in headers:
+        check_size(path, header.data.width, header.data.height, header.pixel_bytes)
+        check_size(path, header.display.width, header.display.height, header.pixel_bytes)
+    return headers
+
+
+def read_attributes(file: BinaryIO) -> dict[str, Raw]:
+    """Attributes of the header that comes next in a file; none at the end of a list of headers.
+
+    Raises:
+        ValueError: the header is damaged.
+    """
+    attributes = {}
+    while name := _text(file):
+        kind = _text(file)
+        (size,) = struct.unpack("<i", file.read(4))
+        if not 0 <= size <= _LONGEST_VALUE:
+            raise ValueError(f"attribute {name} of {size} bytes")
+        value = file.read(size)
+        if len(value) < size:
+            raise ValueError("it ends early")
+        attributes[name] = Raw(kind, value)
+    return attributes
+
+
+def header_bytes(attributes: Mapping[str, Raw]) -> bytes:
+    """The beginning of a file of one part in scan lines, up to its table of offsets."""
+    names = [name.encode() for pair in attributes.items() for name in (pair[0], pair[1].kind)]
+    version = 2 | (_LONG_NAMES if max(map(len, names)) > _SHORT_NAME else 0)
+    parts = [MAGIC, struct.pack("<I", version)]
+    for name, (kind, value) in sorted(attributes.items()):
+        parts += [name.encode(), b"\0", kind.encode(), b"\0", struct.pack("<i", len(value)), value]
+    return b"".join([*parts, b"\0"])
+
+
+def _text(file: BinaryIO) -> str:
+    """Next zero-terminated string."""
+    text = bytearray()
+    while (byte := file.read(1)) != b"\0":
+        if not byte or len(text) == _LONGEST_NAME:
+            raise ValueError("it ends early" if not byte else "a name does not end")
+        text += byte
+    return text.decode()
+
+
+def _parts(file: BinaryIO) -> list[Header]:
+    (_, version) = struct.unpack("<4sI", file.read(8))
+    if version & 0xFF != 2:
+        raise ValueError(f"format version {version & 0xFF}, not 2")
+    headers: list[Header] = []
+    while attributes := read_attributes(file):
+        headers.append(_header(len(headers), attributes, deep=bool(version & _DEEP)))
+        if not version & _MULTIPART:
+            break
+    if not headers:
+        raise ValueError("no parts")
+    return headers
+
+
+def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
+    values = {name: raw.value for name, raw in attributes.items()}
+    missing = {"channels", "dataWindow", "displayWindow"} - values.keys()
+    if missing:
+        raise ValueError(f"no {min(missing)}")
+    (aspect,) = struct.unpack("<f", values.get("pixelAspectRatio", struct.pack("<f", 1.0)))
+    channels = tuple(_channels(values["channels"]))
+    return Header(
+        index=index,
+        name=values.get("name", b"").decode("utf-8", "replace"),
+        channels=channels,
+        data=Window(*struct.unpack("<4i", values["dataWindow"])),
+        display=Window(*struct.unpack("<4i", values["displayWindow"])),
+        deep=values["type"].startswith(b"deep") if "type" in values else deep,
+        pixel_aspect=aspect,
+        subsampled=any(channel.subsampled for channel in channels),
+        multi_view=_texts(values.get("multiView", b"")),
+        attributes={name: raw for name, raw in attributes.items() if name not in STRUCTURAL},
+    )
+
+
+def _channels(value: bytes) -> list[Channel]:
+    channels = []
+    while not value.startswith(b"\0"):
+        name, end, value = value.partition(b"\0")
+        if not end:
+            raise ValueError("the channel list does not end")
+        kind, xs, ys = struct.unpack_from("<i4x2i", value)
+        if kind not in PIXEL_TYPES or xs < 1 or ys < 1:
+            raise ValueError(f"channel type {kind}, sampling {xs}×{ys}")
+        channels.append(Channel(name.decode(), PIXEL_TYPES[kind], (xs, ys)))
+        value = value[16:]
+    return channels
+
+
+def _texts(value: bytes) -> tuple[str, ...]:
+    """The texts of an attribute of several, each behind its length."""
+    texts = []
+    while value:
+        (size,) = struct.unpack_from("<i", value)
+        if not 0 <= size <= len(value) - 4:
+            raise ValueError("a list of texts ends early")
+        texts.append(value[4 : 4 + size].decode())
+        value = value[4 + size :]
+    return tuple(texts)

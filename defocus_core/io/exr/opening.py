@@ -1,0 +1,51 @@
+"""Opening of one part of an OpenEXR file for its pixels or samples."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.errors import InputError, first_line
+from defocus_core.system.interrupts import put_off
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from defocus_core.io.exr.header import Header
+
+AGAIN = "write or copy it again"
+
+
+@contextmanager
+def opened(path: Path, header: Header) -> Iterator[Any]:
+    """OpenImageIO's input at a part, whose data window is the header's.
+
+    Args:
+        path: the file.
+        header: of the part.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    with put_off():
+        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    file = oiio.ImageInput.open(str(path))
+    if not file:
+        raise damaged(path, first_line(path, oiio.geterror()))
+    try:
+        if not file.seek_subimage(header.index, 0):
+            raise damaged(path, first_line(path, file.geterror()))
+        spec, (x0, y0, x1, y1) = file.spec(), header.data
+        if (spec.x, spec.y, spec.width, spec.height) != (x0, y0, x1 - x0 + 1, y1 - y0 + 1):
+            raise damaged(path, "two sizes in its header")
+        yield file
+    finally:
+        file.close()
+        oiio.geterror()  # or the next file would be blamed
+
+
+def damaged(path: Path, why: str) -> InputError:
+    """The error for a file whose pixels cannot be decoded."""
+    return InputError(path, f"is truncated or damaged ({why})", AGAIN)

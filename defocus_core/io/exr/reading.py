@@ -1,0 +1,200 @@
+"""OpenEXR pixels, in: native half, float and uint arrays of the frame.
+
+The frame is the display window and the overscan that is asked for. Pixels outside the data window
+are 0. OpenImageIO decodes a strip of rows or tiles at a time; files of which a channel has fewer
+samples than the picture has pixels, OpenEXR decodes at once.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import groupby, product
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.errors import InputError, first_line, reason
+from defocus_core.io.arrays import IN_MEMORY, Keeping
+from defocus_core.io.exr.chroma import planes_of
+from defocus_core.io.exr.deep_layers import DeepLayers, deep_layers, flat_channels
+from defocus_core.io.exr.header import Header, read_headers
+from defocus_core.io.exr.opening import damaged, opened
+from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
+from defocus_core.io.safe_files import quiet
+from defocus_core.system.interrupts import put_off
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
+
+_NO_PIECES = (
+    "is too large to be held in --memory, and its pixels cannot be had piece by piece",
+    "allow more --memory, or save it in scan lines, ZIP compressed",
+)
+_STRIP_BYTES = 1 << 25  # of pixels, decoded at once
+_LARGEST_TILE = 1 << 26  # bytes, decoded at once
+_LIMITS = ("limits:imagesize_MB", "limits:channels")  # of OpenImageIO: all of memory, and 1024
+_ROWS = 32  # of most codecs' chunks; a strip is a multiple of them
+_DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
+
+
+@dataclass(frozen=True)
+class Part:
+    """One decoded part of an EXR file.
+
+    Attributes:
+        header: the part's header.
+        channels: name to native array [H, W] of the frame, in memory or in a scratch file, without
+            channels of fewer samples than pixels but chroma; of a deep part the picture in focus,
+            whose light is float32.
+    """
+
+    header: Header
+    channels: dict[str, Any]
+
+
+def read_parts(
+    path: Path,
+    headers: tuple[Header, ...] | None = None,
+    keeping: Keeping = IN_MEMORY,
+    wanted: Callable[[Header, str], bool] = lambda header, name: True,
+    overscan: Overscan = NO_OVERSCAN,
+) -> tuple[Part, ...]:
+    """All parts of an EXR file, decoded.
+
+    Args:
+        path: the file.
+        headers: its headers, if `read_headers` has read them already.
+        keeping: where the channels are to be kept.
+        wanted: whether a channel of a part is wanted; the others are left out.
+        overscan: the pixels beyond the display window that are wanted, too.
+
+    Raises:
+        InputError: the file cannot be read, or not all of it.
+    """
+    headers = read_headers(path) if headers is None else headers
+    try:
+        with quiet(), _unlimited():
+            if any(header.subsampled for header in headers):  # OpenImageIO does not open it
+                planes = planes_of(path, headers, wanted, overscan)
+                return tuple(Part(*pair) for pair in zip(headers, planes, strict=True))
+            return tuple(_part(path, header, keeping, wanted, overscan) for header in headers)
+    except InputError:
+        raise
+    except Exception as error:  # the libraries raise half a dozen types
+        raise damaged(path, reason(error)) from error
+
+
+def read_layers(
+    path: Path,
+    header: Header,
+    names: tuple[str, ...],
+    keeping: Keeping = IN_MEMORY,
+    overscan: Overscan = NO_OVERSCAN,
+) -> DeepLayers:
+    """The samples of a deep part as layers.
+
+    Args:
+        path: the file.
+        header: of the part.
+        names: its channels of light that are wanted, without alpha.
+        keeping: where the layers are to be kept.
+        overscan: the pixels beyond the display window that are wanted, too.
+
+    Raises:
+        InputError: the file cannot be read, or not all of it.
+    """
+    try:
+        with quiet(), _unlimited():
+            return deep_layers(path, header, names, keeping, overscan)
+    except InputError:
+        raise
+    except Exception as error:  # the libraries raise half a dozen types
+        raise damaged(path, reason(error)) from error
+
+
+def _part(
+    path: Path,
+    header: Header,
+    keeping: Keeping,
+    wanted: Callable[[Header, str], bool],
+    overscan: Overscan,
+) -> Part:
+    types = {
+        channel.name: channel.type for channel in header.channels if wanted(header, channel.name)
+    }
+    if header.deep:
+        return Part(header, flat_channels(path, header, types, keeping, overscan) if types else {})
+    frame = header.display.grown(overscan)
+    size = (frame.height, frame.width)
+    channels = {name: keeping.new(size, _DTYPES[kind]) for name, kind in types.items()}
+    if channels:
+        for window, piece in _pieces(path, header, types, keeping):
+            place, shown = frame.cut(window), window.cut(frame)
+            for name, pixels in piece.items():
+                if pixels[shown].size:
+                    channels[name][place] = pixels[shown]
+    return Part(header, channels)
+
+
+def _pieces(path: Path, header: Header, types: Mapping[str, str], keeping: Keeping) -> Pieces:
+    """A part strip after strip of whole rows or tiles: its window, and its pixels by channel."""
+    with opened(path, header) as file:
+        spec, (x0, y0, x1, y1) = file.spec(), header.data
+        wide, high = spec.tile_width or spec.width, spec.tile_height or _ROWS
+        cell_bytes = min(wide, spec.width) * min(high, spec.height) * header.pixel_bytes
+        if spec.tile_width and keeping.scratch and cell_bytes > _LARGEST_TILE:
+            raise InputError(path, *_NO_PIECES)
+        cells = max(1, _STRIP_BYTES // cell_bytes)
+        across = min(cells, -(-spec.width // wide))
+        wide, high = across * wide, cells // across * high
+        for top, left in product(range(y0, y1 + 1, high), range(x0, x1 + 1, wide)):
+            window = Window(left, top, min(left + wide - 1, x1), min(top + high - 1, y1))
+            yield window, _decoded(path, file, header.index, window, types)
+
+
+@contextmanager
+def _unlimited() -> Iterator[None]:
+    """Lift OpenImageIO's own limits: `read_headers` has checked the size of the pictures."""
+    with put_off():
+        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    limits = {name: oiio.get_int_attribute(name) for name in _LIMITS}
+    try:
+        for name in limits:
+            oiio.attribute(name, 0)
+        yield
+    finally:
+        for name, limit in limits.items():
+            oiio.attribute(name, limit)
+
+
+def _decoded(
+    path: Path, file: Any, part: int, window: Window, types: Mapping[str, str]
+) -> dict[str, NDArray[Any]]:
+    """The channels of a window, of one type after the other: OpenImageIO converts a mixture."""
+    spec = file.spec()
+    piece: dict[str, NDArray[Any]] = {}
+    named = [pair for pair in enumerate(spec.channelnames) if pair[1] in types]
+    if len(named) != len(types):
+        raise damaged(path, "two lists of channels")
+    # Neighbours of one type have the same distance from their place among the wanted channels.
+    placed = [
+        (types[name], index - place, index, name) for place, (index, name) in enumerate(named)
+    ]
+    for (kind, _), group in groupby(placed, key=lambda channel: channel[:2]):
+        names = {index: name for _, _, index, name in group}
+        rows, channels = (window.y0, window.y1 + 1), (min(names), max(names) + 1)
+        if spec.tile_width:
+            columns = (window.x0, window.x1 + 1)
+            pixels = file.read_tiles(part, 0, *columns, *rows, 0, 1, *channels, kind)
+        else:
+            pixels = file.read_scanlines(part, 0, *rows, 0, *channels, kind)
+        if pixels is None or file.has_error:
+            raise damaged(path, first_line(path, file.geterror()))
+        pixels = pixels.reshape(window.height, window.width, len(names))
+        piece |= {name: pixels[:, :, index - min(names)] for index, name in names.items()}
+    return piece

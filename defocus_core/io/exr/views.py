@@ -1,0 +1,135 @@
+"""Views of an OpenEXR file: the pictures of several cameras, like left and right.
+
+A view is named by the attribute ``view`` of a part, or by ``multiView`` and the last but one word
+of a channel: ``left.R``, ``diffuse.left.R`` (OpenEXR, "Storing Multi-View Images"). The first view
+is the default one; its plain channels have no view in their names. A file that lost its attributes
+is known by the names that it has for left and right.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from defocus_core.errors import InputError
+from defocus_core.io.exr.header import Channel, Header, is_exr, read_headers
+from defocus_core.io.safe_files import read_head
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_STEREO = ("left", "right", "center", "centre")  # names of views where no attribute says them
+_END = re.compile(r"[._\- ]([A-Za-z]+)$")
+
+
+def views_of(headers: Sequence[Header]) -> tuple[str, ...]:
+    """The views of a file, the default one first; none of a file of one picture."""
+    said = [header.view for header in headers] if len(headers) > 1 else []
+    if len(headers) == 1:
+        said = [*headers[0].multi_view] or [headers[0].view]
+    by_name = [_of_part(header) for header in headers]
+    of_channels = [_of_channel(channel.name) for h in headers for channel in h.channels]
+    for names in (said, by_name, of_channels):
+        found = tuple(dict.fromkeys(filter(None, names)))
+        if len(found) > 1 or (found and names is said):
+            return found
+    return ()
+
+
+def views_of_parts(headers: Sequence[Header]) -> list[tuple[str, ...]]:
+    """The views that each part of a file has channels of; none in a file without views."""
+    views = views_of(headers)
+    return [
+        tuple(v for v in views if _restricted(header, views, v).channels)
+        if any(_restricted(header, views, v).channels != header.channels for v in views)
+        else ()
+        for header in headers
+    ]
+
+
+def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[Header, ...]:
+    """The headers of a file with the channels of one view, and of none; their names without it.
+
+    Args:
+        path: the file.
+        headers: of all its parts.
+        view: the name of the view; None for the default one.
+
+    Raises:
+        InputError: the file has other views.
+    """
+    views = views_of(headers)
+    if not views or (view is None and len(views) == 1):
+        return tuple(headers)
+    known = {name.casefold(): name for name in views}
+    if view is not None and view.casefold() not in known:
+        problem = f"has no view {view}; it has {', '.join(views)}"
+        raise InputError(path, problem, "check --view")
+    chosen = views[0] if view is None else known[view.casefold()]
+    return tuple(_restricted(header, views, chosen) for header in headers)
+
+
+def require_view(paths: Sequence[Path], view: str | None) -> None:
+    """Refuse the name of a view for files of which none has views.
+
+    Raises:
+        InputError: it is one.
+    """
+    if view is None:
+        return
+    exrs = [path for path in paths if is_exr(read_head(path))]
+    if not any(views_of(read_headers(path)) for path in exrs):
+        raise InputError(paths[0], f"has no views, and so no view {view}", "leave --view out")
+
+
+def default_warning(headers: Sequence[Header], view: str | None) -> str:
+    """What is said of a file of several views of which none was asked for; else empty."""
+    views = views_of(headers)
+    if view is not None or len(views) < 2:
+        return ""
+    return f"view {views[0]} taken, the default of {', '.join(views)}; --view names another"
+
+
+def name_in_view(name: str, view: str) -> str:
+    """The name of a channel in a view that is not the default one."""
+    layer, _, base = name.rpartition(".")
+    return ".".join(filter(None, (layer, view, base)))
+
+
+def _restricted(header: Header, views: Sequence[str], chosen: str) -> Header:
+    """A part with the channels of a view and those of none."""
+    of_part = header.view or ("" if header.multi_view else _of_part(header))
+    if of_part in views:
+        return replace(header, channels=header.channels if of_part == chosen else (), shown=chosen)
+    channels = []
+    for channel in header.channels:
+        words = channel.name.split(".")
+        if len(words) == 1 and header.multi_view:
+            view, plain = views[0], channel.name
+        elif len(words) > 1 and words[-2] in views:
+            view, plain = words[-2], ".".join([*words[:-2], words[-1]])
+        else:
+            view, plain = chosen, channel.name
+        if view == chosen:
+            channels.append(Channel(channel.name, channel.type, channel.sampling, plain))
+    return replace(header, channels=_without_doubles(channels), shown=chosen)
+
+
+def _without_doubles(channels: Sequence[Channel]) -> tuple[Channel, ...]:
+    """Channels of which those of the view stand for those of no view with the same plain name."""
+    own = {channel.plain for channel in channels if channel.plain != channel.name}
+    return tuple(c for c in channels if c.plain != c.name or c.plain not in own)
+
+
+def _of_part(header: Header) -> str:
+    """The view that the name of a part ends with, if its name tells one."""
+    end = _END.search(header.name)
+    return end[1] if end and end[1].lower() in _STEREO else ""
+
+
+def _of_channel(name: str) -> str:
+    """The view that the name of a channel tells, if it does."""
+    words = name.split(".")
+    return words[-2] if len(words) > 1 and words[-2].lower() in _STEREO else ""

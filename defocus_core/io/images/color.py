@@ -1,0 +1,139 @@
+"""Colour images decoded for blurring: scene-linear float32, premultiplied by alpha.
+
+EXR, HDR and float TIFF are linear already. 8 and 16 bit integers are sRGB unless the file declares
+otherwise. EXR alpha is premultiplied by definition; other files' is multiplied in here, in linear
+light.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.array_files.float_maps import is_float_map
+from defocus_core.io.arrays import IN_MEMORY, Keeping, bands, count_of
+from defocus_core.io.exr.header import is_exr
+from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color_space import linear_light, unit
+from defocus_core.io.images.exr_color import read_exr_color
+from defocus_core.io.images.raster import Raster, choose_page, read_pages, read_samples
+from defocus_core.io.safe_files import read_head
+from defocus_core.system.text import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+
+BRIGHTEST = 1e30  # light beyond it overflows in `defocus_core`, which refuses it too
+LARGEST_FLOAT = float.fromhex("0x1.fffffep+127")  # of 32 bits
+
+
+def read_color(
+    path: Path,
+    *,
+    layer: str | None = None,
+    part: int | None = None,
+    view: str | None = None,
+    keeping: Keeping = IN_MEMORY,
+    overscan: Overscan = NO_OVERSCAN,
+    blur_channels: Sequence[str] = (),
+) -> Color:
+    """Decode a colour image.
+
+    Args:
+        path: an EXR, HDR, PNG, JPEG or TIFF file.
+        layer: which colour layer of an EXR file, as its error message lists them; PART/LAYER works.
+        part: only look in this part of a multi-part EXR file, or page of a TIFF, counted from 0.
+        view: which view of an EXR file of several; None for its default one.
+        keeping: where the pixels are to be kept.
+        overscan: pixels of an EXR file beyond its display window that are read, too.
+        blur_channels: names or patterns of the further channels of an EXR file that are light.
+
+    Raises:
+        InputError: the file cannot be read, or has no colour or several to choose from.
+        UsageProblem: a layer for a file that has none.
+    """
+    head = read_head(path)
+    if is_exr(head):
+        return read_exr_color(
+            path,
+            layer=layer,
+            part=part,
+            view=view,
+            blur_channels=blur_channels,
+            keeping=keeping,
+            overscan=overscan,
+        )
+    if path.suffix.lower() == ".exr":
+        raise InputError(path, "is not an OpenEXR file", "check what wrote it")
+    if is_float_map(head):
+        problem = "is a map of floats without colour"
+        raise InputError(path, problem, "use EXR, PNG, JPEG, TIFF or HDR for colour")
+    if layer is not None:
+        raise UsageProblem("--color-layer", f"{path} has no layers", "leave it out")
+    if blur_channels:
+        raise UsageProblem("--blur-channels", f"{path} has no further channels", "leave it out")
+    return _from_raster(path, choose_page(path, read_pages(path), part), keeping)
+
+
+def count_beyond(color: Color, most: float) -> tuple[int, str]:
+    """Number of pixels of a colour image that are NaN or beyond ±most, and the first as x,y."""
+    import numpy as np
+
+    return count_of(
+        (
+            ~np.logical_and.reduce([np.abs(p[rows]) <= np.float32(most) for p in color.planes]),
+            rows.start,
+        )
+        for rows in bands(color.shape)
+    )
+
+
+def require_finite(color: Color) -> None:
+    """Refuse a colour image whose pixels are not all finite and within ±`BRIGHTEST`.
+
+    Raises:
+        InputError: naming how many pixels are not, and the first as x,y.
+    """
+    count, first = count_beyond(color, BRIGHTEST)
+    if not count:
+        return
+    infinite, first_infinite = count_beyond(color, LARGEST_FLOAT)
+    if infinite:
+        problem = f"is NaN or infinite in {counted(infinite, 'pixel')}, the first at"
+        remedy = "render or save it again with finite values"
+        raise InputError(color.path, f"{problem} {first_infinite}", remedy)
+    problem = f"is beyond ±{BRIGHTEST:g} in {counted(count, 'pixel')}, the first at {first}"
+    raise InputError(color.path, problem, "scale it: light has no unit here")
+
+
+def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
+    import numpy as np
+
+    if raster.deep:
+        raise InputError(path, "holds deep data", "flatten it first")
+    names = raster.channels
+    wanted = "RGBA" if {"R", "G", "B"} <= set(names) else "YA"
+    channels = tuple(c for c in wanted if c in names)
+    if channels in ((), ("A",)):
+        problem = f"has no colour channels (R, G, B or Y), only {', '.join(names)}"
+        raise InputError(path, problem, "save it as RGB or grey")
+    which = [names.index(c) for c in channels]
+    size = raster.height, raster.width
+    planes = tuple(keeping.new(size, np.float32) for _ in channels)
+    for window, every in read_samples(path, raster.page):
+        samples = every[:, :, which]
+        alpha = unit(samples[:, :, -1:]) if channels[-1] == "A" else None
+        colour = samples if alpha is None else samples[:, :, :-1]
+        pixels = linear_light(colour, alpha, gamma=raster.space.gamma, associated=raster.associated)
+        parts = pixels if alpha is None else np.concatenate([pixels, alpha], axis=2)
+        for index, plane in enumerate(planes):
+            plane[window] = parts[:, :, index]
+    note, unheeded = raster.space.note, raster.space.unheeded
+    if not unheeded:
+        return Color(planes, channels, path, raster.tags, note=note)
+    warning = f"its {unheeded} is not applied; convert it to sRGB, or to linear EXR"
+    note = f"{note}, its {unheeded} not applied"
+    return Color(planes, channels, path, raster.tags, note=note, warnings=(warning,))

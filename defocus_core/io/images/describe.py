@@ -1,0 +1,138 @@
+"""Size, channels and parts of an image file, from its header."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from defocus_core.io.array_files.bare_arrays import bare_type, read_bare
+from defocus_core.io.array_files.containers import container_type, read_entries
+from defocus_core.io.array_files.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
+from defocus_core.io.depth_formats.photo_depth import is_heic, read_heic
+from defocus_core.io.exr.header import is_exr, read_headers
+from defocus_core.io.exr.views import views_of_parts
+from defocus_core.io.images.raster import read_pages
+from defocus_core.io.safe_files import read_head
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@dataclass(frozen=True)
+class PartInfo:
+    """One part of an EXR file, or page of a TIFF.
+
+    Attributes:
+        index: from 0.
+        name: empty where it has none.
+        channels: as (name, type).
+        deep: whether its pixels are deep.
+        whole: whether it is no thumbnail or mask of another one.
+        views: of an EXR of several cameras, the views that the part has channels of.
+        data_window: of an EXR, x and y of its first and last pixel; None of other files.
+        display_window: the same of the picture shown.
+        pixel_aspect: width of a pixel by its height.
+    """
+
+    index: int
+    name: str
+    channels: tuple[tuple[str, str], ...]
+    deep: bool
+    whole: bool = True
+    views: tuple[str, ...] = ()
+    data_window: tuple[int, ...] | None = None
+    display_window: tuple[int, ...] | None = None
+    pixel_aspect: float = 1.0
+
+
+@dataclass(frozen=True)
+class FileInfo:
+    """The header of a colour or depth file.
+
+    Attributes:
+        path: the file.
+        width: of the picture shown, in px.
+        height: in px.
+        parts: one, except in some EXR and TIFF files.
+        at_once: whether its decoder may hold all of it; else it is read in pieces.
+        pixels: as many as are read at most, with those beyond the picture shown.
+    """
+
+    path: Path
+    width: int
+    height: int
+    parts: tuple[PartInfo, ...]
+    at_once: bool
+    pixels: int = 0
+
+    def __post_init__(self) -> None:
+        """Without overscan the pixels are those shown."""
+        object.__setattr__(self, "pixels", self.pixels or self.width * self.height)
+
+
+def describe(path: Path) -> FileInfo:
+    """The header of a colour or depth file, of which no pixel is decoded.
+
+    Raises:
+        InputError: the file is missing, damaged or of no known kind.
+    """
+    head = read_head(path, 32)
+    if is_exr(head):
+        headers = read_headers(path)
+        parts = tuple(
+            PartInfo(
+                header.index,
+                header.name,
+                tuple((channel.name, channel.type) for channel in header.channels),
+                header.deep,
+                views=views,
+                data_window=header.data,
+                display_window=header.display,
+                pixel_aspect=header.pixel_aspect,
+            )
+            for header, views in zip(headers, views_of_parts(headers), strict=True)
+        )
+        shown = headers[0].display
+        frames = (h.display.grown(h.data.beyond(h.display)) for h in headers)
+        most = max(frame.width * frame.height for frame in frames)
+        at_once = any(header.subsampled for header in headers)
+        return FileInfo(path, shown.width, shown.height, parts, at_once, most)
+    if head.startswith(NPY_MAGIC):
+        values = read_npy(path, integers=True)
+        return _arrays(path, {"Z": (values.shape, values.dtype.name)}, at_once=False)
+    if is_float_map(head) or bare_type(head):
+        values = read_float_map(path).values if is_float_map(head) else read_bare(path)
+        return _arrays(path, {"Z": (values.shape, values.dtype.name)}, at_once=False)
+    if container_type(head):
+        entries = read_entries(path).items()
+        return _arrays(path, {name: (e.shape, e.dtype) for name, e in entries}, at_once=True)
+    if is_heic(head):
+        values = read_heic(path).values
+        return _arrays(path, {"depth": (values.shape, values.dtype.name)}, at_once=True)
+    known = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
+    pages = read_pages(path, wanted=known)
+    parts = tuple(
+        PartInfo(p.page, "", tuple((name, p.type) for name in p.channels), p.deep, p.whole)
+        for p in pages
+    )
+    first = next((page for page in pages if page.whole), pages[0])
+    at_once = any(page.at_once for page in pages)
+    return FileInfo(path, first.width, first.height, parts, at_once)
+
+
+def _arrays(
+    path: Path, arrays: dict[str, tuple[tuple[int, ...], str]], *, at_once: bool
+) -> FileInfo:
+    """Arrays of a file by name, of shape and type: its size is that of the first."""
+    channels = tuple(
+        (name if len(shape) == 2 and len(arrays) == 1 else f"{name} {_times(shape)}", dtype)
+        for name, (shape, dtype) in arrays.items()
+    )
+    shape = next(iter(arrays.values()))[0]
+    height, width = shape[:2] if len(shape) == 3 and shape[2] <= 4 else shape[-2:]
+    part = PartInfo(0, "", channels, deep=False)
+    return FileInfo(path, width, height, (part,), at_once)
+
+
+def _times(shape: tuple[int, ...]) -> str:
+    return "×".join(map(str, shape))

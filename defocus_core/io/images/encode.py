@@ -1,0 +1,299 @@
+"""Images encoded in the format of their suffix, and written whole.
+
+EXR: scene-linear half or float, with all channels and metadata. PNG (8 or 16 bit), TIFF (16 bit)
+and JPEG (8 bit): sRGB, clipped to 0…1, alpha unassociated; JPEG has no alpha, its colour is what
+shows over black. PNG, TIFF and JPEG keep the `Tag` attributes of such an input. The same pixels and
+attributes make the same bytes: no date is added.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from contextlib import contextmanager
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.errors import InputError, UsageProblem, one_line
+from defocus_core.io.arrays import Stack, bands
+from defocus_core.io.exr.windows import Layout
+from defocus_core.io.exr.writing import as_half, clamped_half, write_exr
+from defocus_core.io.images.color_space import linear_to_srgb, quantised
+from defocus_core.io.images.tags import Tag, set_tag
+from defocus_core.io.safe_files import quiet, unwritable, written_whole
+from defocus_core.system.text import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}
+_BLOCK = 1 << 20  # bytes copied at once
+_ROUNDING = 1e-5  # blurred white exceeds 1 by less, and it is below half a step of 16 bits
+_OPTIONS: dict[str, dict[str, str | int]] = {
+    "png": {"oiio:UnassociatedAlpha": 1, "png:compressionLevel": 4},
+    "tiff": {"oiio:UnassociatedAlpha": 1, "Compression": "zip"},
+    "jpeg": {"jpeg:subsampling": "4:4:4"},
+}
+
+
+def write_image(
+    path: Path,
+    pixels: Any,
+    channels: Sequence[str],
+    *,
+    exr_type: str = "half",
+    bits: int = 8,
+    jpeg_quality: int = 95,
+    attributes: Mapping[str, object],
+    extras: Mapping[str, Any] | None = None,
+    layout: Layout | None = None,
+    clamped: int = 0,
+) -> list[str]:
+    """Write an image.
+
+    Args:
+        path: its suffix says the format: exr, png, tif, tiff, jpg or jpeg.
+        pixels: [H, W, C] scene-linear, premultiplied if A is among the channels: float32, or half
+            for an EXR of half. An array, or a `Stack`, which is read in strips of rows.
+        channels: names of the C channels, as `defocus_core.io.images.color.Color`.
+        exr_type: half or float, of the EXR's image channels.
+        bits: 8 or 16, of a PNG.
+        jpeg_quality: 1 to 100.
+        attributes: metadata; an EXR keeps all but `Tag`, other formats `Tag` and ``defocus:*``.
+        extras: further EXR channels, written with their own types; other formats drop them.
+        layout: where the pixels of an EXR lie.
+        clamped: pixels that had to be clamped to be half.
+
+    Returns:
+        Warnings of what the file cannot hold, one clause each.
+
+    Raises:
+        InputError: the file cannot be written.
+        UsageProblem: a suffix of no known format.
+    """
+    if path.suffix.lower() == ".exr":
+        planes = _planes(pixels)
+        if exr_type == "half" and pixels.dtype == "f4":
+            clamped, planes = _beyond_half(pixels), [as_half(plane) for plane in planes]
+        named = dict(zip(channels, planes, strict=True))
+        kept = {k: v for k, v in attributes.items() if not isinstance(v, Tag)}
+        write_exr(path, {**(extras or {}), **named}, kept, layout or Layout())
+        warning = f"{counted(clamped, 'pixel')} beyond ±65504 clamped to half; float keeps them"
+        return [warning] if clamped else []
+    if path.suffix.lower() not in FORMATS:
+        problem = "has a suffix of no format that can be written"
+        raise UsageProblem(path, problem, f"use .exr, {', '.join(FORMATS)}")
+    codec = FORMATS[path.suffix.lower()]
+    metadata = {
+        name: value
+        for name, value in attributes.items()
+        if isinstance(value, Tag) or (name.startswith("defocus:") and isinstance(value, str))
+    }
+    if codec == "jpeg":
+        metadata["Compression"] = f"jpeg:{jpeg_quality}"
+    return _write_display(path, pixels, channels, codec, bits, metadata)
+
+
+def _write_display(
+    path: Path,
+    pixels: Any,
+    channels: Sequence[str],
+    codec: str,
+    bits: int,
+    metadata: Mapping[str, str | Tag],
+) -> list[str]:
+    """Write an image of sRGB integers; the arguments and what is returned as in `write_image`."""
+    depth = {"png": bits, "tiff": 16, "jpeg": 8}[codec]
+    keep_alpha = codec != "jpeg"
+    above = below = 0
+
+    def encoded() -> Iterator[NDArray[Any]]:
+        nonlocal above, below
+        for rows in bands(pixels.shape):
+            strip = display_encoded(pixels[rows], channels, depth, keep_alpha=keep_alpha)
+            samples, above, below = strip[0], above + strip[1], below + strip[2]
+            yield samples
+
+    write_samples(path, pixels.shape[:2], encoded(), codec, metadata)
+    warnings = []
+    if channels[-1] == "A" and not keep_alpha:
+        warnings.append("alpha left out, colour shown over black")
+    if above:
+        warnings.append(f"{counted(above, 'pixel')} above 1 clipped")
+    if below:
+        warnings.append(f"{counted(below, 'pixel')} below 0 clipped")
+    return warnings
+
+
+def display_encoded(
+    pixels: NDArray[np.float32], channels: Sequence[str], bits: int, *, keep_alpha: bool
+) -> tuple[NDArray[Any], int, int]:
+    """Linear, premultiplied pixels as sRGB integers, and the counts clipped at white and black.
+
+    Args:
+        pixels: [H, W, C] scene-linear.
+        channels: names of the C channels.
+        bits: 8 or 16.
+        keep_alpha: divide the colour by alpha and keep it, instead of leaving it over black.
+
+    Returns:
+        uint8 or uint16 [H, W, C'], and the two counts.
+    """
+    import numpy as np
+
+    colour = np.asarray(pixels, np.float32)
+    alpha = None
+    white: Any = np.float32(1.0)
+    if channels[-1] == "A":
+        colour, alpha = colour[:, :, :-1], colour[:, :, -1:]
+        white = alpha if keep_alpha else white
+    # Compared before it is divided: where alpha is nearly 0, so is colour, and both are rounded.
+    above = int(np.count_nonzero((colour > white + _ROUNDING).any(axis=2)))
+    below = int(np.count_nonzero((colour < -_ROUNDING).any(axis=2)))
+    if alpha is not None and keep_alpha:
+        colour = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
+    encoded = quantised(linear_to_srgb(colour), bits)
+    if alpha is not None and keep_alpha:
+        encoded = np.concatenate([encoded, quantised(alpha, bits)], axis=2)
+    return encoded, above, below
+
+
+def write_map(path: Path, plane: Any) -> None:
+    """Write an array [H, W] of numbers as a float32 TIFF, as they are.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    strips = (plane[rows][..., None].astype("float32") for rows in bands(plane.shape))
+    write_samples(path, plane.shape, strips, "tiff", {})
+
+
+def write_samples(
+    path: Path,
+    size: tuple[int, int],
+    samples: Iterable[NDArray[Any]],
+    codec: str,
+    attributes: Mapping[str, str | Tag],
+) -> None:
+    """Write uint8, uint16 or float32 samples as they are.
+
+    Args:
+        path: written whole or not at all.
+        size: (height, width).
+        samples: strips of rows [h, W, C], from the top; alpha, if any, unassociated.
+        codec: png, tiff or jpeg.
+        attributes: metadata to keep in the file where the format can.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    with (
+        encoded_samples(path, size, samples, codec, attributes) as memory,
+        written_whole(path) as file,
+        memory.open("rb") as encoded,
+    ):
+        shutil.copyfileobj(encoded, file, _BLOCK)
+
+
+@contextmanager
+def encoded_samples(
+    path: Path,
+    size: tuple[int, int],
+    samples: Iterable[NDArray[Any]],
+    codec: str,
+    attributes: Mapping[str, str | Tag],
+) -> Iterator[Path]:
+    """A file in memory with what `write_samples` writes to ``path``."""
+    with _memory(path) as memory:
+        if error := _encoder_error(memory, size, iter(samples), codec, attributes):
+            problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
+            raise InputError(path, problem, "write EXR instead")
+        yield memory
+
+
+def _planes(pixels: Any) -> list[Any]:
+    """The arrays [H, W] of an image [H, W, C]."""
+    if isinstance(pixels, Stack):
+        return list(pixels.planes)
+    return [pixels[:, :, index] for index in range(pixels.shape[2])]
+
+
+def _beyond_half(pixels: Any) -> int:
+    """Number of pixels [H, W, C] with a value beyond the range of half."""
+    import numpy as np
+
+    return sum(
+        int(np.count_nonzero(clamped_half(pixels[rows])[1].any(axis=2)))
+        for rows in bands(pixels.shape)
+    )
+
+
+def _encoder_error(
+    memory: Path,
+    size: tuple[int, int],
+    samples: Iterator[NDArray[Any]],
+    codec: str,
+    attributes: Mapping[str, str | Tag],
+) -> str:
+    """Encode samples to a file in memory; what the encoder complains about, empty if nothing."""
+    import numpy as np
+    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    first, row = next(samples), 0
+    with quiet():
+        output = oiio.ImageOutput.create(codec)
+        assert output is not None, f"OpenImageIO without {codec}"
+        done = output.open(str(memory), _spec(size, first, codec, attributes))
+    for strip in chain([first], samples):
+        with quiet():
+            rows = np.ascontiguousarray(strip)
+            done = done and output.write_scanlines(row, row + len(rows), 0, rows)
+        row += len(strip)
+    with quiet():
+        return "" if done and output.close() else output.geterror() or "no reason given"
+
+
+def _spec(
+    size: tuple[int, int], samples: NDArray[Any], codec: str, attributes: Mapping[str, str | Tag]
+) -> Any:
+    import OpenImageIO as oiio  # noqa: N813
+
+    (height, width), count = size, samples.shape[2]
+    number_type = "float" if samples.dtype.kind == "f" else samples.dtype.name
+    spec = oiio.ImageSpec(width, height, count, number_type)
+    spec.channelnames = tuple({1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[count])
+    spec.alpha_channel = count - 1 if count in (2, 4) else -1
+    # An empty DateTime keeps OpenImageIO from writing the current one.
+    space = "lin_rec709" if samples.dtype.kind == "f" else "sRGB"
+    settings = {"DateTime": "", **attributes, **_OPTIONS[codec], "oiio:ColorSpace": space}
+    for name, value in {**settings, "Software": "defocus"}.items():
+        if isinstance(value, Tag):
+            set_tag(spec, name, value)
+        else:
+            spec.attribute(name, value)
+    return spec
+
+
+@contextmanager
+def _memory(path: Path) -> Iterator[Path]:
+    """A file name in memory for an encoder to write to.
+
+    On a full disk OpenImageIO's PNG encoder reports success, and its JPEG encoder ends the process.
+    """
+    try:
+        if hasattr(os, "memfd_create"):
+            number = os.memfd_create("defocus")
+            try:
+                yield Path(f"/proc/self/fd/{number}")
+            finally:
+                os.close(number)
+        else:
+            with tempfile.TemporaryDirectory() as directory:
+                yield Path(directory) / "encoded"
+    except OSError as error:
+        raise unwritable(path, error) from error

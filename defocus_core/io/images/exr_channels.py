@@ -1,0 +1,291 @@
+"""Colour layers and depth channels of an EXR file, found by name.
+
+OpenEXR names channels ``LAYER.CHANNEL``; files may also split layers into named parts. A name that
+the user gives is compared exactly, then without regard to case. Nothing is guessed: several
+candidates are an error that lists them in the very form the option takes.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from defocus_core.io.exr.header import Channel, Header
+
+# Names of colour, and of the layer that holds the whole picture beside its passes.
+_LONG_NAMES = {"RED": "R", "GREEN": "G", "BLUE": "B", "ALPHA": "A"}
+_WHOLE_PICTURE = frozenset({"combined", "rgba", "beauty"})
+NO_DEPTH = ("coc", "disparity", "trust")  # channels of maps that defocus writes
+_ASPECTS = 0.1, 10.0  # least and greatest width of a pixel by its height
+
+
+class NoDepthChannel(InputError):  # noqa: N818 - it says what the file lacks
+    """None of the channels of a file is known to be depth."""
+
+
+@dataclass(frozen=True)
+class ChannelGroup:
+    """Channels of a part that the user names together: a colour layer, or one depth channel.
+
+    Attributes:
+        header: the part that they are in.
+        name: as ``--color-layer`` or ``--depth-channel`` has it inside its part.
+        channels: canonical name to the name in the file: R, G, B or Y, with RY and BY if there is
+            chroma, then A; the name of a depth channel to itself.
+        default: whether it is the part's colour layer of plain names, without a prefix.
+    """
+
+    header: Header
+    name: str
+    channels: Mapping[str, str] = field(default_factory=dict)
+    default: bool = False
+
+    @property
+    def source(self) -> str:
+        """The name in the file of a lone channel."""
+        return next(iter(self.channels.values()))
+
+
+def choose_color(
+    path: Path, headers: Sequence[Header], *, layer: str | None, part: int | None
+) -> ChannelGroup:
+    """The colour layer of a file; ``layer`` and ``part`` as of `images.color.read_color`.
+
+    Without either, the default layer (plain R, G, B) wins over named ones, as in every viewer.
+
+    Raises:
+        InputError: there is none, or several; or its pixels are of an aspect that none has.
+    """
+    chosen = _chosen_color(path, headers, layer, part)
+    aspect, (least, most) = chosen.header.pixel_aspect, _ASPECTS
+    if not least <= aspect <= most:
+        problem = f"has pixels {aspect:g} times as wide as high"
+        raise InputError(path, problem, f"resample it to pixels of {least:g} to {most:g} times")
+    return chosen
+
+
+def _chosen_color(
+    path: Path, headers: Sequence[Header], layer: str | None, part: int | None
+) -> ChannelGroup:
+    searched = _flat(_headers_of_part(path, headers, part))
+    layers = [each for header in searched for each in _color_layers(header)]
+    if layer is not None:
+        return _named(path, layers, layer, "colour layer", "--color-layer")
+    candidates = [each for each in layers if {"R", "RY"} & each.channels.keys()] or layers
+    for known in (
+        [c for c in candidates if c.default],
+        [c for c in candidates if _is_whole_picture(c)],
+    ):
+        if len(known) == 1:
+            return known[0]
+    if not candidates:
+        problem = f"has no colour channels (R, G, B or Y), only {_listing(searched)}"
+        raise InputError(path, problem, "name a file that has them")
+    return _only(path, candidates, "colour layer", "--color-layer")
+
+
+def choose_depth(
+    path: Path, headers: Sequence[Header], *, channel: str | None, part: int | None
+) -> ChannelGroup:
+    """The depth channel of a file; ``channel`` and ``part`` as for `read_depth`.
+
+    Raises:
+        NoDepthChannel: none of the channels is known to be depth.
+        InputError: the channel or part is not there, or several channels could be the depth.
+    """
+    searched = _flat(_headers_of_part(path, headers, part))
+    every = channels_of(path, headers, part)
+    if channel is not None:
+        return _named(path, every, channel, "channel", "--depth-channel")
+    candidates = [c for c in every if _is_depth(c)]
+    if not candidates and len(every) == 1 and every[0].name not in NO_DEPTH:
+        candidates = every
+    if len(candidates) > 1:
+        # Multi-part files may name only the part: "ViewLayer.Depth" beside "ViewLayer.Mist".
+        in_depth_part = [c for c in candidates if _last(c.header.name).lower() == "depth"]
+        candidates = in_depth_part if len(in_depth_part) == 1 else candidates
+    if not candidates:
+        problem = f"has no depth channel, only {_listing(searched)}"
+        remedy = "if one of them is the depth, say --depth-channel NAME"
+        raise NoDepthChannel(path, problem, remedy)
+    return _only(path, candidates, "depth channel", "--depth-channel")
+
+
+def channels_of(path: Path, headers: Sequence[Header], part: int | None) -> list[ChannelGroup]:
+    """All channels of a file, or of one of its parts, in the order of the file.
+
+    Raises:
+        InputError: the part is not there.
+    """
+    searched = _flat(_headers_of_part(path, headers, part))
+    return _each(searched)
+
+
+def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str]) -> tuple[str, ...]:
+    """The channels beside the colour that patterns name, in the order of the file.
+
+    A pattern with a wildcard passes over depth and whole numbers, which are never averaged.
+
+    Args:
+        path: the file.
+        extras: its channels beside the colour by name.
+        patterns: names of channels, or patterns like ``diffuse.*``, of any case.
+
+    Raises:
+        InputError: a pattern names no channel of light.
+    """
+    light = [name for name, plane in extras.items() if not _is_data(name, plane)]
+    for pattern in patterns:
+        folded = pattern.casefold()
+        if not any(fnmatchcase(name.casefold(), folded) for name in light):
+            isnt = any(fnmatchcase(name.casefold(), folded) for name in extras)
+            problem = f"has no channel {pattern} of light beside its colour"
+            if isnt:
+                problem = f"has {pattern}, which is depth or whole numbers and is never averaged"
+            known = f"it has {', '.join(light[:40])}" if light else "it has none"
+            raise InputError(path, problem, f"check --blur-channels: {known}")
+    folded_patterns = [pattern.casefold() for pattern in patterns]
+    return tuple(
+        name for name in light if any(fnmatchcase(name.casefold(), p) for p in folded_patterns)
+    )
+
+
+def _is_data(name: str, plane: Any) -> bool:
+    """Whether a channel holds depth, or whole numbers like those of objects."""
+    return plane.dtype.kind in "iu" or _last(name).lower() in ("z", "zback", "depth")
+
+
+def require_part(path: Path, part: int, count: int) -> None:
+    """Refuse a part that a file of ``count`` parts has not got.
+
+    Raises:
+        InputError: it has not.
+    """
+    if not 0 <= part < count:
+        problem = f"has no part {part}, only {count}"
+        remedy = "leave --part out" if count == 1 else f"--part counts from 0 to {count - 1}"
+        raise InputError(path, problem, remedy)
+
+
+def _headers_of_part(path: Path, headers: Sequence[Header], part: int | None) -> Sequence[Header]:
+    # One --part serves the colour and the depth file; where there is one part, it chooses nothing.
+    if part is None or len(headers) == 1:
+        return headers
+    require_part(path, part, len(headers))
+    return headers[part : part + 1]
+
+
+def _flat(headers: Sequence[Header]) -> Sequence[Header]:
+    """The parts that are not deep; all if none is flat."""
+    return [header for header in headers if not header.deep] or headers
+
+
+def _color_layers(header: Header) -> Iterable[ChannelGroup]:
+    layers: dict[str, list[Channel]] = defaultdict(list)
+    for channel in header.channels:
+        layers[channel.plain.rpartition(".")[0]].append(channel)
+    for prefix, members in layers.items():
+        bases: dict[str, str] = {}
+        for fold in (lambda base: _LONG_NAMES.get(base.upper(), ""), str.upper, str):
+            bases |= {fold(_last(channel.plain)): channel.name for channel in members}
+        if {"R", "G", "B"} <= bases.keys():
+            wanted = ["R", "G", "B", "A"]
+        elif {"Y", "RY", "BY"} <= bases.keys():
+            wanted = ["Y", "RY", "BY", "A"]
+        elif "Y" in bases and not bases.keys() & {"X", "RY", "BY"}:  # no vector, no lone chroma
+            wanted = ["Y", "A"]
+        else:
+            continue
+        channels = {c: bases[c] for c in wanted if c in bases}
+        name = prefix or "".join(channels).removesuffix("A")
+        yield ChannelGroup(header, name, channels, default=not prefix)
+
+
+def _is_whole_picture(layer: ChannelGroup) -> bool:
+    """Whether the name of a layer or of its part says that it is no single pass."""
+    words = re.split(r"[._\- ]", f"{layer.header.name}.{layer.name}".lower())
+    return not _WHOLE_PICTURE.isdisjoint(words)
+
+
+def _each(headers: Iterable[Header]) -> list[ChannelGroup]:
+    """Every channel alone."""
+    return [
+        ChannelGroup(header, channel.plain, {channel.plain: channel.name})
+        for header in headers
+        for channel in header.channels
+    ]
+
+
+def _is_depth(candidate: ChannelGroup) -> bool:
+    """Whether the name says so: Z, V, depth, or one of these in a layer called depth."""
+    layer, _, base = candidate.name.rpartition(".")
+    if base.lower() == "depth":
+        return True
+    if base.lower() not in {"z", "v"} or (layer and _last(layer).lower() != "depth"):
+        return False
+    siblings = {channel.plain for channel in candidate.header.channels}
+    dot = f"{layer}." if layer else ""
+    vector = {f"{dot}X", f"{dot}Y", f"{dot}Z"} <= siblings or {f"{dot}U", f"{dot}V"} <= siblings
+    return not vector
+
+
+def _named(
+    path: Path, groups: Sequence[ChannelGroup], wanted: str, kind: str, option: str
+) -> ChannelGroup:
+    """The one candidate that the user calls ``wanted``."""
+    exact = [c for c in groups if wanted in _names(c)]
+    folded = wanted.casefold()
+    matches = exact or [c for c in groups if folded in {n.casefold() for n in _names(c)}]
+    if not matches:
+        known = ", ".join(_labels(groups)) or "none"
+        raise InputError(path, f"has no {kind} {wanted}; it has {known}", f"check {option}")
+    return _only(path, matches, kind, option)
+
+
+def _names(candidate: ChannelGroup) -> set[str]:
+    """All names by which a user may choose the candidate."""
+    header, name = candidate.header, candidate.name
+    names = {name, f"{header.index}/{name}", f"{header.label}/{name}"}
+    if candidate.default and header.name:
+        names.add(header.name)
+    return names
+
+
+def _labels(candidates: Sequence[ChannelGroup]) -> list[str]:
+    """Names that tell the candidates apart: PART/NAME when they are in several parts."""
+    parts = {candidate.header.index for candidate in candidates}
+    if len(parts) < 2:
+        return [candidate.name for candidate in candidates]
+    labels = [f"{c.header.label}/{c.name}" for c in candidates]
+    if len(set(labels)) == len(labels):
+        return labels
+    return [f"{c.header.index}/{c.name}" for c in candidates]
+
+
+def _only(path: Path, candidates: Sequence[ChannelGroup], kind: str, option: str) -> ChannelGroup:
+    if len(candidates) == 1:
+        return candidates[0]
+    labels = _labels(candidates)
+    problem = f"has {len(candidates)} candidates for the {kind}: {', '.join(labels)}"
+    raise InputError(path, problem, f"choose one, like {option} {labels[0]}, or a part with --part")
+
+
+def _listing(headers: Sequence[Header]) -> str:
+    """The channels of ``headers``, for a message."""
+    every = _each(headers)
+    shown = _labels(every[:40])
+    more = len(every) - len(shown)
+    return ", ".join(shown) + (f" and {more} more" if more else "")
+
+
+def _last(name: str) -> str:
+    return name.rpartition(".")[2]

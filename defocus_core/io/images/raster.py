@@ -1,0 +1,256 @@
+"""PNG, JPEG, TIFF and HDR files, decoded by OpenImageIO.
+
+Samples come back as they are in the file: no colour conversion, and alpha not multiplied in (left
+to itself, OpenImageIO multiplies it into sRGB integers, which loses precision and is not linear).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+from defocus_core.errors import InputError, first_line, reason
+from defocus_core.io.arrays import bands
+from defocus_core.io.images.color_space import ColorSpace, color_space
+from defocus_core.io.images.exr_channels import require_part
+from defocus_core.io.images.tags import Tag, tags_of
+from defocus_core.io.safe_files import check_size, quiet, read_head
+from defocus_core.system.interrupts import put_off
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+_SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
+_KINDS = ("png", "jpeg", "tiff", "hdr")
+_AGAIN = "write or copy it again"
+_PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
+_PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
+_TILES_BYTES = 1 << 26  # of a row of tiles, decoded
+
+
+class _MayBeWhole(Protocol):
+    @property
+    def whole(self) -> bool: ...
+
+
+_Page = TypeVar("_Page", bound=_MayBeWhole)
+
+
+@dataclass(frozen=True)
+class Raster:
+    """The header of an image file, turned upright by its Orientation.
+
+    Attributes:
+        width: in px.
+        height: in px.
+        channels: names, upper case for colour and alpha: R, G, B, A or Y.
+        type: sample type in OpenImageIO's words.
+        space: how its samples become light.
+        associated: whether colour is already multiplied by alpha.
+        deep: whether it holds deep data, which has no samples.
+        at_once: whether its decoder may hold all of it.
+        page: which image of the file it is, from 0: a TIFF may have several.
+        whole: whether it is no thumbnail or mask of another one.
+        tags: its metadata on camera and author.
+    """
+
+    width: int
+    height: int
+    channels: tuple[str, ...]
+    type: str
+    space: ColorSpace
+    associated: bool
+    deep: bool
+    at_once: bool
+    page: int
+    whole: bool
+    tags: Mapping[str, Tag]
+
+
+def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF or HDR") -> list[Raster]:
+    """Look at the headers of all images of a file.
+
+    Args:
+        path: the file.
+        wanted: the formats to propose if it is of none that can be read.
+
+    Raises:
+        InputError: missing, empty, damaged, of unreasonable size, or not an image.
+    """
+    read_head(path)
+    with _as_input_error(path), _opened(path, wanted) as file:
+        pages = [_raster(path, file, 0)]
+        while file.seek_subimage(len(pages), 0):
+            pages.append(_raster(path, file, len(pages)))
+        return pages
+
+
+def choose_page(path: Path, pages: Sequence[_Page], part: int | None) -> _Page:
+    """The image of a file that is meant: the only one, or that which ``--part`` counts from 0.
+
+    Raises:
+        InputError: there are several to choose from, or not so many.
+    """
+    if len(pages) == 1:  # as of EXR files: one --part serves the colour and the depth
+        return pages[0]
+    if part is not None:
+        require_part(path, part, len(pages))
+        return pages[part]
+    whole = [page for page in pages if page.whole]
+    if len(whole) == 1:
+        return whole[0]
+    raise InputError(path, f"has {len(pages)} pages", "choose one with --part, counted from 0")
+
+
+def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice], NDArray[Any]]]:
+    """Decode an image of a file, strip after strip of rows.
+
+    Args:
+        path: a file that `read_pages` has looked at.
+        page: which of them, one that is not deep.
+
+    Yields:
+        Rows and columns of the upright picture, and their samples: uint8, uint16 or float32
+        [h, w, C].
+
+    Raises:
+        InputError: it is damaged, or has samples of another type.
+    """
+    with ExitStack() as stack:
+        with _as_input_error(path):  # not around the yield: it silences all that is printed
+            file = stack.enter_context(_opened(path, "an image"))
+            file.seek_subimage(page, 0)
+            spec = file.spec()
+        kind = _SAMPLES.get(str(spec.format))
+        if kind is None:
+            problem = f"has samples of type {spec.format}"
+            raise InputError(path, problem, "save it with 8, 16 or float samples")
+        for rows in _strips(spec):
+            with _as_input_error(path):
+                samples = _decoded(file, page, spec, rows, kind)
+                # A truncated JPEG comes back filled with grey, and only the error flag says so.
+                if samples is None or file.has_error:
+                    problem = f"is truncated or damaged ({first_line(path, file.geterror())})"
+                    raise InputError(path, problem, _AGAIN)
+            yield _upright(spec, rows, samples)
+
+
+@contextmanager
+def _as_input_error(path: Path) -> Iterator[None]:
+    """Turn every exception of a decoder into an InputError, and discard what it prints."""
+    try:
+        with quiet():
+            yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(path, f"cannot be read ({reason(error)})", _AGAIN) from error
+
+
+@contextmanager
+def _opened(path: Path, formats: str) -> Iterator[Any]:
+    """An `ImageInput` of a file; ``formats`` are proposed if it is of none of these."""
+    with put_off():
+        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    config = oiio.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)
+    file = oiio.ImageInput.open(str(path), config)
+    if not file:
+        error = oiio.geterror()
+        why = "unknown format" if "format reader" in error else first_line(path, error)
+        problem = f"is not an image that can be read ({why})"
+        raise InputError(path, problem, f"use {formats}")
+    try:
+        if file.format_name() not in _KINDS:
+            problem = f"is of type {file.format_name().upper()}, which is not read"
+            raise InputError(path, problem, f"use {formats}")
+        yield file
+    finally:
+        file.close()
+        oiio.geterror()  # or the next file would be blamed
+
+
+def _strips(spec: Any) -> Iterator[slice]:
+    """Rows that are decoded at a time, whole tiles if there are any."""
+    high = spec.tile_height or 1
+    step = -(-bands((spec.height, spec.width))[0].stop // high) * high
+    for top in range(0, spec.height, step):
+        yield slice(top, min(top + step, spec.height))
+
+
+def _decoded(file: Any, page: int, spec: Any, rows: slice, kind: str) -> NDArray[Any] | None:
+    """Samples [h, W, C] of some rows as they are in the file, None if they cannot be had."""
+    z, channels = spec.z, spec.nchannels
+    place = (spec.y + rows.start, spec.y + rows.stop, z)
+    if spec.tile_width:
+        columns, channel_range = (spec.x, spec.x + spec.width), (z + 1, 0, channels)
+        samples = file.read_tiles(page, 0, *columns, *place, *channel_range, kind)
+    else:
+        samples = file.read_scanlines(page, 0, *place, 0, channels, kind)
+    return samples if samples is None else samples.reshape(-1, spec.width, channels)
+
+
+def _upright(
+    spec: Any, rows: slice, samples: NDArray[Any]
+) -> tuple[tuple[slice, slice], NDArray[Any]]:
+    """Rows, columns and samples of a strip, turned by its Orientation (EXIF 1 to 8)."""
+    turn = spec.get_int_attribute("Orientation", 1)
+    places, sizes = [rows, slice(0, spec.width)], [spec.height, spec.width]
+    if turn in (5, 6, 7, 8):
+        samples, places, sizes = samples.swapaxes(0, 1), places[::-1], sizes[::-1]
+    for axis, turns in enumerate(((3, 4, 7, 8), (2, 3, 6, 7))):
+        if turn in turns:
+            samples = samples[::-1] if axis == 0 else samples[:, ::-1]
+            place, size = places[axis], sizes[axis]
+            places[axis] = slice(size - place.stop, size - place.start)
+    return (places[0], places[1]), samples
+
+
+def _raster(path: Path, file: Any, page: int) -> Raster:
+    spec = file.spec()
+    width, height = spec.width, spec.height
+    check_size(path, width, height, spec.pixel_bytes(True))
+    if spec.get_int_attribute("tiff:PhotometricInterpretation", 1) == 0 and spec.format != "uint8":
+        problem = f"stores white as 0 in {spec.format}, which is decoded as its negative"
+        raise InputError(path, problem, "save it with black as 0")
+    if spec.get_int_attribute("Orientation", 1) in (5, 6, 7, 8):
+        width, height = height, width
+    return Raster(
+        width=width,
+        height=height,
+        channels=tuple(_canonical(spec)),
+        type=str(spec.format),
+        space=color_space(spec),
+        associated=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
+        deep=bool(spec.deep),
+        at_once=_is_at_once(path, spec, file.format_name()),
+        page=page,
+        whole=not spec.get_int_attribute("tiff:subfiletype") & _PART_OF_ANOTHER,
+        tags=tags_of(spec),
+    )
+
+
+def _is_at_once(path: Path, spec: Any, kind: str) -> bool:
+    """Whether OpenImageIO may hold all of a file: a JPEG does not tell if it is progressive."""
+    if kind == "png":
+        return read_head(path, _PNG_HEAD)[-1] != 0
+    if kind == "tiff" and spec.tile_height:
+        across = -(-spec.width // spec.tile_width)
+        return bool(across * spec.tile_bytes(True) > _TILES_BYTES)
+    return kind not in ("tiff", "hdr")
+
+
+def _canonical(spec: Any) -> Iterator[str]:
+    """Channel names; a lone or first grey one is Y."""
+    for index, name in enumerate(spec.channelnames):
+        if index == spec.alpha_channel:
+            yield "A"
+        elif spec.nchannels <= 2 and index == 0:
+            yield "Y"
+        else:
+            yield name

@@ -1,0 +1,85 @@
+"""Rows of a table in a file: CSV with a header, or JSON Lines."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator, Mapping
+from itertools import count
+from pathlib import Path
+from typing import Any, TextIO
+
+from defocus_core.errors import InputError, reason
+
+SUFFIXES = (".csv", ".jsonl")
+_LONGEST_LINE = 2**20
+Row = tuple[str, Mapping[str, Any]]  # place, for errors, and values
+
+
+def read_rows(file: Path, what: str, example: str) -> Iterator[Row]:
+    """Place and values of each row, without those that are empty or null.
+
+    Args:
+        file: the table.
+        what: the noun for it, like ``list of pictures``, for errors.
+        example: a line of it in JSON, for errors.
+
+    Raises:
+        InputError: the file cannot be read, or a line is no row; the line is named.
+    """
+    if file.suffix.lower() not in SUFFIXES:
+        remedy = f"name it after its type, {' or '.join(SUFFIXES)}"
+        raise InputError(file, f"is no {what} by its name", remedy)
+    try:
+        with file.open(encoding="utf-8-sig", newline="") as opened:
+            if file.suffix.lower() == ".csv":
+                yield from _csv_rows(file, opened)
+            else:
+                yield from _json_rows(file, opened, example)
+    except OSError as error:
+        raise InputError(file, f"cannot be read: {reason(error)}", "check the path") from None
+    except UnicodeDecodeError:
+        raise InputError(file, "is not UTF-8 text", "save it as UTF-8") from None
+
+
+def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
+    reader = csv.reader(opened, strict=True)
+    try:
+        keys = [key.strip() for key in next(reader, [])]
+        if not keys:
+            raise InputError(file, "is empty", "begin it with a line like color,depth")
+        if twice := [key for key in keys if keys.count(key) > 1]:
+            problem = f"names '{twice[0]}' twice"
+            raise InputError(f"{file}: line 1", problem, "remove one of the columns")
+        for cells in reader:
+            values = [cell.strip() for cell in cells]
+            if any(values) and len(values) != len(keys):
+                problem = f"has {len(values)} cells, but the header names {len(keys)}"
+                raise InputError(f"{file}: line {reader.line_num}", problem, "mend that line")
+            if any(values):
+                row = zip(keys, values, strict=True)
+                yield f"{file}: line {reader.line_num}", {key: value for key, value in row if value}
+    except csv.Error as error:
+        where = f"{file}: line {reader.line_num}"
+        raise InputError(where, f"is not CSV: {reason(error)}", "mend that line") from None
+
+
+def _json_rows(file: Path, opened: TextIO, example: str) -> Iterator[Row]:
+    for number in count(1):
+        text = opened.readline(_LONGEST_LINE)
+        if not text:
+            return
+        if not text.strip():
+            continue
+        remedy = f"write it like {example}"
+        try:
+            row = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            problem = f"is not JSON: {reason(error)}"
+            raise InputError(f"{file}: line {number}", problem, remedy) from None
+        if not isinstance(row, dict):
+            raise InputError(f"{file}: line {number}", "is no JSON object", remedy)
+        yield (
+            f"{file}: line {number}",
+            {key: value for key, value in row.items() if value not in (None, "")},
+        )

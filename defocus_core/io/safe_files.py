@@ -1,0 +1,220 @@
+"""Files checked before a decoder sees them, and written whole or not at all.
+
+Decoders written in C print on the stdout and stderr of the process; `quiet` discards that, so that
+stdout has only data and stderr only our one line for each error.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import itertools
+import os
+import sys
+import threading
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from contextvars import ContextVar
+from typing import TYPE_CHECKING, BinaryIO
+
+from defocus_core.errors import InputError, reason
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+MAX_PIXELS = 2**30
+# No codec packs real pixels tighter than MAX_RATIO; images below UNASKED_BYTES are not checked.
+MAX_RATIO = 10_000
+UNASKED_BYTES = 2**28
+
+_quiet_lock = threading.RLock()
+_serial = itertools.count()
+# The files of the innermost `written_together`, by their hidden siblings; None outside.
+_together: ContextVar[dict[Path, Path] | None] = ContextVar("together", default=None)
+
+
+def read_head(path: Path, count: int = 16) -> bytes:
+    """First ``count`` bytes of an existing, readable, non-empty file.
+
+    Raises:
+        InputError: the file is missing, no regular one, is empty or may not be read.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:  # decoders written in C refuse it in words of their own
+        raise InputError(path, "has a name that is not UTF-8", "rename it") from None
+    try:
+        if path.is_dir():
+            raise InputError(path, "is a directory, not an image", "name a file in it")
+        if path.exists() and not path.is_file():  # to open a pipe is to wait for its writer
+            raise InputError(path, "is not a regular file", "copy what it holds to one")
+        with path.open("rb") as file:
+            head = file.read(count)
+    except FileNotFoundError as error:
+        raise missing(path) from error
+    except (OSError, ValueError) as error:  # ValueError: a zero byte inside the name
+        if isinstance(error, OSError) and error.errno == errno.ELOOP:
+            raise missing(path) from error
+        remedy = "check its permissions"
+        raise InputError(path, f"cannot be opened: {reason(error)}", remedy) from error
+    if not head:
+        raise InputError(path, "is empty (zero bytes)", "write or copy it again")
+    return head
+
+
+def missing(path: Path, what: str = "file") -> InputError:
+    """The InputError for a path at which nothing is, or a link that leads to nothing."""
+    if path.is_symlink():
+        problem = "is a symbolic link that leads to nothing"
+        return InputError(path, problem, "make the link anew, or name another path")
+    return InputError(path, f"no such {what}", "check the name")
+
+
+def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
+    """Refuse a header's size before anything of that size is allocated.
+
+    Args:
+        path: the file, whose length bounds what it can hold.
+        width: in px, as the header claims.
+        height: in px, as the header claims.
+        pixel_bytes: bytes of one decoded pixel, all channels.
+
+    Raises:
+        InputError: nothing to show, more than `MAX_PIXELS`, or far more than the file could hold.
+    """
+    claim = f"its header claims {width}×{height} px"
+    if width < 1 or height < 1:
+        raise InputError(path, f"is damaged: {claim}", "write or copy it again")
+    if width * height > MAX_PIXELS:
+        raise InputError(path, f"{claim}, more than {MAX_PIXELS}", "cut it into smaller images")
+    size, decoded = path.stat().st_size, width * height * pixel_bytes
+    if decoded > max(UNASKED_BYTES, size * MAX_RATIO):
+        problem = f"{claim}, but the file has only {size} bytes"
+        raise InputError(path, problem, "write or copy it again")
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Discard all that is printed while the block runs, by one thread at a time.
+
+    stdout and stderr belong to the process: what other threads print meanwhile is lost too, unless
+    they print inside `spoken`.
+    """
+    with _quiet_lock:
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, ValueError, AttributeError):
+                stream.flush()
+        saved: list[tuple[int, int]] = []
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        try:
+            for number in (1, 2):
+                with suppress(OSError):  # closed by whoever started us
+                    saved.append((number, os.dup(number)))
+                    os.dup2(nowhere, number)
+            # OpenEXR's binding prints through Python as well.
+            with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+                yield
+        finally:
+            for number, copy in saved:
+                os.dup2(copy, number)
+                os.close(copy)
+            os.close(nowhere)
+
+
+@contextmanager
+def spoken() -> Iterator[None]:
+    """Keep what the block prints from being discarded by another thread's `quiet`."""
+    with _quiet_lock:
+        yield
+
+
+def leftover(path: Path, process: int) -> str:
+    """Prefix of the names of the hidden siblings of ``path`` that a process writes."""
+    return f".{path.name[:48]}.{process}."
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[BinaryIO]:
+    """Open a hidden sibling of ``path`` for writing; it becomes ``path`` when the block ends well.
+
+    Parent directories are made. If anything fails, the sibling is removed and an existing ``path``
+    is untouched.
+
+    Raises:
+        InputError: for any OSError, a full disk among them.
+    """
+    sibling = path.with_name(f"{leftover(path, os.getpid())}{next(_serial)}.tmp")
+    together = _together.get()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with sibling.open("wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        if together is None:
+            sibling.replace(path)
+        else:
+            together[sibling] = path
+    except BaseException as error:
+        with suppress(OSError):
+            sibling.unlink()
+        if isinstance(error, OSError):
+            raise unwritable(path, error) from error
+        raise
+
+
+@contextmanager
+def written_together() -> Iterator[None]:
+    """Files that are `written_whole` in the block appear together when it ends well, or none.
+
+    Their names are durable when this returns.
+
+    Raises:
+        InputError: the system refused a file.
+    """
+    files: dict[Path, Path] = {}
+    token = _together.set(files)
+    try:
+        yield
+        for sibling, path in files.items():
+            try:
+                sibling.replace(path)
+                sync_folder(path.parent)
+                sync_folder(path.parent.parent)  # which may have a new directory
+            except OSError as error:
+                raise unwritable(path, error) from error
+    except BaseException:
+        for sibling in files:
+            with suppress(OSError):
+                sibling.unlink()
+        raise
+    finally:
+        _together.reset(token)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in a folder durable, where the system can."""
+    with suppress(PermissionError, NotImplementedError):
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
+
+
+def is_at(path: Path, number: int) -> bool:
+    """Whether an open file is still the one of that name."""
+    with suppress(FileNotFoundError, NotADirectoryError):
+        return os.path.samestat(os.fstat(number), path.stat())
+    return False
+
+
+def unwritable(path: Path, error: OSError) -> InputError:
+    """The InputError for an output that the system refused."""
+    remedies = {
+        errno.ENOSPC: "free some space or name another output directory",
+        errno.EDQUOT: "free some space or name another output directory",
+        errno.EISDIR: "it is a directory; name another output",
+    }
+    remedy = remedies.get(error.errno or 0, "name an output directory you may write to")
+    return InputError(path, f"cannot be written: {reason(error)}", remedy)

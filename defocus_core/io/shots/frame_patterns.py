@@ -1,0 +1,181 @@
+"""Frame patterns: paths that number the frames of a shot, and the frames wanted of it.
+
+``shot.####.exr`` and ``shot.%04d.exr`` stand for ``shot.1001.exr`` and so on: numbers of four
+digits at least.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.system.text import counted
+
+MISSING = ("error", "skip")
+KEYS = "keys"  # the word for the frames that have keys
+_FIELD = re.compile(r"#+|%0?\d*d")
+_EXAMPLE = "write them like 1001-1240, 1001-1240x2 or 1001,1005-1010"
+
+
+@dataclass(frozen=True)
+class FrameChoice:
+    """Which frames of a shot are rendered.
+
+    Attributes:
+        numbers: the frames, ascending; None for all that are there.
+        missing: ``error`` or ``skip``, for frames without a file.
+        source: the option that chooses, for errors.
+    """
+
+    numbers: tuple[int, ...] | None = None
+    missing: str = "error"
+    source: str = field(default="--frames", compare=False)
+
+
+ALL = FrameChoice()
+
+
+def is_pattern(path: Path) -> bool:
+    """Whether a path numbers frames; a file that has such a name is a file."""
+    return _FIELD.search(path.name) is not None and not path.exists()
+
+
+def frame_choice(
+    frames: str | None, missing: str | None, places: tuple[str, str], keyed: tuple[int, ...]
+) -> FrameChoice:
+    """The frames wanted.
+
+    Args:
+        frames: a list like 1001-1240, ``keys``, or None for all.
+        missing: error or skip, or None for the default.
+        places: of both in errors.
+        keyed: the frames that have keys.
+
+    Raises:
+        UsageProblem: the text names no frames, or keys where there are none.
+    """
+    missing, source = missing or ALL.missing, places[frames is None]
+    if frames is None:
+        return FrameChoice(None, missing, source)
+    if frames.strip().lower() != KEYS:
+        return FrameChoice(frame_numbers(frames, source), missing, source)
+    if not keyed:
+        problem = "asks for the frames that have keys"
+        raise UsageProblem(source, problem, "animate the lens, like --animate FILE")
+    return FrameChoice(keyed, missing, source)
+
+
+def frame_numbers(text: str, where: str) -> tuple[int, ...]:
+    """The frames of a text like ``1001-1240x2,1300``, ascending.
+
+    Raises:
+        UsageProblem: it names no frames; the error begins with ``where``.
+    """
+    from fileseq.exceptions import MaxSizeException
+    from fileseq.frameset import FrameSet
+
+    try:
+        numbers = sorted({int(number) for number in FrameSet(text.replace(" ", ""))})
+    except MaxSizeException:
+        raise UsageProblem(where, f"'{text}' is too many frames", "ask for fewer") from None
+    except ValueError:
+        numbers = []
+    if not numbers or "." in text:
+        raise UsageProblem(where, f"'{text}' names no frames", _EXAMPLE)
+    return tuple(numbers)
+
+
+def frames_of(pattern: Path) -> dict[int, Path]:
+    """The files of a frame pattern by number, ascending.
+
+    Raises:
+        InputError: there are none, or the pattern has several numbers.
+    """
+    from fileseq.constants import PAD_STYLE_HASH1
+    from fileseq.filesequence import FileSequence
+
+    if len(_FIELD.findall(pattern.name)) > 1:
+        raise InputError(pattern, "has two numbers in its name", "give a pattern with one")
+    try:
+        found = FileSequence.findSequenceOnDisk(
+            str(pattern), strictPadding=True, pad_style=PAD_STYLE_HASH1
+        )
+        return {int(number): Path(found.frame(number)) for number in sorted(found.frameSet() or ())}
+    except (ValueError, OSError):
+        remedy = "check the path; each # stands for a digit, and %04d is ####"
+        raise InputError(pattern, "matches no file", remedy) from None
+
+
+def chosen(
+    patterns: Mapping[Path, Mapping[int, Path]], choice: FrameChoice
+) -> tuple[tuple[int, ...], str]:
+    """The frames to render, which all patterns have, and which frames were skipped, in words.
+
+    Args:
+        patterns: the files of each pattern by number.
+        choice: the frames wanted.
+
+    Raises:
+        InputError: frames are missing, and are not to be skipped; or nothing is left.
+    """
+    wanted = choice.numbers or expected({n for files in patterns.values() for n in files})
+    lacking = {
+        pattern: lost
+        for pattern, files in patterns.items()
+        if (lost := [number for number in wanted if number not in files])
+    }
+    words = "; ".join(f"{path} lacks {in_words(lost)}" for path, lost in lacking.items())
+    if not lacking:
+        return wanted, ""
+    if choice.missing == "error":
+        path, lost = next(iter(lacking.items()))
+        others = "".join(f", {other} {in_words(n)}" for other, n in [*lacking.items()][1:])
+        remedy = "say --missing skip to leave them out, or name others with --frames"
+        raise InputError(path, f"lacks {in_words(lost)}{others}", remedy)
+    kept = tuple(number for number in wanted if all(number in of for of in patterns.values()))
+    if not kept:
+        path = next(iter(lacking))
+        raise InputError(path, f"lacks {in_words(lacking[path])}", "check --frames")
+    return kept, words
+
+
+def expected(numbers: Iterable[int]) -> tuple[int, ...]:
+    """The frames that a numbering leads to expect: from the first to the last, at equal steps.
+
+    The step is the commonest difference of two frames that follow one another.
+    """
+    there = sorted(numbers)
+    steps = [after - before for before, after in pairwise(there)]
+    if not steps:
+        return tuple(there)
+    step = max(sorted(set(steps)), key=steps.count)
+    return tuple(sorted({*there, *range(there[0], there[-1], step)}))
+
+
+def gaps(numbers: Iterable[int]) -> tuple[int, ...]:
+    """The frames that a numbering leads to expect and that are not there."""
+    there = set(numbers)
+    return tuple(number for number in expected(there) if number not in there)
+
+
+def in_words(numbers: Iterable[int]) -> str:
+    """Frames as ``3 frames, 1005, 1010-1011``."""
+    from fileseq.frameset import FrameSet
+
+    every = sorted(numbers)
+    return (
+        f"{counted(len(every), 'frame')}, {FrameSet.framesToFrameRange(every).replace(',', ', ')}"
+    )
+
+
+def window_of(frames: int, place: int, size: int) -> Iterator[int]:
+    """Places of the up to ``size`` frames around one of a shot, itself included, ascending.
+
+    At the ends of the shot the window is moved, not cut.
+    """
+    first = max(0, min(place - size // 2, frames - size))
+    yield from range(first, min(first + size, frames))

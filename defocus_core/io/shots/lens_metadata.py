@@ -1,0 +1,161 @@
+"""Lens options that a picture's metadata holds: OpenEXR's attributes, V-Ray's, or Exif.
+
+OpenEXR's standard attributes (openexr.com, "Standard Attributes") are ``focus`` in metres,
+infinity allowed; ``aperture``, the f-number, or else ``tStop``; focal lengths in mm; the pitch of
+the photosites in micrometres and the rectangle of them that was read. V-Ray's ``camera…`` are in
+mm, its target distance in the unit of its scene, which is that of its depth.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from defocus_core.errors import InputError
+from defocus_core.io.exr.header import Raw, is_exr, read_headers
+from defocus_core.io.exr.windows import Window
+from defocus_core.io.images.tags import tags_of
+from defocus_core.io.safe_files import read_head
+from defocus_core.system.interrupts import put_off
+
+_FORMATS = {"float": "<f", "double": "<d", "int": "<i"}
+_NO_TARGET = 1e9  # of V-Ray's distances: there is no target
+_INFINITE = 4e9  # m, of Exif: 2³² − 1 is infinity, rounded to float
+
+
+class Taken(NamedTuple):
+    """The text of a lens option, and the attribute that it was taken from."""
+
+    text: str
+    attribute: str
+
+
+Numbers = Mapping[str, float]
+Rule = tuple[str, Callable[[float, Numbers], str | None]]
+
+
+def _times(factor: float, unit: str) -> Callable[[float, Numbers], str | None]:
+    """A positive number as a text with a unit, infinity as inf."""
+
+    def text(value: float, _: Numbers) -> str | None:
+        if value == math.inf and unit == "m":
+            return "inf"
+        return f"{value * factor:.7g}{unit}" if 0 < value < math.inf else None
+
+    return text
+
+
+def _target(value: float, numbers: Numbers) -> str | None:
+    """V-Ray's target distance: in the unit of the scene."""
+    return f"{value * numbers['metres']:.7g}m" if 0 < value < _NO_TARGET else None
+
+
+def _pitched(value: float, numbers: Numbers) -> str | None:
+    """The width of the sensor, from its pitch in micrometres and its columns."""
+    columns = numbers.get("columns", 0.0)
+    return f"{value * columns / 1000:.7g}mm" if 0 < value * columns < math.inf else None
+
+
+def _subject(value: float, _: Numbers) -> str | None:
+    if value > _INFINITE:
+        return "inf"
+    return f"{value:.7g}m" if 0 < value < math.inf else None
+
+
+def _equivalent(value: float, numbers: Numbers) -> str | None:
+    """The width of the sensor, from the focal length that has the same view at 36 mm."""
+    foclen = numbers.get("Exif:FocalLength", 0.0)
+    return f"{36 * foclen / value:.6g}mm" if foclen > 0 and value > 0 else None
+
+
+# The attributes of each option, the first that there is wins.
+_RULES: dict[str, tuple[Rule, ...]] = {
+    "focal-length": (
+        *((f"{which}FocalLength", _times(1, "mm")) for which in ("pinhole", "effective")),
+        ("nominalFocalLength", _times(1, "mm")),
+        ("cameraFocalLength", _times(1, "mm")),
+        ("Exif:FocalLength", _times(1, "mm")),
+    ),
+    "fnumber": (
+        *((name, _times(1, "")) for name in ("aperture", "tStop", "cameraFNumber")),
+        *((name, _times(1, "")) for name in ("Exif:FNumber", "FNumber")),
+    ),
+    "sensor-width": (
+        ("sensorPhotositePitch", _pitched),
+        ("cameraAperture", _times(1, "mm")),
+        ("Exif:FocalLengthIn35mmFilm", _equivalent),
+    ),
+    "focus": (
+        ("focus", _times(1, "m")),
+        ("cameraTargetDistance", _target),
+        ("Exif:SubjectDistance", _subject),
+    ),
+}
+
+
+def lens_of(path: Path, metres: float = 1.0) -> dict[str, Taken]:
+    """The lens options that the metadata of a colour file holds.
+
+    Args:
+        path: the colour file.
+        metres: the unit of the scene, which V-Ray's target distance is in.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    numbers = {**_numbers(path), "metres": metres}
+    taken: dict[str, Taken] = {}
+    for option, rules in _RULES.items():
+        for name, text_of in rules:
+            text = text_of(numbers[name], numbers) if name in numbers else None
+            if text is not None:
+                taken[option] = Taken(text, name)
+                break
+    return taken
+
+
+def _numbers(path: Path) -> dict[str, float]:
+    """The metadata of a file that are numbers, by name."""
+    if not is_exr(read_head(path)):
+        return _exif_numbers(path)
+    numbers: dict[str, float] = {}
+    for header in read_headers(path):
+        for name, raw in header.attributes.items():
+            if name == "sensorAcquisitionRectangle" and raw.kind == "box2i":
+                numbers.setdefault("columns", Window(*struct.unpack("<4i", raw.value)).width)
+            elif (value := _number(raw)) is not None:
+                numbers.setdefault(name, value)
+    return numbers
+
+
+def _number(raw: Raw) -> float | None:
+    """The number that an attribute holds, also as a text."""
+    try:
+        if raw.kind == "string":
+            return float(raw.value.decode())
+        if raw.kind == "rational":
+            above, below = struct.unpack("<iI", raw.value)
+            return float(above / below)
+        (value,) = struct.unpack(_FORMATS[raw.kind], raw.value)
+        return float(value)
+    except (KeyError, ValueError, ArithmeticError, struct.error):
+        return None
+
+
+def _exif_numbers(path: Path) -> dict[str, float]:
+    """The Exif of a photograph, numbers alone."""
+    with put_off():
+        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    file = oiio.ImageInput.open(str(path))
+    if not file:
+        oiio.geterror()
+        raise InputError(path, "cannot be read as a picture", "check what wrote it")
+    tags = tags_of(file.spec())
+    file.close()
+    return {
+        name: float(tag.value) for name, tag in tags.items() if isinstance(tag.value, int | float)
+    }

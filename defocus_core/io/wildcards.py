@@ -1,0 +1,94 @@
+"""Wildcards of a path: the files that it matches, each named by the text that they match."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from defocus_core.errors import InputError
+
+_WILDCARD = re.compile(r"(\*+|\?|\[[^\]]+\])")
+
+_Piece = tuple[str, str]  # what the wildcards of a part stand for; the same with the text before
+
+
+def has_wildcard(pattern: str | Path) -> bool:
+    """Whether a path holds ``*``, ``?`` or ``[…]``."""
+    return _WILDCARD.search(str(pattern)) is not None
+
+
+def texts_before(pattern: str | Path) -> list[str]:
+    """The text before each wildcard of a pattern, within its part of the path."""
+    return [text for part in Path(pattern).parts for text in _WILDCARD.split(part)[:-1:2]]
+
+
+def matching(
+    folder: Path, pattern: str | Path, *, with_text: bool = False
+) -> Iterator[tuple[str, Path]]:
+    """Name and path of each file or folder that a pattern matches; hidden ones are left out.
+
+    Args:
+        folder: the folder that the pattern starts from.
+        pattern: a path with ``*``, ``?``, ``[…]``, or ``**`` for folders at any depth.
+        with_text: the names hold the text before the wildcards, too: ``s*`` gives s1, and not 1.
+
+    Raises:
+        InputError: a folder cannot be looked into, or holds a link to itself.
+    """
+    parts = Path(os.path.normpath(pattern)).parts
+    parts += ("*",) * (parts[-1] == "**")
+    for path, pieces in _walk(folder, parts):
+        names = (piece[with_text] for piece in pieces)
+        yield "_".join(filter(None, names)) or path.stem, path
+
+
+def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[_Piece]]]:
+    """Paths below a folder that match the parts of a pattern, and the pieces of their names."""
+    part, rest = parts[0], parts[1:]
+    needed = os.R_OK | os.X_OK if has_wildcard(part) else os.X_OK
+    if not os.access(folder, needed):
+        remedy = "check its permissions, or use a narrower pattern"
+        raise InputError(folder, "cannot be looked into", remedy)
+    if part == "**":
+        yield from _walk(folder, rest)
+    for path, pieces in _entries(folder, part, last=not rest):
+        if not rest:
+            yield path, pieces
+        elif path.is_dir():
+            if part == "**":
+                _refuse_circle(path)
+            for below, more in _walk(path, parts if part == "**" else rest):
+                yield below, pieces + more
+
+
+def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, list[_Piece]]]:
+    """Entries of a folder that match one part of a pattern; of a file's suffix, nothing is kept."""
+    if not has_wildcard(part):
+        if os.path.lexists(folder / part):
+            yield folder / part, []
+        return
+    pieces = _WILDCARD.split(part)  # text, wildcard, text, …
+    groups = {"?": "(.)", "[": "(.)", "*": "(.*)"}
+    expression = "".join(groups[p[0]] if k % 2 else re.escape(p) for k, p in enumerate(pieces))
+    for path in folder.iterdir():
+        name = path.name
+        if not fnmatchcase(name, part) or (name.startswith(".") and not part.startswith(".")):
+            continue
+        match = re.fullmatch(expression, name, re.DOTALL)
+        end = len(path.stem) if last else len(name)
+        spans = [(start, min(stop, end)) for start, stop in match.regs[1:]] if match else []
+        text = name[: spans[-1][1]] if spans else ""
+        yield path, [("_".join(name[a:b] for a, b in spans if a < b), text.lstrip("."))]
+
+
+def _refuse_circle(folder: Path) -> None:
+    """Refuse a link to a folder that it is in or that led to it: ``**`` would go round forever."""
+    if not folder.is_symlink():
+        return
+    real = folder.parent.resolve()
+    if folder.resolve() in {real, *real.parents, *(above.resolve() for above in folder.parents)}:
+        problem = "is a symbolic link to a folder that it is in"
+        raise InputError(folder, problem, "remove it, or use a narrower pattern")

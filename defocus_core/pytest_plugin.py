@@ -1,0 +1,216 @@
+"""The pytest fixture ``golden``: pictures of a test are compared with those that were accepted.
+
+``golden.check(image, "name", psnr=45)`` compares an array, a tensor or a file with
+``goldens/TEST_FILE/name.exr`` beside the test. ``pytest --golden-update`` accepts what there is.
+``pytest --junitxml NAME.xml`` writes ``NAME.goldens.html`` too, a report to look at in a browser.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from defocus_core.compare.record import Comparison
+    from defocus_core.compare.thresholds import Rules
+
+_FOLDER = "goldens"
+_KEPT = pytest.StashKey[Path]()  # the folder that checks are kept in for the report
+_SAID = pytest.StashKey[str]()  # where the report is
+_WORD = "defocus_goldens"
+# Another processor, or another version of torch, rounds otherwise.
+_DEFAULT = {"max": 1e-4}
+_CHANNELS = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add ``--golden-update``."""
+    group = parser.getgroup("defocus")
+    text = "accept the pictures of golden.check() as the new goldens"
+    group.addoption("--golden-update", action="store_true", help=text)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Make the folder that checks are kept in, where a report is wanted."""
+    if _report_of(config) is not None:
+        config.stash[_KEPT] = Path(tempfile.mkdtemp(prefix="defocus-goldens-"))
+    elif folder := getattr(config, "workerinput", {}).get(_WORD):
+        config.stash[_KEPT] = Path(folder)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Name the folder to a process of pytest-xdist."""
+    if _KEPT in node.config.stash:
+        node.workerinput[_WORD] = str(node.config.stash[_KEPT])
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Write the report of all checks."""
+    from defocus_core.errors import InputError
+
+    config, report = session.config, _report_of(session.config)
+    if report is None or _KEPT not in config.stash:
+        return
+    try:
+        if any(config.stash[_KEPT].iterdir()):
+            from defocus_core.reports.html import golden_checks
+
+            golden_checks.write(config.stash[_KEPT], report)
+            config.stash[_SAID] = f"report of goldens: {report}"
+    except (InputError, OSError) as error:
+        config.stash[_SAID] = f"no report of goldens: {error}"
+    finally:
+        shutil.rmtree(config.stash[_KEPT], ignore_errors=True)
+
+
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    """Say where the report is."""
+    if _SAID in config.stash:
+        terminalreporter.write_line(config.stash[_SAID])
+
+
+def _report_of(config: pytest.Config) -> Path | None:
+    """The report, beside the JUnit file; None if none is written, or another process writes it."""
+    junit = getattr(config.option, "xmlpath", None)
+    if not junit or hasattr(config, "workerinput"):
+        return None
+    return Path(junit).with_suffix(".goldens.html")
+
+
+class Golden:
+    """The goldens of a test file.
+
+    Attributes:
+        folder: where they are.
+        update: whether pictures are accepted.
+        test: the name that pytest has for the test.
+        kept: the folder that checks are kept in for a report; None if there is to be none.
+    """
+
+    def __init__(
+        self, folder: Path, *, update: bool, test: str = "", kept: Path | None = None
+    ) -> None:
+        self.folder, self.update, self.test, self.kept = folder, update, test, kept
+
+    def check(self, image: Any, name: str, **bounds: float) -> None:
+        """Compare an image with its golden, and fail the test if it is not like it.
+
+        Args:
+            image: an array [H, W] or [H, W, C]; a tensor [H, W], [C, H, W] or [1, C, H, W]; or the
+                path of a file. Arrays and tensors are linear.
+            name: of the golden, unique in the test file; may hold slashes.
+            bounds: metrics of ``defocus compare`` with what is just allowed, like ``psnr=45`` or
+                ``max=0.02``; rel_rmse, p999 and edges_psnr for rel-rmse, p99.9 and edges-psnr.
+                By default, no value may differ by more than 1e-4.
+
+        Raises:
+            ValueError: the image has another shape, or a metric is not known.
+        """
+        from defocus_core.compare.record import EXTRA, Comparison
+        from defocus_core.reports.comparison_words import line
+
+        __tracebackhide__ = True
+        rules = _rules(bounds or _DEFAULT)
+        source = Path(image) if isinstance(image, str | Path) else None
+        golden = self.folder / f"{name}{source.suffix if source else '.exr'}"
+        if self.update:
+            _accept(golden, image if source is None else source)
+            return
+        picture = _planes(image) if source is None else source
+        if not golden.exists():
+            self._keep(Comparison(name, None, None, EXTRA), golden, picture)
+            pytest.fail(f"{golden}: there is no such golden; make it with pytest --golden-update")
+        record = _compared(golden, picture, name, rules)
+        self._keep(record, golden, picture)
+        if not record.passes:
+            told = f"{line(record)}\n--golden-update makes it the golden {golden}"
+            pytest.fail(told, pytrace=False)
+
+    def _keep(self, record: Comparison, golden: Path, picture: Any) -> None:
+        """Keep a check for the report, by the path of its golden."""
+        from defocus_core.reports.html import golden_checks
+
+        if self.kept is not None:
+            name = os.path.relpath(golden)
+            golden_checks.keep(self.kept, replace(record, name=name), self.test, picture)
+
+
+@pytest.fixture
+def golden(request: pytest.FixtureRequest) -> Golden:
+    """The goldens of the test file."""
+    file = Path(request.path)
+    update = bool(request.config.getoption("--golden-update"))
+    kept = request.config.stash.get(_KEPT, None)
+    folder = file.parent / _FOLDER / file.stem
+    return Golden(folder, update=update, test=request.node.nodeid, kept=kept)
+
+
+def _rules(bounds: Mapping[str, float]) -> Rules:
+    from defocus_core.compare.metrics import METRICS
+    from defocus_core.compare.thresholds import Rule, Rules
+
+    rules = []
+    for key, bound in bounds.items():
+        name = {"p999": "p99.9"}.get(key, key.replace("_", "-"))
+        if name not in METRICS:
+            raise ValueError(f"bounds must be metrics ({', '.join(METRICS)}), got {key}")
+        sign = "<" if METRICS[name].better == "high" else ">"
+        rules.append(Rule(name, sign, float(bound), f"{name}{sign}{bound:g}"))
+    return Rules(fail=tuple(rules))
+
+
+def _compared(golden: Path, image: Any, name: str, rules: Rules) -> Comparison:
+    """The record of a file, or of channels, and its golden."""
+    from defocus_core.compare.comparison import compare_pictures
+    from defocus_core.compare.picture import Picture, read_picture
+    from defocus_core.compare.record import Settings
+
+    if isinstance(image, Path):
+        picture = read_picture(image)
+    else:
+        height, width = next(iter(image.values())).shape
+        types = {channel: plane.dtype.name for channel, plane in image.items()}
+        picture = Picture(Path(name), width, height, image, types)
+    flip = any(rule.metric.startswith("flip") for rule in rules.fail)
+    return compare_pictures(name, read_picture(golden), picture, rules, Settings(flip=flip))[0]
+
+
+def _accept(golden: Path, image: Any) -> None:
+    from defocus_core.io.exr.writing import write_exr
+    from defocus_core.io.safe_files import written_whole
+
+    if isinstance(image, Path):
+        with written_whole(golden) as file:
+            file.write(image.read_bytes())
+    else:
+        write_exr(golden, _planes(image), {})
+
+
+def _planes(image: Any) -> dict[str, Any]:
+    """Channels [H, W], half or float, of an array or a tensor."""
+    import numpy as np
+
+    if hasattr(image, "detach"):  # a tensor, whose channels come first
+        values = np.asarray(image.detach().cpu().numpy())
+        values = values[0] if values.ndim == 4 and values.shape[0] == 1 else values
+        values = np.moveaxis(values, 0, -1) if values.ndim == 3 else values
+    else:
+        values = np.asarray(image)
+    if values.dtype != np.float16:
+        values = values.astype(np.float32)
+    values = values[..., None] if values.ndim == 2 else values
+    if values.ndim != 3 or values.shape[2] not in _CHANNELS or not values.size:
+        wanted = "[H, W], [H, W, C] or, as a tensor, [C, H, W] with 1 to 4 channels"
+        raise ValueError(f"image must be {wanted}, got {list(np.shape(image))}")
+    names = _CHANNELS[values.shape[2]]
+    return {name: np.ascontiguousarray(values[..., k]) for k, name in enumerate(names)}

@@ -1,0 +1,246 @@
+"""The kernel bank: Fourier windows of slices, and the spectra of their kernels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import accumulate, pairwise
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.parts import Part
+from defocus_core.optics.pupil_field import View
+from defocus_core.renderer.blur.fourier import kernel_spectra, kernels, reach, transform_length
+
+# Number of sizes of a window's transforms: quarters of the largest.
+_SIZES = 4
+# Number of slopes of a slice whose tilted kernels are cached.
+_PLANES = 4
+
+
+class Spread(NamedTuple):
+    """The blur of a slice: its resolution and its reach.
+
+    Attributes:
+        halvings: How many times resolution is halved.
+        cells: Reach of its kernel in pixels of that resolution.
+        px: Greatest reach of its light in pixels of the picture.
+    """
+
+    halvings: int
+    cells: int
+    px: int
+
+
+@dataclass(frozen=True)
+class Window:
+    """The transform that the slices of a layer share.
+
+    Attributes:
+        margin: Greatest reach of the slices in px; 0 if they are not blurred at all.
+        size: (height, width) of the largest transform.
+        halvings: How many times resolution is halved; margin and size are in px of that resolution.
+        slices: Numbers of the slices.
+        radii: [k] radii of the slices in px, float64.
+        aperture: The pupil.
+        parts: The parts of the pupil.
+        views: Views of the pupil: M counts each part once with each.
+        like: A tensor of the dtype and device of the spectra.
+        kernels: Cached kernels, by number of the slice.
+        spectra: Cached spectra, by number of the slice, size, and whether they lean.
+        planes: Cached spectra of kernels tilted for planes, by number, size, and slope.
+    """
+
+    margin: int
+    size: tuple[int, int]
+    halvings: int
+    slices: list[int]
+    radii: Tensor
+    aperture: Aperture
+    parts: list[Part]
+    like: Tensor
+    views: tuple[View, ...] = ()
+    kernels: dict[int, Tensor] = field(default_factory=dict)
+    spectra: dict[tuple[int, tuple[int, int], bool], Tensor] = field(default_factory=dict)
+    planes: dict[tuple[int, tuple[int, int]], dict[tuple[float, float], Tensor]] = field(
+        default_factory=dict
+    )
+
+    @property
+    def learns(self) -> bool:
+        """Whether gradients flow to the pupil: then nothing is cached in a backward pass."""
+        sizes = (value for view in self.views for value in view)
+        clipped = any(isinstance(value, Tensor) and value.requires_grad for value in sizes)
+        return self.aperture.learns or clipped
+
+    def seen(self, views: Sequence[View]) -> Window:
+        """The same window with a pupil as points of the frame see it."""
+        window = replace(self, views=tuple(views), kernels={}, spectra={}, planes={})
+        window.prepare()
+        return window
+
+    def prepare(self) -> None:
+        """Draw the kernels once if they learn, outside of what a backward pass computes again."""
+        for number in self.slices if self.learns and self.margin else ():
+            self.leaning_kernels(number)
+
+    def spectrum(self, number: int, size: tuple[int, int]) -> Tensor:
+        """The spectrum of a slice's kernel: [M, 1, height, width // 2 + 1]."""
+        return self._cached(number, size, leaning=False)
+
+    def leaning(self, number: int, size: tuple[int, int]) -> Tensor:
+        """The spectra of the kernel times u.x and u.y, for tilted surfaces: [2, M, 1, ...]."""
+        return self._cached(number, size, leaning=True)
+
+    def tilted(self, number: int, size: tuple[int, int], slope: tuple[float, float]) -> Tensor:
+        """The spectrum of a slice for a plane of a slope, x and y: [M, 1, ...]."""
+        cached = self.planes.setdefault((number, size), {})
+        if self.learns:
+            cached.clear()
+        spectrum = cached.get(slope)
+        if spectrum is None:
+            kernel, x, y = self.leaning_kernels(number)
+            kernel = kernel.add(x, alpha=slope[0]).add_(y, alpha=slope[1])
+            spectrum = kernel_spectra(kernel, size).unsqueeze(-3)
+            if len(cached) >= _PLANES:
+                cached.clear()
+            cached[slope] = spectrum
+        return spectrum
+
+    def fitting(self, least: Sequence[int]) -> tuple[int, int]:
+        """The smallest of a few sizes that has at least the given rows and columns."""
+        height, width = (
+            min(
+                transform_length(-(-n * share // _SIZES))
+                for share in range(1, _SIZES + 1)
+                if transform_length(-(-n * share // _SIZES)) >= wanted
+            )
+            for n, wanted in zip(self.size, least, strict=True)
+        )
+        return height, width
+
+    def _cached(self, number: int, size: tuple[int, int], *, leaning: bool) -> Tensor:
+        key = (number, size, leaning)
+        spectrum = self.spectra.get(key)
+        if spectrum is None:
+            versions = self._kernels(number, leaning=leaning)
+            kernel = versions[1:] if leaning else versions[0]
+            spectrum = kernel_spectra(kernel, size).unsqueeze(-3)
+            if not self.learns:  # a backward pass computes it again
+                self.spectra[key] = spectrum
+        return spectrum
+
+    def leaning_kernels(self, number: int) -> Tensor:
+        """The kernel of a slice, and the same times u.x and u.y: [3, M, S, S]."""
+        return self._kernels(number, leaning=True)
+
+    def _kernels(self, number: int, *, leaning: bool) -> Tensor:
+        """The kernels of one slice, computed alone: a batch could change the last digits."""
+        cached = self.kernels.get(number)
+        if cached is None or (leaning and len(cached) == 1):
+            radius = self.radii[self.slices.index(number), None] / (1 << self.halvings)
+            computed = kernels(
+                radius, self.margin, self.aperture, self.parts, views=self.views, leaning=leaning
+            )
+            cached = self.kernels[number] = computed[0].to(self.like.real)
+        return cached
+
+
+def windows(
+    radii: tuple[float, ...],
+    spreads: list[Spread],
+    layers: list[int],
+    side: tuple[int, int],
+    region: tuple[int, int],
+    aperture: Aperture,
+    parts: list[Part],
+    dtype: torch.dtype,
+    device: torch.device,
+) -> list[Window]:
+    """The window of each slice, one for each layer.
+
+    Args:
+        radii: Radii of the slices in px.
+        spreads: Spreads of the slices; slices of a layer have the same halvings.
+        layers: For each slice the number of its layer.
+        side: (height, width) in px of a tile, which is blurred at once at full resolution.
+        region: (height, width) in px of a region, which is blurred at once at reduced resolution.
+        aperture: The pupil.
+        parts: M parts of the pupil.
+        dtype: Type of the pictures.
+        device: Device of the pictures.
+    """
+    sharing: dict[int, list[int]] = {}
+    for k, number in enumerate(layers):
+        sharing.setdefault(number, []).append(k)
+    precision = torch.complex128 if dtype == torch.float64 else torch.complex64
+    like = torch.empty(0, dtype=precision, device=device)
+    window_of: dict[int, Window] = {}
+    for slices in sharing.values():
+        extent, halvings = max(spreads[k].cells for k in slices), spreads[slices[0]].halvings
+        extents = [(n >> halvings) + 5 for n in region] if halvings else side
+        rows, columns = (transform_length(n + 2 * extent) for n in extents)
+        layer_radii = torch.tensor([radii[k] for k in slices], dtype=torch.float64)
+        size = rows, columns
+        window = Window(extent, size, halvings, slices, layer_radii, aperture, parts, like)
+        window.prepare()
+        window_of.update(dict.fromkeys(slices, window))
+    return [window_of[k] for k in range(len(radii))]
+
+
+def merged_layers(
+    layers: list[int], sides: list[int], spreads: list[Spread], side: tuple[int, int]
+) -> list[int]:
+    """Merge neighbouring layers of one side whose transforms have the same size.
+
+    Args:
+        layers: For each slice the number of its layer.
+        sides: For each slice its side; layers of different sides are not merged.
+        spreads: Spreads of the slices; slices of a layer have the same halvings.
+        side: (height, width) of a tile in px.
+    """
+    widest: dict[int, int] = {}
+    for number, spread in zip(layers, spreads, strict=True):
+        widest[number] = max(widest.get(number, 0), spread.cells)
+    names = [
+        (
+            where,
+            spread.halvings,
+            widest[number] == 0,
+            *(transform_length((n >> spread.halvings) + 2 * widest[number]) for n in side),
+        )
+        for number, where, spread in zip(layers, sides, spreads, strict=True)
+    ]
+    other = [name != before for before, name in pairwise(names)]
+    return list(accumulate(other, initial=0))
+
+
+def spreads_of(
+    radii: tuple[float, ...], layers: list[int], full_resolution: float, limit: int
+) -> list[Spread]:
+    """The spread of each slice; slices of a layer are blurred at one resolution.
+
+    Args:
+        radii: Radii of the slices in px.
+        layers: For each slice the number of its layer.
+        full_resolution: Radius in px from which on resolution is halved, and halved again at
+            each doubling.
+        limit: Greatest reach in px, the size of the frame.
+    """
+    least: dict[int, float] = {}
+    for radius, number in zip(radii, layers, strict=True):
+        least[number] = min(least.get(number, math.inf), abs(radius))
+    spreads = []
+    for radius, number in zip(radii, layers, strict=True):
+        ratio = min(least[number], limit) / full_resolution
+        halvings = math.floor(math.log2(ratio)) + 1 if ratio >= 1 else 0
+        step = 1 << halvings
+        cells = reach(radius / step, -(-limit // step))
+        # a pixel has shares in cells beside it, and is read from two cells on each side
+        px = min(step * (cells + 3) - 1, limit) if halvings else cells
+        spreads.append(Spread(halvings, cells, px))
+    return spreads

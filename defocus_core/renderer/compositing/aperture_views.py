@@ -1,0 +1,213 @@
+"""Colours and coverage of a tile through each part of the aperture, composited front to back."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.renderer.blur.layer_blur import Shown
+from defocus_core.renderer.compositing.known_surfaces import add_known
+from defocus_core.renderer.compositing.saturating_sum import (
+    add_within,
+    filled_up_to,
+    is_full,
+    share_behind,
+    summed,
+)
+from defocus_core.tensors.box import Box
+
+# Gap in coverage that is not worth filling: dividing by the coverage makes up for it.
+_NEGLIGIBLE = 0.05
+# Share of the aperture that is too small to see anything through.
+_LEAST_ROOM = 1e-4
+# Gap beside what a near surface covers, as a share of this, that is an error of what it hides.
+_ERROR = 0.2
+
+
+class Aside(NamedTuple):
+    """Surfaces that were set aside.
+
+    Attributes:
+        fronts: For each group [m, C + 1, h, w], all that was composited.
+        covered: For each group the coverage [m, 1, h, w] that the composition went on with.
+        invented: As that of `Fronts`.
+    """
+
+    fronts: list[Tensor]
+    covered: list[Tensor]
+    invented: Tensor | None
+
+
+class Fronts:
+    """The surfaces of a tile composited so far.
+
+    Attributes:
+        by_group: The front of each group of m parts, [m, C + 1, h, w]: colour times coverage, then
+            coverage.
+        moved: [m, C, h, w], the change of the last group's colours by shifts of less than a pixel;
+            None if there is none.
+        invented: [m, h, w], coverage of the first group by invented surfaces; None if there is
+            none.
+    """
+
+    def __init__(
+        self, blank: list[Tensor], full: list[Tensor | float], doubt: float | None
+    ) -> None:
+        """Begin without surfaces.
+
+        Args:
+            blank: As `by_group`: zeros, which are overwritten.
+            full: Greatest coverage of each group.
+            doubt: Share of a part up to which gaps between visible surfaces may be errors.
+        """
+        self.by_group = blank
+        self.moved: Tensor | None = None
+        self.invented: Tensor | None = None
+        self._full = full
+        self._reserved: list[Tensor | None] = [None for _ in full]
+        self._doubt = doubt
+
+    def add(self, layers: list[dict[int, Shown]]) -> None:
+        """Add visible surfaces, given for each group as layers by their numbers."""
+        for group, (surfaces, most) in enumerate(zip(layers, self._full, strict=True)):
+            front = self.by_group[group]
+            for number in sorted(surfaces):
+                box, layer, by = surfaces[number]
+                within = box.of(most) if isinstance(most, Tensor) else most
+                share = share_behind(box.of(front), layer, within)
+                front = add_within(front, box, layer, share)
+                if by is not None:
+                    moved = torch.zeros_like(front[:, :-1]) if self.moved is None else self.moved
+                    self.moved = add_within(moved, box, by, share)
+            self.by_group[group] = front
+
+    def add_known(
+        self, visible: list[dict[int, Shown]], hidden: list[dict[int, Shown]], *, closed: bool
+    ) -> None:
+        """Add known surfaces, given for each group as layers by their numbers.
+
+        Args:
+            visible: The visible layers of each group.
+            hidden: The hidden ones.
+            closed: Whether every pixel is covered fully.
+        """
+        for group, layers in enumerate(zip(visible, hidden, self._full, strict=True)):
+            front = self.by_group[group]
+            self.by_group[group], moved = add_known(front, *layers, closed=closed)
+            self.moved = self.moved if moved is None else moved
+
+    def coverage(self) -> list[Tensor]:
+        """A copy of the coverage [m, 1, h, w] of each group."""
+        return [front[:, -1:].clone() for front in self.by_group]
+
+    def set_aside(self, near: list[Tensor]) -> Aside:
+        """Go on as if the surfaces nearer than focus were not there, up to `put_together`.
+
+        Args:
+            near: The coverage [m, 1, h, w] of these for each group.
+        """
+        aside = Aside(self.by_group, [], self.invented)
+        self.by_group, self.invented = [], None
+        for front, own, most in zip(aside.fronts, near, self._full, strict=True):
+            full = torch.as_tensor(most).to(front)
+            # where these cover all, nothing is seen behind: as if it were full
+            ends = own > full - _LEAST_ROOM
+            covered = torch.where(ends, full, front[:, -1:] - own)
+            aside.covered.append(covered)
+            self.by_group.append(torch.cat([torch.zeros_like(front[:, :-1]), covered], 1))
+        return aside
+
+    def close_gaps(self, aside: Aside) -> None:
+        """Close gaps that are small beside what the surfaces that were set aside cover.
+
+        What these hide is continued at half the resolution: with what is visible of the same
+        surface it may not quite cover all, and a bright sky behind both must not show.
+        """
+        for group, covered in enumerate(aside.covered):
+            front = self.by_group[group]
+            room = (self._full[group] - covered).clamp(min=_LEAST_ROOM)
+            gap = (self._full[group] - front[:, -1:]).clamp(min=0)
+            near = (aside.fronts[group][:, -1:] - covered).clamp(min=0)
+            error = _ERROR * near
+            between = (gap > error) & (gap < 2 * error)  # where a quotient has a finite gradient
+            grown = gap / torch.where(between, error, 1.0) - 1
+            kept = gap * torch.where(between, grown, (gap >= 2 * error).to(gap))
+            added = gap - kept
+            larger = 1 + added / (room - gap).clamp(min=_LEAST_ROOM)
+            color, coverage = front.tensor_split([-1], 1)
+            self.by_group[group] = torch.cat([color * larger, coverage + added], 1)
+            if group == 0 and self.invented is not None:
+                self.invented = self.invented * larger[:, 0]
+
+    def put_together(self, aside: Aside) -> None:
+        """Put the surfaces that were set aside before those composited since."""
+        before, self.invented, since = aside.invented, aside.invented, self.invented
+        for group, (front, covered) in enumerate(zip(aside.fronts, aside.covered, strict=True)):
+            color, coverage = self.by_group[group].tensor_split([-1], 1)
+            layer = torch.cat([color, coverage - covered], 1)
+            share = share_behind(front, layer, self._full[group])
+            self.by_group[group] = torch.addcmul(front, layer, share)
+            if group == 0 and since is not None:
+                more = since * share[:, 0]
+                self.invented = more if before is None else before + more
+
+    def are_full(self, *, known: bool) -> bool:
+        """Whether no gap is left that a hidden surface, known or invented, may fill."""
+        return all(is_full(front, self._most(i, known)) for i, front in enumerate(self.by_group))
+
+    def fill(self, hidden: list[Tensor | None], *, known: bool) -> None:
+        """Add a hidden surface.
+
+        Args:
+            hidden: The surface over the tile for each group, [m, C + 1, h, w]; None where it is
+                absent.
+            known: Whether the surface is known, not invented.
+        """
+        for group, layer in enumerate(hidden):
+            front, most = self.by_group[group], self._most(group, known)
+            if layer is None or is_full(front, most):
+                continue
+            whole, share = Box(0, 0, *front.shape[-2:]), share_behind(front, layer, most)
+            if group == 0 and not known:
+                more = (share * layer[:, -1:])[:, 0]
+                self.invented = more if self.invented is None else self.invented + more
+            self.by_group[group] = add_within(front, whole, layer, share)
+
+    def reserve(self, layers: list[dict[int, Shown]]) -> None:
+        """Keep invented surfaces out of the coverage of layers, given for each group."""
+        for group, surfaces in enumerate(layers):
+            size = self.by_group[group].shape[-2], self.by_group[group].shape[-1]
+            parts = ((shown.box, shown.layer[:, -1:]) for shown in surfaces.values())
+            self._reserved[group] = summed(parts, size)
+
+    def are_nearly_full(self) -> bool:
+        """Whether the gaps that are left are not worth filling."""
+        gaps = zip(self.by_group, self._full, strict=True)
+        return all(is_full(front, most, _NEGLIGIBLE) for front, most in gaps)
+
+    def add_alpha(self) -> None:
+        """Add to the colours a last channel that is the coverage."""
+        for group, front in enumerate(self.by_group):
+            self.by_group[group] = torch.cat([front, front[:, -1:]], 1)
+        if self.moved is not None:
+            self.moved = torch.cat([self.moved, torch.zeros_like(self.moved[:, :1])], 1)
+
+    def leave_open(self) -> None:
+        """Count the gaps that are left as covered: nothing is seen there."""
+        for group, most in enumerate(self._full):
+            color, covered = self.by_group[group].tensor_split([-1], 1)
+            whole = torch.maximum(covered, torch.as_tensor(most).to(covered))
+            self.by_group[group] = torch.cat([color, whole], 1)
+
+    def _most(self, group: int, known: bool) -> Tensor | float:
+        """Greatest coverage of a group once a hidden surface is added."""
+        most, reserved = self._full[group], self._reserved[group]
+        if known:
+            return most
+        if reserved is not None:
+            most = most - reserved
+        return (
+            most if self._doubt is None else filled_up_to(self.by_group[group], most, self._doubt)
+        )

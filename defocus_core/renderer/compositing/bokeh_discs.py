@@ -1,0 +1,235 @@
+"""Discs of highlights: drawn by their rims, and clipped by nearer surfaces.
+
+Along a row of pixels a kernel changes only at its rim. So only the changes at the rims are added to
+a canvas, and the canvas is summed along rows at the end: the cost of a disc grows with its rim, not
+with its area. Sums are in double precision, so that hardly any rounding error is left beside a
+bright disc.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.parts import Part
+from defocus_core.optics.pupil_field import View
+from defocus_core.renderer.blur.fourier import reach
+from defocus_core.renderer.compositing.disc_occlusion import Obstruction, Squares
+from defocus_core.renderer.compositing.highlights import Highlights
+from defocus_core.renderer.compositing.screens import Screen
+from defocus_core.tensors.box import Box
+
+# Samples drawn at once: bounds memory.
+_SAMPLES = 1 << 18
+# Greatest ratio of the widths of kernels that are sampled together.
+_AS_WIDE = 2
+
+
+class _Alike(NamedTuple):
+    """Highlights that are drawn together.
+
+    Attributes:
+        highlights: n of them.
+        radii: [U] px, their different radii.
+        which: [n] the index in `radii` of each highlight, ascending.
+        extent: Greatest distance in px from a highlight to a pixel of its disc.
+        barrel: The pupil, as each radius sees it.
+    """
+
+    highlights: Highlights
+    radii: Tensor
+    which: Tensor
+    extent: int
+    barrel: View | None = None
+
+    def between(self, start: int, end: int) -> _Alike:
+        """The highlights from `start` to before `end`."""
+        highlights = Highlights(*(values[start:end] for values in self.highlights))
+        return self._replace(highlights=highlights, which=self.which[start:end])
+
+
+def draw(
+    highlights: Highlights,
+    screens: Sequence[Screen],
+    radii: tuple[float, ...],
+    aperture: Aperture,
+    parts: list[Part],
+    box: Box,
+    barrel: View | None = None,
+) -> Tensor:
+    """The discs of all highlights as the parts of the aperture see them: [M, C, height, width].
+
+    Args:
+        highlights: As `highlights.split` finds them.
+        screens: The surfaces of all pixels.
+        radii: The ladder of their slices.
+        aperture: The pupil.
+        parts: M parts of the pupil.
+        box: The rectangle of the frame to draw.
+        barrel: The pupil, as each highlight sees it.
+    """
+    most = max(*screens[0].places.shape, box.top + box.height, box.left + box.width)
+    canvas = _Canvas(len(parts), highlights.light, box)
+    obstruction = Obstruction(screens, radii)
+    for alike in _alike(highlights, most, box, barrel):
+        squares = Squares.of(alike.extent)
+        rims, cut = [], []
+        for part in parts:
+            kernels = aperture.kernel(alike.radii, 2 * alike.extent + 1, part, alike.barrel)
+            rims.append(_Rim(kernels))
+            cut.append(squares.cut(kernels))
+        lit = torch.stack([(x != 0).any(-1).any(-1) for x in cut])  # [M, U, across, across]
+        wanted = lit.any(0)
+        step = max(1, _SAMPLES // max(rim.row.shape[1] for rim in rims))
+        for start in range(0, len(alike.which), step):
+            chunk = alike.between(start, start + step)
+            for m, rim in enumerate(rims):
+                canvas.add_rims(m, rim, chunk)
+            at, r = chunk.highlights.at, chunk.highlights.signed_radius
+            for occluded in obstruction.occluded(at, r, squares, wanted[chunk.which]):
+                which = chunk.which[occluded.light]
+                for m, kernels in enumerate(cut):
+                    index = torch.nonzero(lit[m][which, occluded.row, occluded.column])[:, 0]
+                    light, row, column, share = (x.index_select(0, index) for x in occluded)
+                    values = kernels[which[index], row, column] * share
+                    corner = at[light] + squares.corners(row, column)
+                    canvas.subtract(m, corner, values, chunk.highlights.light[light])
+    return canvas.summed(highlights.light.dtype)
+
+
+def _alike(highlights: Highlights, most: int, box: Box, barrel: View | None) -> Iterator[_Alike]:
+    """The highlights whose discs, `most` px wide at most, reach a box: in groups, widest first."""
+    everything, spreads = _widest_first(highlights, most, box, barrel)
+    counts = torch.bincount(everything.which, minlength=len(spreads))
+    ends = [0, *counts.cumsum(0).tolist()]  # where the highlights of each radius begin and end
+    first = 0
+    while first < len(spreads):
+        extent = spreads[first]
+        count = max(1, _SAMPLES // (2 * extent + 1) ** 2)
+        end = first + sum(_AS_WIDE * spread >= extent for spread in spreads[first : first + count])
+        chosen = everything.between(ends[first], ends[end])
+        if len(chosen.which):
+            yield _Alike(
+                chosen.highlights,
+                everything.radii[first:end],
+                chosen.which - first,
+                extent,
+                everything.barrel and everything.barrel.of(slice(first, end)),
+            )
+        first = end
+
+
+def _widest_first(
+    highlights: Highlights, most: int, box: Box, barrel: View | None
+) -> tuple[_Alike, list[int]]:
+    """All highlights whose discs reach a box, and the extent [U] in px for each radius."""
+    radii, at = highlights.signed_radius, highlights.at
+    which = torch.arange(len(radii), device=radii.device)
+    if not radii.requires_grad and barrel is None:  # many highlights are equally far away
+        radii, which = torch.unique(radii, return_inverse=True)
+    spread = torch.tensor([reach(r, most) for r in radii.tolist()], device=radii.device)
+    wide = spread.argsort(descending=True, stable=True)
+    radii, spread, which = radii[wide], spread[wide], wide.argsort()[which]
+    corner = at.new_tensor([box.top, box.left])
+    last = corner + at.new_tensor([box.height - 1, box.width - 1])
+    away = torch.maximum(corner - at, at - last).amax(1)
+    order = which.argsort(stable=True)
+    order = order[(away <= spread[which])[order]]
+    reaching = Highlights(*(values[order] for values in highlights))
+    barrel = barrel and barrel.of(wide)
+    return _Alike(reaching, radii, which[order], most, barrel), spread.tolist()
+
+
+class _Rim:
+    """Changes of U kernels along their rows, k for each kernel, padded with changes of 0.
+
+    Attributes:
+        row: [U, k] row of each change.
+        column: [U, k] column of each change.
+        change: [U, k] difference to the pixel before.
+    """
+
+    def __init__(self, kernels: Tensor) -> None:
+        """Find the changes in kernels [U, S, S]."""
+        changes = pad(kernels, (1, 1)).double().diff(dim=-1)  # [U, S, S + 1]
+        which, row, column = torch.nonzero(changes.detach(), as_tuple=True)
+        counts = torch.bincount(which, minlength=len(kernels))
+        number = torch.arange(len(which), device=which.device)
+        slot = (which, number - (counts.cumsum(0) - counts)[which])
+        empty = changes.new_zeros(len(kernels), max(1, int(counts.max())))
+        self.row, self.column = (
+            torch.zeros_like(empty, dtype=torch.long).index_put(slot, at) for at in (row, column)
+        )
+        self.change = empty.index_put(slot, changes[which, row, column])
+
+
+class _Canvas:
+    """Changes along the rows of a picture; their sums along rows are the picture."""
+
+    def __init__(self, parts: int, colors: Tensor, box: Box) -> None:
+        """Begin without changes.
+
+        Args:
+            parts: M, the number of aperture parts.
+            colors: [n, C] of the highlights.
+            box: The rectangle of the frame to draw.
+        """
+        self._box = box
+        # one more row and column take changes beyond the box; one tensor for each channel of each
+        # part, for a gradient through a part of a tensor copies all of it
+        self._size = (box.height + 1, box.width + 1)
+        self._changes = [
+            [colors.new_zeros(math.prod(self._size), dtype=torch.float64) for _ in colors[0]]
+            for _ in range(parts)
+        ]
+
+    def add_rims(self, part: int, rim: _Rim, alike: _Alike) -> None:
+        """Add discs by their rims."""
+        at, colors = (values[..., None] for values in alike.highlights[:2])
+        rows, columns, changes = (x[alike.which] for x in (rim.row, rim.column, rim.change))
+        self._add(
+            part, rows + at[:, 0] - alike.extent, columns + at[:, 1] - alike.extent, changes, colors
+        )
+
+    def subtract(self, part: int, corner: Tensor, values: Tensor, colors: Tensor) -> None:
+        """Subtract occluded squares of discs.
+
+        Args:
+            part: Number of the aperture part.
+            corner: [n, 2] row and column of the first pixel.
+            values: [n, side, side].
+            colors: [n, C].
+        """
+        changes = pad(values, (1, 1)).double().diff(dim=-1)
+        rows, columns = (torch.arange(n, device=corner.device) for n in changes.shape[1:])
+        rows, columns = corner[:, :1, None] + rows[:, None], corner[:, 1:, None] + columns
+        self._add(part, rows, columns, changes, -colors[..., None, None])
+
+    def _add(
+        self, part: int, rows: Tensor, columns: Tensor, changes: Tensor, colors: Tensor
+    ) -> None:
+        """Add changes [n, ...] times colours [n, C, 1, ...] at rows and columns of the frame."""
+        height, width = self._size
+        rows, columns = rows - self._box.top, columns - self._box.left
+        rows = torch.where(rows < 0, height - 1, rows).clamp(max=height - 1)
+        # a disc that begins before the box begins in its first column
+        columns = columns.clamp(0, width - 1)
+        spot = (rows * width + columns).flatten()
+        for c, canvas in enumerate(self._changes[part]):
+            canvas.index_add_(0, spot, (changes * colors[:, c]).flatten())
+
+    def summed(self, dtype: torch.dtype) -> Tensor:
+        """The pictures [M, C, height, width]; the canvas is freed part by part."""
+        channels, parts = [], len(self._changes)
+        while self._changes:
+            for channel in self._changes.pop(0):
+                sums = channel.view(self._size).cumsum(-1)
+                channels.append(sums[:-1, :-1].to(dtype))
+        pictures = torch.stack(channels)
+        return pictures.view(parts, -1, *pictures.shape[1:])

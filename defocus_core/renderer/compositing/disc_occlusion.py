@@ -1,0 +1,244 @@
+"""Occlusion of a highlight's disc by the surfaces before it.
+
+Disc pixel x of a light q is seen through lens point u = (x - q) / r_q, and a nearer surface of
+radius r_k in front of it at q + u (r_q - r_k). Beside depth edges the coverage there is
+interpolated between pixels: a shadow has a rim as smooth as its surface. Squares of a disc that no
+nearer slice is in front of are skipped. A small disc has too few pixels to sample u: it is dimmed
+evenly, by the mean over the lens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from defocus_core.renderer.compositing.screens import Screen, Screens
+from defocus_core.tensors.tiling import BLOCK
+
+# A surface occludes a light if it is nearer by this many px of radius and by this share of it; no
+# round numbers, so that rounding does not decide.
+_BEFORE = (1.513, 0.1513)
+# A place in the middle between two pixels is moved by this many px towards the light.
+_TOWARDS = 0.01
+# Radius in px below which a disc is dimmed evenly.
+_SMALL = 2.013
+# Lens points from the middle of the lens to its rim; their grid is symmetric to flips and turns.
+_POINTS = 8
+# Samples of occlusion computed at once: bounds memory.
+_SAMPLES = 1 << 17
+
+
+class Squares(NamedTuple):
+    """The division of discs into a square number of squares.
+
+    Attributes:
+        extent: Px from the middle of a disc to its farthest pixel.
+        across: Number of squares along one axis.
+        side: Width of a square in px.
+    """
+
+    extent: int
+    across: int
+    side: int
+
+    @classmethod
+    def of(cls, extent: int) -> Squares:
+        """Squares no wider than a block."""
+        count = -(-(2 * extent + 1) // BLOCK)
+        return cls(extent, count, -(-(2 * extent + 1) // count))
+
+    def cut(self, values: Tensor) -> Tensor:
+        """The squares of discs [U, S, S], padded by zeros: [U, across, across, side, side]."""
+        beyond = self.across * self.side - values.shape[-1]
+        whole = pad(values, (0, beyond, 0, beyond))
+        return whole.reshape(-1, self.across, self.side, self.across, self.side).movedim(3, 2)
+
+    def corners(self, row: Tensor, column: Tensor) -> Tensor:
+        """Px from the middle of a disc to the first pixel of squares [n]: [n, 2]."""
+        return torch.stack([row, column], 1) * self.side - self.extent
+
+
+class Occluded(NamedTuple):
+    """Squares of discs that are occluded in part.
+
+    Attributes:
+        light: [n] index of the light.
+        row: [n] row of the square in the disc.
+        column: [n] column of the square in the disc.
+        share: [n, side, side] in [0, 1], the occluded share.
+    """
+
+    light: Tensor
+    row: Tensor
+    column: Tensor
+    share: Tensor
+
+
+class _Lights(NamedTuple):
+    """Lights, and the slices that may stand before them.
+
+    Attributes:
+        at: [n, 2] rows and columns.
+        limit: [n] px, radii below which a surface stands before each.
+        before: [n, k] bool, whether each slice may stand before each light.
+        scale: [n, k] px in a slice per px in the disc.
+        small: [n] bool, whether a disc has few pixels.
+        spread: [n, k] px in a slice per radius of the lens.
+    """
+
+    at: Tensor
+    limit: Tensor
+    before: Tensor
+    scale: Tensor
+    small: Tensor
+    spread: Tensor
+
+    def select(self, which: Tensor | slice) -> _Lights:
+        """The lights of these indices."""
+        return _Lights(*(values[which] for values in self))
+
+
+class Obstruction:
+    """Surfaces before lights."""
+
+    def __init__(self, screens: Sequence[Screen], radii: tuple[float, ...]) -> None:
+        """Find which blocks hold pixels of which slices.
+
+        Args:
+            screens: The surfaces, at least one.
+            radii: The ladder.
+        """
+        self._radii, self._screens = radii, Screens(screens, len(radii))
+        blocks = self._screens.blocks
+        self._sums = pad(blocks.cumsum(1).cumsum(2), (1, 0, 1, 0))  # [K, rows + 1, columns + 1]
+
+    def occluded(
+        self, at: Tensor, radius: Tensor, squares: Squares, wanted: Tensor
+    ) -> Iterator[Occluded]:
+        """The squares of the discs of lights that are occluded in part.
+
+        Args:
+            at: [n, 2] rows and columns.
+            radius: [n] px.
+            squares: The division of the discs.
+            wanted: [n, across, across] bool, squares to test.
+        """
+        rungs, lights = self._lights(at, radius)
+        if not len(rungs):
+            return
+        count = max(1, _SAMPLES // (len(rungs) * squares.across**2))
+        for start in range(0, len(at), count):
+            chunk = lights.select(slice(start, start + count))
+            in_front = self._in_front(chunk, rungs, squares) & wanted[start : start + count, None]
+            where = torch.nonzero(in_front.any(1))  # [m, 3]
+            for positions in torch.split(where, max(1, _SAMPLES // squares.side**2)):
+                light, row, column = positions.unbind(1)
+                corner, slices = squares.corners(row, column), in_front[light, :, row, column]
+                share = self._share(chunk.select(light), rungs, slices, corner, squares.side)
+                yield Occluded(light + start, row, column, share)
+
+    def _lights(self, at: Tensor, radius: Tensor) -> tuple[Tensor, _Lights]:
+        """The rungs [k] that may stand before any of the lights, and the lights."""
+        limit = nearer_than(radius.detach())
+        radii = torch.tensor(self._radii, dtype=torch.float64).to(radius)
+        before = (limit[:, None] > radii) & (self._sums[:, -1, -1] > 0)  # [n, K]
+        rungs = torch.nonzero(before.any(0))[:, 0]
+        r, small = radius[:, None], radius.abs() < _SMALL
+        spread = r - radii[rungs]
+        scale = spread / torch.where(small[:, None], 1.0, r)
+        return rungs, _Lights(at, limit, before[:, rungs], scale, small, spread)
+
+    def _in_front(self, lights: _Lights, rungs: Tensor, squares: Squares) -> Tensor:
+        """Whether slices are in blocks before squares of discs: [n, k, across, across] bool."""
+        first = torch.arange(squares.across, device=rungs.device) * squares.side - squares.extent
+        last = (first + squares.side - 1).clamp(max=squares.extent)
+        ends = []
+        for axis, length in enumerate(self._screens.size):
+            at, small = lights.at[:, axis, None, None], lights.small[:, None, None]
+            lens = lights.spread[:, :, None]
+            places = [
+                at + torch.where(small, end * lens, lights.scale[:, :, None] * x)
+                for end, x in ((-1, first), (1, last))
+            ]
+            low, high = torch.minimum(*places).floor(), torch.maximum(*places).ceil()
+            ends.append((_block(low, length), _block(high, length) + 1))
+        (top, below), (left, beside) = ends
+        columns, sums = self._sums.shape[2], self._sums.flatten()
+        plane = (rungs * self._sums[0].numel())[:, None, None]
+
+        def corner(y: Tensor, x: Tensor) -> Tensor:
+            return sums[plane + y[..., :, None] * columns + x[..., None, :]]
+
+        inside = corner(below, beside) - corner(top, beside)
+        inside = inside - corner(below, left) + corner(top, left)
+        return (inside > 0) & lights.before[..., None, None]
+
+    def _share(
+        self, lights: _Lights, rungs: Tensor, slices: Tensor, corner: Tensor, side: int
+    ) -> Tensor:
+        """The occluded share of squares of discs: [m, side, side].
+
+        Args:
+            lights: The light of each of m squares.
+            rungs: [k] rungs to test.
+            slices: [m, k] bool, whether the slice of each rung is before the square.
+            corner: [m, 2] px from the light to the first pixel of its square.
+            side: Width of a square in px.
+        """
+        H, W = self._screens.size
+        offset = corner[..., None] + torch.arange(side, device=corner.device)  # [m, 2, side]
+        occluded_share = lights.scale.new_zeros(len(corner), side, side)
+        points = _lens_points(lights.scale)
+        lens_shares = lights.scale.new_zeros(len(corner), len(points))
+        for k, rung in enumerate(rungs.tolist()):
+            small_index = torch.nonzero(slices[:, k] & lights.small)[:, 0]
+            if len(small_index):
+                subset = lights.select(small_index)
+                row, column = (
+                    _pixel(subset.at[:, axis, None], subset.spread[:, k, None] * u, length)
+                    for axis, u, length in ((0, points[:, 1], H), (1, points[:, 0], W))
+                )
+                spots, limits = row * W + column, subset.limit[:, None].expand_as(row)
+                share = self._screens.coverage(spots.flatten(), rung, limits.flatten())
+                lens_shares.index_add_(0, small_index, share.view(row.shape))
+            large_index = torch.nonzero(slices[:, k] & ~lights.small)[:, 0]
+            subset = lights.select(large_index)
+            away = subset.scale[:, k, None, None] * offset[large_index]
+            row, column = (
+                _pixel(subset.at[:, axis, None], away[:, axis], length)
+                for axis, length in enumerate((H, W))
+            )
+            place = (subset.at[..., None] + away).unbind(1)
+            share = self._screens.beside((row, column), place, rung, subset.limit)
+            occluded_share.index_add_(0, large_index, share)
+        mean = lens_shares.clamp(max=1).mean(1)[:, None, None]
+        return torch.where(lights.small[:, None, None], mean, occluded_share.clamp(max=1))
+
+
+def _lens_points(like: Tensor) -> Tensor:
+    """[J, 2] lens points, x and y, spread evenly over the pupil."""
+    place = (torch.arange(-_POINTS, _POINTS, dtype=like.dtype, device=like.device) + 0.5) / _POINTS
+    points = torch.cartesian_prod(place, place)
+    return points[points.square().sum(1) < 1]
+
+
+def nearer_than(radius: Tensor) -> Tensor:
+    """Px [n] of radius below which a surface stands before lights of radii [n] px."""
+    return radius - (_BEFORE[1] * radius.abs()).clamp(min=_BEFORE[0])
+
+
+def _block(pixel: Tensor, length: int) -> Tensor:
+    """The block, of those along `length` pixels, of a row or column."""
+    return pixel.long().clamp(0, length - 1).div(BLOCK, rounding_mode="floor")
+
+
+def _pixel(light: Tensor, away: Tensor, length: int) -> Tensor:
+    """The row or column, below `length`, of the pixel nearest to a place `away` px from a light.
+
+    Many places lie in the middle between two pixels: rounding must not depend on the side.
+    """
+    return (light + away - _TOWARDS * away.sign()).round().long().clamp(0, length - 1)

@@ -1,0 +1,121 @@
+"""Highlights: the few brightest pixels, separated from the picture.
+
+Almost all energy of a scene with lights is in few pixels. Layers would fade the discs that a wire
+before them clips, and a transform would spread rounding noise of 1e-7 of their brightness over
+everything. So the light of such a pixel is taken out of the layers and drawn as a disc of its own.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.renderer.layers.stacked_samples import Sampled
+from defocus_core.tensors.order_statistics import Ranks
+from defocus_core.tensors.sparse_masks import exceeding, places_of
+from defocus_core.tensors.tiling import BLOCK
+
+# A highlight is brighter than this many times the brightest of all but one pixel in 200.
+_BRIGHTER = 2.0
+_ORDINARY = 0.995
+
+
+class Highlights(NamedTuple):
+    """Pixels to be drawn one by one.
+
+    Attributes:
+        at: [n, 2] rows and columns.
+        light: [n, C] their colours.
+        signed_radius: [n] px.
+    """
+
+    at: Tensor
+    light: Tensor
+    signed_radius: Tensor
+
+
+def threshold(brightness: Ranks, most: float) -> float:
+    """The brightness above which a pixel is a highlight.
+
+    Args:
+        brightness: The brightness of all pixels of the frame.
+        most: The greatest brightness.
+    """
+    most = max(most, 0.0)  # negative light is never a highlight, nor twice as much of it a bound
+    rank = max(1, int(_ORDINARY * brightness.total))
+    if brightness.about(rank)[0] >= most / _BRIGHTER:
+        return most
+    ordinary = max(brightness.exactly(rank), 0.0)
+    return most if ordinary >= most / _BRIGHTER else _BRIGHTER * ordinary
+
+
+def reached_by(farthest: int) -> int:
+    """Px around a region on which its highlights depend, for a greatest blur of `farthest` px.
+
+    The disc of a highlight beside the region reaches into it, clipped by a surface before it.
+    """
+    return 3 * farthest + 2 * BLOCK
+
+
+def split(pixels: Tensor, signed_radius: Tensor, limit: float) -> tuple[Tensor, Highlights | None]:
+    """Separate highlights from [C, H, W] pixels; in the rest they are black.
+
+    Args:
+        pixels: [C, H, W].
+        signed_radius: [H, W] px.
+        limit: The `threshold` of the frame.
+    """
+    if float(pixels.detach().amax()) <= limit:
+        return pixels, None
+    brightness = pixels.detach().amax(0)
+    bright = exceeding(brightness, limit)
+    at = places_of(bright)
+    rows, columns = at.unbind(-1)
+    rest = torch.where(bright, 0.0, pixels)
+    return rest, Highlights(at, pixels[:, rows, columns].T, signed_radius[rows, columns])
+
+
+def split_samples(
+    samples: Sampled, channels: int, signed_radius: Tensor, limit: float
+) -> tuple[Sampled, Highlights | None]:
+    """Separate highlights from samples; their alpha stays, and the light has none.
+
+    Args:
+        samples: Of colours [C, H, W], or of colours and alpha.
+        channels: C.
+        signed_radius: [H, W] px of the nearest samples.
+        limit: The `threshold` of the frame.
+    """
+    own, others = samples
+    shown = own.color[:channels]
+    shown = shown if own.coverage is None else shown * own.coverage
+    layer = own.fringe.layer
+    bright = [shown.detach().amax(0) > limit]
+    bright += [sheet.detach()[:channels].amax(0) > limit for sheet, _ in others]
+    listed = layer.detach()[:, :channels].amax(1) > limit
+    if not bool(listed.any()) and not any(bool(each.any()) for each in bright):
+        return samples, None
+    dark = _darkened(own.color, channels, bright[0], 0)
+    rest = _darkened(layer, channels, listed[:, None], 1)
+    sheets = [
+        (_darkened(sheet, channels, where, 0), radius)
+        for where, (sheet, radius) in zip(bright[1:], others, strict=True)
+    ]
+    drawn = [(own.fringe.at[listed], layer[listed, :channels], own.fringe.signed_radius[listed])]
+    colors = [(shown, signed_radius), *((sheet[:channels], radius) for sheet, radius in others)]
+    for where, (color, radius) in zip(bright, colors, strict=True):
+        at = places_of(where)
+        row, column = at.unbind(1)
+        drawn.append((at, color[:, row, column].T, radius[row, column]))
+    at, light, radius = (torch.cat(each) for each in zip(*drawn, strict=True))
+    light = torch.cat([light, torch.zeros_like(light[:, :1])], 1)
+    own = own._replace(color=dark, fringe=own.fringe._replace(layer=rest))
+    return Sampled(own, sheets), Highlights(at, light, radius)
+
+
+def _darkened(colors: Tensor, channels: int, where: Tensor, dim: int) -> Tensor:
+    """Colours whose first channels along a dimension are 0 where a mask holds."""
+    light, rest = colors.tensor_split([channels], dim)
+    return torch.cat([torch.where(where, 0.0, light), rest], dim)

@@ -1,0 +1,97 @@
+"""Known surfaces: visible and hidden samples composited layer by layer, front to back.
+
+Three laws hold in three places. Slices of a layer, and visible samples of neighbouring layers, add
+up, for parts of one continuous surface are complementary: a saturating sum. Samples of one pixel
+occlude each other by their coverage, uncorrelated (`over`); what shows of them is their visible
+share. Surfaces out of focus cover each other by chance: behind a front of coverage A a layer of
+coverage a, visible or hidden, is seen by a (1 - A). Where this is more than its visible share, the
+lens looks behind what hides the layer from the pinhole, and the hidden share adds the difference.
+In focus, where A and a are those of the pixel, the difference is 0.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from defocus_core.renderer.blur.layer_blur import Shown
+from defocus_core.renderer.compositing.saturating_sum import add_within, is_full, share_behind
+from defocus_core.tensors.box import Box
+
+# Coverage below which a hidden share is rounding.
+_LEAST = 1e-6
+
+
+def add_known(
+    front: Tensor,
+    visible: dict[int, Shown],
+    hidden: dict[int, Shown],
+    full: Tensor | float,
+    *,
+    closed: bool,
+) -> tuple[Tensor, Tensor | None]:
+    """Composite the layers of one group of aperture parts over a tile.
+
+    Args:
+        front: [M, C + 1, h, w], zeros; overwritten unless gradients are enabled.
+        visible: Visible layers by number, nearest first.
+        hidden: Hidden layers by number.
+        full: Greatest coverage.
+        closed: Whether every pixel is covered fully, so that hidden samples fill all gaps.
+
+    Returns:
+        The front, and the change of its colours by sub-pixel shifts if there are any.
+    """
+    moved, hidden_shares = None, []
+    for number in sorted({*visible, *hidden}):
+        shown, behind = visible.get(number), hidden.get(number)
+        before = None if behind is None else behind.box.of(front)[:, -1:].clone()
+        if shown is not None:
+            within = _of(full, shown.box)
+            share = share_behind(shown.box.of(front), shown.layer, within)
+            front = add_within(front, shown.box, shown.layer, share)
+            if shown.moved is not None:
+                moved = torch.zeros_like(front[:, :-1]) if moved is None else moved
+                moved = add_within(moved, shown.box, shown.moved, share)
+        if behind is not None and before is not None:
+            share = _share_hidden(before, front, shown, behind, full)
+            front = add_within(front, behind.box, behind.layer, share)
+            hidden_shares.append((behind, share))
+    for behind, share in hidden_shares if closed else ():
+        within, window = _of(full, behind.box), behind.box.of(front)
+        if not is_full(window, within):
+            rest = behind.layer * (1 - share)
+            front = add_within(front, behind.box, rest, share_behind(window, rest, within))
+    return front, moved
+
+
+def _of(full: Tensor | float, box: Box) -> Tensor | float:
+    """The greatest coverage in a box."""
+    return box.of(full) if isinstance(full, Tensor) else full
+
+
+def _share_hidden(
+    before: Tensor, front: Tensor, shown: Shown | None, behind: Shown, full: Tensor | float
+) -> Tensor:
+    """The share [M, 1, h, w] of a hidden layer that is seen, in its box.
+
+    Args:
+        before: [M, 1, h, w], coverage of the front in this box before the layer.
+        front: [M, C + 1, H, W], the front with what is visible of the layer.
+        shown: What is visible of the layer.
+        behind: What is hidden of the layer.
+        full: Greatest coverage.
+    """
+    box, most = behind.box, _of(full, behind.box)
+    coverage = behind.layer[:, -1:].clamp(min=0)
+    whole = coverage
+    if shown is not None:
+        both = shown.box.grown(0, box)
+        if both.height > 0 and both.width > 0:
+            visible = both.seen_from(shown.box).of(shown.layer)[:, -1:].clamp(min=0)
+            whole = add_within(coverage.clone(), both.seen_from(box), visible)
+    gap = (most - before).clamp(min=0)
+    expected = gap * (whole / most).clamp(max=1)
+    added = (expected - (box.of(front)[:, -1:] - before)).clamp(min=0)
+    added = torch.where(coverage > _LEAST, added, 0.0)
+    return (added / coverage.clamp(min=_LEAST)).clamp(max=1)

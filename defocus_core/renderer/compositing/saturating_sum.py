@@ -1,0 +1,201 @@
+"""The saturating sum: layers composited front to back by coverage.
+
+Coverage is the share of an aperture part that sees a slice. Slices of one continuous surface have
+complementary coverage and must add up; separate surfaces must occlude. The saturating sum does
+both: each slice adds its coverage until the whole part is covered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from defocus_core.tensors.box import Box
+
+# Guards 0 / 0 where no coverage is left; it changes no visible share.
+_LEAST_SHARE = 1e-12
+# Coverage below 1 / _STEEP is faded to 0, and negative coverage counts as 0.
+_STEEP = 1e9
+# Coverage below this many roundings is noise of the transforms: the share gets no gradient, for
+# every further layer would multiply it.
+_CERTAIN = 100
+# Greatest error of full coverage by transforms, in roundings.
+_FULL = 8
+# Negative light of this share of the brightest pixel is not worth a warning.
+_NEGLIGIBLE = 1e-3
+# Shares of the aperture that differ by less are equal.
+_EQUAL = 1e-6
+
+
+def share_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
+    """The share of a layer that shows behind the layers composited so far.
+
+    The layer adds min(1, (1 - A) / a) of itself, where A is the coverage so far and a that of the
+    layer: A grows by min(a, 1 - A). A negative a, by rounding or by overshoot, counts as 0.
+
+    Args:
+        front: [M, C + 1, h, w], colour premultiplied by coverage, then coverage in [0, 1].
+        layer: The layer, in the same form.
+        full: Greatest coverage, if not the whole part.
+
+    Returns:
+        [M, 1, h, w].
+    """
+    left, coverage = full - front[:, -1:], layer[:, -1:]
+    added = torch.minimum(left, coverage * _STEEP).clamp_(min=0)
+    share = added / torch.maximum(coverage, left).clamp_(min=_LEAST_SHARE)
+    if torch.is_grad_enabled():
+        certain = torch.minimum(coverage, left) > _CERTAIN * torch.finfo(left.dtype).eps
+        share = torch.where(certain, share, share.detach())
+    return share
+
+
+def add_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
+    """Add a layer behind the layers composited so far.
+
+    Args:
+        front: As in `share_behind`. Overwritten by the result unless gradients are enabled.
+        layer: As in `share_behind`.
+        full: As in `share_behind`.
+    """
+    share = share_behind(front, layer, full)
+    return front.addcmul(layer, share) if torch.is_grad_enabled() else front.addcmul_(layer, share)
+
+
+def filled_up_to(front: Tensor, full: Tensor | float, doubt: float) -> Tensor:
+    """Greatest coverage [M, 1, h, w] if small gaps may be errors of the visible layers.
+
+    A gap g smaller than the doubt d is filled by g / d alone: a gap of d / 10 by a tenth.
+
+    Args:
+        front: [M, C + 1, h, w], as in `share_behind`.
+        full: Greatest coverage without doubt.
+        doubt: Gap in coverage up to which it may be an error.
+    """
+    covered = front[:, -1:]
+    left = (full - covered).clamp(min=0)
+    return covered + left * (left / doubt).clamp(max=1)
+
+
+def add_within(total: Tensor, box: Box, values: Tensor, share: Tensor | None = None) -> Tensor:
+    """Add values [M, C, h, w] of a rectangle, times a share, to a total [M, C, H, W].
+
+    The total is overwritten by the result unless gradients are enabled.
+    """
+    if not torch.is_grad_enabled():
+        window = box.of(total)
+        window.add_(values) if share is None else window.addcmul_(values, share)
+        return total
+    H, W = total.shape[-2:]
+    ends = W - box.left - box.width, H - box.top - box.height
+    around = (box.left, ends[0], box.top, ends[1])
+    if share is None:
+        return total + pad(values, around)
+    return total.addcmul(pad(values, around), pad(share, around))
+
+
+def add_light(front: Tensor, light: Tensor) -> Tensor:
+    """Add light [M, C, h, w] that covers nothing to [M, C + 1, h, w].
+
+    `front` is overwritten by the result unless gradients are enabled.
+    """
+    if torch.is_grad_enabled():
+        return torch.cat([front[:, :-1] + light, front[:, -1:]], 1)
+    front[:, :-1].add_(light)
+    return front
+
+
+def is_full(front: Tensor, full: Tensor | float = 1.0, gap: float = 0.0) -> bool:
+    """Whether no coverage is left to fill, if testing it is worthwhile.
+
+    False if `front` needs a gradient, for the coverage left has one; and on a GPU, where reading
+    the answer stalls for longer than it takes to add a layer of share 0.
+
+    Args:
+        front: [M, C + 1, h, w], as in `share_behind`.
+        full: As in `share_behind`.
+        gap: Gap that counts as none.
+    """
+    if front.requires_grad or not front.is_cpu:
+        return False
+    return float((full - front[:, -1:]).amax()) <= max(gap, _FULL * torch.finfo(front.dtype).eps)
+
+
+def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tensor | None:
+    """The sum of layers that do not occlude each other.
+
+    Args:
+        layers: Each [M, C + 1, h, w] within a rectangle.
+        size: (height, width) of the sum.
+
+    Returns:
+        [M, C + 1, height, width]; None if there is no layer.
+    """
+    total: Tensor | None = None
+    for box, layer in layers:
+        if total is None:
+            total = layer.new_zeros(*layer.shape[:2], *size)
+        total = add_within(total, box, layer)
+    return total
+
+
+def picture(
+    front: Tensor, weights: Sequence[float] | None = None, *, signed: bool = True
+) -> Tensor:
+    """The image [C, h, w] of all parts together, divided by their coverage.
+
+    Args:
+        front: [M, C + 1, h, w].
+        weights: M shares of the parts in the aperture; None if they are equal.
+        signed: Whether colours may be negative; else negative rounding and overshoot become 0.
+
+    A pixel sees its own surface at least through the whole or a half of the aperture: the share is
+    positive.
+    """
+    if weights is not None and max(weights) - min(weights) > _EQUAL:
+        front = front * front.new_tensor(weights)[:, None, None, None]
+    total = front.sum(0) if len(front) > 1 else front[0]
+    image = total[:-1] / total[-1:]
+    return image if signed else image.clamp_(min=0)
+
+
+def count_negative(halves: Tensor, brightest: float) -> dict[str, int]:
+    """Count the pixels whose left or right image is negative, which `pair_of` makes 0.
+
+    A half of the aperture overshoots where detail is as fine as a pixel. What is smaller than a
+    thousandth of the brightest is not counted, and on a GPU nothing is: each tile would have to
+    wait for its count.
+
+    Args:
+        halves: [2, C, h, w], left and right as composited.
+        brightest: Light of the brightest pixel that is not a highlight.
+    """
+    if not halves.is_cpu:
+        return {}
+    least = halves.detach().amin(dim=(0, 1))
+    return {"pixels_clamped": int((least < -_NEGLIGIBLE * brightest).sum())}
+
+
+def pair_of(centre: Tensor, left: Tensor, right: Tensor, *, signed: bool) -> Tensor:
+    """Left and right images [2, C, h, w] whose mean is the centre, from halves composited alone.
+
+    Occlusion within a half differs from that within the whole, so their mean is near the centre
+    but not equal. Where light is positive their ratio is kept, else their difference.
+
+    Args:
+        centre: [C, h, w].
+        left: The left half as composited, [C, h, w].
+        right: The right half as composited, [C, h, w].
+        signed: Whether pixels of the picture are negative (colours outside the gamut).
+    """
+    if signed:
+        difference = (left - right) / 2
+        return torch.stack([centre + difference, centre - difference])
+    left, right = left.clamp(min=0), right.clamp(min=0)  # transforms leave ±1e-8
+    total = left + right
+    lit = total > 0
+    share = torch.where(lit, left / torch.where(lit, total, 1.0), 0.5)
+    return 2 * centre * torch.stack([share, 1 - share])

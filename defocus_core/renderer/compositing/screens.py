@@ -1,0 +1,133 @@
+"""Screens: the surfaces that may stand before lights, and their coverage between pixels.
+
+A pixel on a depth edge is a part of two surfaces. The nearer one covers a share of it, and the
+farther one stands behind the whole of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.renderer.layers.block_index import blocks_of
+from defocus_core.renderer.layers.ladder import position
+from defocus_core.renderer.layers.matting import Unmixed
+from defocus_core.tensors.neighbourhoods import extreme_around
+from defocus_core.tensors.sparse_masks import exceeding
+
+# A pixel is beside a depth edge if its radius and those of its neighbours span more px than this.
+_EDGE = 1.513
+
+
+class Screen(NamedTuple):
+    """A surface that may stand before lights.
+
+    Attributes:
+        signed_radius: [H, W] px.
+        places: [H, W] positions on the ladder.
+        coverage: [H, W], the share of each pixel that the surface covers.
+    """
+
+    signed_radius: Tensor
+    places: Tensor
+    coverage: Tensor
+
+
+def screens_of(
+    own: Unmixed, signed_radius: Tensor, places: Tensor, radii: tuple[float, ...]
+) -> list[Screen]:
+    """The surfaces of pixels [H, W] that may stand before lights, with parts of mixed pixels."""
+    coverage = torch.ones_like(places) if own.coverage is None else own.coverage[0]
+    screens, fringe = [Screen(signed_radius, places, coverage)], own.fringe
+    if len(fringe.at):
+        values = (fringe.signed_radius, position(fringe.signed_radius, radii), fringe.layer[:, -1])
+        at = fringe.at.unbind(1)
+        blank = torch.zeros_like(places)
+        screens.append(Screen(*(blank.index_put(at, each) for each in values)))
+    return screens
+
+
+class Screens:
+    """Surfaces before lights.
+
+    Attributes:
+        size: (height, width).
+        blocks: [K, rows, columns] bool, the blocks that hold a pixel of each slice.
+    """
+
+    def __init__(self, screens: Sequence[Screen], slices: int) -> None:
+        """Find the depth edges, and the blocks of each slice.
+
+        Args:
+            screens: The surfaces, at least one; depth edges are those of the first.
+            slices: K, the number of slices.
+        """
+        self.size = screens[0].places.shape[0], screens[0].places.shape[1]
+        self._screens = [Screen(*(x.detach().flatten() for x in screen)) for screen in screens]
+        r = screens[0].signed_radius.detach()
+        nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
+        self._edges = exceeding(farthest - nearest, _EDGE).flatten()
+        held = [_blocks(screen, slices) for screen in screens]
+        self._rungs = [blocks.any(2).any(1).tolist() for blocks in held]
+        self.blocks = torch.stack(held).any(0)
+
+    def beside(
+        self,
+        pixels: Sequence[Tensor],
+        places: Sequence[Tensor],
+        rung: int,
+        limit: Tensor,
+    ) -> Tensor:
+        """The coverage by a slice in squares: [m, side, side].
+
+        Args:
+            pixels: The rows and columns of the nearest pixels, each [m, side].
+            places: The rows and columns, each [m, side].
+            rung: Number of the slice.
+            limit: [m] px, the radius below which a surface counts.
+        """
+        m, side = pixels[0].shape
+        spot = (pixels[0][:, :, None] * self.size[1] + pixels[1][:, None, :]).flatten()
+        share = self.coverage(spot, rung, limit.repeat_interleave(side * side))
+        index = torch.nonzero(self._edges.index_select(0, spot))[:, 0]
+        square = index.div(side * side, rounding_mode="floor")
+        number = index.div(side, rounding_mode="floor")
+        y = places[0].flatten().index_select(0, number)
+        x = places[1].flatten().index_select(0, square * side + index - number * side)
+        between = self._between_pixels(y, x, rung, limit.index_select(0, square))
+        return share.index_copy(0, index, between).view(m, side, side)
+
+    def _between_pixels(self, y: Tensor, x: Tensor, rung: int, limit: Tensor) -> Tensor:
+        """The coverage by a slice at rows and columns [n], interpolated between four pixels."""
+        ends = []
+        for place, length in zip((y, x), self.size, strict=True):
+            below = place.floor()
+            beyond, pixel = place - below, below.long()
+            pixels = (pixel.clamp(0, length - 1), (pixel + 1).clamp(0, length - 1))
+            ends.append(list(zip(pixels, (1 - beyond, beyond), strict=True)))
+        total = torch.zeros_like(y)
+        for row, down in ends[0]:
+            for column, across in ends[1]:
+                spot = row * self.size[1] + column
+                total.addcmul_(self.coverage(spot, rung, limit), down * across)
+        return total
+
+    def coverage(self, spot: Tensor, rung: int, limit: Tensor) -> Tensor:
+        """The coverage of pixels [n] by a slice, of surfaces whose radius is below a limit [n]."""
+        total = torch.zeros_like(limit)
+        for screen, rungs in zip(self._screens, self._rungs, strict=True):
+            if rungs[rung]:
+                radius, places, coverage = (values.index_select(0, spot) for values in screen)
+                share = places.sub_(rung).abs_().neg_().add_(1).clamp_(min=0)
+                # not the light's own surface
+                total.addcmul_(share.mul_(radius.sub_(limit).lt_(0)), coverage)
+        return total
+
+
+def _blocks(screen: Screen, slices: int) -> Tensor:
+    """For each slice the blocks that hold a pixel of a surface: [K, rows, columns] bool."""
+    covered = screen.coverage.detach() > 0
+    return blocks_of(screen.places, slices, None if bool(covered.all()) else covered)

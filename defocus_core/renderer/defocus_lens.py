@@ -1,0 +1,108 @@
+"""DefocusLens: the thin lens with DeepLens' interface, its PSFs and its renderer.
+
+Methods that take object-space z (`psf`, `coc`, `dof`, `refocus`) follow the optics habit z < 0 in
+front of the lens; a positive depth means the same distance. Renderers take maps of planar depth in
+mm, positive; `render_rgbd_dp` takes negative ones, too. The response does not vary over the image.
+"""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.point_spread import PsfLens
+from defocus_core.renderer.render import render
+from defocus_core.tensors.validation import depth_maps, floating
+
+
+class DefocusLens(PsfLens):
+    """A thin lens that draws the blur of points and renders images with their depth."""
+
+    def render_rgbd(
+        self,
+        img_obj: Tensor,
+        depth_map: Tensor,
+        psf_ks: int | None = None,
+        num_layers: int | None = None,
+        psf_type: str = "pillbox",
+        depth_repair: str = "auto",
+    ) -> Tensor:
+        """The defocused image of an all-in-focus one with its depth.
+
+        Args:
+            img_obj: [B, C, H, W], scene-linear, at most as large as sensor_res.
+            depth_map: [B, 1, H, W] or [B, H, W], planar depth in mm, > 0, inf for the sky.
+            psf_ks: Largest kernel allowed in px; None lets the scene decide.
+            num_layers: Exactly this many slices; None lets the scene decide.
+            psf_type: "pillbox", the thin lens, or "gaussian".
+            depth_repair: As for `render`.
+
+        Returns:
+            [B, C, H, W].
+
+        Raises:
+            ValueError: If shapes disagree, a depth is NaN or not positive, the image is larger than
+                the sensor, or the CoC does not fit psf_ks.
+        """
+        return render(
+            img_obj,
+            self._image_radius(img_obj, depth_map),
+            aperture=Aperture(psf_type=psf_type),
+            num_layers=num_layers,
+            psf_ks=psf_ks,
+            infinity=self.radius_at_infinity(),
+            depth_repair=depth_repair,
+        ).render
+
+    def render_rgbd_dp(
+        self,
+        rgb_img: Tensor,
+        depth: Tensor,
+        psf_ks: int | None = None,
+        num_layers: int | None = None,
+        psf_type: str = "pillbox",
+        depth_repair: str = "auto",
+    ) -> tuple[Tensor, Tensor]:
+        """The images of the left and the right dual pixels, whose mean is `render_rgbd`.
+
+        Args:
+            rgb_img: As `render_rgbd`'s img_obj, any number of channels.
+            depth: As `render_rgbd`'s depth_map; or negative throughout, -inf for the sky.
+            psf_ks: As for `render_rgbd`.
+            num_layers: As for `render_rgbd`.
+            psf_type: As for `render_rgbd`.
+            depth_repair: As for `render`.
+
+        Returns:
+            (left, right), each [B, C, H, W].
+
+        Raises:
+            ValueError: As `render_rgbd`; a map of both signs has depths that are not positive.
+        """
+        rendering = render(
+            rgb_img,
+            self._image_radius(rgb_img, depth, either_sign=True),
+            aperture=Aperture(psf_type=psf_type),
+            left_right=True,
+            num_layers=num_layers,
+            psf_ks=psf_ks,
+            infinity=self.radius_at_infinity(),
+            depth_repair=depth_repair,
+        )
+        assert rendering.left is not None
+        assert rendering.right is not None
+        return rendering.left, rendering.right
+
+    def _image_radius(self, image: Tensor, depth: Tensor, *, either_sign: bool = False) -> Tensor:
+        """Signed radii [B, 1, H, W] of a depth map, once image and map are known to agree."""
+        planes = depth_maps(image, depth, floating(self.dtype), image.device)
+        if either_sign and bool((planes < 0).all()):
+            planes = -planes
+        height, width = planes.shape[1:]
+        radius = self.signed_radius(planes[:, None])  # which looks at the sensor, too
+        if width > self.sensor_res[0] or height > self.sensor_res[1]:
+            raise ValueError(
+                f"the image must lie within sensor_res={self.sensor_res} (W, H), got "
+                f"{(width, height)}; make the lens with the image's sensor_res"
+            )
+        return radius

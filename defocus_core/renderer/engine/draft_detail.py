@@ -1,0 +1,214 @@
+"""Drafts: the detail of pixels in focus, which half size loses.
+
+Cells become pixels again so that the mean of two by two pixels is their cell. To these pixels the
+detail is added, the difference between the picture and its own cells, as far as the blur leaves it
+and no nearer surface hides it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import interpolate, pad
+
+from defocus_core.renderer.engine.draft_cells import means
+from defocus_core.renderer.layers.ladder import SHARP, SOFT
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.neighbourhoods import ends_of
+
+# Radius in px from which on no detail is left; up to there the share that is left falls as a disc
+# leaves it of random textures, in the mean.
+NO_DETAIL = 2.65
+# A half of the lens shifts detail by its gradient times this many radii, and leaves it as a disc of
+# this many times the radius does.
+_SHIFT = 0.8
+# How often the share of detail is squared to give the share of the pixel itself that is copied.
+_SQUARINGS = 4
+# Allowed overshoot of a pixel, as a share of the range of the cells around.
+_OVERSHOOT = 0.25
+# Radii in px up to which detail is not shifted, and from which on it is shifted in full.
+_STILL = (2 * SHARP, 2 * SOFT)
+# Cells around a cell that decide its pixels.
+AROUND = 2
+# Relative rounding error of a share that is wholly in view.
+_ROUNDING = 1e-5
+# Least share of detail by which its visible part is divided.
+_LEAST = 0.05
+
+
+def left_of_detail(signed_radius: Tensor) -> Tensor:
+    """The share [...] of detail that a disc leaves, for radii [...] px: 1 in focus."""
+    whole = signed_radius.new_tensor(1 + SHARP**2 / NO_DETAIL**2)
+    left = torch.addcmul(whole, signed_radius, signed_radius, value=-1 / NO_DETAIL**2)
+    return left.clamp(0, 1).square().square()
+
+
+def share_left(signed_radius: Tensor) -> Tensor:
+    """The mean [h, w] of `left_of_detail` in each cell, for radii [2 h, 2 w] px."""
+    return means(left_of_detail(signed_radius))
+
+
+class Original(NamedTuple):
+    """A part of the picture before it is rendered.
+
+    Attributes:
+        cells: [C, h, w], means of its pixels, with cells around.
+        share: [h, w], `share_left` of the same cells.
+        pixels: [C, H, W].
+        signed_radius: [H, W] px.
+    """
+
+    cells: Tensor
+    share: Tensor
+    pixels: Tensor
+    signed_radius: Tensor
+
+
+def with_detail(images: Tensor, shown: Tensor, original: Original, part: Box) -> Tensor:
+    """Pixels [k, C, H, W] of the centre view, or of centre, left and right, from rendered cells.
+
+    Args:
+        images: [k, C, h, w], the rendered cells, with cells around.
+        shown: [k, h, w], the share of detail as it was rendered: nearer surfaces hide some of it.
+        original: The part before it was rendered.
+        part: As for `doubled`.
+    """
+    pixels, r = original.pixels, original.signed_radius
+    height, width = r.shape
+    if not float(original.share.detach().amax()) > 0:
+        return doubled(images, part)[..., :height, :width]
+    in_view = [_is_in_view(image, original.share) for image in shown]
+    if all(in_view) and _is_in_focus(r):
+        return pixels.expand(len(images), *pixels.shape)
+    # one by one: the rounding of the last numbers of a tensor depends on how many there are
+    *views, own = (doubled(x, part)[..., :height, :width] for x in (*images, original.cells))
+    visible = _visible(shown, original.share, in_view, part)[..., :height, :width]
+    blurred, detail = views[0], pixels - own
+    left = (left_of_detail(r) * visible)[:, None]
+    # in full view and in focus the pixel itself, edges too
+    copied = left[0].clamp(0, 1)
+    for _ in range(_SQUARINGS):
+        copied = copied.square()
+    centre = torch.addcmul(blurred, left[0], detail).lerp_(pixels, copied)
+    centre.clamp_(torch.minimum(blurred, pixels), torch.maximum(blurred, pixels))
+    if len(views) == 1:
+        return centre[None]
+    beside = _padded(detail, (1, 1, 0, 0))
+    still, r = (r.abs() - _STILL[0]) / (_STILL[1] - _STILL[0]), _SHIFT * r
+    moved = r * still.clamp(0, 1) * left_of_detail(r) * visible[0]
+    moved = moved * (beside[..., 2:] - beside[..., :-2]) / 2
+    halves = torch.stack(views[1:]) - blurred + (left[1:] - left[0]) * detail
+    halves = halves + torch.stack([moved, -moved])
+    return torch.cat([centre[None], centre + halves])
+
+
+def _visible(shown: Tensor, share: Tensor, in_view: list[bool], part: Box) -> Tensor:
+    """The share of the detail of each pixel that no nearer surface hides: [k, H, W] or [k, 1, 1].
+
+    Args:
+        shown: As for `with_detail`.
+        share: [h, w], the share of detail that the blur leaves.
+        in_view: For each image whether nothing is hidden.
+        part: As for `doubled`.
+    """
+    if all(in_view):
+        return shown.new_ones(len(shown), 1, 1)
+    # hidden surfaces show there, too, and have no detail
+    left, *visible = (
+        smooth(x[None, None], part)[0, 0] for x in (share, *torch.minimum(shown, share))
+    )
+    return torch.stack(
+        [
+            torch.ones_like(left) if whole else 1 - (left - x) / left.clamp(min=_LEAST)
+            for whole, x in zip(in_view, visible, strict=True)
+        ]
+    )
+
+
+def _is_in_view(shown: Tensor, share: Tensor) -> bool:
+    """Whether no nearer surface hides detail; False if the answer would lose a gradient."""
+    if shown.requires_grad or share.requires_grad:
+        return False
+    return float(torch.sub(shown, share, alpha=1 - _ROUNDING).amin()) >= 0
+
+
+def _is_in_focus(signed_radius: Tensor) -> bool:
+    """Whether all pixels are in focus; False if a copy would lose the gradient to the radius."""
+    return not signed_radius.requires_grad and float(signed_radius.abs().amax()) <= SHARP
+
+
+def doubled(cells: Tensor, part: Box) -> Tensor:
+    """Pixels [..., 2 h, 2 w] of a part of a picture in cells.
+
+    The mean of the four pixels of a cell is the cell, and polynomials of fourth order along a row
+    or a column are kept (Cohen, Daubechies and Feauveau 1992). But pixels do not ring: where the
+    cells around differ by more than the cell itself, its pixels lie within their range.
+
+    Args:
+        cells: [..., h + a, w + b], the part with two rows and columns of cells around; where these
+            lie beyond the frame they are missing, and the last ones are repeated.
+        part: The place of the part in these cells, of size h, w.
+    """
+    below, beside = (
+        whole - first - size
+        for whole, first, size in zip(cells.shape[-2:], part[:2], part[2:], strict=True)
+    )
+    left, right, above, below = (AROUND - n for n in (part.left, beside, part.top, below))
+    cells = _padded(cells, (left, right, above, below))
+    middle = cells[..., AROUND:-AROUND, AROUND:-AROUND]
+    downwards = _rise(cells, -2)
+    down, bend = downwards[..., AROUND:-AROUND], _rise(downwards, -1)
+    across = _rise(cells[..., AROUND:-AROUND, :], -1)
+    least, most = _ends(cells[..., 1:-1, 1:-1])
+    rise = down.abs() + across.abs() + bend.abs()
+    kept, differ = torch.minimum(most - middle, middle - least), most - least
+    beyond = torch.minimum(differ, middle.abs() - differ).clamp(min=0)
+    bound = torch.add(kept, beyond, alpha=_OVERSHOOT)
+    share = bound / torch.maximum(rise, bound).clamp(min=torch.finfo(rise.dtype).tiny)
+    down, across, bend = down * share, across * share, bend * share
+    *others, rows, columns = middle.shape
+    px = cells.new_empty((*others, 2 * rows, 2 * columns))
+    for y, above_it in ((0, middle - down), (1, middle + down)):
+        slope = across + (bend if y else -bend)
+        px[..., y::2, ::2] = above_it - slope
+        px[..., y::2, 1::2] = above_it + slope
+    return px
+
+
+def _rise(cells: Tensor, dim: int) -> Tensor:
+    """Half the difference of the pixels of each cell along one axis, without cells at borders."""
+    n = cells.shape[dim] - 2 * AROUND
+    first, second, _, fourth, fifth = (cells.narrow(dim, k, n) for k in range(5))
+    return (fourth - second).mul_(22 / 128).add_(first - fifth, alpha=3 / 128)
+
+
+def _ends(cells: Tensor) -> tuple[Tensor, Tensor]:
+    """Least and greatest of the three by three cells around each, without cells at borders."""
+    least, most = cells, cells
+    for dim in (-2, -1):
+        n = cells.shape[dim] - 2
+        least, most = (
+            pick(pick(x.narrow(dim, 0, n), x.narrow(dim, 1, n)), x.narrow(dim, 2, n))
+            for pick, x in ((torch.minimum, least), (torch.maximum, most))
+        )
+    return least, most
+
+
+def smooth(cells: Tensor, part: Box) -> Tensor:
+    """Pixels [N, C, 2 h, 2 w] of a part of cells [N, C, ...], within the range of cells beside."""
+    least, most = ends_of(cells.detach()).tolist()
+    if least == most and not cells.requires_grad:
+        return cells[..., :1, :1].expand(*cells.shape[:2], 2 * part.height, 2 * part.width)
+    px = interpolate(cells, scale_factor=2, mode="bilinear", align_corners=False)
+    return Box(*(2 * n for n in part)).of(px)
+
+
+def _padded(values: Tensor, by: tuple[int, int, int, int]) -> Tensor:
+    """Values [..., h, w] with the first and last repeated so often: left, right, above, below."""
+    if not any(by):
+        return values
+    *others, h, w = values.shape
+    padded = pad(values.reshape(1, -1, h, w), by, mode="replicate")
+    return padded.reshape(*others, *padded.shape[-2:])

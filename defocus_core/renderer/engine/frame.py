@@ -1,0 +1,167 @@
+"""The frame of a picture: its size, tiles, content, slices and parts of the aperture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.optics.parts import LEFT, RIGHT, Part
+from defocus_core.renderer.blur.kernel_bank import Window
+from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.layers.octaves import Turns
+from defocus_core.renderer.layers.quality import Quality
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.tiling import Grid
+
+# Px around a pixel that decide what its own surface is: soft edges, mixed pixels, slopes.
+NEIGHBOURHOOD = 24
+
+
+class Content(NamedTuple):
+    """Properties of all pixels together that decide what is computed.
+
+    Attributes:
+        ends: Least and greatest signed radius in px of what is visible.
+        edges: Whether surfaces hide others.
+        tilted: Whether surfaces may be tilted.
+        quantised: Whether depth had few levels: small gaps between surfaces may be its errors.
+        uncertain: Whether edges of depth were soft or averages.
+        signed: Whether pixels are negative (colours outside the gamut).
+        limit: Brightness that a highlight exceeds.
+    """
+
+    ends: tuple[float, float]
+    edges: bool
+    tilted: bool
+    quantised: bool
+    uncertain: bool
+    signed: bool
+    limit: float
+
+
+class Slicing(NamedTuple):
+    """The blur of the slices of visible, of known hidden or of invented surfaces.
+
+    Attributes:
+        stride: Whether every slice (1) or every other (2) is used.
+        halvings: How many times resolution is halved before the blur.
+        windows: The window of each slice of the frame, in cells of this resolution.
+        layers: For each slice the number of its layer; slices of a layer share a window, and are of
+            one octave of blur if they are hidden.
+        cells: For each slice the greatest reach of its light in cells of this resolution.
+        reaches: For each slice the greatest reach of its light in px of the frame.
+    """
+
+    stride: int
+    halvings: int
+    windows: list[Window]
+    layers: list[int]
+    cells: list[int]
+    reaches: list[int]
+
+
+class Slices(NamedTuple):
+    """The slices of a frame, and the order of their layers.
+
+    Attributes:
+        radii: Signed radius of each slice in px, ascending.
+        turns: Between which visible layers hidden octaves of blur are composited.
+        octaves: For each slice the octave of a hidden surface.
+        visible: How visible surfaces are blurred.
+        known: How hidden surfaces that are known are blurred.
+        invented: How hidden surfaces that are invented are blurred.
+    """
+
+    radii: tuple[float, ...]
+    turns: Turns
+    octaves: list[int]
+    visible: Slicing
+    known: Slicing
+    invented: Slicing
+
+
+class Division(NamedTuple):
+    """The parts of the aperture that are composited one by one.
+
+    Attributes:
+        aperture: The pupil.
+        parts: Its parts: those of the centre view; then a left and a right half, if these are
+            composited besides.
+        weights: The share of the aperture that each part is.
+        groups: The parts of the centre view; and those of left and right, if they differ.
+    """
+
+    aperture: Aperture
+    parts: list[Part]
+    weights: list[float]
+    groups: list[slice]
+
+    @classmethod
+    def of(cls, aperture: Aperture, centre: int, dual_pixel: DualPixel | None) -> Division:
+        """The division of an aperture that has 1, 4 or 16 parts for the centre view."""
+        divided = [*aperture.parts(centre)]
+        groups = [slice(0, len(divided))]
+        if dual_pixel and (len(divided) == 1 or dual_pixel.halves != (LEFT, RIGHT)):
+            groups.append(slice(len(divided), len(divided) + 2))
+            divided += dual_pixel.halves
+        return cls(aperture, divided, [aperture.share(part) for part in divided], groups)
+
+    def mean(self, values: Tensor) -> Tensor:
+        """The mean [h, w] of values [m, h, w] over the m parts of the centre view."""
+        if len(values) == 1:
+            return values[0]
+        shares = values.new_tensor(self.weights[self.groups[0]])[:, None, None]
+        return (values * shares).sum(0) / shares.sum()
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The data that all regions of one picture share.
+
+    Attributes:
+        size: (height, width) in px; in cells for a picture that is rendered at half size.
+        settings: The options.
+        quality: Settings of the quality, in px or in cells as the size.
+        dtype: Type of the numbers to compute with.
+        grid: The tiles.
+        margin: Px around a region that its pixels depend on.
+        content: Properties of the pixels.
+        slices: The slices.
+        division: The parts of the aperture.
+    """
+
+    size: tuple[int, int]
+    settings: Settings
+    quality: Quality
+    dtype: torch.dtype
+    grid: Grid
+    margin: int
+    content: Content
+    slices: Slices
+    division: Division
+
+    @property
+    def box(self) -> Box:
+        """The whole frame."""
+        return Box(0, 0, *self.size)
+
+    @property
+    def farthest(self) -> int:
+        """The greatest reach of light in px."""
+        reaches: list[int] = self.slices.visible.reaches
+        return max(reaches + self.slices.invented.reaches if self.content.edges else reaches)
+
+    @property
+    def copies_in_focus(self) -> bool:
+        """Whether pixels in focus are copied: not where the number of slices was asked for."""
+        return self.settings.num_layers is None
+
+    @property
+    def views(self) -> int:
+        """The number of images: the centre, or the centre, left and right."""
+        return 3 if self.settings.left_right else 1

@@ -1,0 +1,84 @@
+"""The order in which the surfaces over a tile are composited.
+
+Visible surfaces come first, for they are known; and their share is right in the mean where surfaces
+out of focus cover each other by chance. But a surface in focus occludes exactly: where it goes on
+behind a nearer one, nothing beyond focus shows. So does a surface that is much less blurred than
+the one beyond it.
+
+A surface nearer than focus and one beyond it are no such pair. At the edge of a near surface the
+lens points that it covers are those that see the visible part of the far one: what shows beside it
+is the part that it hides. So all that lies beyond focus is put together as if the near surfaces
+were not there, what they hide included, and shows in proportion where these leave a gap.
+"""
+
+from __future__ import annotations
+
+from defocus_core.renderer.blur.layer_blur import Shown
+from defocus_core.renderer.compositing.aperture_views import Fronts
+from defocus_core.renderer.engine.hidden_fill import Filling, Hidden
+from defocus_core.renderer.layers.octaves import Turns
+
+
+def add_in_order(
+    fronts: Fronts,
+    visible: list[dict[int, Shown]],
+    hidden: list[Filling],
+    turns: Turns,
+    index: int,
+) -> list[Filling]:
+    """Add the surfaces over a tile to its views.
+
+    Args:
+        fronts: The views of the parts of the aperture; changed.
+        visible: For each group of parts the visible layers by number, nearest first.
+        hidden: The surfaces that may fill the gaps of these, known before invented.
+        turns: Between which visible layers octaves of hidden surfaces come.
+        index: Number of the tile.
+
+    Returns:
+        The hidden surfaces that were needed.
+    """
+    blurred: dict[Filling, Hidden] = {}
+
+    def over_tile(surface: Filling) -> Hidden:
+        if surface not in blurred:
+            blurred[surface] = surface.over_tile(index)
+        return blurred[surface]
+
+    def fill(octave: int) -> None:
+        for surface in hidden:
+            if surface.has(octave, index) and not fronts.are_full(known=surface.known):
+                fronts.fill(over_tile(surface).of(octave), known=surface.known)
+
+    def show(numbers: set[int]) -> None:
+        fronts.add([{n: layers[n] for n in layers if n in numbers} for layers in visible])
+
+    numbers = {number for layers in visible for number in layers}
+    near = {number for number in numbers if number < turns.around}
+    show(near)
+    covered = fronts.coverage() if near and (hidden or max(numbers) >= turns.beyond) else None
+    show({number for number in numbers - near if number < turns.beyond})
+    fill(0)
+    aside = None
+    if covered is not None:
+        before = fronts.coverage()
+        for octave in sorted(octave for octave in turns.ahead if octave < 0):
+            fill(octave)
+        added = (c - b for c, b in zip(fronts.coverage(), before, strict=True))
+        aside = fronts.set_aside([c + a for c, a in zip(covered, added, strict=True)])
+    # before layers that the tile lacks, too: a pixel does not depend on the tile that it is in
+    beyond = {number for number in numbers if number >= turns.beyond} | set(turns.ahead.values())
+    for number in sorted(beyond):
+        for octave in (octave for octave, first in turns.ahead.items() if first == number):
+            if aside is None:
+                fill(octave)
+            elif octave > 0:
+                fill(octave)
+                fronts.close_gaps(aside)
+        show({number})
+    for surface in hidden:
+        if not fronts.are_full(known=surface.known):
+            fronts.fill(over_tile(surface).whole(), known=surface.known)
+    if aside is not None:
+        fronts.put_together(aside)
+    return list(blurred)

@@ -1,0 +1,153 @@
+"""A region of layers with coverage: visible and hidden samples, and what is continued behind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from defocus_core.renderer.blur.layer_blur import Sliced
+from defocus_core.renderer.compositing.aperture_views import Fronts
+from defocus_core.renderer.compositing.frame_border import own_light
+from defocus_core.renderer.compositing.highlights import Highlights, split_samples
+from defocus_core.renderer.compositing.screens import Screen
+from defocus_core.renderer.engine.frame import Frame
+from defocus_core.renderer.engine.hidden_fill import Filling
+from defocus_core.renderer.engine.layer_order import add_in_order
+from defocus_core.renderer.engine.region import Region
+from defocus_core.renderer.engine.shared_fill import FillOfColors, continued
+from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
+from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
+from defocus_core.renderer.inpainting.known_layer import Behind, separated
+from defocus_core.renderer.layers.ladder import position
+from defocus_core.renderer.layers.matting import Unmixed, whole
+from defocus_core.renderer.layers.samples import Samples
+from defocus_core.renderer.layers.stacked_samples import Layered, Sampled, Stack
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.pyramid import axes
+from defocus_core.tensors.source import Pixels
+from defocus_core.tensors.tiling import Grid
+
+
+class LayeredRegion(Region):
+    """A rectangle of tiles of layers with coverage, and everything that they share."""
+
+    def __init__(
+        self,
+        frame: Frame,
+        grid: Grid,
+        pixels: Pixels,
+        signed_radius: Pixels,
+        layered: Layered,
+        backdrop: Backdrop | FillOfColors | None,
+    ) -> None:
+        """Find the samples of a region, and prepare their blur.
+
+        Args:
+            frame: The frame that the region is a part of.
+            grid: The tiles of the region.
+            pixels: [C + 1, H, W] of the frame, the layers in focus with alpha.
+            signed_radius: [H, W] px of the frame, of the nearest samples.
+            layered: The layers.
+            backdrop: The frame at low resolution; None if nothing in it is continued.
+        """
+        self._layered = layered
+        self._behind: Sliced | None = None
+        self._nothing: Sliced | None = None
+        super().__init__(frame, grid, pixels, signed_radius, None, backdrop)
+        if self._own is not None:  # with alpha, and without the light of highlights
+            plain = grid.box.of(pixels).to(frame.dtype).clamp(max=frame.content.limit)
+            self._own = own_light(plain)
+
+    def _surfaces(
+        self, pixels: Tensor, signed_radius: Tensor, outer: Box
+    ) -> tuple[Unmixed, Tensor, Highlights | None]:
+        """The visible samples in the rectangle `outer`; plans the hidden ones."""
+        frame, slicing = self._frame, self._frame.slices.visible
+        stack = self._layered.stack(outer, frame.dtype)
+        inmost = self._grid.box.seen_from(outer)
+        weights = stack.color[1:, -1] * stack.through[1:-1]
+        self._shown = inmost.of(stack.signed_radius[1:]), inmost.of(weights)
+        hidden, self._is_known = stack.hidden(), stack.knows_behind()
+        if hidden is not None:
+            within = self._within(hidden, stack.signed_radius[0])
+            self._behind = self._blur.sliced(within, 1, slicing.layers)
+        if self._layered.open and self._layered.is_continued:
+            self._nothing = self._blur.sliced(self._uncovered(stack), 1, slicing.layers)
+        self._solid, radius = stack.solid(self._layered.ends[1]), stack.signed_radius[0]
+        samples, highlights = split_samples(
+            stack.visible(), len(pixels) - 1, radius, frame.content.limit
+        )
+        self._others = samples.others
+        return samples.own, radius, highlights
+
+    def _shares_in_frame(self, signed_radius: Tensor) -> list[Tensor] | None:
+        """As of a picture, but the mean over what shows of the samples of each pixel."""
+        total = super()._shares_in_frame(signed_radius)
+        if total is None:
+            return None
+        radii, weights = self._shown
+        total = [share * (1 - weights.sum(0)) for share in total]
+        for radius, weight in zip(radii, weights, strict=True):
+            shares = super()._shares_in_frame(radius) or []
+            total = [so_far + share * weight for so_far, share in zip(total, shares, strict=True)]
+        return total
+
+    def _drawn(self, highlights: Highlights, screens: Sequence[Screen], core: Box) -> Tensor:
+        """The discs of highlights; what hides a part of a light is in its coverage already."""
+        places = position(self._solid, self._frame.slices.radii)
+        solid = Screen(self._solid, places, torch.ones_like(places))
+        return super()._drawn(highlights, [solid], core)
+
+    def _within(self, samples: Sampled, signed_radius: Tensor) -> Samples:
+        """The samples that reach the tiles, of the pixels of the rectangle around."""
+        radii, inside = self._frame.slices.radii, self._inside
+        places = position(inside.of(signed_radius), radii)
+        return Samples.within(inside, samples.own, places, radii, others=samples.others)
+
+    def _uncovered(self, stack: Stack) -> Samples:
+        """What no sample covers, as a surface without colours."""
+        rest = stack.through[-1:]
+        blank = whole(rest[:0], rest[0])._replace(coverage=rest)
+        return self._within(Sampled(blank, []), torch.full_like(rest[0], self._layered.ends[1]))
+
+    def _fillings(
+        self,
+        color: Tensor,
+        signed_radius: Tensor,
+        behind: Behind | None,
+        backdrop: Backdrop | FillOfColors,
+        outer: Box,
+    ) -> list[Filling]:
+        """What is continued: surfaces behind pixels of which no sample tells what is behind."""
+        frame, inner, inside = self._frame, self._inner, self._inside
+        invented = continued(color, signed_radius, backdrop, outer, inside, frame)
+        if invented is not None and self._is_known is not None:
+            everywhere = torch.full_like(signed_radius, torch.inf)
+            known = HiddenLayer(*map(inside.of, (color, everywhere, self._is_known)))
+            _, invented = separated(known, invented, axes(frame.size, inner.top, inner.left))
+        if invented is None or not bool(invented.mask.any()):
+            return []
+        return [Filling(frame, self._grid, inner, invented, known=False)]
+
+    def _fronts(self, index: int) -> tuple[Fronts, list[Filling]]:
+        """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
+        fronts, reaching = self._blank(index), self._reaching(index)
+        visible = self._blur.over_tile(self._visible, index)
+        if self._nothing is not None:
+            fronts.reserve(self._blur.over_tile(self._nothing, index))
+        if self._behind is None:
+            turns = self._frame.slices.turns
+            needed = add_in_order(fronts, visible, reaching, turns, index)
+        else:
+            hidden = self._blur.over_tile(self._behind, index)
+            fronts.add_known(visible, hidden, closed=not self._layered.open)
+            needed = [] if fronts.are_nearly_full() else reaching
+            for surface in needed:
+                fronts.fill(surface.over_tile(index).whole(), known=surface.known)
+        if not self._layered.blurs_alpha:
+            fronts.add_alpha()
+        if self._layered.open:
+            fronts.leave_open()
+        return fronts, needed

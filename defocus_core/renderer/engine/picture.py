@@ -1,0 +1,213 @@
+"""A picture to be rendered: its depth repaired, at its own size or, for a draft, at half."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.depth.repair import repair_depth, repaired
+from defocus_core.renderer.engine.draft_cells import (
+    behind_at_half_size,
+    half_size,
+    means,
+    radii_in_cells,
+)
+from defocus_core.renderer.engine.draft_enlarging import Enlarging
+from defocus_core.renderer.engine.field import darkened
+from defocus_core.renderer.engine.frame import Frame
+from defocus_core.renderer.engine.preparation import frame_of
+from defocus_core.renderer.engine.region_schedule import rendered_regions
+from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.engine.shared_fill import FillOfColors, SharedFill
+from defocus_core.renderer.inpainting.frame_pyramid import EDGE
+from defocus_core.renderer.inpainting.known_layer import Behind
+from defocus_core.renderer.layers.ladder import SHARP
+from defocus_core.renderer.layers.quality import find
+from defocus_core.renderer.layers.stacked_samples import Layered
+from defocus_core.tensors.neighbourhoods import ends_of
+from defocus_core.tensors.source import Pixels, Scalar, banded
+from defocus_core.tensors.views import Views
+
+
+class Picture:
+    """A picture, and the frame that its regions share.
+
+    Attributes:
+        size: (height, width) in px.
+        repair: Repair of its depth.
+        at_half_size: Whether it is rendered in cells of two by two px.
+        frame: The frame, in px or in cells.
+        image: [C, h, w] pixels to render; at half size cells, with one channel more.
+        signed_radius: [h, w] radii to render by, in px or in cells.
+        layered: The layers of which it is the picture; None for a picture of its own.
+        fill: What is continued for all colours of which these are some; None if it is not shared.
+        reaching: [h, w] the radii whose light reaches farthest, in px or in cells.
+    """
+
+    def __init__(
+        self,
+        image: Pixels,
+        signed_radius: Pixels,
+        settings: Settings,
+        hidden: Behind | None,
+        *,
+        layered: Layered | None = None,
+        repair: DepthRepair | None = None,
+        fill: FillOfColors | None = None,
+        hold: bool = False,
+    ) -> None:
+        """Repair the depth, and prepare the frame.
+
+        Args:
+            image: [C, H, W], linear light.
+            signed_radius: [H, W] px.
+            settings: The options.
+            hidden: The known layer behind the visible surface.
+            layered: The layers of which `image`, with alpha, and `signed_radius` are the picture;
+                they are rendered as they are, not repaired and not at half size.
+            repair: The repair by which the radii were made already; None to repair them here.
+            fill: What is continued for all colours of which these are some; for a picture that is
+                not rendered at half size.
+            hold: Whether there is room for the repaired radii and the cells of a large picture that
+                is no tensor; without room they are computed anew for each window.
+
+        Raises:
+            ValueError: If a value is not finite, or a CoC does not fit psf_ks.
+        """
+        threads, quality = settings.threads, find(settings.quality)
+        self.size = signed_radius.shape[0], signed_radius.shape[1]
+        self.repair = DepthRepair() if repair is None else repair
+        if settings.repair.on and layered is None and repair is None:
+            signed_radius, self.repair = repaired(
+                signed_radius,
+                image,
+                infinity=settings.infinity,
+                threads=threads,
+                hold=hold,
+                options=settings.repair,
+                decided=settings.decided,
+            )
+        self.image, self.signed_radius, self._hidden = image, signed_radius, hidden
+        self.layered = layered
+        if layered is not None:
+            quality = quality.of_layers(layered.deepest)
+        by_scene = quality.half_size and settings.by_scene
+        self.at_half_size = by_scene and _is_blurred(signed_radius)
+        if self.at_half_size:
+            quality, cells = quality.in_cells(), partial(half_size, threads=threads, hold=hold)
+            self.image = cells(means, image)
+            self.signed_radius = cells(radii_in_cells, signed_radius, image)
+            self._hidden = hidden and behind_at_half_size(hidden, threads, hold=hold)
+        counted, self.reaching = self.image, self.signed_radius
+        if layered is not None:
+            counted = image[:-1] if isinstance(image, Tensor) else layered.picture(alpha=False)
+            self.reaching = layered.most_blurred()
+        self.fill = None if self.at_half_size or layered is not None else fill
+        self.frame = frame_of(
+            counted,
+            self.signed_radius,
+            settings,
+            quality,
+            self._hidden,
+            quantised=self.repair.quantised and not self.at_half_size,
+            uncertain=self.repair.uncertain_edges,
+            layered=layered,
+            all_ends=self.fill and self.fill.shared.ends,
+        )
+        self._enlarging: Enlarging | None = None
+        if self.at_half_size:
+            self._enlarging = Enlarging(self.frame, self.image, image, signed_radius)
+            self.image = self._enlarging.cells
+
+    def parts(
+        self,
+        *,
+        at_once: int | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Iterator[Views]:
+        """The rendered picture in parts, row by row, each from left to right.
+
+        Args:
+            at_once: Greatest number of regions computed at once, which bounds memory; None for as
+                many as threads.
+            progress: As for `render`.
+        """
+        parts = rendered_regions(
+            self.frame,
+            self.image,
+            self.signed_radius,
+            self._hidden,
+            layered=self.layered,
+            fill=self.fill,
+            reaching=self.reaching,
+            at_once=at_once,
+            progress=progress,
+        )
+        parts = self._enlarging.enlarged(parts) if self._enlarging else parts
+        cat_eye = self.frame.settings.cat_eye
+        if cat_eye is None or not cat_eye.vignetting:
+            return parts
+        return (darkened(part, cat_eye, self.size) for part in parts)
+
+
+def shared_fill(
+    image: Pixels,
+    signed_radius: Pixels,
+    settings: Settings,
+    repair: DepthRepair,
+    offsets: Sequence[Scalar],
+    *,
+    keep: bool = True,
+) -> SharedFill | None:
+    """What is continued for all colours that are rendered apart.
+
+    None where gradients are wanted, or where no surface hides another.
+
+    Args:
+        image: [C, H, W], all channels.
+        signed_radius: [H, W] px, repaired.
+        settings: The options.
+        repair: The repair of the radii.
+        offsets: Px that are added to the radii of each group of colours.
+        keep: Whether there is room to keep it for all of them; it is the same without.
+    """
+    learns = (getattr(x, "requires_grad", False) for x in (image, signed_radius, *offsets))
+    wanted = torch.is_grad_enabled() and any(learns)
+    if wanted or not any(_has_edges(band) for band in banded(signed_radius)):
+        return None
+
+    def frame() -> Frame:
+        return Picture(image, signed_radius, settings, None, repair=repair).frame
+
+    return SharedFill(frame, image, signed_radius, [float(px) for px in offsets], keep=keep)
+
+
+def repaired_once(
+    signed_radius: Pixels, image: Pixels, settings: Settings
+) -> tuple[Pixels, DepthRepair]:
+    """The radii by which all pictures of some settings are rendered, and their repair."""
+    return repair_depth(
+        signed_radius,
+        image,
+        settings.infinity,
+        settings.threads,
+        depth_repair=settings.depth_repair,
+        edge_width=settings.edge_width,
+        decided=settings.decided,
+    )
+
+
+def _has_edges(radii: Tensor) -> bool:
+    """Whether surfaces hide others in a band [h, W] of radii."""
+    steps = (radii.diff(dim=0), radii.diff(dim=1))
+    return any(step.numel() > 0 and float(ends_of(step).abs().amax()) > EDGE for step in steps)
+
+
+def _is_blurred(signed_radius: Pixels) -> bool:
+    """Whether a pixel is out of focus."""
+    ends = (ends_of(band).tolist() for band in banded(signed_radius))
+    return any(not (least >= -SHARP and most <= SHARP) for least, most in ends)

@@ -1,0 +1,198 @@
+"""Preparation of a picture: its slices, their windows, its tiles and regions."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+
+from defocus_core.renderer.blur.fourier import reach
+from defocus_core.renderer.blur.kernel_bank import Spread, merged_layers, spreads_of, windows
+from defocus_core.renderer.compositing.highlights import reached_by, threshold
+from defocus_core.renderer.engine.frame import (
+    NEIGHBOURHOOD,
+    Content,
+    Division,
+    Frame,
+    Slices,
+    Slicing,
+)
+from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.engine.statistics import needs_double, surveyed, with_hidden
+from defocus_core.renderer.inpainting.frame_pyramid import EDGE
+from defocus_core.renderer.inpainting.hidden_layers import PX_AROUND
+from defocus_core.renderer.inpainting.known_layer import Behind
+from defocus_core.renderer.layers.ladder import evenly, layers, rungs
+from defocus_core.renderer.layers.octaves import kept_apart, turns
+from defocus_core.renderer.layers.quality import Quality
+from defocus_core.renderer.layers.stacked_samples import Layered
+from defocus_core.tensors.source import Pixels
+from defocus_core.tensors.tiling import grid_over, largest, regions
+
+
+def frame_of(
+    pixels: Pixels,
+    signed_radius: Pixels,
+    settings: Settings,
+    quality: Quality,
+    hidden: Behind | None,
+    *,
+    quantised: bool = False,
+    uncertain: bool = False,
+    layered: Layered | None = None,
+    all_ends: tuple[float, float] | None = None,
+) -> Frame:
+    """The frame of a picture: its statistics, slices, windows, tiles and parts.
+
+    Args:
+        pixels: [C, H, W], in px or in cells.
+        signed_radius: [H, W], repaired, in px or in cells.
+        settings: The options.
+        quality: Settings of the quality, in px or in cells.
+        hidden: The known layer behind the visible surface.
+        quantised: Whether radii had few levels before they were repaired.
+        uncertain: Whether edges of depth were soft or averages before they were repaired.
+        all_ends: Least and greatest signed radius of all colours that are rendered apart; None for
+            those of these pixels.
+        layered: The layers of which `pixels` and `signed_radius` are the picture.
+
+    Raises:
+        ValueError: If a value is not finite, or a CoC does not fit psf_ks.
+    """
+    size = signed_radius.shape[0], signed_radius.shape[1]
+    dtype = torch.promote_types(torch.promote_types(pixels.dtype, signed_radius.dtype), torch.float)
+    survey = surveyed(pixels, signed_radius, dtype, settings.threads)
+    content = Content(
+        ends=all_ends or (survey.least, survey.most),
+        edges=layered is not None or max(survey.steepest) > EDGE,
+        tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.least_slope**2,
+        quantised=quantised,
+        uncertain=uncertain,
+        signed=survey.darkest < 0,
+        limit=threshold(survey.brightness, survey.brightest),
+    )
+    ends = content.ends if hidden is None else with_hidden(hidden, content.ends)
+    if layered is not None:
+        ends = layered.ends
+    radii = _slice_radii(*ends, quality, settings)
+    numbers = layers(radii, quality)
+    exact = settings.num_layers is not None
+    stride, halvings = (1, 0) if exact else (quality.hidden_stride, quality.hidden_halvings)
+    fine = _at_resolution(radii, numbers, quality, size, 0)
+    coarse = _at_resolution(radii, numbers, quality, size, halvings if content.edges else 0)
+    farthest = max(fine.reaches + coarse.reaches if content.edges else fine.reaches)
+    margin = _margin(farthest, edges=content.edges, highlights=survey.brightest > content.limit)
+    grid = grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
+    tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
+    pair = settings.dual_pixel if settings.left_right else None
+    # parts at the rim would be clipped away
+    count = quality.parts if settings.field is None else 1
+    division = Division.of(settings.aperture, count, pair)
+    if needs_double(survey, content.limit):
+        dtype = torch.float64
+
+    def slicing(resolution: _Resolution, layer_of: list[int], stride: int) -> Slicing:
+        halvings, spreads, reaches = resolution
+        slice_windows = windows(
+            tuple(r / (1 << halvings) for r in radii),
+            spreads,
+            layer_of,
+            _halved(tile, halvings),
+            _halved(region, halvings),
+            settings.aperture,
+            division.parts,
+            dtype,
+            pixels.device,
+        )
+        cells = [spread.px for spread in spreads]
+        return Slicing(stride, halvings, slice_windows, layer_of, cells, reaches)
+
+    order = turns(radii, numbers)
+    octaves = kept_apart(radii, order.ahead)
+    known = merged_layers(numbers, octaves, fine.spreads, tile)
+    invented = merged_layers(numbers, octaves, coarse.spreads, _halved(tile, coarse.halvings))
+    slices = Slices(
+        radii,
+        order,
+        octaves,
+        visible=slicing(fine, numbers, 1),
+        known=slicing(fine, known, 1),
+        invented=slicing(coarse, invented, stride),
+    )
+    return Frame(size, settings, quality, dtype, grid, margin, content, slices, division)
+
+
+class _Resolution(NamedTuple):
+    """The slices at the resolution at which their blur begins.
+
+    Attributes:
+        halvings: How many times the resolution of the frame is halved.
+        spreads: The spread of each slice, in cells of this resolution.
+        reaches: For each slice the greatest reach of its light in px of the frame.
+    """
+
+    halvings: int
+    spreads: list[Spread]
+    reaches: list[int]
+
+
+def _at_resolution(
+    radii: tuple[float, ...],
+    numbers: list[int],
+    quality: Quality,
+    size: tuple[int, int],
+    halvings: int,
+) -> _Resolution:
+    """The slices of a frame of (height, width) px at a resolution."""
+    step, most = 1 << halvings, max(size) - 1
+    scaled = tuple(r / step for r in radii)
+    spreads = spreads_of(scaled, numbers, quality.full_resolution / step, -(-most // step))
+    reaches = [spread.px for spread in spreads]
+    if halvings:  # a pixel has shares in cells beside it, and is read between two
+        reaches = [min((px + 2) * step - 1, most) for px in reaches]
+    return _Resolution(halvings, spreads, reaches)
+
+
+def _margin(farthest: int, *, edges: bool, highlights: bool) -> int:
+    """Px around a region that its pixels depend on, an even number, for regions are halved.
+
+    Args:
+        farthest: Greatest reach of light in px.
+        edges: Whether surfaces hide others.
+        highlights: Whether there are highlights.
+    """
+    farthest += farthest % 2
+    margin = NEIGHBOURHOOD + farthest + (PX_AROUND if edges else 0)
+    if highlights:
+        margin = max(margin, reached_by(farthest))
+    return margin + margin % 2
+
+
+def _halved(size: tuple[int, int], halvings: int) -> tuple[int, int]:
+    """(height, width) in cells of a tile or a region, after `halvings` of its resolution."""
+    # pixels lie between cells, and may begin in the middle of one
+    more = 3 if halvings else 0
+    return (size[0] >> halvings) + more, (size[1] >> halvings) + more
+
+
+def _slice_radii(
+    least: float, most: float, quality: Quality, settings: Settings
+) -> tuple[float, ...]:
+    """Radii in px of slices over a range: as many as asked for, or by the ladder of the quality.
+
+    Raises:
+        ValueError: If a CoC does not fit psf_ks.
+    """
+    count, psf_ks = settings.num_layers, settings.psf_ks
+    radii = rungs(least, most, quality) if count is None else evenly(least, most, count)
+    if psf_ks is None:
+        return radii
+    spread = max(abs(least), abs(most))
+    needed = 2 * reach(spread, 1 << 30) + 1
+    if needed > psf_ks:
+        raise ValueError(
+            f"psf_ks must be at least {needed} for a CoC radius of {spread:.2f} px, got {psf_ks}; "
+            "leave it out to size kernels by the scene"
+        )
+    end = (psf_ks - 1) // 2 + 0.5
+    return tuple(min(max(r, -end), end) for r in radii)

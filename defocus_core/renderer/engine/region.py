@@ -1,0 +1,305 @@
+"""A region of a picture through the pipeline: slice, blur, composite, tile by tile.
+
+Slices of a layer are summed in the Fourier domain; layers are composited front to back, for each
+part of the aperture. Hidden layers fill the gaps of visible ones; in focus they also occlude.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from defocus_core.renderer.blur.field_blend import blended
+from defocus_core.renderer.blur.layer_blur import Blur, Sliced
+from defocus_core.renderer.compositing.aperture_views import Fronts
+from defocus_core.renderer.compositing.bokeh_discs import draw
+from defocus_core.renderer.compositing.frame_border import own_light, share_in_frame
+from defocus_core.renderer.compositing.highlights import Highlights, split
+from defocus_core.renderer.compositing.saturating_sum import (
+    add_light,
+    count_negative,
+    pair_of,
+    picture,
+)
+from defocus_core.renderer.compositing.screens import Screen, screens_of
+from defocus_core.renderer.engine.field import corner_views, frame_at, views_of
+from defocus_core.renderer.engine.frame import Frame
+from defocus_core.renderer.engine.hidden_fill import Filling
+from defocus_core.renderer.engine.layer_order import add_in_order
+from defocus_core.renderer.engine.shared_fill import FillOfColors, continued
+from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
+from defocus_core.renderer.inpainting.known_layer import Behind, separated
+from defocus_core.renderer.layers.ladder import position
+from defocus_core.renderer.layers.matting import Unmixed, unmixed, whole
+from defocus_core.renderer.layers.samples import Samples, Sheet
+from defocus_core.renderer.layers.slopes import AROUND as AROUND_SLOPES
+from defocus_core.renderer.layers.slopes import slopes
+from defocus_core.renderer.layers.subpixel_shifts import AROUND as AROUND_SHIFTS
+from defocus_core.renderer.layers.subpixel_shifts import Shifts
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.pyramid import axes
+from defocus_core.tensors.source import Pixels
+from defocus_core.tensors.tiling import Grid
+from defocus_core.tensors.views import Views
+
+# Px around a pixel that decide the slope of its radius, and the gradient of its colours.
+_AROUND = max(AROUND_SLOPES, AROUND_SHIFTS)
+# Greatest gap between visible surfaces that may be an error of depth in few levels, as a share of
+# the least slope: half an aperture sees a surface of slope s too thin by 4 / 3 pi of s.
+_DOUBT = 0.5
+
+
+class Region:
+    """A rectangle of tiles of a picture, and everything that they share."""
+
+    def __init__(
+        self,
+        frame: Frame,
+        grid: Grid,
+        pixels: Pixels,
+        signed_radius: Pixels,
+        behind: Behind | None,
+        backdrop: Backdrop | FillOfColors | None,
+    ) -> None:
+        """Find the surfaces of a region, and prepare their blur.
+
+        Args:
+            frame: The frame that the region is a part of.
+            grid: The tiles of the region.
+            pixels: [C, H, W] of the frame, in any precision.
+            signed_radius: [H, W] px of the frame.
+            behind: The known layer behind the visible surface of the frame.
+            backdrop: The frame at low resolution, or hidden surfaces that are continued for all
+                colours; None if nothing is continued.
+        """
+        frame = frame_at(frame, grid.box)
+        self._frame, self._grid, self._tiles = frame, grid, grid.tiles
+        core, content, slices = grid.box, frame.content, frame.slices
+        outer = core.grown(frame.margin, frame.box)
+        inner = core.grown(frame.farthest + frame.farthest % 2, frame.box)  # it may be halved
+        self._inner, self._inside = inner, inner.seen_from(outer)
+        self._blur = Blur(
+            slices.visible.windows,
+            slices.visible.cells,
+            grid.seen_from(inner),
+            frame.division.groups,
+            axes(frame.size, inner.top, inner.left),
+            by_corners=frame.settings.field is not None,
+        )
+        pixels, signed_radius = (outer.of(x).to(frame.dtype) for x in (pixels, signed_radius))
+        if content.edges:  # pixels beside them are looked up by their numbers
+            pixels, signed_radius = pixels.contiguous(), signed_radius.contiguous()
+        inmost = core.seen_from(outer)
+        self._others: list[Sheet] = []
+        own, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
+        self._in_frame = self._shares_in_frame(inmost.of(signed_radius))
+        self._like = own.color
+        self._own = own_light(inmost.of(own.color)) if frame.settings.aperture.image else None
+        places = position(signed_radius, slices.radii) if highlights else None
+        self._visible = self._in_front(own, signed_radius, places)
+        self._hidden: list[Filling] = []
+        if backdrop is not None:
+            self._hidden = self._fillings(own.color, signed_radius, behind, backdrop, outer)
+        self._highlights: Tensor | None = None
+        if highlights and places is not None:
+            screens = screens_of(own, signed_radius, places, slices.radii)
+            self._highlights = self._drawn(highlights, screens, inmost)
+
+    def _surfaces(
+        self, pixels: Tensor, signed_radius: Tensor, outer: Box
+    ) -> tuple[Unmixed, Tensor, Highlights | None]:
+        """The visible surfaces in the rectangle `outer`: pixels, radii, and highlights apart."""
+        frame = self._frame
+        pixels, highlights = split(pixels, signed_radius, frame.content.limit)
+        unmixes = frame.content.edges and frame.quality.unmixes
+        unmix = partial(unmixed, uncertain=frame.content.uncertain) if unmixes else whole
+        own = unmix(pixels, signed_radius)
+        return own, signed_radius, highlights
+
+    def _drawn(self, highlights: Highlights, screens: Sequence[Screen], core: Box) -> Tensor:
+        """The discs of highlights behind surfaces, for each part of the aperture."""
+        radii, (aperture, parts, *_) = self._frame.slices.radii, self._frame.division
+        barrel = views_of(self._frame, highlights.at, core, self._grid.box)
+        return draw(highlights, screens, radii, aperture, parts, core, barrel)
+
+    def _shares_in_frame(self, signed_radius: Tensor) -> list[Tensor] | None:
+        """For each group the shares of its parts that look into the frame; None if all are 1."""
+        frame, core = self._frame, self._grid.box
+        if self._is_inside(core):
+            return None
+        aperture, parts, _, groups = frame.division
+        seen = corner_views(frame, core)
+        shares = [
+            share_in_frame(signed_radius, core, frame.size, aperture, parts[group], seen)
+            for group in groups
+        ]
+        return [blended(share, core, core) for share in shares] if seen else shares
+
+    def _in_front(self, own: Unmixed, signed_radius: Tensor, places: Tensor | None) -> Sliced:
+        """The visible surfaces, from pixels, their radii, and their positions if known."""
+        frame, inside = self._frame, self._inside
+        radii, (aperture, parts, _, groups) = frame.slices.radii, frame.division
+        around = inside.grown(_AROUND, Box(0, 0, *signed_radius.shape))
+        inner, radius = inside.seen_from(around), around.of(signed_radius)
+        places = position(radius, radii) if places is None else around.of(places)
+        lean = shifts = None
+        if frame.content.tilted:
+            lean = slopes(radius, frame.quality.least_slope)
+        if frame.settings.left_right and frame.copies_in_focus:
+            color = around.of(own.color)
+            shifts = Shifts(color, radius, places, inner, radii, aperture, parts[groups[-1]])
+        lean = None if lean is None else inner.of(lean)
+        samples = Samples.within(inside, own, inner.of(places), radii, lean, shifts, self._others)
+        return self._blur.sliced(samples, 1, frame.slices.visible.layers)
+
+    def _fillings(
+        self,
+        color: Tensor,
+        signed_radius: Tensor,
+        behind: Behind | None,
+        backdrop: Backdrop | FillOfColors,
+        outer: Box,
+    ) -> list[Filling]:
+        """The hidden surfaces that have pixels; nothing is invented where a surface is known."""
+        frame, inner, inside = self._frame, self._inner, self._inside
+        invented = continued(color, signed_radius, backdrop, outer, inside, frame)
+        if invented is None:
+            return []
+        surfaces = [(invented, False)]
+        if behind is not None:
+            known = behind.within(inner, inside.of(signed_radius), frame.dtype)
+            known, invented = separated(known, invented, axes(frame.size, inner.top, inner.left))
+            surfaces = [(known, True), (invented, False)]
+        return [
+            Filling(frame, self._grid, inner, surface, known=is_known)
+            for surface, is_known in surfaces
+            if bool(surface.mask.any())
+        ]
+
+    def tile(self, index: int) -> Views:
+        """The views of one tile of the region."""
+        frame, box = self._frame, self._tiles[index]
+        fronts, needed = self._fronts(index)
+        whole, *halves = self._lit(fronts.by_group, index)
+        trust = self._trust(whole[:, -1], fronts.invented, box)
+        counts, signed = self._counts(index, needed), frame.content.signed
+        _, parts, weights, groups = frame.division
+        centre = picture(whole, weights[groups[0]], signed=signed)
+        if not frame.settings.left_right:
+            return Views([centre], trust, counts, box)
+        both = halves[0] if halves else whole
+        if fronts.moved is not None:
+            both = add_light(both, fronts.moved)
+        cut = sum(part.is_left for part in parts[groups[-1]])
+        left = picture(both[:cut], weights[groups[-1]][:cut])
+        right = picture(both[cut:], weights[groups[-1]][cut:])
+        if not signed:
+            pair = torch.stack([left, right])
+            counts |= count_negative(pair, frame.content.limit)
+        images = pair_of(centre, left, right, signed=signed)
+        images = frame.settings.dual_pixel.crossed(images, centre)
+        return Views([centre, *images], trust, counts, box)
+
+    def _trust(self, covered: Tensor, invented: Tensor | None, box: Box) -> Tensor:
+        """The share of the aperture that saw the scene, [1, h, w].
+
+        Of the coverage [m, h, w] of m parts the share that is not invented, times the share of the
+        parts that looks into the frame.
+        """
+        mean = self._frame.division.mean
+        observed = covered if invented is None else covered - invented
+        share = mean(observed) / mean(covered)
+        if self._in_frame is not None and not self._is_inside(box):
+            expected = box.seen_from(self._tiles[0]).of(self._in_frame[0])
+            share = share * mean(expected[:, 0])
+        return share.clamp(0, 1)[None]
+
+    def _fronts(self, index: int) -> tuple[Fronts, list[Filling]]:
+        """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
+        fronts, visible = self._blank(index), self._blur.over_tile(self._visible, index)
+        turns, reaching = self._frame.slices.turns, self._reaching(index)
+        return fronts, add_in_order(fronts, visible, reaching, turns, index)
+
+    def _blank(self, index: int) -> Fronts:
+        """The views of a tile without surfaces."""
+        content, quality = self._frame.content, self._frame.quality
+        doubt = _DOUBT * quality.least_slope if content.quantised else None
+        size, like = self._tiles[index][2:], self._like
+        blank = [
+            like.new_zeros(group.stop - group.start, len(like) + 1, *size)
+            for group in self._frame.division.groups
+        ]
+        return Fronts(blank, self._full(index), doubt)
+
+    def _reaching(self, index: int) -> list[Filling]:
+        """The hidden surfaces that reach a tile, known before invented."""
+        return [surface for surface in self._hidden if surface.plan[index]]
+
+    def _lit(self, views: list[Tensor], index: int) -> list[Tensor]:
+        """The views of each group of parts, with highlights.
+
+        A picture is divided by its coverage, which highlights do not share: they are weighted by
+        it, so that errors of the coverage do not make them brighter.
+        """
+        box = self._tiles[index].seen_from(self._tiles[0])
+        if self._own is not None:
+            views = [view + box.of(self._own) for view in views]
+        if self._highlights is None:
+            return views
+        lit, groups = box.of(self._highlights), self._frame.division.groups
+        inside: list[Tensor | float] = [1.0 for _ in groups]
+        if self._in_frame is not None:
+            inside = [box.of(share) for share in self._in_frame]
+        return [
+            add_light(view, lit[group] * (view[:, -1:] / share))
+            for view, group, share in zip(views, groups, inside, strict=True)
+        ]
+
+    def _is_inside(self, box: Box) -> bool:
+        """Whether no light from beyond the frame reaches a rectangle."""
+        if self._frame.size == (1, 1):  # without a reach in the frame, but light leaves it
+            return False
+        return box == box.grown(0, self._frame.box.shrunk(self._frame.farthest))
+
+    def _full(self, index: int) -> list[Tensor | float]:
+        """The greatest coverage in a tile, for each group."""
+        tile, frame = self._tiles[index], self._frame
+        if self._in_frame is None or not frame.content.edges or self._is_inside(tile):
+            return [1.0 for _ in frame.division.groups]
+        box = tile.seen_from(self._tiles[0])
+        return [box.of(share) for share in self._in_frame]
+
+    def _counts(self, index: int, needed: list[Filling]) -> dict[str, int]:
+        """Counts of the work done for a tile, and of the work of a renderer that skips nothing.
+
+        Args:
+            index: Number of the tile.
+            needed: The hidden surfaces that were composited.
+        """
+        windows, area = self._frame.slices.visible.windows, self._tiles[index].area
+        reaching, pieces = self._reaching(index), self._visible.pieces[index]
+        visible = [windows[rung] for rung in self._visible.surface.plan[index]]
+        hidden = [surface.windows[rung] for surface in reaching for rung in surface.plan[index]]
+        done = [(window, window.halvings) for window in visible]
+        done += [
+            (surface.windows[rung], surface.halvings + surface.windows[rung].halvings)
+            for surface in needed
+            for rung in surface.plan[index]
+        ]
+        return {
+            "pixels": area,
+            "pixels_copied": 0 if any(window.margin for window in visible + hidden) else area,
+            "tiles": 1,
+            "slice_tiles": 2 * len(windows),
+            "slice_tiles_done": len(done),
+            "slice_tiles_blurred": sum(window.margin > 0 for window, _ in done),
+            "slice_tiles_reduced": sum(halvings > 0 for _, halvings in done),
+            "slice_tiles_culled": len(visible) + len(hidden) - len(done),
+            "layer_pixels": area * len(pieces),
+            "layer_pixels_done": sum(piece.patch.shown.area for piece in pieces),
+            "tiles_culled": int(len(needed) < len(reaching)),
+            "tiles_with_hidden": int(any(not surface.known for surface in reaching)),
+        }

@@ -1,0 +1,214 @@
+"""The regions of a picture, computed in order, several at once; those in focus are copied."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from itertools import count, islice
+
+import torch
+from torch import Tensor
+
+from defocus_core.renderer.engine.frame import NEIGHBOURHOOD, Frame
+from defocus_core.renderer.engine.layered_region import LayeredRegion
+from defocus_core.renderer.engine.region import Region
+from defocus_core.renderer.engine.shared_fill import FillOfColors
+from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
+from defocus_core.renderer.inpainting.known_layer import Behind
+from defocus_core.renderer.layers.ladder import SHARP
+from defocus_core.renderer.layers.stacked_samples import Layered
+from defocus_core.tensors.box import Box, Span
+from defocus_core.tensors.checkpointing import recomputed, unrecorded
+from defocus_core.tensors.source import Pixels
+from defocus_core.tensors.threads import threaded
+from defocus_core.tensors.tiling import BLOCK, Grid, regions
+from defocus_core.tensors.views import Views, added, joined
+
+# Counts that are 0 for copied tiles.
+_COMPUTED = (
+    *("slice_tiles_done", "slice_tiles_blurred", "slice_tiles_reduced", "slice_tiles_culled"),
+    *("layer_pixels", "layer_pixels_done", "tiles_culled", "tiles_with_hidden"),
+)
+
+
+def rendered_regions(
+    frame: Frame,
+    pixels: Pixels,
+    signed_radius: Pixels,
+    hidden: Behind | None,
+    *,
+    layered: Layered | None,
+    fill: FillOfColors | None,
+    reaching: Pixels,
+    at_once: int | None,
+    progress: Callable[[int, int], None] | None,
+) -> Iterator[Views]:
+    """The views of each region of a picture, row by row, each from left to right.
+
+    Args:
+        frame: The frame of the picture.
+        pixels: [C, H, W], in any precision; the views are in the precision of the frame.
+        signed_radius: [H, W] px.
+        hidden: The known layer behind the visible surface.
+        layered: The layers of which `pixels` and `signed_radius` are the picture.
+        fill: What is continued for all colours; None to continue it here.
+        reaching: [H, W] px, the radii whose light reaches farthest.
+        at_once: Greatest number of regions computed at once; None for as many as threads.
+        progress: As for `render`.
+    """
+    threads, content = frame.settings.threads, frame.content
+    backdrop: Backdrop | FillOfColors | None = fill if content.edges else None
+    if fill is None and content.edges and (layered is None or layered.is_continued):
+        shown, limit = pixels, content.limit
+        if layered is not None:
+            if not layered.blurs_alpha:
+                in_memory = isinstance(pixels, Tensor)
+                shown = pixels[:-1] if in_memory else layered.picture(alpha=False)
+            limit = max(limit, 1.0)  # alpha is no light
+        backdrop = backdrop_of(shown, signed_radius, limit, frame.dtype, threads, content.ends)
+    grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
+    at_once = min(threads, len(grids), at_once or threads)
+    # a copied pixel has no gradient to the radius
+    may_copy = not (isinstance(signed_radius, Tensor) and signed_radius.requires_grad)
+    numbers, reported = count(1), Counter[Box]()
+
+    def report(box: Box, tiles: int) -> None:
+        """Report tiles of a region as done, unless it is computed again."""
+        reported[box] += tiles
+        for number in islice(numbers, tiles):
+            if progress and number <= len(frame.grid.tiles):
+                progress(number, len(frame.grid.tiles))
+
+    def computed(grid: Grid) -> Views:
+        part = blurred_part(frame, grid, reaching) if may_copy else grid
+        if part is None:
+            return _copied(frame, grid, pixels)
+        tiles: list[Views] = []
+        with unrecorded():
+            region = (
+                Region(frame, part, pixels, signed_radius, hidden, backdrop)
+                if layered is None
+                else LayeredRegion(frame, part, pixels, signed_radius, layered, backdrop)
+            )
+            each = range(len(part.tiles))
+            for tile in threaded(recomputed(region.tile), each, threads // at_once):
+                tiles.append(tile)
+                report(grid.box, 1)
+        rows = [tiles[i : i + part.columns] for i in range(0, len(tiles), part.columns)]
+        views = joined(rows)
+        return views if part.box == grid.box else _copied(frame, grid, pixels, views)
+
+    def in_order() -> Iterator[Views]:
+        parts = threaded(recomputed(computed), grids, at_once)
+        for grid, part in zip(grids, parts, strict=True):
+            report(grid.box, len(grid.tiles) - reported[grid.box])  # copies
+            yield part
+
+    return in_order()
+
+
+def _copied(frame: Frame, grid: Grid, pixels: Pixels, part: Views | None = None) -> Views:
+    """Views of a region in focus: its pixels themselves, but for a part that was computed."""
+    image = grid.box.of(pixels).to(frame.dtype)
+    trust, images = image.new_ones(1, *image.shape[1:]), [image] * frame.views
+    area, tiles, counts = grid.box.area, len(grid.tiles), dict[str, int]()
+    if part:
+        images, counts = [image.clone() for image in images], part.stats
+        where = part.box.seen_from(grid.box)
+        for whole, computed in zip([*images, trust], [*part.images, part.trust], strict=True):
+            where.of(whole).copy_(computed)
+        area, tiles = area - part.box.area, tiles - counts["tiles"]
+    slice_tiles = 2 * len(frame.slices.radii) * tiles
+    copies = {"pixels": area, "pixels_copied": area, "tiles": tiles, "slice_tiles": slice_tiles}
+    return Views(images, trust, added([counts, copies]), grid.box)
+
+
+def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
+    """The views of the whole picture.
+
+    Each image [C, H, W] has memory of its own: a caller who keeps one does not keep the others.
+    Trust is [1, H, W].
+
+    Args:
+        frame: The frame of the picture.
+        pixels: [C, H, W], whose precision the views get.
+        parts: From `rendered_regions`.
+    """
+    if torch.is_grad_enabled():
+        views = joined(list(in_rows(part.to(pixels.dtype) for part in parts)))
+        return views._replace(stats=total(frame, [views.stats]))
+    images = [pixels.new_empty(pixels.shape) for _ in range(frame.views)]
+    trust = pixels.new_empty(1, *pixels.shape[-2:])
+    counts: list[dict[str, int]] = []
+    for part in parts:
+        for image, part_image in zip(images, part.images, strict=True):
+            part.box.of(image).copy_(part_image)
+        part.box.of(trust).copy_(part.trust)
+        counts.append(part.stats)
+    return Views(images, trust, total(frame, counts), Box(0, 0, *pixels.shape[-2:]))
+
+
+def total(frame: Frame, counts: list[dict[str, int]]) -> dict[str, int]:
+    """The counts of all regions together."""
+    return {"slices": len(frame.slices.radii), **added([dict.fromkeys(_COMPUTED, 0), *counts])}
+
+
+def in_rows(parts: Iterator[Views]) -> Iterator[list[Views]]:
+    """The regions of a picture, row by row."""
+    row: list[Views] = []
+    for part in parts:
+        if row and part.box.left == 0:
+            yield row
+            row = []
+        row.append(part)
+    yield row
+
+
+def blurred_part(frame: Frame, grid: Grid, signed_radius: Pixels) -> Grid | None:
+    """The part of a region to compute: its tiles, cut to the pixels that blurred light reaches.
+
+    Args:
+        frame: The frame of the picture.
+        grid: The tiles of the region.
+        signed_radius: [H, W] px of the frame.
+
+    Returns:
+        None if all of the region is copied.
+    """
+    if not frame.copies_in_focus:
+        return grid
+    around = grid.box.grown(frame.margin, frame.box)
+    radii = around.of(signed_radius).detach()
+    down, across = (_reached(frame, around, radii, dim) for dim in (0, 1))
+    return grid.within(Box.over(down, across)) if down and across else None
+
+
+def _reached(frame: Frame, around: Box, radii: Tensor, dim: int) -> Span | None:
+    """Blocks along an axis that blurred light reaches; None if none are reached.
+
+    Args:
+        frame: The frame of the picture.
+        around: A part of the frame.
+        radii: [h, w] px of the part.
+        dim: The axis: 0 for rows.
+    """
+    least, most = radii.amin(1 - dim), radii.amax(1 - dim)
+    at = torch.nonzero((least < -SHARP) | (most > SHARP))[:, 0]
+    if not len(at):
+        return None
+    reach = _reach(frame, least.index_select(0, at), most.index_select(0, at))
+    at = at + around[dim]
+    first, last = int((at - reach).amin()), int((at + reach).amax())
+    return Span(first // BLOCK * BLOCK, (last // BLOCK + 1) * BLOCK)
+
+
+def _reach(frame: Frame, least: Tensor, most: Tensor) -> Tensor | int:
+    """Px around pixels of radii [n] from least to most in which their blur changes the picture."""
+    if frame.content.edges:  # which reveal hidden surfaces, too
+        return frame.margin
+    ladder = torch.tensor(frame.slices.radii, dtype=torch.float64, device=least.device)
+    spread = torch.tensor(frame.slices.visible.reaches, device=least.device)
+    nearest = torch.searchsorted(ladder, least.double(), right=True) - 1
+    farthest = torch.searchsorted(ladder, most.double())
+    ends = (end.clamp(0, len(ladder) - 1) for end in (nearest, farthest))
+    return NEIGHBOURHOOD + torch.maximum(*(spread.index_select(0, end) for end in ends))

@@ -1,0 +1,98 @@
+"""Settings of a rendering: the options of `render`, checked once for all its pictures."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.depth.repair_options import RepairOptions, repair_options
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.cat_eye import CatEye
+from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.optics.pupil_field import PupilField
+from defocus_core.renderer.layers.quality import find
+from defocus_core.tensors.tiling import BLOCK
+from defocus_core.tensors.validation import described, flag, number, whole
+
+_MOST_LAYERS = 1 << 16  # the number of levels of depth in 16 bits
+_BY_SCENE = "None lets the scene decide"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The options that `render` explains.
+
+    Attributes:
+        decided: The repair of depth, where it is known already, as for a frame of a shot.
+
+    Raises:
+        ValueError: If an option is out of its range.
+    """
+
+    aperture: Aperture = field(default_factory=Aperture)
+    quality: str = "standard"
+    left_right: bool = False
+    num_layers: int | None = None
+    psf_ks: int | None = None
+    threads: int = 1
+    tile: int | None = None
+    infinity: float | None = None
+    depth_repair: str = "auto"
+    edge_width: float | None = None
+    decided: DepthRepair | None = None
+    dual_pixel: DualPixel = field(default_factory=DualPixel)
+    cat_eye: CatEye | None = None
+
+    def __post_init__(self) -> None:
+        """Check each option; whole numbers of other types become int."""
+        if not isinstance(self.aperture, Aperture):
+            problem = f"aperture must be an Aperture, got {described(self.aperture)}"
+            raise ValueError(f"{problem}; Aperture() is round")
+        if not isinstance(self.dual_pixel, DualPixel):
+            problem = f"dual_pixel must be a DualPixel, got {described(self.dual_pixel)}"
+            raise ValueError(f"{problem}; DualPixel() has ideal halves")
+        if not isinstance(self.cat_eye, CatEye | None):
+            problem = f"cat_eye must be a CatEye, got {described(self.cat_eye)}"
+            raise ValueError(f"{problem}; None clips nothing")
+        if self.cat_eye and isinstance(self.aperture.image, PupilField):
+            problem = "cat_eye must be None beside a field of pupils, whose kernels are clipped"
+            raise ValueError(f"{problem} where they were measured; leave it out")
+        find(self.quality)
+        flag("left_right", self.left_right)
+        repair_options(self.depth_repair, self.edge_width)
+        checked: dict[str, float] = {
+            "threads": whole("threads", self.threads, "it is how many tiles are computed at once")
+        }
+        for name, least in {"num_layers": 1, "psf_ks": 1, "tile": BLOCK}.items():
+            if (count := getattr(self, name)) is not None:
+                checked[name] = whole(name, count, _BY_SCENE, least)
+        if checked.get("num_layers", 1) > _MOST_LAYERS:
+            problem = f"num_layers must be {_MOST_LAYERS} at most, got {self.num_layers}"
+            raise ValueError(f"{problem}; {_BY_SCENE}")
+        if self.infinity is not None:
+            radius = checked["infinity"] = number("infinity", self.infinity, "in px")
+            if not math.isfinite(radius):
+                problem = f"infinity must be a finite radius in px, got {radius}"
+                raise ValueError(f"{problem}; None if not known")
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def repair(self) -> RepairOptions:
+        """Whether, and by which knowledge, depth is repaired."""
+        return repair_options(self.depth_repair, self.edge_width)
+
+    @property
+    def field(self) -> CatEye | PupilField | None:
+        """What makes the pupil change over the frame."""
+        image = self.aperture.image
+        return image if isinstance(image, PupilField) else self.cat_eye
+
+    @property
+    def by_scene(self) -> bool:
+        """Whether the scene decides on slices and on sizes of kernels."""
+        return self.num_layers is None and self.psf_ks is None
+
+
+STANDARD = Settings()

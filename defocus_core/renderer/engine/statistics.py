@@ -1,0 +1,158 @@
+"""Statistics of a picture: the range and steepness of its radii, and its brightness."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.renderer.inpainting.known_layer import Behind
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.neighbourhoods import ends_of
+from defocus_core.tensors.order_statistics import Ranks, counted
+from defocus_core.tensors.source import Pixels, banded, bands
+from defocus_core.tensors.threads import threaded
+
+# Greatest radius in px: any picture is a point beside it.
+_MOST_PX = 1e8
+# Greatest light of either sign: beyond it, sums over an aperture or a frame would overflow float32.
+BRIGHTEST = 1e30
+# Brightness as a multiple of the median, and by itself, beyond which float32 is too coarse.
+_RANGE, _SQUARED = 1e3, 1e15
+
+
+class Survey(NamedTuple):
+    """Statistics of a picture. The brightness of a pixel is that of its brightest channel.
+
+    Attributes:
+        least: Least signed radius in px.
+        most: Greatest signed radius in px.
+        steepest: Greatest differences of radius between neighbours in px: down, across.
+        darkest: Least value of all channels.
+        brightest: Greatest value of all channels.
+        brightness: Order statistics of the brightness of all pixels.
+    """
+
+    least: float
+    most: float
+    steepest: tuple[float, float]
+    darkest: float
+    brightest: float
+    brightness: Ranks
+
+
+def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int) -> Survey:
+    """The statistics of a picture, of which each pixel is read once.
+
+    Args:
+        pixels: [C, H, W].
+        signed_radius: [H, W] px.
+        dtype: Type of the numbers to compute with.
+        threads: Number of bands of rows read at once.
+
+    Raises:
+        ValueError: If a value is not finite, a radius beyond 1e8 px, or light beyond `BRIGHTEST`.
+    """
+    H, W = signed_radius.shape
+
+    def band_statistics(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
+        """Statistics of radii, the least and greatest value of colours, counts of brightness."""
+        band = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
+        brightness = band.amax(0)
+        radii = _radius_statistics(signed_radius[rows[0] : rows[1] + 1].detach().to(dtype), rows)
+        return radii, torch.stack([band.amin(), brightness.amax()]), counted(brightness)
+
+    radius_ends, color_ends, counts = [], [], torch.zeros((), dtype=torch.long)
+    for radii, pair, band_counts in threaded(band_statistics, bands(H, W), threads):
+        radius_ends.append(radii)
+        color_ends.append(pair)
+        counts = band_counts + counts
+    least, most, down, across = torch.stack(radius_ends).unbind(1)
+    darkest, brightest = torch.stack(color_ends).unbind(1)
+    ends = torch.stack([least.amin(), most.amax(), darkest.amin(), brightest.amax()])
+    for name, pair in (("signed_radius", ends[:2]), ("image", ends[2:])):
+        if not bool(torch.isfinite(pair).all()):
+            raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
+    if max(-ends[0], ends[1]) > _MOST_PX:
+        raise ValueError(
+            f"signed_radius must be within {_MOST_PX:g} px, got {ends[0]:.3g} to {ends[1]:.3g} px; "
+            "check the units of depth and lens, and write inf for sky"
+        )
+    if max(-ends[2], ends[3]) > BRIGHTEST:
+        raise ValueError(
+            f"image must be within ±{BRIGHTEST:g}, got {ends[2]:.3g} to {ends[3]:.3g}; "
+            "scale it, light has no unit here"
+        )
+
+    def brightness_again() -> Iterator[Tensor]:
+        return (band.to(dtype).amax(0) for band in banded(pixels))
+
+    return Survey(
+        least=float(ends[0]),
+        most=float(ends[1]),
+        steepest=(float(down.amax()), float(across.amax())),
+        darkest=float(ends[2]),
+        brightest=float(ends[3]),
+        brightness=Ranks(counts, brightness_again, dtype),
+    )
+
+
+def with_hidden(hidden: Behind, ends: tuple[float, float]) -> tuple[float, float]:
+    """The least and greatest signed radius in px of visible surfaces and of a known hidden layer.
+
+    Args:
+        hidden: The known layer.
+        ends: Least and greatest signed radius of the visible surfaces.
+
+    Raises:
+        ValueError: If a value within the mask is not finite, or beyond `BRIGHTEST`.
+    """
+    least, most = ends
+    for color, radius, mask in zip(*map(banded, hidden), strict=True):
+        where = mask.bool()
+        known = radius[where]
+        for name, values in (("color", color[:, where]), ("signed_radius", known)):
+            if not bool((values.abs() <= BRIGHTEST).all()):
+                raise ValueError(
+                    f"hidden.{name} must be finite and within ±{BRIGHTEST:g} where the mask is "
+                    "true; leave unknown pixels out"
+                )
+        if len(known):
+            least, most = min(least, float(known.min())), max(most, float(known.max()))
+    return least, most
+
+
+def needs_double(survey: Survey, limit: float) -> bool:
+    """Whether float32 is too coarse.
+
+    Its transforms round to 1e-7 of the brightest, which shows in the dark; and squares of very
+    bright colours are infinite. Pixels brighter than the limit do not count: they are highlights,
+    which are not transformed.
+    """
+    bright = min(survey.brightest, limit)
+    if max(bright, -survey.darkest) > _SQUARED:
+        return True
+    black = int(survey.brightness.counts[0])  # and denormal numbers, which are as dark
+    lit = survey.brightness.total - black
+    if not lit:
+        return False
+    median = black + (lit + 1) // 2
+    low, high = survey.brightness.about(median)
+    if bright <= _RANGE * low or bright > _RANGE * high:
+        return bright > _RANGE * high
+    return bright > _RANGE * survey.brightness.exactly(median)
+
+
+def _radius_statistics(band: Tensor, rows: tuple[int, int]) -> Tensor:
+    """Least and greatest radius of a band, and greatest step down and across: [4].
+
+    Args:
+        band: [h, W] px, the rows of the band and the one below them.
+        rows: First row of the band, and the one after the last.
+    """
+    radii = band[: rows[1] - rows[0]]
+    steps = band.diff(dim=0), radii.diff(dim=1)
+    steepest = [float(ends_of(step).abs().amax()) if step.numel() else 0.0 for step in steps]
+    return torch.cat([ends_of(radii), radii.new_tensor(steepest)])

@@ -1,0 +1,155 @@
+"""Coherence transport: lines continued behind the surface that hides them.
+
+A smooth continuation fades the joints of a wall and the edges of a pattern. Where the picture
+beside a hidden pixel has one direction, the pixel takes the colours that lie next to it along that
+direction, from both sides if there are two (Bornemann and März 2007). The direction is that of the
+structure tensor (Förstner and Gülch 1987), which is continued like a colour.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from defocus_core.renderer.inpainting.two_layer_pyramid import Level
+
+# Greatest difference in px between the radii of neighbours at half resolution on one surface.
+_SAME = 1.013
+# Distances in px from a hidden pixel, along its direction, at which a farther surface is sought.
+_STEPS = (2.1, 4.1, 7.1, 11.1, 16.1, 22.1)
+# Distance in px from which a colour from one side alone has no weight.
+FARTHEST = 24
+# Greatest difference in px between the radius of a transported colour and the continued radius.
+_ALIKE = 2.013
+# Slope per px, as a share of the colour, below which a pixel has no direction; and the coherence
+# below which the direction hardly counts.
+_FLAT, _UNCLEAR = 1e-3, 0.05
+
+
+def structure(half: Level) -> Level:
+    """A picture with its structure tensor as three further channels: xx, xy and yy.
+
+    The tensor is made of slopes between neighbours on one surface, summed over channels (Di Zenzo
+    1986); depth edges have no slope.
+
+    Args:
+        half: Linear colour and radius in px, at half of the resolution.
+    """
+    radius = half.first.most.index_fill(0, half.edges, torch.nan)
+    picture, r = (x.reshape(*x.shape[:-1], *half.size) for x in (half.first.values, radius))
+    x, y = (_slope(picture[:-1], r, dim) for dim in (-1, -2))
+    tensor = torch.stack([(x * x).sum(0), (x * y).sum(0), (y * y).sum(0)])
+    first = half.first._replace(values=torch.cat([picture, tensor]).flatten(1))
+    second = half.second
+    if second is not None:  # a second sheet has too few pixels for slopes
+        tensor = second.values.new_zeros(3, len(second.most))
+        second = second._replace(values=torch.cat([second.values, tensor]))
+    return half._replace(first=first, second=second)
+
+
+def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:
+    """The mean slope [C, H, W] towards the neighbours on the same surface."""
+    n = values.shape[dim] - 1
+    if n < 1:
+        return torch.zeros_like(values)
+    same = (r.diff(dim=dim).abs() < _SAME).to(values.dtype)
+    total, count = (_sum_beside(each, dim) for each in (values.diff(dim=dim) * same, same))
+    return total / count.clamp(min=1)
+
+
+def _sum_beside(steps: Tensor, dim: int) -> Tensor:
+    """For each pixel the sum of the two values between it and its neighbours; one at a border."""
+    n = steps.shape[dim] - 1
+    first, last = steps.narrow(dim, 0, 1), steps.narrow(dim, n, 1)
+    inner = steps.narrow(dim, 0, n) + steps.narrow(dim, 1, n)
+    return torch.cat([first, inner, last], dim)
+
+
+def transported(
+    picture: Tensor,
+    at: Tensor,
+    border: Tensor,
+    smooth: Tensor,
+    tensor: Tensor,
+    halvings: int = 0,
+) -> Tensor:
+    """Colours [n, C] behind nearer surfaces, with lines continued from the visible picture.
+
+    Args:
+        picture: [C + 1, H, W] linear colour and radius in px.
+        at: [n, 2] rows and columns of pixels.
+        border: [n] px of radius, beyond which a pixel is of a farther surface.
+        smooth: [n, C + 1] colour and radius as continued without a direction.
+        tensor: [n, 3] structure tensor, continued without a direction.
+        halvings: How many times the resolution of the picture is halved.
+    """
+    r, color, size = picture[-1].detach().flatten(), smooth[:, :-1], picture.shape[1:]
+    along, coherence = _direction(tensor, color)
+    ways = (torch.cat([at, at]), torch.cat([border, border]), torch.cat([along, -along]))
+    spot, away = _first_beyond(r, size, *ways, 0.5**halvings)
+    expected = smooth[:, -1].detach().repeat(2)
+    near = (away < FARTHEST) & ((r.index_select(0, spot) - expected).abs() < _ALIKE)
+    ends = picture[:-1].flatten(1).index_select(1, spot).T
+    n = len(at)
+    first, second, to_first, to_second = ends[:n], ends[n:], away[:n], away[n:]
+    is_first, is_second = near[:n], near[n:]
+    both = is_first & is_second
+    # the nearer one of two ends has more weight; a single end has less the farther it is
+    share = torch.where(both, to_second / (to_first + to_second), is_first.to(r.dtype))[:, None]
+    between = share * first + (1 - share) * second
+    fading = 1 - torch.where(is_first, to_first, to_second) / FARTHEST
+    weight = torch.where(both, 1.0, torch.where(is_first | is_second, fading, 0.0)) * coherence
+    return color + weight[:, None] * (between - color)
+
+
+def _direction(tensor: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
+    """The direction in which n pixels change least, [n, 2] as y and x, and how clear it is, [n]."""
+    xx, xy, yy = tensor.unbind(1)
+    flat = _FLAT**2 * (color * color).sum(1) + torch.finfo(color.dtype).tiny
+    trace = xx + yy + flat
+    cosine, sine = (xx - yy) / trace, 2 * xy / trace  # of twice the angle of the gradient
+    square = cosine * cosine + sine * sine
+    coherence = ((square + _UNCLEAR**2).sqrt() - _UNCLEAR) / ((1 + _UNCLEAR**2) ** 0.5 - _UNCLEAR)
+    half = (cosine / torch.where(square > 0, square, 1.0).sqrt()).detach()
+    y = ((1 + half) / 2).clamp(min=0).sqrt()
+    x = ((1 - half) / 2).clamp(min=0).sqrt() * torch.where(sine > 0, -1.0, 1.0).to(sine)
+    return torch.stack([y, x], 1), coherence
+
+
+def _first_beyond(
+    r: Tensor, size: tuple[int, ...], at: Tensor, border: Tensor, along: Tensor, scale: float
+) -> tuple[Tensor, Tensor]:
+    """The first pixel along a direction that lies beyond the border, and its distance.
+
+    Args:
+        r: [H * W] px.
+        size: (H, W).
+        at: [n, 2].
+        border: [n].
+        along: [n, 2] of length 1.
+        scale: Pixels of the picture in one px.
+
+    Returns:
+        [n] index in r, and [n] px; infinitely far where there is none.
+    """
+    H, W = size
+    spots = torch.zeros_like(at[:, 0])
+    distance = torch.full_like(border, torch.inf)
+    # halves are rounded away from 0: mirrored directions lead to mirrored pixels
+    half = torch.full_like(along, 0.5).copysign(along)
+    seeking = torch.arange(len(at), device=at.device)
+    state = [*at.unbind(1), *along.unbind(1), *half.unbind(1), border]
+    for step in _STEPS:
+        y, x, down, across, half_down, half_across, limit = state
+        row = (y + torch.add(half_down, down, alpha=step * scale).long()).clamp_(0, H - 1)
+        spot = row.mul_(W).add_(
+            (x + torch.add(half_across, across, alpha=step * scale).long()).clamp_(0, W - 1)
+        )
+        known = r.index_select(0, spot) > limit
+        hit, miss = (torch.nonzero(each)[:, 0] for each in (known, ~known))
+        reached = seeking.index_select(0, hit)
+        spots.index_copy_(0, reached, spot.index_select(0, hit))
+        distance.index_fill_(0, reached, step)
+        seeking = seeking.index_select(0, miss)
+        state = [each.index_select(0, miss) for each in state]
+    return spots, distance

@@ -1,0 +1,193 @@
+"""Disocclusion: how far the aperture looks behind edges of depth.
+
+The aperture sees a far surface behind an edge until its radius, less the distance, falls to that
+of the near one. The greatest of r_far - |q - far| over all edges (a dilation by a cone) tells how
+far any surface shows. But the lens sees the next surface first: behind a wire before a sign that is
+the sign, even where the cone of the sky beside the sign is greater. So the closest edge is kept,
+too, and its surface is continued if it is the sharper one.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.pyramid import Axis, Halves, halves, spread_out
+
+# How much farther, in px of radius, than the surface in front of it hidden content must be; no
+# round number, so that rounding decides nothing.
+STEP = 0.513
+# Decay of the reach per px of |dx| + |dy|: 1 / √2 reaches as far on diagonals as it must.
+DECAY = 0.70710678
+# Where between the radii of the surface that is continued and of the farthest one the ceiling is.
+_CEILING = 0.497
+# Cones are compared in grains of 1 / 16 px, or more where more than 2^13 of them make a radius.
+_FINEST = -4
+_LEVELS = 13
+_BITS = 16
+_RADIUS = (1 << _BITS) - 1
+_NOWHERE = -2 << _LEVELS << _BITS
+# Rounding to grains is shifted by this share of a grain: many radii from half-precision depth lie
+# in the middle between two grains.
+_BETWEEN = 0.013
+# Radii of more px count as this one; no frame is as wide.
+_MOST = 4096.0
+# Number of cells dilated at once.
+_PIXELS = 1 << 20
+
+
+class Revealed(NamedTuple):
+    """The surface that may show behind each cell.
+
+    Attributes:
+        shown: [h, w] px, the radius in front of which the surface shows; below all radii where no
+            surface does.
+        source: [h, w] px, the radius of the edge from which the surface is continued.
+        front: [h, w] px, the radius of the surface before it: the visible one, or the surface of
+            the closest edge where that is left out, being more blurred.
+        ceiling: [h, w] px, the radius from which on a surface lies behind the continued one;
+            infinite where the continued one is the farthest.
+    """
+
+    shown: Tensor
+    source: Tensor
+    front: Tensor
+    ceiling: Tensor
+
+
+class Reach(NamedTuple):
+    """The edges of a frame, by cells of half resolution; radii are integers, in grains.
+
+    Attributes:
+        farthest: [h, w], the greatest cone in the upper bits, and the radius of its edge in the
+            lower ones.
+        closest: [h, w], minus the px to the closest edge, and its radius likewise.
+        grain: Px of one grain.
+        fine: Where the middle of the frame is at full resolution.
+    """
+
+    farthest: Tensor
+    closest: Tensor
+    grain: float
+    fine: tuple[Axis, Axis]
+
+    def behind(
+        self, near: Tensor, cells: Box, middle: tuple[Axis, Axis], halvings: int
+    ) -> Revealed:
+        """The surface that may show behind each cell.
+
+        Args:
+            near: [height, width] px, the surface in front.
+            cells: The cells, at full (0) or half (1) of the resolution, in a part of the frame.
+            middle: Where the middle of the frame is in that part.
+            halvings: 0 or 1.
+        """
+        cone, far = self._read(self.farthest, cells, middle, halvings)
+        # two pixels of neighbouring cells may be a px apart, and not two
+        cone = torch.minimum(cone + math.floor(DECAY / self.grain), far)
+        shown, source = cone.to(near.dtype) * self.grain, far.to(near.dtype) * self.grain
+        away, radius = self._read(self.closest, cells, middle, halvings)
+        spent, closest = -DECAY * away.to(near.dtype), radius.to(near.dtype) * self.grain
+        comes_next = (closest - spent > near + STEP) & (source > closest + STEP)
+        # a gap in the more blurred one of two surfaces is hardly seen
+        sharper = closest.abs() <= source.abs()
+        front = torch.where(comes_next & ~sharper, closest, near)
+        comes_next = comes_next & sharper
+        return Revealed(
+            torch.where(comes_next, closest - spent, shown),
+            torch.where(comes_next, closest, source),
+            front,
+            torch.where(comes_next, torch.lerp(closest, source, _CEILING), torch.inf),
+        )
+
+    def _read(
+        self, edges: Tensor, cells: Box, middle: tuple[Axis, Axis], halvings: int
+    ) -> tuple[Tensor, Tensor]:
+        """The upper and the lower bits of the edges in each cell."""
+        cuts = []
+        for d, axis in enumerate(middle):
+            fine, start, length = self.fine[d].middle, cells[d] - axis.middle, cells[d + 2]
+            # the middle is an even number of pixels after the beginning of the first cell
+            origin = (fine + fine % 2) // 2
+            if halvings:
+                first, last = start + origin, start + origin + length - 1
+            else:
+                start += 2 * origin
+                first, last = start // 2, (start + length - 1 + axis.odd) // 2
+                cuts.append(slice(start - 2 * first, start - 2 * first + length))
+            edges = edges.narrow(d, first, last + 1 - first)
+        if not halvings:
+            edges = spread_out(edges, (middle[0].odd, middle[1].odd))[cuts[0], cuts[1]]
+        return edges >> _BITS, (edges & _RADIUS) - (1 << _LEVELS)
+
+
+def grain_of(least: float, most: float) -> float:
+    """The grain in px for radii from `least` to `most` px."""
+    largest = min(max(-least, most, 1.0), _MOST)
+    return 2.0 ** max(_FINEST, math.ceil(math.log2(largest)) - _LEVELS)
+
+
+def edges_in_cells(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis, Axis]) -> Tensor:
+    """The radii of the farther pixels at edges, at half resolution: cones that reach nowhere yet.
+
+    Args:
+        r: [H, W] px.
+        farther: Numbers of the farther pixels.
+        grain: Px of one grain.
+        middle: Of the frame.
+    """
+    grains = r.flatten()[farther].clamp(-_MOST, _MOST) / grain
+    radii = (grains + _BETWEEN).round().to(torch.int32)
+    row = farther.div(r.shape[1], rounding_mode="floor")
+    column = farther - row * r.shape[1]
+    source = (radii << _BITS) + (radii + (1 << _LEVELS))
+    down, across = (halves(n, axis) for n, axis in zip(r.shape, middle, strict=True))
+    cone = source.new_full((down.length * across.length,), _NOWHERE)
+    for cell_down in _cells(row, down):
+        for cell_across in _cells(column, across):
+            cone.scatter_reduce_(0, cell_down * across.length + cell_across, source, "amax")
+    return cone.reshape(down.length, across.length)
+
+
+def reach_of(edges: Tensor, grain: float, span: float, fine: tuple[Axis, Axis]) -> Reach:
+    """The reach of edges [h, w] from `edges_in_cells`, whose radii differ by `span` px at most.
+
+    The edges are overwritten.
+    """
+    closest = torch.where(edges == _NOWHERE, _NOWHERE, edges & _RADIUS)
+    return Reach(
+        _dilated(edges, math.floor(DECAY / grain), span / grain),
+        _dilated(closest, 1, span),
+        grain,
+        fine,
+    )
+
+
+def _cells(place: Tensor, axis: Halves) -> list[Tensor]:
+    """The one or two cells of half resolution that pixels are part of, along an axis."""
+    place = place + axis.before
+    if not axis.axis.odd:
+        return [place.div(2, rounding_mode="floor")]
+    return [place.div(2, rounding_mode="floor"), (place + 1).div(2, rounding_mode="floor")]
+
+
+def _dilated(edges: Tensor, decay: int, span: float) -> Tensor:
+    """Edges [h, w] whose upper bits fall by the decay per px, by `span` at most; in place."""
+    reached, stride = 0, 1
+    while 2 * reached * decay < span:
+        fall = (2 * decay * stride) << _BITS
+        for dim in (0, 1):
+            n = edges.shape[dim] - stride
+            if n < 1:
+                continue
+            for lines in torch.split(edges, max(1, _PIXELS // edges.shape[dim]), 1 - dim):
+                fallen = lines - fall
+                for target, source in ((0, stride), (stride, 0)):
+                    side = lines.narrow(dim, target, n)
+                    torch.maximum(side, fallen.narrow(dim, source, n), out=side)
+        reached, stride = reached + stride, 2 * stride
+    return edges

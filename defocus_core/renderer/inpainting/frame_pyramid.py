@@ -1,0 +1,144 @@
+"""The pyramid of the whole frame, from which hidden surfaces are continued.
+
+A surface behind a depth edge is continued from pictures of a quarter of the resolution and less.
+These pictures, and the map of the reach of each edge, are computed once for the whole frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.renderer.inpainting.coherence_transport import structure
+from defocus_core.renderer.inpainting.disocclusion import Reach, edges_in_cells, grain_of, reach_of
+from defocus_core.renderer.inpainting.two_layer_pyramid import Level, coarser, pixels_of, stacked
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.neighbourhoods import ends_of
+from defocus_core.tensors.pyramid import Axis, axes, halves
+from defocus_core.tensors.source import Pixels, banded
+from defocus_core.tensors.sparse_masks import exceeding, places_of
+from defocus_core.tensors.threads import threaded
+
+# Edges of radius, in px per pixel, above which one surface hides another.
+EDGE = 1.013
+# Weight of a pixel beside a nearer one: it may be a mixture of both.
+_MIXED = 0.25
+# Greatest number of rows of quarter resolution, and of pixels of full resolution, in one band; and
+# rows of quarter resolution around a band that it depends on.
+_BAND, _PIXELS, _AROUND = 32, 1 << 20, 2
+# The last level has cells this many times as wide as the range of radii; no round number, so that
+# rounding decides nothing.
+_WIDER = 1.99
+
+
+class Backdrop(NamedTuple):
+    """A frame at low resolution.
+
+    Attributes:
+        levels: At a quarter of the resolution, an eighth, and so on: colour, radius in px, and the
+            structure tensor.
+        reach: The reach of its depth edges.
+        fine: Where the middle of the frame is at full resolution.
+    """
+
+    levels: list[Level]
+    reach: Reach
+    fine: tuple[Axis, Axis]
+
+
+def backdrop_of(
+    pixels: Pixels,
+    signed_radius: Pixels,
+    limit: float = math.inf,
+    dtype: torch.dtype | None = None,
+    threads: int = 1,
+    ends: tuple[float, float] | None = None,
+) -> Backdrop:
+    """The pyramid of a frame, and the reach of its edges.
+
+    Args:
+        pixels: [C, H, W] linear.
+        signed_radius: [H, W] px.
+        limit: Brightness above which a pixel is a highlight, which is not continued.
+        dtype: Type to compute in; None for the type of the pixels.
+        threads: Number of bands computed at once.
+        ends: Least and greatest radius in px; None to find them.
+    """
+    H, W = signed_radius.shape
+    device = signed_radius.device
+    dtype = dtype or pixels.dtype
+    if ends is None:
+        band_ends = torch.stack([ends_of(b) for b in banded(signed_radius)])
+        ends = (float(band_ends.amin()), float(band_ends.amax()))
+    least, most = ends
+    grain = grain_of(least, most)
+    fine = axes((H, W))
+    half = halves(H, fine[0])
+    quarter = halves(half.length, half.axis)
+
+    def band_of(rows: tuple[int, int]) -> tuple[Level, Tensor, int, int]:
+        """The level and the edges of a band of rows [first, end), and these rows in the level."""
+        first, last = (row - quarter.axis.middle for row in rows)
+        top = max(0, fine[0].middle + 4 * (first - _AROUND))
+        below = min(H, fine[0].middle + 4 * (last + _AROUND) + fine[0].odd)
+        band = Box(top, 0, below - top, W)
+        level, edges, halved_rows = _coarsely(
+            band.of(pixels).to(dtype),
+            band.of(signed_radius).to(dtype),
+            limit,
+            grain,
+            axes((H, W), top),
+        )
+        start = 0 if rows[0] == 0 else 2 * first + halved_rows
+        end = edges.shape[0] if rows[1] == quarter.length else 2 * last + halved_rows
+        middle = level.middle[0].middle
+        return level, edges[start:end], first + middle, last + middle
+
+    step = max(1, min(_BAND, _PIXELS // (W << 2)))
+    cuts = [*range(0, quarter.length, step), quarter.length]
+    edges = torch.empty(half.length, halves(W, fine[1]).length, dtype=torch.int32, device=device)
+
+    def bands() -> Iterator[tuple[Level, int, int]]:
+        done = 0
+        for level, band_edges, first, end in threaded(band_of, list(pairwise(cuts)), threads):
+            edges[done : done + len(band_edges)] = band_edges
+            done += len(band_edges)
+            yield level, first, end
+
+    levels = [stacked(bands(), quarter.length, quarter.axis)]
+    while max(levels[-1].size) > 1 and 1 << levels[-1].halvings < _WIDER * (most - least):
+        levels.append(coarser(levels[-1]))
+    return Backdrop(levels, reach_of(edges, grain, most - least, fine), fine)
+
+
+def _coarsely(
+    pixels: Tensor,
+    signed_radius: Tensor,
+    limit: float,
+    grain: float,
+    middle: tuple[Axis, Axis],
+) -> tuple[Level, Tensor, int]:
+    """The level of quarter resolution; edges at half resolution, and the middle row in these."""
+    r = signed_radius.detach()
+    farther = _beside_edges(r)
+    weight = exceeding(pixels.detach().amax(0), limit).logical_not_().to(r.dtype)
+    weight.flatten()[farther] *= _MIXED
+    picture = torch.cat([pixels, signed_radius[None]])
+    half = coarser(pixels_of(picture, signed_radius, middle, weight))
+    edges = edges_in_cells(r, farther, grain, middle)
+    return coarser(structure(half)), edges, half.middle[0].middle
+
+
+def _beside_edges(r: Tensor) -> Tensor:
+    """The numbers of the farther pixels at edges of radii [H, W] px."""
+    numbers = []
+    for dim, stride in ((0, r.shape[1]), (1, 1)):
+        step = r.diff(dim=dim)
+        row, column = places_of(exceeding(step.abs(), EDGE)).unbind(1)
+        numbers.append(row * r.shape[1] + column + stride * (step[row, column] > 0))
+    return torch.cat(numbers)

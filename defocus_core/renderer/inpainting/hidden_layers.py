@@ -1,0 +1,153 @@
+"""Hidden layers: surfaces behind depth edges, unseen by the pinhole but not by the aperture.
+
+Neighbouring pixels whose radii differ by more than one px hold a depth edge: with |∇r| < 1 the map
+from a lens point's picture to the pinhole's is one to one, beyond that a surface hides another.
+From the whole aperture the farther surface shows up to r_far - r_near px behind the edge. There it
+is continued by the colour and radius of what lies farther, near by first, and along the lines that
+lead there. There is one hidden layer: where two wires cross before a wall, the surface that is
+continued behind the nearer one is the wire or the wall, whichever is the sharper one.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.renderer.inpainting.coherence_transport import FARTHEST, transported
+from defocus_core.renderer.inpainting.disocclusion import DECAY, STEP
+from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
+from defocus_core.renderer.inpainting.push_pull import Asked, continued, nearby
+from defocus_core.renderer.inpainting.region_view import View, half_view, whole_view
+from defocus_core.renderer.inpainting.two_layer_pyramid import Level, coarser, pixels_of
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.sparse_masks import numbers_of
+
+# Where between the radii of the near and the far surface the border is that tells them apart. A
+# surface in front of an edge may rise towards it, like the top of a box seen from above: with a
+# border just above the near radius its far end would count as the hidden surface.
+_BETWEEN = 0.377
+# Distance from the edge, in px of reach, up to which lines are continued.
+_LINES = 20.1 * DECAY
+# Resolutions, a quarter and less, that decide the direction of lines together.
+_DIRECTIONS = 3
+# Weight of a surface next to a hidden pixel, compared with the same surface in a wider surrounding.
+_NEXT = 4.0
+# Distance in px around a region from which hidden content is continued.
+PX_AROUND = FARTHEST + 2
+
+
+class HiddenLayer(NamedTuple):
+    """The surface behind the visible one, where the aperture may see it or where it is known.
+
+    Attributes:
+        color: [C, H, W].
+        signed_radius: [H, W] px.
+        mask: [H, W] bool.
+    """
+
+    color: Tensor
+    signed_radius: Tensor
+    mask: Tensor
+
+
+def hidden_layer(
+    image: Tensor,
+    signed_radius: Tensor,
+    backdrop: Backdrop | None = None,
+    box: Box | None = None,
+    wanted: Box | None = None,
+    *,
+    halvings: int = 0,
+) -> HiddenLayer | None:
+    """Continue farther surfaces behind nearer ones, as far as the aperture sees them.
+
+    Args:
+        image: [C, H, W] linear.
+        signed_radius: [H, W] px.
+        backdrop: The frame that this is a part of; None if it is the whole.
+        box: Where in the frame it is.
+        wanted: Where in it the layer matters; None if everywhere.
+        halvings: How many times the resolution of the layer is halved, at most once.
+
+    Returns:
+        The layer within `wanted`, None where nothing is hidden.
+    """
+    H, W = signed_radius.shape
+    backdrop = backdrop or backdrop_of(image, signed_radius)
+    box = box or Box(0, 0, H, W)
+    middle = (
+        backdrop.fine[0]._replace(middle=backdrop.fine[0].middle - box.top),
+        backdrop.fine[1]._replace(middle=backdrop.fine[1].middle - box.left),
+    )
+    view = whole_view(image, signed_radius, middle)
+    half = coarser(pixels_of(view.picture, signed_radius, middle))
+    if halvings:
+        view = half_view(half, middle)
+    cells = view.cells(wanted or Box(0, 0, H, W))
+    near = cells.of(view.near)
+    revealed = backdrop.reach.behind(near, cells, view.middle, halvings)
+    index = numbers_of(revealed.shown > near + STEP)
+    if not len(index):
+        return None
+    row = index.div(cells.width, rounding_mode="floor")
+    at = torch.stack([row + cells.top, index - row * cells.width + cells.left], 1)
+    shown, source, front, ceiling = (x.flatten().index_select(0, index) for x in revealed)
+    asked = Asked(at, front + (source - front) * _BETWEEN, ceiling)
+    values, tensor, weight = _from_frame(
+        backdrop, asked._replace(at=view.pixels(at) + at.new_tensor(box[:2]))
+    )
+    values, weight = _with_adjacent_surface(values, weight, half, view, asked)
+    surface = (values / torch.where(weight > 0, weight, 1.0)).T
+    lines = torch.nonzero(source - shown <= _LINES)[:, 0]
+    if len(lines):
+        spot, border, smooth = (x.index_select(0, lines) for x in (*asked[:2], surface))
+        way = tensor.index_select(1, lines).T
+        colors = transported(view.picture, spot, border, smooth, way, halvings)
+        surface = surface.index_copy(0, lines, torch.cat([colors, smooth[:, -1:]], 1))
+    if not bool((weight > 0).all()):
+        exists = torch.nonzero(weight > 0)[:, 0]
+        index, surface = index.index_select(0, exists), surface.index_select(0, exists)
+    blank = view.picture.new_zeros(len(view.picture) - 1, near.numel())
+    color = blank.index_copy(1, index, surface[:, :-1].T).reshape(-1, *near.shape)
+    radius = near.flatten().index_copy(0, index, surface[:, -1]).reshape(near.shape)
+    return HiddenLayer(color, radius, radius.detach() > near + STEP)
+
+
+def _from_frame(backdrop: Backdrop, asked: Asked) -> tuple[Tensor, Tensor, Tensor]:
+    """The farther surfaces around pixels of a frame, at a quarter of its resolution and less.
+
+    Args:
+        backdrop: The frame.
+        asked: n pixels, by their rows and columns in the frame.
+
+    Returns:
+        Colour and radius [C + 1, n] times weights, structure tensors [3, n], and weights [n].
+    """
+    finest, *levels = backdrop.levels
+    both, weight = nearby(finest, asked, backdrop.fine)
+    colors = [level.channels(slice(-3)) for level in levels]
+    values, weight = continued((both[:-3], weight), colors, asked, backdrop.fine)
+    tensor = both[-3:]
+    for level in levels[: _DIRECTIONS - 1]:
+        tensor = tensor + nearby(level.channels(slice(-3, None)), asked, backdrop.fine)[0]
+    return values, tensor, weight
+
+
+def _with_adjacent_surface(
+    values: Tensor, weight: Tensor, half: Level, view: View, asked: Asked
+) -> tuple[Tensor, Tensor]:
+    """Values and weights, but first those of the surface next to each cell, at half resolution."""
+    offsets = (-0.25, 0.25) if view.halvings else (0.0,)
+    offset = asked.border.new_tensor([(y, x) for y in offsets for x in offsets])
+    n, count = len(asked.at), len(offset)
+    spots = view.pixels((offset[:, None] + asked.at).flatten(0, 1))
+    each = Asked(spots, asked.border.repeat(count), asked.ceiling.repeat(count))
+    next_values, share = nearby(half, each, view.fine)
+    next_values = next_values.reshape(-1, count, n).mean(1)
+    share = share.reshape(count, n).mean(0)
+    most = (share * _NEXT).clamp(max=1)
+    left = 1 - most
+    next_values = next_values * (most / torch.where(share > 0, share, 1.0))
+    return torch.addcmul(next_values, values, left), torch.addcmul(most, weight, left)

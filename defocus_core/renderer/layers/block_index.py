@@ -1,0 +1,102 @@
+"""Blocks of 16 px that hold a slice, and the tiles that these blocks reach."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from defocus_core.tensors.box import Box, Span
+from defocus_core.tensors.tiling import BLOCK
+
+# Blocks that are tested against tiles at once: bounds memory.
+_COUNTED = 1 << 21
+
+
+def visible_slices(blocks: Tensor, reaches: list[int], tiles: list[Box]) -> list[list[int]]:
+    """For each tile the indices of the slices whose blur reaches it, nearest first.
+
+    Args:
+        blocks: [K, rows, columns] bool, from `blocks_of` and `blocks_at`.
+        reaches: Blur radius of each slice, in px.
+        tiles: Rectangles of the same picture.
+    """
+    reached = []
+    down, across = ([tile.sides[d] for tile in tiles] for d in (0, 1))
+    rows, columns = list(dict.fromkeys(down)), list(dict.fromkeys(across))
+    for chunk in torch.split(torch.arange(len(reaches)), max(1, _COUNTED // blocks[0].numel())):
+        occupied = blocks[chunk[0] : chunk[-1] + 1].float().cpu()
+        reach = torch.tensor(reaches)[chunk, None]
+        within = (
+            _reached(rows, reach, occupied.shape[1]),
+            _reached(columns, reach, occupied.shape[2]),
+        )
+        reached.append(within[0] @ occupied @ within[1].mT > 0)  # [K, rows, columns] of tiles
+    reaching = torch.cat(reached).permute(1, 2, 0)
+    return [
+        torch.nonzero(reaching[rows.index(y), columns.index(x)])[:, 0].tolist()
+        for y, x in zip(down, across, strict=True)
+    ]
+
+
+def _reached(sides: list[Span], reach: Tensor, count: int) -> Tensor:
+    """Which of `count` blocks along an axis are within reach [K, 1] px of sides: [K, n, count]."""
+    first, end = (
+        torch.tensor([getattr(side, name) for side in sides]) for name in ("first", "end")
+    )
+    first_block, end_block = (first - reach) // BLOCK, -((-end - reach) // BLOCK)
+    block = torch.arange(count)
+    return ((block >= first_block[..., None]) & (block < end_block[..., None])).float()
+
+
+def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Tensor:
+    """For each slice the blocks of 16 px that hold a pixel of it: [K, rows, columns] bool.
+
+    Args:
+        places: [H, W] positions of pixels on the ladder.
+        slices: K, the number of slices.
+        present: [H, W] bool, which pixels exist; None if all do.
+    """
+    places = places.detach()
+    if present is not None:
+        at = torch.nonzero(present)
+        return blocks_at(places[at[:, 0], at[:, 1]], at, slices, (places.shape[0], places.shape[1]))
+    extremes = block_ends(places)
+    occupied = torch.zeros((*extremes[0].shape, slices), dtype=torch.bool, device=places.device)
+    (first, above), (below, last) = (
+        (extreme.floor().long(), extreme.ceil().long()) for extreme in extremes
+    )
+    for rung in (first, above, below, last):
+        occupied.scatter_(2, rung[..., None], True)
+    # which rungs between the least and the greatest have a pixel?
+    row, column = torch.nonzero(below - above > 1).unbind(1)
+    if len(row):
+        mixed = _in_blocks(places)[row, :, column].flatten(1)
+        rungs_held = torch.zeros((len(row), slices), dtype=torch.bool, device=places.device)
+        rungs_held.scatter_(1, mixed.floor().long(), True).scatter_(1, mixed.ceil().long(), True)
+        occupied[row, column] = rungs_held
+    return occupied.permute(2, 0, 1)
+
+
+def block_ends(values: Tensor) -> tuple[Tensor, Tensor]:
+    """The least and the greatest value of each block of [..., H, W]."""
+    blocks = _in_blocks(values)
+    return blocks.amin(-3).amin(-1), blocks.amax(-3).amax(-1)
+
+
+def _in_blocks(values: Tensor) -> Tensor:
+    """Values [..., H, W] as [..., rows, 16, columns, 16]; past the border the last one repeats."""
+    rest = (0, -values.shape[-1] % BLOCK, 0, -values.shape[-2] % BLOCK)
+    padded = pad(values[None], rest, mode="replicate")[0]
+    return torch.unflatten(torch.unflatten(padded, -1, (-1, BLOCK)), -3, (-1, BLOCK))
+
+
+def blocks_at(places: Tensor, at: Tensor, slices: int, size: tuple[int, int]) -> Tensor:
+    """As `blocks_of`, for n samples: their places [n], and their rows and columns [n, 2]."""
+    rows, columns = (-(-n // BLOCK) for n in size)
+    occupied = torch.zeros(slices * rows * columns, dtype=torch.bool, device=places.device)
+    block = at.div(BLOCK, rounding_mode="floor")
+    number = block[:, 0] * columns + block[:, 1]
+    for rung in (places.detach().floor(), places.detach().ceil()):
+        occupied.index_fill_(0, rung.long() * (rows * columns) + number, True)
+    return occupied.view(slices, rows, columns)

@@ -1,0 +1,80 @@
+"""Samples of a layer of the scene: pixels, their fringe, and further samples of the same pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from torch import Tensor
+
+from defocus_core.renderer.layers.ladder import position
+from defocus_core.renderer.layers.matting import Unmixed
+from defocus_core.renderer.layers.subpixel_shifts import Shifts
+from defocus_core.tensors.box import Box
+
+# Samples of pixels: [C + 1, H, W], colour premultiplied by coverage, then coverage; and [H, W],
+# their radii in px, or their positions on the ladder.
+Sheet = tuple[Tensor, Tensor]
+
+
+class Samples(NamedTuple):
+    """A layer of the scene as samples with positions on the ladder of slices.
+
+    Attributes:
+        color: [C, H, W].
+        coverage: [1, H, W], the share of each pixel that the layer covers; None if all are whole.
+        places: [H, W] positions.
+        at: [n, 2] rows and columns of fringe samples.
+        extra: [n, C + 1] fringe samples: parts of nearer surfaces in the same pixels.
+        extra_places: [n] positions of fringe samples.
+        slopes: [2, H, W] of the radius, px per px; None where no surface is tilted.
+        shifts: Sub-pixel shifts of the colours near focus; None if they are not rendered.
+        others: Further samples of the same pixels, at their positions.
+    """
+
+    color: Tensor
+    coverage: Tensor | None
+    places: Tensor
+    at: Tensor
+    extra: Tensor
+    extra_places: Tensor
+    slopes: Tensor | None
+    shifts: Shifts | None
+    others: Sequence[Sheet] = ()
+
+    @classmethod
+    def within(
+        cls,
+        box: Box,
+        pixels: Unmixed,
+        places: Tensor,
+        radii: tuple[float, ...],
+        slopes: Tensor | None = None,
+        shifts: Shifts | None = None,
+        others: Sequence[Sheet] = (),
+    ) -> Samples:
+        """The samples of pixels in a box.
+
+        Args:
+            box: The box.
+            pixels: [C, H, W].
+            places: [h, w] positions of the pixels in the box.
+            radii: The ladder.
+            slopes: [2, h, w] of the radius in the box.
+            shifts: Sub-pixel shifts in the box.
+            others: Further samples [C + 1, H, W] and their radii [H, W] px.
+        """
+        coverage, fringe = pixels.coverage, pixels.fringe
+        at = fringe.at - fringe.at.new_tensor(box[:2])
+        inside = (at >= 0).all(1) & (at[:, 0] < box.height) & (at[:, 1] < box.width)
+        return cls(
+            box.of(pixels.color),
+            None if coverage is None else box.of(coverage),
+            places,
+            at[inside],
+            fringe.layer[inside],
+            position(fringe.signed_radius[inside], radii),
+            slopes,
+            shifts,
+            [(box.of(layer), position(box.of(radius), radii)) for layer, radius in others],
+        )

@@ -1,0 +1,295 @@
+"""Stacked samples: layers of a scene with coverage, sorted in each pixel from near to far.
+
+Samples of one pixel are uncorrelated within it: a sample shows through the share that all nearer
+ones leave, so that the picture in focus is their `over` (Porter & Duff 1984). What shows is
+visible, the rest is hidden, but for the share that its own surface hides: samples of one pixel
+whose radii no layer of slices tells apart are one surface. compositing/known_surfaces.py says how
+both are composited once they are blurred. In the share of a pixel that no sample covers is nothing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.renderer.layers.matting import Fringe, Unmixed
+from defocus_core.renderer.layers.samples import Sheet
+from defocus_core.tensors.box import Box, Span
+from defocus_core.tensors.derived import Derived, held
+from defocus_core.tensors.source import Pixels, banded
+from defocus_core.tensors.sparse_masks import places_of
+
+# Greatest radius in px: any picture is a point beside it.
+_MOST_PX = 1e8
+# Share of a pixel up to which coverage counts as rounding.
+_LEAST = 1e-7
+# Samples of one pixel are of one surface if their radii differ by less than half of this step, in
+# px and as a share of the radius, and of two from the whole step on: no layer tells them apart.
+_NEAR, _FAR = 1.0, 0.1
+# Share of a pixel up to which an opaque sample may leave it clear.
+_CLEAR = 0.01
+# Samples that fewer than one in so many pixels have are listed.
+_FEW = 10
+
+
+class Layered(NamedTuple):
+    """Layers of a frame, in memory or in files, in any order.
+
+    Attributes:
+        colors: [L, C, H, W] linear, premultiplied by coverage; undefined where it is 0.
+        signed_radius: [L, H, W] px; undefined where coverage is 0.
+        coverage: [L, H, W] in [0, 1].
+        ends: Least and greatest signed radius in px of what is there.
+        open: Whether there are pixels that are not covered fully.
+        deepest: The greatest number of samples in one pixel.
+    """
+
+    colors: Pixels
+    signed_radius: Pixels
+    coverage: Pixels
+    ends: tuple[float, float]
+    open: bool
+    deepest: int
+
+    @classmethod
+    def of(cls, colors: Pixels, signed_radius: Pixels, coverage: Pixels) -> Layered:
+        """Look through the layers.
+
+        Raises:
+            ValueError: If coverage is not in [0, 1], or a radius is not within 1e8 px where there
+                is coverage.
+        """
+        least, most, is_open, deepest = torch.inf, -torch.inf, False, 1
+        for radius, cover in zip(banded(signed_radius), banded(coverage), strict=True):
+            if not bool(((cover >= 0) & (cover <= 1)).all()):
+                raise ValueError(
+                    "coverage must be in [0, 1], got other numbers; it is the share of each pixel "
+                    "that a layer covers"
+                )
+            covered = cover > 0
+            deepest = max(deepest, int(covered.sum(0).amax()))
+            present = radius[covered]
+            if not bool((present.abs() <= _MOST_PX).all()):
+                raise ValueError(
+                    f"signed_radius must be finite and within {_MOST_PX:g} px where coverage is "
+                    "above 0; check the units of depth and lens"
+                )
+            if len(present):
+                least, most = min(least, float(present.min())), max(most, float(present.max()))
+            is_open = is_open or bool((cover < 1).all(0).any())
+        ends = (least, most) if least <= most else (0.0, 0.0)
+        if is_open:  # what is not covered is as far as the farthest surface, or in focus
+            ends = ends[0], max(ends[1], 0.0)
+        return cls(colors, signed_radius, coverage, ends, is_open, deepest)
+
+    @property
+    def dtype(self) -> torch.dtype:
+        """Type of the numbers to compute with."""
+        of_colors = torch.promote_types(self.colors.dtype, torch.float32)
+        return torch.promote_types(of_colors, self.signed_radius.dtype)
+
+    @property
+    def is_continued(self) -> bool:
+        """Whether surfaces are continued where no layer tells how: of one picture, or all over."""
+        return self.deepest == 1 or not self.open
+
+    @property
+    def number(self) -> int:
+        """The number of layers."""
+        return self.colors.shape[0]
+
+    def picture(self, *, alpha: bool) -> Pixels:
+        """The picture in focus [C, H, W]: premultiplied colours, and alpha if asked for."""
+        return self._held(_Flattened(self, alpha=alpha))
+
+    @property
+    def blurs_alpha(self) -> bool:
+        """Whether alpha is a channel of the colours that are blurred: else it is the coverage.
+
+        Of one sample a pixel, for what is continued behind its edges may be nothing.
+        """
+        return self.deepest == 1
+
+    def nearest(self) -> Pixels:
+        """The radius [H, W] px of the nearest sample of each pixel."""
+        return self._held(_RadiiOf(self, most_blurred=False))
+
+    def most_blurred(self) -> Pixels:
+        """The radius [H, W] px of the most blurred sample of each pixel."""
+        return self._held(_RadiiOf(self, most_blurred=True))
+
+    def _held(self, picture: Derived) -> Pixels:
+        """In memory if the layers are."""
+        return held(picture, *self[:3], threads=1, hold=False)
+
+    def radii(self, box: Box) -> tuple[Tensor, Tensor]:
+        """Radii and coverage [L, h, w] in a box; the radius of nothing where it is 0."""
+        radius, coverage = (box.of(x).to(self.dtype) for x in (self.signed_radius, self.coverage))
+        return torch.where(coverage > 0, radius, self.ends[1]), coverage
+
+    def stack(self, box: Box, dtype: torch.dtype | None = None) -> Stack:
+        """The samples of the pixels in a box, nearest first; of equal radii in order of layers."""
+        dtype = dtype or self.dtype
+        radius, coverage = self.radii(box)
+        color = torch.where(coverage[:, None] > 0, box.of(self.colors).to(dtype), 0.0)
+        radius, coverage = radius.to(dtype), coverage.to(dtype)
+        color = torch.cat([color, coverage[:, None]], 1)
+        there = coverage > 0
+        distance = torch.where(there, radius.detach(), torch.inf)
+        if bool((distance[1:] < distance[:-1]).any()):
+            order = _ascending(distance)
+            radius = radius.gather(0, order)
+            color = color.gather(0, order[:, None].expand_as(color))
+        most = max(1, int(there.sum(0).amax()))
+        color, radius = color[:most], radius[:most]
+        left = torch.cumprod(1 - color[:, -1], 0)
+        through = torch.cat([torch.ones_like(left[:1]), left])
+        return Stack(color, radius, through, self.blurs_alpha)
+
+
+class Stack(NamedTuple):
+    """The samples of the pixels of a window, nearest first.
+
+    Attributes:
+        color: [L, C + 1, h, w], colours premultiplied by coverage, then coverage.
+        signed_radius: [L, h, w] px; that of nothing where no sample is.
+        through: [L + 1, h, w], the share of each pixel that all nearer samples leave; last the
+            share that none covers.
+        with_alpha: Whether the colours of samples have a last channel of 1, their alpha.
+    """
+
+    color: Tensor
+    signed_radius: Tensor
+    through: Tensor
+    with_alpha: bool
+
+    def flattened(self) -> Tensor:
+        """The picture in focus [C + 1, h, w]: premultiplied colours, then alpha."""
+        return (self.color * self.through[:-1, None]).sum(0)
+
+    def solid(self, farthest: float) -> Tensor:
+        """The radius [h, w] px of the nearest opaque sample; `farthest` where there is none."""
+        opaque = self.color[:, -1] >= 1 - _CLEAR
+        return torch.where(opaque, self.signed_radius, farthest).amin(0)
+
+    def knows_behind(self) -> Tensor | None:
+        """Where samples behind the nearest one are opaque together: [h, w] bool."""
+        if len(self.color) == 1:
+            return None
+        return torch.prod(1 - self.color[1:, -1].detach(), 0) <= _CLEAR
+
+    def visible(self) -> Sampled:
+        """What shows: the nearest sample, and what shows of those behind it."""
+        return self._weighted(self.through[:-1])
+
+    def hidden(self) -> Sampled | None:
+        """What samples of nearer surfaces in the same pixel hide; None if nothing is hidden."""
+        if len(self.color) == 1:
+            return None
+        weights = torch.stack([self._behind(k) for k in range(len(self.color))])
+        if not bool((weights * self.color[:, -1] > _LEAST).any()):
+            return None
+        return self._weighted(weights)
+
+    def _behind(self, k: int) -> Tensor:
+        """The share [h, w] of sample k that nearer surfaces hide, but not its own surface."""
+        own = torch.ones_like(self.through[0])
+        for j in range(k):
+            nearer, radius = self.signed_radius[j], self.signed_radius[k]
+            step = _NEAR + _FAR * torch.maximum(nearer.abs(), radius.abs())
+            apart = (2 * (radius - nearer) / step - 1).clamp(0, 1)
+            own = own * (1 - self.color[j, -1] * (1 - apart))
+        return (own - self.through[k]).clamp(min=0)
+
+    def _weighted(self, weights: Tensor) -> Sampled:
+        """The samples times weights [L, h, w]."""
+        coverage = self.color[:, -1] * weights
+        first = self.color[0, -1:]
+        color = self.color[0] if self.with_alpha else self.color[0, :-1]
+        color = color / torch.where(first > 0, first, 1.0)
+        nothing = torch.zeros_like(coverage[0])
+        parts, others = [_fringe(self._layer(0, weights), nothing, self.signed_radius[0])], []
+        for k in range(1, len(weights)):
+            layer = self._layer(k, weights)
+            if int((coverage[k] > _LEAST).sum()) * _FEW > coverage[k].numel():
+                others.append((layer, self.signed_radius[k]))
+            else:
+                parts.append(_fringe(layer, coverage[k], self.signed_radius[k]))
+        fringe = Fringe(*(torch.cat(part) for part in zip(*parts, strict=True)))
+        whole = bool((coverage[0] == 1).all())
+        return Sampled(Unmixed(color, None if whole else coverage[:1], fringe), others)
+
+    def _layer(self, k: int, weights: Tensor) -> Tensor:
+        """Sample k times its weight: its color, and last its coverage."""
+        layer = self.color[k] * weights[k]
+        return torch.cat([layer, layer[-1:]]) if self.with_alpha else layer
+
+
+class Sampled(NamedTuple):
+    """Samples of pixels.
+
+    Attributes:
+        own: The nearest ones, and as fringe further ones that few pixels have.
+        others: Further ones that many pixels have.
+    """
+
+    own: Unmixed
+    others: list[Sheet]
+
+
+def _fringe(layer: Tensor, coverage: Tensor, signed_radius: Tensor) -> Fringe:
+    """The samples [C, h, w] of pixels that have coverage [h, w]."""
+    at = places_of(coverage.detach() > _LEAST)
+    y, x = at.unbind(1)
+    return Fringe(at, layer[:, y, x].T, signed_radius[y, x])
+
+
+class _Flattened(Derived):
+    """The picture of layers in focus: premultiplied colours, and alpha if asked for."""
+
+    def __init__(self, layered: Layered, *, alpha: bool) -> None:
+        """Keep the layers; nothing is read yet."""
+        self._layered, self._alpha = layered, alpha
+        self.shape = (layered.colors.shape[1] + alpha, *layered.colors.shape[2:])
+        self.dtype, self.device = layered.dtype, layered.colors.device
+
+    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        """The window [rows, columns], each a pair of first and end."""
+        picture = self._layered.stack(_box(rows, columns)).flattened()
+        return picture if self._alpha else picture[:-1]
+
+
+class _RadiiOf(Derived):
+    """A radius for each pixel of layers: that of the nearest sample, or the one of most blur."""
+
+    def __init__(self, layered: Layered, *, most_blurred: bool) -> None:
+        """Keep the layers; nothing is read yet."""
+        self._layered, self._most_blurred = layered, most_blurred
+        self.shape = tuple(layered.signed_radius.shape[1:])
+        self.dtype, self.device = layered.dtype, layered.colors.device
+
+    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        """The window [rows, columns], each a pair of first and end."""
+        radii, coverage = self._layered.radii(_box(rows, columns))
+        if not self._most_blurred:
+            return radii.amin(0)
+        blurred = torch.where(coverage > 0, radii.detach(), 0.0)
+        nearest, farthest = blurred.amin(0), blurred.amax(0)
+        return torch.where(farthest > -nearest, farthest, nearest)
+
+
+def _ascending(values: Tensor) -> Tensor:
+    """The stable order of values [L, h, w] along L: a sort of few values strides, and is slow."""
+    rank = torch.zeros(values.shape, dtype=torch.long, device=values.device)
+    for k in range(1, len(values)):
+        after = values[:k] <= values[k]
+        rank[k] += after.sum(0)
+        rank[:k] += ~after
+    number = torch.arange(len(values), device=values.device)[:, None, None]
+    return torch.empty_like(rank).scatter_(0, rank, number.expand_as(rank))
+
+
+def _box(rows: tuple[int, int], columns: tuple[int, int]) -> Box:
+    return Box.over(Span(*rows), Span(*columns))

@@ -1,0 +1,127 @@
+"""Sub-pixel shifts: how parts of the aperture see surfaces near focus.
+
+A part of the aperture sees a surface shifted by r times the part's centroid. Near focus slices lose
+a part of this shift: kernels sampled by area have no shift within a pixel, and shares in two slices
+keep the second moment of a blur, not its first. The gradient of the surface's own colours adds the
+lost part (Taylor). Coverage does not change, and neither does the centre image: the centroids of
+the parts sum to zero.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.parts import LEFT, Part
+from defocus_core.renderer.layers.ladder import SHARP, SOFT
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.source import Scalar
+
+# Radius in px of slices up to which lost shifts are added; beyond, less than 0.03 px is lost.
+NEAR = 2.0
+# Px around a pixel that decide the gradient of its colours.
+AROUND = 1
+# Centroids less far than this above or below the middle of the lens are level with it.
+_LEVEL = 1e-6
+# Neighbours whose radii differ by less, in px, are of the same surface.
+_SAME = 0.513
+
+
+@lru_cache(maxsize=64)
+def _apparent(radii: tuple[float, ...], aperture: Aperture, half: Part) -> tuple[Scalar, ...]:
+    """The radii of slices in px by which their left halves are shifted."""
+    whole = aperture.centroid(half)[0]
+    return tuple(aperture.first_moments(r, half)[0] / whole if abs(r) < NEAR else r for r in radii)
+
+
+class Shifts:
+    """The changes of a surface's colours near focus, for parts of the aperture."""
+
+    def __init__(
+        self,
+        color: Tensor,
+        signed_radius: Tensor,
+        places: Tensor,
+        inner: Box,
+        radii: tuple[float, ...],
+        aperture: Aperture,
+        parts: list[Part],
+    ) -> None:
+        """Keep the surface.
+
+        Args:
+            color: [C, H, W].
+            signed_radius: [H, W] px.
+            places: [H, W] positions on the ladder of slices.
+            inner: Where in it rectangles are counted from.
+            radii: [K] px, of the slices.
+            aperture: The pupil.
+            parts: M parts of it.
+        """
+        self._color, self._radius, self._places = color, signed_radius, places
+        self._whole = Box(-inner.top, -inner.left, *signed_radius.shape)
+        learns = aperture.learns
+        apparent = _apparent.__wrapped__ if learns else _apparent
+        half = parts[0] if parts[0].is_uneven else LEFT
+        known = aperture if learns else aperture.fixed
+        self._apparent = stacked(apparent(radii, known, half), places)
+        # pixels of lesser radii have shares in slices near focus
+        self._end = min((abs(r) for r in radii if abs(r) >= NEAR), default=math.inf)
+        centroids = [aperture.centroid(part) for part in parts]
+        # x, and y where it makes a difference
+        dims = 1 if all(bool(y * y < _LEVEL**2) for _, y in centroids) else 2
+        means = stacked([mean for pair in centroids for mean in pair], places)
+        self._centroids = means.view(-1, 2)[:, :dims]
+
+    def over(self, box: Box) -> Tensor | None:
+        """The change of the colours of a surface within a rectangle: [M, C, h, w].
+
+        None if nothing in the rectangle is near focus. On a GPU this is not checked, for the check
+        would wait for the device.
+        """
+        around = box.grown(AROUND, self._whole)
+        inner, around = box.seen_from(around), around.seen_from(self._whole)
+        color, radius = around.of(self._color), around.of(self._radius)
+        places, r = inner.of(around.of(self._places)), inner.of(radius)
+        size = r.abs()
+        if size.is_cpu and not bool(((size < self._end) & (size > SHARP)).any()):
+            return None
+        lower = places.detach().floor().clamp(max=max(len(self._apparent) - 2, 0))
+        share, number = places - lower, lower.long().flatten()
+        first, second = (
+            self._apparent.index_select(0, (number + i).clamp(max=len(self._apparent) - 1))
+            for i in (0, 1)
+        )
+        apparent = torch.lerp(first, second, share.flatten()).reshape(r.shape)
+        # as positions do, it begins between SHARP and SOFT
+        begun = ((size - SHARP) / (SOFT - SHARP)).clamp(0, 1)
+        dims = (-1, -2)[: self._centroids.shape[1]]
+        slopes = torch.stack([inner.of(_slope(color, radius, dim)) for dim in dims])
+        changes = slopes * (apparent - begun * r)
+        moved: Tensor = self._centroids[:, 0, None, None, None] * changes[0]
+        for mean, change in zip(self._centroids.unbind(1)[1:], changes[1:], strict=True):
+            moved = moved.addcmul(mean[:, None, None, None], change)
+        return moved
+
+
+def stacked(values: Sequence[Scalar], like: Tensor) -> Tensor:
+    """A tensor [n] of numbers and of tensors of one number, through which gradients flow."""
+    return torch.stack([torch.as_tensor(value, dtype=torch.float64) for value in values]).to(like)
+
+
+def _slope(color: Tensor, signed_radius: Tensor, dim: int) -> Tensor:
+    """The derivative [C, H, W] within each surface: the mean of the steps on both sides of a pixel.
+
+    A step to another surface does not count.
+    """
+    n, around = signed_radius.shape[dim], (1, 1) if dim == -1 else (0, 0, 1, 1)
+    same = (signed_radius.detach().diff(dim=dim).abs() < _SAME).to(color)
+    steps, counts = (pad(x, around) for x in (color.diff(dim=dim) * same, same))
+    total, count = (x.narrow(dim, 0, n) + x.narrow(dim, 1, n) for x in (steps, counts))
+    return total / count.clamp(min=1)

@@ -1,0 +1,270 @@
+"""A random lens for each picture of a batch: data augmentation that obeys the laws of the lens.
+
+A sample's lens depends on its seed and its depth alone, not on the batch, the device or the
+process that it is computed in. Lengths are in mm, radii in px.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from operator import index
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.optics.distributions import ATTEMPTS, Distribution, drawn
+from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.renderer.defocus_lens import DefocusLens
+from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.lens_options import (
+    OPTIONS,
+    Option,
+    aperture_with,
+    check_option,
+    check_rim,
+    lens_with,
+    rim_with,
+)
+from defocus_core.renderer.render import render
+from defocus_core.tensors.order_statistics import depth_percentile
+from defocus_core.tensors.torch_modes import own_modes
+from defocus_core.tensors.validation import bad_depth, depth_maps, described, positive
+from defocus_core.tensors.views import Views, batch
+
+_FOCLEN = Distribution("loguniform", (24.0, 85.0))
+_FNUM = Distribution("loguniform", (1.4, 16.0))
+_FOC_DIST = Distribution("percentile", (5.0, 95.0))
+_BLADES = Distribution("choice", (0, 5, 6, 7, 8, 9))
+_ROTATION = Distribution("uniform", (0.0, 360.0))
+
+
+class Lenses(NamedTuple):
+    """The lenses that `RandomDefocus` drew; values are [B] on the CPU, in float64.
+
+    Attributes:
+        signed_radius: Of the circle of confusion in px, [B, 1, H, W].
+        foclen: Focal lengths in mm.
+        fnum: F-numbers.
+        foc_dist: Distances in focus in mm, inf where all is sky.
+        blades: Blades of the aperture, 0 for a round one.
+        blade_rotation: Angle of a blade's vertex in degrees.
+        sensor_width: Widths of the sensor in mm.
+        curvature: Curvatures of the blades, 0 without any.
+        obstruction: Opaque shares of the radius.
+        spherical: Spherical aberrations.
+        squeeze: Squeezes.
+        rim_size: Radii of the rim of the barrel, in radii of the pupil.
+        rim_shift: How far the rim is off the pupil in the corners, in these radii.
+        crosstalk: Shares of the light that go to the other photodiode.
+    """
+
+    signed_radius: Tensor
+    foclen: Tensor
+    fnum: Tensor
+    foc_dist: Tensor
+    blades: Tensor
+    blade_rotation: Tensor
+    sensor_width: Tensor
+    curvature: Tensor
+    obstruction: Tensor
+    spherical: Tensor
+    squeeze: Tensor
+    rim_size: Tensor
+    rim_shift: Tensor
+    crosstalk: Tensor
+
+
+class RandomDefocus(torch.nn.Module):
+    """Defocuses each picture of a batch with a lens of its own, drawn by a seed.
+
+    Its attributes are its arguments, and may be set anew, as for a curriculum. An option of the
+    lens is a number or a `Distribution`. Gradients flow to image and depth.
+    """
+
+    def __init__(
+        self,
+        *,
+        foclen: Option = _FOCLEN,
+        fnum: Option = _FNUM,
+        foc_dist: Option = _FOC_DIST,
+        blades: Option = _BLADES,
+        blade_rotation: Option = _ROTATION,
+        sensor_width: Option = 36.0,
+        curvature: Option = 0.0,
+        obstruction: Option = 0.0,
+        spherical: Option = 0.0,
+        squeeze: Option = 1.0,
+        rim_size: Option = 1.0,
+        rim_shift: Option = 0.0,
+        crosstalk: Option = 0.0,
+        max_radius: float | None = None,
+        left_right: bool = False,
+        quality: str = "standard",
+        depth_repair: str = "auto",
+        threads: int = 1,
+    ) -> None:
+        """Set the options that lenses are drawn from.
+
+        Args:
+            foclen: Focal length in mm.
+            fnum: F-number.
+            foc_dist: Distance in focus in mm, inf too; drawn in "disparity", or from a "percentile"
+                of the depth that is not sky.
+            blades: Number of blades; 0 is a round aperture. Drawn by "choice".
+            blade_rotation: Angle of a blade's vertex in degrees.
+            sensor_width: Width of the sensor in mm.
+            curvature: Curvature of the blades, as of an `Aperture`; nothing without blades.
+            obstruction: As of an `Aperture`.
+            spherical: As of an `Aperture`.
+            squeeze: As of an `Aperture`.
+            rim_size: Radius of the rim of the barrel, as `size` of a `CatEye`.
+            rim_shift: As `shift` of a `CatEye`. 1 and 0 are no rim.
+            crosstalk: As of a `DualPixel`.
+            max_radius: Greatest radius of the blur in px: a lens that exceeds it is drawn again.
+                None for no bound.
+            left_right: Whether to return the dual-pixel pair too.
+            quality: As for `render`.
+            depth_repair: As for `render`.
+            threads: As for `render`.
+
+        Raises:
+            ValueError: If a distribution or a value is out of its range.
+        """
+        super().__init__()
+        self.foclen = foclen
+        self.fnum = fnum
+        self.foc_dist = foc_dist
+        self.blades = blades
+        self.blade_rotation = blade_rotation
+        self.sensor_width = sensor_width
+        self.curvature = curvature
+        self.obstruction = obstruction
+        self.spherical = spherical
+        self.squeeze = squeeze
+        self.rim_size = rim_size
+        self.rim_shift = rim_shift
+        self.crosstalk = crosstalk
+        self.max_radius = max_radius
+        self.left_right = left_right
+        self.quality = quality
+        self.depth_repair = depth_repair
+        self.threads = threads
+        self._check()
+
+    def _check(self) -> None:
+        """Check all options, which may have been set anew."""
+        for name in OPTIONS:
+            check_option(name, getattr(self, name))
+        check_rim(self.rim_size, self.rim_shift)
+        if self.max_radius is not None:
+            self.max_radius = positive("max_radius", self.max_radius, "None is no bound")
+        Settings(
+            quality=self.quality,
+            left_right=self.left_right,
+            threads=self.threads,
+            depth_repair=self.depth_repair,
+        )
+
+    def extra_repr(self) -> str:
+        """The options by name, for the module's repr."""
+        names = (*OPTIONS, "max_radius", "left_right", "quality", "depth_repair", "threads")
+        return ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
+
+    def forward(
+        self, image: Tensor, depth: Tensor, seeds: Sequence[int] | Tensor | torch.Generator
+    ) -> tuple[Views, Lenses]:
+        """Defocus a batch.
+
+        Args:
+            image: [B, C, H, W], scene-linear.
+            depth: [B, 1, H, W] or [B, H, W], planar depth in mm, > 0, inf for the sky.
+            seeds: A whole number for each picture, or a generator to draw them from.
+
+        Returns:
+            The views of the pictures, and their lenses.
+
+        Raises:
+            ValueError: If shapes disagree, a depth is NaN or not positive, or no lens drawn for a
+                picture suits it: the focus is too near, or the blur exceeds `max_radius`.
+        """
+        self._check()
+        with own_modes(image.device):
+            return self._defocused(image, depth, seeds)
+
+    def _defocused(
+        self, image: Tensor, depth: Tensor, seeds: Sequence[int] | Tensor | torch.Generator
+    ) -> tuple[Views, Lenses]:
+        """`forward` with options that are checked."""
+        maps = depth_maps(image, depth, torch.float32, image.device)
+        if not bool((maps > 0).all()):
+            raise bad_depth("depth", maps, maps > 0, "positive")
+        drawings = [self._draw(*pair) for pair in zip(maps, _seeds(seeds, len(image)), strict=True)]
+        radii, views = [], []
+        for pixels, depth_map, (options, lens) in zip(image, maps, drawings, strict=True):
+            radii.append(lens.signed_radius(depth_map))
+            views.append(
+                render(
+                    pixels,
+                    radii[-1],
+                    aperture=aperture_with(options),
+                    dual_pixel=DualPixel(crosstalk=options["crosstalk"]),
+                    cat_eye=rim_with(options),
+                    quality=self.quality,
+                    left_right=self.left_right,
+                    threads=self.threads,
+                    infinity=lens.radius_at_infinity(),
+                    depth_repair=self.depth_repair,
+                )
+            )
+        columns = {
+            name: torch.tensor(
+                [options[name] for options, _ in drawings], dtype=torch.float64, device="cpu"
+            )
+            for name in OPTIONS
+        }
+        return batch(views), Lenses(torch.stack(radii)[:, None], **columns)
+
+    def _draw(self, depth: Tensor, seed: int) -> tuple[dict[str, Any], DefocusLens]:
+        """The first lens drawn by a seed that suits a depth map [H, W], and its options by name."""
+        choices = {name: getattr(self, name) for name in OPTIONS}
+        depth = depth.detach()
+        extremes = torch.stack([depth.min(), depth.max()]).double()[None]
+        problem = ""
+        for attempt in range(ATTEMPTS):
+            options = drawn(choices, seed, attempt)
+            options["curvature"] *= bool(options["blades"])
+            if getattr(self.foc_dist, "kind", "") == "percentile":
+                foc_dist = depth_percentile(lambda: [depth], options["foc_dist"], depth.dtype)
+                options["foc_dist"] = math.inf if foc_dist is None else foc_dist
+            if not options["foc_dist"] > options["foclen"]:
+                problem = (
+                    "depth must be farther in focus than the focal length, got "
+                    f"{options['foc_dist']:g} mm for {options['foclen']:g} mm"
+                )
+                continue
+            lens = lens_with(options, depth.shape)
+            radius = float(lens.signed_radius(extremes).abs().max())
+            if self.max_radius is None or radius <= self.max_radius:
+                return options, lens
+            problem = f"max_radius must allow some lens, got {self.max_radius:g} for {radius:g} px"
+        raise ValueError(
+            f"{problem} with the last of {ATTEMPTS} lenses drawn for seed {seed}; depth is in mm, "
+            f"and drawn are {self.extra_repr()}"
+        )
+
+
+def _seeds(seeds: Sequence[int] | Tensor | torch.Generator, count: int) -> list[int]:
+    """A whole number for each picture: the caller's, or one from a generator."""
+    if isinstance(seeds, torch.Generator):
+        seeds = torch.randint(2**63 - 1, (count,), generator=seeds, device=seeds.device)
+    wanted = f"seeds must be one whole number for each picture, a list of {count}"
+    remedy = "the indices of the samples will do"
+    try:
+        whole = [index(seed) for seed in seeds]
+    except TypeError:
+        raise ValueError(f"{wanted}, got {described(seeds)}; {remedy}") from None
+    if len(whole) != count:
+        raise ValueError(f"{wanted}, got one of {len(whole)}; {remedy}")
+    return whole

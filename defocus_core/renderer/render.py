@@ -1,0 +1,298 @@
+"""The renderer's door: pictures and signed radii in, defocused pictures out.
+
+The centre image is the same whether or not left and right are asked for, and is their mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import torch
+from torch import Tensor
+
+from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.axial_color import apart
+from defocus_core.optics.cat_eye import CatEye
+from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.renderer.engine.picture import Picture, repaired_once, shared_fill
+from defocus_core.renderer.engine.region_schedule import assembled
+from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.engine.shared_fill import FillOfColors
+from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
+from defocus_core.renderer.inpainting.known_layer import Behind
+from defocus_core.renderer.layers.stacked_samples import Layered
+from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.torch_modes import own_modes
+from defocus_core.tensors.validation import check_image, dense, described, numbers
+from defocus_core.tensors.views import Views, batch, of_channels
+
+
+def render(
+    image: Tensor,
+    signed_radius: Tensor,
+    *,
+    aperture: Aperture | None = None,
+    quality: str = "standard",
+    left_right: bool = False,
+    num_layers: int | None = None,
+    psf_ks: int | None = None,
+    hidden: HiddenLayer | None = None,
+    threads: int = 1,
+    tile: int | None = None,
+    infinity: float | None = None,
+    depth_repair: str = "auto",
+    edge_width: float | None = None,
+    dual_pixel: DualPixel | None = None,
+    cat_eye: CatEye | None = None,
+    color_offsets: Sequence[Scalar] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Views:
+    """Defocus images whose pixels have known CoC radii.
+
+    I(x) is the mean over the aperture of what each lens point sees first (Haeberli & Akeley 1990);
+    a pixel q with signed radius r is seen through lens point u at q + r u. Outside the frame
+    nothing is invented: each half of the aperture is divided by the share of it that saw the
+    frame.
+
+    Where gradients are wanted, each region and its tiles are computed again in the backward pass.
+    This takes half as long again, but only the memory of the pictures and of one region: 440 MB at
+    960×540, 780 MB at 1080p.
+
+    Args:
+        image: [B, C, H, W] or [C, H, W], linear light, premultiplied if it has alpha.
+        signed_radius: [B, 1, H, W], [B, H, W] or [H, W], px, negative nearer than focus.
+        aperture: The pupil, a round one by default.
+        quality: "draft", "standard", "high" or "reference": spacing of slices, parts of the
+            aperture. A draft is rendered at half of the size, its tiles and slices too, unless
+            `num_layers` or `psf_ks` is given; pixels in focus get their detail back.
+        left_right: Whether to return the dual-pixel pair too.
+        num_layers: Use exactly this many slices, evenly over the radii of each picture, instead
+            of the ladder of the quality.
+        hidden: The surface behind the visible one where it is known, shaped as the image and the
+            radius; elsewhere it is continued from farther surfaces.
+        psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
+        threads: Tiles computed at once; torch itself uses one thread meanwhile.
+        tile: Side of a tile in px, or in cells of two px in a draft, 16 at least; another side
+            changes results in the last digits.
+        infinity: Signed radius in px of infinitely far surfaces: where depth is anti-aliased, it
+            distinguishes averages of distance from averages of disparity. None takes all for
+            averages of disparity.
+        depth_repair: "auto" repairs depth that is noisy, anti-aliased, soft at edges or quantised;
+            "off" leaves it as it is. "soft-edges=0.3" says that edges are soft: ramps of 0.3 px of
+            radius per px and more, up to 16 px wide, become steps where the colours change, and
+            all else is found as by "auto"; from 0 on, each ramp is an edge.
+        edge_width: Width in px of the widest soft edges of depth: wider ramps are surfaces. 0 says
+            that edges are hard, and makes no ramp a step. None leaves it to the diagnosis.
+        dual_pixel: The photodiodes that left and right are of; by default each sees a half of the
+            aperture.
+        cat_eye: The barrel that clips the aperture off the middle of the frame. Lights are drawn
+            as they see it, other pixels as a mean of what the corners of their region see.
+        color_offsets: For each channel the px to add to its signed radii, as axial colour does,
+            see `color_offset`; different ones are rendered apart. Trust is that of the least.
+        progress: Called with (tiles done, tiles in all) of each picture.
+
+    Returns:
+        Views in the shape and dtype of the image, their counts summed over the batch; half
+        precision is computed in float32.
+
+    Raises:
+        ValueError: If shapes do not match, a radius or a pixel is not finite, an option is out of
+            its range, or a CoC does not fit psf_ks.
+    """
+    settings = Settings(
+        aperture=Aperture() if aperture is None else aperture,
+        quality=quality,
+        left_right=left_right,
+        num_layers=num_layers,
+        psf_ks=psf_ks,
+        threads=threads,
+        tile=tile,
+        infinity=infinity,
+        depth_repair=depth_repair,
+        edge_width=edge_width,
+        dual_pixel=DualPixel() if dual_pixel is None else dual_pixel,
+        cat_eye=cat_eye,
+    )
+    pictures, radii = _batched(image, signed_radius)
+    behind = _hidden(hidden, pictures, radii)
+    offsets = apart(color_offsets, pictures.shape[1])
+    views = []
+    for pixels, radius, known in zip(pictures, radii, behind, strict=True):
+        repair = fill = None
+        if len(offsets) > 1:  # once for all colours
+            radius, repair = repaired_once(radius, pixels, settings)
+            fill = shared_fill(pixels, radius, settings, repair, [px for _, px in offsets])
+        colors = [
+            _rendered(
+                pixels if len(offsets) == 1 else pixels[c],
+                radius if color_offsets is None else radius + px,
+                settings,
+                known and known.of_channels(c, px),
+                progress,
+                repair,
+                None if fill is None else fill.of(c, float(px)),
+            )
+            for c, px in offsets
+        ]
+        views.append(colors[0] if len(colors) == 1 else of_channels(colors, offsets))
+    return batch(views) if image.dim() == 4 else views[0]
+
+
+def _rendered(
+    pixels: Tensor,
+    radius: Tensor,
+    settings: Settings,
+    known: Behind | None,
+    progress: Callable[[int, int], None] | None,
+    repair: DepthRepair | None = None,
+    fill: FillOfColors | None = None,
+) -> Views:
+    """One picture, or one channel of it, whose radii may be repaired already."""
+    with own_modes(pixels.device):
+        picture = Picture(pixels, radius, settings, known, repair=repair, fill=fill)
+        return assembled(picture.frame, pixels, picture.parts(progress=progress))
+
+
+def render_layers(
+    colors: Tensor,
+    signed_radius: Tensor,
+    coverage: Tensor,
+    *,
+    aperture: Aperture | None = None,
+    quality: str = "standard",
+    left_right: bool = False,
+    num_layers: int | None = None,
+    psf_ks: int | None = None,
+    threads: int = 1,
+    tile: int | None = None,
+    infinity: float | None = None,
+    depth_repair: str = "auto",
+    progress: Callable[[int, int], None] | None = None,
+) -> Views:
+    """Defocus a scene whose surfaces are known behind each other, with their coverage.
+
+    In each pixel layers occlude each other by their radii, the smaller signed radius being the
+    nearer one; of equal radii the layer that comes first. Nothing is invented behind what is
+    known, but for two cases: one layer is continued behind its own edges as in `render`, within its
+    silhouette; and where every pixel is covered fully, gaps that no layer fills are, too.
+
+    Args:
+        colors: [L, C, H, W], linear light, premultiplied by coverage; any number of channels.
+        signed_radius: [L, H, W] px, negative nearer than focus; unused where coverage is 0.
+        coverage: [L, H, W] in [0, 1], the share of each pixel that the layer covers.
+        aperture: As in `render`.
+        quality: As in `render`, but a draft has the full size.
+        left_right: As in `render`.
+        num_layers: As in `render`.
+        psf_ks: As in `render`.
+        threads: As in `render`.
+        tile: As in `render`.
+        infinity: As in `render`, for one layer without gaps.
+        depth_repair: As in `render`, for one layer without gaps; other depth is taken as it is.
+        progress: As in `render`.
+
+    Returns:
+        Views of [C + 1, H, W]: premultiplied colours, then alpha, the share of the aperture that
+        saw a surface. One layer that covers all is `render` of it, and alpha is 1.
+
+    Raises:
+        ValueError: If shapes do not match, coverage is not in [0, 1], a colour or a radius is not
+            finite where there is coverage, or an option is out of its range.
+    """
+    settings = Settings(
+        aperture=Aperture() if aperture is None else aperture,
+        quality=quality,
+        left_right=left_right,
+        num_layers=num_layers,
+        psf_ks=psf_ks,
+        threads=threads,
+        tile=tile,
+        infinity=infinity,
+        depth_repair=depth_repair,
+    )
+    _check_layers(colors, signed_radius, coverage)
+    layered = Layered.of(colors, signed_radius, coverage)
+    with own_modes(colors.device):
+        if layered.deepest == 1 and not layered.open:
+            pixels, radius = layered.picture(alpha=False), layered.nearest()
+            assert isinstance(pixels, Tensor), "layers in memory make a picture in memory"
+            picture = Picture(pixels, radius, settings, None)
+            views = assembled(picture.frame, pixels, picture.parts(progress=progress))
+            views = views.to(colors.dtype)
+            alpha = torch.ones_like(views.render[:1])
+            return views._replace(images=[torch.cat([image, alpha]) for image in views.images])
+        pixels = layered.picture(alpha=True)
+        assert isinstance(pixels, Tensor), "layers in memory make a picture in memory"
+        picture = Picture(pixels, layered.nearest(), settings, None, layered=layered)
+        views = assembled(picture.frame, pixels, picture.parts(progress=progress))
+        return views.to(colors.dtype)
+
+
+def _check_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> None:
+    """Refuse layers of other shapes or types.
+
+    Raises:
+        ValueError: If a tensor is not of floats, or shapes do not match.
+    """
+    tensors = {"colors": colors, "signed_radius": signed_radius, "coverage": coverage}
+    for name, tensor in tensors.items():
+        dense(name, tensor)
+        if not (isinstance(tensor, Tensor) and tensor.is_floating_point()):
+            raise ValueError(
+                f"{name} must be a tensor of floats, got {described(tensor)}; "
+                "decode integers to linear light first"
+            )
+    shape = tuple(colors.shape)
+    each = (shape[0], *shape[2:]) if len(shape) == 4 else ()
+    if not each or 0 in shape or {tuple(signed_radius.shape), tuple(coverage.shape)} != {each}:
+        raise ValueError(
+            f"layers must be colors [L, C, H, W] with signed_radius and coverage [L, H, W], got "
+            f"{list(shape)}, {list(signed_radius.shape)} and {list(coverage.shape)}; "
+            "one layer is colors[None]"
+        )
+
+
+def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
+    """[B, C, H, W] pixels and [B, H, W] radii."""
+    check_image(image, alone=True)
+    signed_radius = numbers("signed_radius", signed_radius, torch.float32, image.device, "in px")
+    pixels = image.reshape(-1, *image.shape[-3:])
+    count, size = pixels.shape[0], pixels.shape[-2:]
+    shapes = {(count, 1, *size), (count, *size)} | ({tuple(size)} if count == 1 else set())
+    if tuple(signed_radius.shape) not in shapes:
+        raise ValueError(
+            f"signed_radius must be [B, 1, H, W] or [B, H, W] of the image "
+            f"{tuple(image.shape)}, got {tuple(signed_radius.shape)}; resample depth by nearest"
+        )
+    return pixels, signed_radius.to(image.device).reshape(count, *size)
+
+
+def _hidden(hidden: HiddenLayer | None, pictures: Tensor, radii: Tensor) -> list[Behind | None]:
+    """The known layer behind each picture."""
+    if hidden is None:
+        return [None] * len(pictures)
+    tensors = isinstance(hidden, tuple) and all(isinstance(x, Tensor) for x in hidden)
+    if not (tensors and len(hidden) == len(HiddenLayer._fields)):
+        raise ValueError(
+            f"hidden must be a HiddenLayer of three tensors, got {described(hidden)}; "
+            "leave it out where nothing is known"
+        )
+    for name, value in zip(HiddenLayer._fields, hidden, strict=True):
+        dense(f"hidden {name}", value)
+    if not (hidden[0].is_floating_point() and hidden[1].is_floating_point()):
+        kinds = ", ".join(str(x.dtype) for x in hidden[:2])
+        raise ValueError(
+            f"hidden color and signed_radius must be of floats, got {kinds}; "
+            "decode integers to linear light first"
+        )
+    shapes = [tuple(x.shape) for x in hidden]
+    sizes = [x.shape[1:] if len(pictures) == 1 else x.shape for x in (pictures, radii, radii)]
+    batched = [pictures.shape, radii.shape, radii.shape]
+    if shapes not in ([tuple(x) for x in sizes], [tuple(x) for x in batched]):
+        raise ValueError(
+            f"hidden must be color, signed_radius and mask of shapes {[*map(tuple, batched)]}, "
+            f"got {shapes}; resample them by nearest"
+        )
+    known = (x.reshape(b).to(pictures.device) for x, b in zip(hidden, batched, strict=True))
+    return [Behind(*one) for one in zip(*known, strict=True)]

@@ -1,0 +1,189 @@
+"""The report of ``defocus compare``: a line for each pair, a summary, and the same for scripts."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from defocus_core.compare.metrics import METRICS
+from defocus_core.compare.record import (
+    DIFFERENT,
+    EXTRA,
+    MISSING,
+    SAME,
+    STATUSES,
+    UNREADABLE,
+    Comparison,
+    Worst,
+)
+from defocus_core.system.text import counted
+
+_DIGITS = {"psnr": 4, "ssim": 5}
+_SHOWN = ("max", "rmse", "psnr", "ssim", "flip", "edges-psnr", "elsewhere-psnr")
+_WORDS = {DIFFERENT: "DIFFERENT", MISSING: "MISSING", EXTRA: "EXTRA", UNREADABLE: "UNREADABLE"}
+_METADATA = 3  # attributes that a line has room for
+_LOCAL = 0.25  # share of a picture
+_TITLES = {"psnr": "PSNR", "ssim": "SSIM", "rmse": "RMSE", "flip": "FLIP"}
+
+
+def line(record: Comparison) -> str:
+    """What became of a pair, in one line."""
+    word = _WORDS.get(record.status, record.status)
+    if record.status == MISSING:
+        return f"{record.name}: {word}: B has no such file"
+    if record.status == EXTRA:
+        return f"{record.name}: {word}: A has no such file"
+    if record.status == UNREADABLE:
+        return f"{record.name}: {word}: {record.error}"
+    parts = [finding.text for finding in record.findings]
+    if record.differing:
+        parts += [_place(record)] if _is_local(record) else []
+        parts += [_numbers(record.metrics)] if record.metrics else []
+        parts += [f"worst at {worst_words(record.worst)}"] if record.worst is not None else []
+    if record.failed:
+        parts.append(f"fails {', '.join(record.failed)}")
+    if record.warned:
+        parts.append(f"warned of by {', '.join(record.warned)}")
+    if record.status == DIFFERENT and record.unmeasured:
+        parts.append(f"has no {', '.join(record.unmeasured)}")
+    if record.metadata:
+        shown, more = record.metadata[:_METADATA], len(record.metadata) - _METADATA
+        and_more = f"; and {more} more" if more > 0 else ""
+        parts.append(f"metadata: {'; '.join(shown)}{and_more}")
+    if record.notes:
+        parts.append(f"noted: {'; '.join(record.notes)}")
+    if record.proposal:
+        parts.append(f"--fail '{record.proposal}' lets it pass")
+    return f"{record.name}: {': '.join([word, ', '.join(parts)] if parts else [word])}"
+
+
+def summary(records: Sequence[Comparison]) -> str:
+    """Counts of the pairs by status."""
+    counts = Counter(record.status for record in records)
+    said = ", ".join(f"{counts[status]} {status}" for status in STATUSES if counts[status])
+    return f"{counted(len(records), 'pair')}: {said}"
+
+
+def is_worth_a_line(record: Comparison, *, verbose: bool, lone: bool) -> bool:
+    """Whether a pair gets a line of its own: all do but those that are the same, among many."""
+    return verbose or lone or record.status != SAME
+
+
+def exit_code(records: Sequence[Comparison]) -> int:
+    """0 if all are the same, 3 if a file cannot be read, else 1."""
+    if any(record.status == UNREADABLE for record in records):
+        return 3
+    return 0 if all(record.passes for record in records) else 1
+
+
+def document(records: Sequence[Comparison]) -> dict[str, Any]:
+    """All pairs, for JSON."""
+    counts = Counter(record.status for record in records)
+    return {
+        "same": all(record.passes for record in records),
+        "counts": {status: counts[status] for status in STATUSES},
+        "pairs": [pair_record(record) for record in records],
+    }
+
+
+def pair_record(record: Comparison) -> dict[str, Any]:
+    """One pair, for JSON; numbers that are not finite are the texts NaN, Inf and -Inf."""
+    nonfinite = record.nonfinite
+    return {
+        "name": record.name,
+        "a": None if record.a is None else str(record.a),
+        "b": None if record.b is None else str(record.b),
+        "status": record.status,
+        "size": record.size and list(record.size),
+        "encoding": record.encoding or None,
+        "findings": [
+            {
+                "name": finding.name,
+                "text": finding.text,
+                "explained": finding.explained,
+                **_plain(finding.values),
+            }
+            for finding in record.findings
+        ],
+        "metrics": {name: number(value) for name, value in record.metrics.items()},
+        "channels": {name: number(value) for name, value in record.channels.items()},
+        "differing_pixels": record.differing,
+        "differing_window": record.window and list(record.window),
+        "worst": record.worst and _worst_record(record.worst),
+        "nonfinite": None
+        if nonfinite is None
+        else {k: dict(v) for k, v in nonfinite.counts.items()},
+        "edge_share": record.edge_share,
+        "failed": list(record.failed),
+        "warned": list(record.warned),
+        "unmeasured": list(record.unmeasured),
+        "notes": list(record.notes),
+        "metadata": list(record.metadata),
+        "proposal": record.proposal or None,
+        "error": record.error or None,
+        "images": [str(path) for path in record.images],
+        "line": line(record),
+    }
+
+
+def number(value: float) -> float | str:
+    """A number of JSON, or the name of one that JSON has not."""
+    if math.isfinite(value):
+        return value
+    return "NaN" if math.isnan(value) else "Inf" if value > 0 else "-Inf"
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: number(v) if isinstance(v, float) else v for k, v in values.items()}
+
+
+def _numbers(metrics: Mapping[str, float]) -> str:
+    """The metrics that a line has room for."""
+    words = []
+    for name in _SHOWN:
+        if name in metrics:
+            words.append(number_words(name, metrics[name]))
+    return ", ".join(words)
+
+
+def number_words(name: str, value: float) -> str:
+    """A metric in words, like ``PSNR 31.2 dB``."""
+    digits = _DIGITS.get(name.rpartition("-")[2], 3)
+    return f"{metric_title(name)} {value:.{digits}g} {METRICS[name].unit}".rstrip()
+
+
+def metric_title(name: str) -> str:
+    """The name of a metric as people write it, like ``edges-PSNR``."""
+    return "-".join(_TITLES.get(part, part) for part in name.split("-"))
+
+
+def _is_local(record: Comparison) -> bool:
+    """Whether the pixels that differ lie in a small part of the picture."""
+    if record.window is None or record.size is None:
+        return False
+    _, _, width, height = record.window
+    return width * height < _LOCAL * record.size[0] * record.size[1]
+
+
+def _place(record: Comparison) -> str:
+    assert record.window is not None
+    x, y, width, height = record.window
+    return f"{counted(record.differing, 'pixel')} within {width}x{height} at {x},{y}"
+
+
+def worst_words(worst: Worst) -> str:
+    """The worst pixel: its place, and the values of all channels, those of a file of few."""
+    names = list(worst.a)
+    old, new = (" ".join(f"{side[n]:.4g}" for n in names) for side in (worst.a, worst.b))
+    return f"{worst.x},{worst.y} ({' '.join(names)}: {old} -> {new})"
+
+
+def _worst_record(worst: Worst) -> dict[str, Any]:
+    return {
+        "x": worst.x,
+        "y": worst.y,
+        "a": {name: number(value) for name, value in worst.a.items()},
+        "b": {name: number(value) for name, value in worst.b.items()},
+    }

@@ -1,0 +1,154 @@
+"""The report of a batch: an item for each sample, what failed first, the others by name.
+
+The input and what the lens made of it are the first layers; all other outputs of the sample follow.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from defocus_core.batch.datasets import card_tables
+from defocus_core.batch.datasets.card import card_of
+from defocus_core.batch.jobs.job import FRAME_ROLE
+from defocus_core.batch.jobs.output_kinds import KINDS
+from defocus_core.batch.journal.journal import Record, read_all, require_journal
+from defocus_core.batch.journal.ledger import Ledger
+from defocus_core.batch.lenses.lens import lens_record_words
+from defocus_core.reports.html.budget import values_room
+from defocus_core.reports.html.depth_over_time import depth_of_frame
+from defocus_core.reports.html.item import Column, Item, Layer, Report, Table
+from defocus_core.reports.html.layers import WHOLE, window_of, with_values
+from defocus_core.reports.html.page import write_report
+from defocus_core.reports.html.render_command import render_command
+from defocus_core.reports.html.sample_layers import drawn_files, is_view, wiggle_of
+from defocus_core.system.spreading import spread
+
+_COLUMNS = (
+    Column("coc", "largest CoC", "px"),
+    Column("seconds", "rendering", "s"),
+)
+_DIGITS = re.compile(r"(\d+)")
+_PACKED = 1.0  # halves that a character holds at most
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A sample that is to be drawn: title and file of each layer, and whether values are wanted."""
+
+    files: Sequence[tuple[str, Path]]
+    values: bool
+
+
+def write(out: Path, path: Path, asked: Collection[str] | None, processes: int) -> int:
+    """Write the report of the batch in a directory; the number of its items.
+
+    Args:
+        out: the directory.
+        path: of the HTML file.
+        asked: names of the samples, None for all.
+        processes: how many may draw.
+
+    Raises:
+        InputError: there is no journal, it is broken, or the report cannot be written.
+    """
+    require_journal(out)
+    live = Ledger(out, read_all(out)).live
+    records = [one for one in live if asked is None or one["sample_id"] in asked]
+    records.sort(key=_place)
+    drawings = spread(draw_sample, list(_samples(records, out)), processes, "the report")
+    items = [_item(record, layers, out) for record, layers in zip(records, drawings, strict=True)]
+    counts = Counter(item.status for item in items)
+    words = [f"Directory: {out}", ", ".join(f"{n} {status}" for status, n in counts.items())]
+    card = card_tables.tables_of(card_of(records))
+    tables = [Table(each.title, each.heading, each.rows) for each in card]
+    write_report(path, Report(f"Batch in {out}", words, items, _COLUMNS, tables))
+    return len(items)
+
+
+def _place(record: Record) -> tuple[bool, list[tuple[int, str]]]:
+    """Sorts records: those without pictures first, then by name, frame 2 before frame 10."""
+    parts = _DIGITS.split(record["sample_id"])
+    natural = [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
+    return record["status"] == "ok", natural
+
+
+def _samples(records: Sequence[Record], out: Path) -> Iterator[Sample]:
+    """What is to be drawn; values are wanted of the first, while there may be room for them."""
+    room = float(values_room(len(records)))
+    for record in records:
+        if record["status"] != "ok":
+            yield Sample((), values=False)
+            continue
+        files = [("input", out / record["inputs"]["color"]["path"])]
+        files += [
+            (kind, out / record["outputs"][kind]["path"])
+            for kind in KINDS
+            if kind in record["outputs"]
+        ]
+        wanted = room > 0
+        planes = sum(1 if kind in KINDS and not KINDS[kind].image else 3 for kind, _ in files)
+        room -= wanted * min(math.prod(record["size"]), WHOLE) * planes / _PACKED
+        yield Sample(files, wanted)
+
+
+def draw_sample(sample: Sample) -> list[Layer]:
+    """The layers of a sample; files that cannot be read any more are left out."""
+    drawn = list(drawn_files(sample.files, values=sample.values))
+    if not sample.values or not drawn:
+        return [each.layer for each in drawn]
+    size = drawn[0].layer.size
+    kept = [each for each in drawn if not is_view(each) and each.layer.size == size]
+    valued = {layer.key: layer for layer in with_values(kept, window_of(size, None))}
+    return [valued.get(each.layer.key, each.layer) for each in drawn]
+
+
+def _item(record: Record, layers: Sequence[Layer], out: Path) -> Item:
+    is_done = record["status"] == "ok"
+    warnings = list(record.get("warnings") or ())
+    status = ("warning" if warnings else "done") if is_done else record["status"]
+    command = render_command(record, out) if is_done else ""
+    return Item(
+        name=record["sample_id"],
+        status=status,
+        passes=is_done,
+        words="; ".join(warnings) or record["message"],
+        facts=list(_facts(record)),
+        metrics=_metrics(record) if is_done else {},
+        facets={"lens": lens_record_words(record["lens"])}
+        if is_done
+        else {"reason": str(record["reason"])},
+        commands=[("Render again", command)] if command else [],
+        layers=layers,
+        wiggle=wiggle_of(layers),
+        depth=depth_of_frame(record) if is_done else None,
+    )
+
+
+def _metrics(record: Record) -> dict[str, float]:
+    near, far = record["coc_px"]
+    return {"coc": max(abs(near), abs(far)), "seconds": record["seconds"]["render"]}
+
+
+def _facts(record: Record) -> Iterator[tuple[str, str]]:
+    """Terms, and what is to be said of each."""
+    for warning in record.get("warnings") or ():
+        yield "Warning", warning
+    if record["message"]:
+        yield "Error", record["message"]
+    if record["status"] == "ok":
+        (width, height), (near, far) = record["size"], record["coc_px"]
+        yield "Size", f"{width}x{height}"
+        yield "CoC", f"{near:.2f} to {far:.2f} px"
+        yield "Colour read as", record["color_note"]
+        yield "Depth read as", record["depth_note"]
+        yield "Quality", f"{record['quality']}, {record['device']}"
+    entries: dict[str, Any] = {**record["inputs"], **record["outputs"]}
+    for name, stamp in entries.items():
+        if not name.startswith(FRAME_ROLE):  # other frames of a shot
+            yield name, stamp["path"]

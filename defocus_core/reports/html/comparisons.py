@@ -1,0 +1,218 @@
+"""The report of comparisons: an item for each pair, those that fail first and the worst of them.
+
+The values of the worst are kept, as many as there may be room for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from glob import escape
+from pathlib import Path
+
+from defocus_core.compare.metrics import METRICS
+from defocus_core.compare.record import DIFFERENT, STATUSES, WARNING, Comparison, Settings
+from defocus_core.compare.thresholds import OVER, Rules
+from defocus_core.reports.comparison_words import line, metric_title, number_words, worst_words
+from defocus_core.reports.html.budget import values_room
+from defocus_core.reports.html.item import Column, Item, Report
+from defocus_core.reports.html.layers import WHOLE
+from defocus_core.reports.html.page import write_report
+from defocus_core.reports.html.pair_drawing import Drawing, Subject, draw_pair
+from defocus_core.reports.html.shell import command_line
+from defocus_core.system.spreading import spread
+from defocus_core.system.text import counted
+
+Commands = Callable[[Comparison], Sequence[tuple[str, str]]]
+_COLUMNS = ("psnr", "ssim", "max", "flip")
+_PACKED = 1.0  # halves that a character holds at most, where B is like A
+_HALF_LAYERS = 6  # halves of a pixel: three channels of A and of B
+
+
+@dataclass(frozen=True)
+class Occasion:
+    """What a comparison was made for.
+
+    Attributes:
+        title: heading of the report.
+        words: what was compared, a line each.
+        commands: the command lines of a pair, each with a title.
+        b: what B is, where its files do not last; empty where they do.
+    """
+
+    title: str
+    words: Sequence[str]
+    commands: Commands
+    b: str = ""
+
+
+def write(
+    path: Path,
+    occasion: Occasion,
+    records: Sequence[Comparison],
+    settings: Settings,
+    processes: int,
+) -> None:
+    """Write the report of comparisons, those that fail first and the worst of them.
+
+    Args:
+        path: of the HTML file.
+        occasion: what they were made for.
+        records: of the pairs.
+        settings: how they were compared.
+        processes: how many may draw.
+
+    Raises:
+        InputError: it cannot be written, or a process died.
+    """
+    ranked = sorted(records, key=rank)
+    subjects = list(_subjects(ranked, settings.coc))
+    drawings = spread(draw_pair, subjects, processes, "the report")
+    items = [
+        _item(record, drawing, occasion) for record, drawing in zip(ranked, drawings, strict=True)
+    ]
+    write_report(path, Report(occasion.title, occasion.words, items, columns_of(items)))
+
+
+def rank(record: Comparison) -> tuple[int, int, float]:
+    """Sorts pairs: failures first, of these NaN and Inf, then by error for their brightness."""
+    order = {status: -place for place, status in enumerate(STATUSES)} | {DIFFERENT: -len(STATUSES)}
+    apart = record.nonfinite is not None and record.nonfinite.apart is not None
+    error = record.metrics.get("rel-rmse", record.metrics.get("max", 0.0))
+    return order[record.status], -int(apart), -error if math.isfinite(error) else -math.inf
+
+
+def _subjects(ranked: Sequence[Comparison], coc: Path | None) -> Iterable[Subject]:
+    """The pairs; values are wanted of those that do not pass, while there may be room for them."""
+    room = float(values_room(len(ranked)))
+    for record in ranked:
+        pixels = min(math.prod(record.size or (0, 0)), WHOLE)
+        wanted = room > 0 and (not record.passes or record.status == WARNING)
+        room -= wanted * pixels * _HALF_LAYERS / _PACKED
+        yield Subject(record, wanted, coc)
+
+
+def _item(record: Comparison, drawing: Drawing, occasion: Occasion) -> Item:
+    found = ", ".join(finding.text for finding in record.findings)
+    return Item(
+        name=record.name,
+        status=record.status,
+        passes=record.passes,
+        words=found or _brief(record),
+        facts=list(_facts(record, occasion.b)),
+        metrics=record.metrics,
+        facets={"lens": drawing.lens} if drawing.lens else {},
+        commands=occasion.commands(record),
+        layers=drawing.layers,
+        wiggle=drawing.wiggle,
+        full=drawing.full,
+        place=None if record.worst is None else (record.worst.x, record.worst.y),
+    )
+
+
+def _brief(record: Comparison) -> str:
+    """What is to be said where no cause is named: the line, less name and status."""
+    return line(record).removeprefix(f"{record.name}: ").partition(": ")[2]
+
+
+def _facts(record: Comparison, b: str) -> Iterable[tuple[str, str]]:
+    """Terms, and what is to be said of each; empty ones are left out."""
+    window = ""
+    if record.window is not None:
+        x, y, width, height = record.window
+        window = f"{counted(record.differing, 'pixel')} within {width}x{height} at {x},{y}"
+    metrics = ", ".join(number_words(name, value) for name, value in record.metrics.items())
+    rows = [
+        ("What happened", "; ".join(finding.text for finding in record.findings)),
+        ("Cannot be read", record.error),
+        ("Worst pixel", "" if record.worst is None else worst_words(record.worst)),
+        ("Where", window),
+        ("Fails", ", ".join(record.failed)),
+        ("Warned of by", ", ".join(record.warned)),
+        ("Has no", ", ".join(record.unmeasured) if not record.passes else ""),
+        ("Would pass with", f"--fail '{record.proposal}'" if record.proposal else ""),
+        ("Metrics", metrics),
+        ("Metadata", "; ".join(record.metadata)),
+        ("Noted", "; ".join(record.notes)),
+        ("A", str(record.a or "no such file")),
+        ("B", b or str(record.b or "no such file")),
+    ]
+    return ((term, text) for term, text in rows if text)
+
+
+def columns_of(items: Sequence[Item]) -> list[Column]:
+    """The columns of metrics that some item has."""
+    there = {name for item in items for name in item.metrics}
+    return [
+        Column(name, metric_title(name), METRICS[name].unit, METRICS[name].better == "high")
+        for name in _COLUMNS
+        if name in there
+    ]
+
+
+def compare_commands(rules: Callable[[str], Rules], settings: Settings) -> Commands:
+    """The command lines of a pair of two files: compare again, and accept B.
+
+    Args:
+        rules: of a pair, by its name.
+        settings: how it was compared.
+    """
+
+    def commands(record: Comparison) -> list[tuple[str, str]]:
+        lines = []
+        if record.a and record.b:
+            options = [*rule_words(rules(record.name)), *_setting_words(settings)]
+            words = ["defocus", "compare", record.a, record.b, *options]
+            lines.append(("Compare again", command_line(words)))
+            if not record.passes:
+                lines.append(("Accept B", command_line(["cp", "--", record.b, record.a])))
+        return lines
+
+    return commands
+
+
+def golden_commands(
+    jobs: Path, folder: Path, rules: Callable[[str], Rules], default: Rules
+) -> Commands:
+    """The command lines of a golden: check it again, and accept what is rendered.
+
+    Args:
+        jobs: the jobs file.
+        folder: of the goldens.
+        rules: of a golden, by its name.
+        default: the rules that need not be said.
+    """
+
+    def commands(record: Comparison) -> list[tuple[str, str]]:
+        words: list[object] = [jobs, folder, "--only", escape(record.name)]
+        own = rules(record.name)
+        words += [] if own == default else rule_words(own)
+        lines = [("Check again", command_line(["defocus", "golden", "check", *words]))]
+        if not record.passes:
+            accept = command_line(["defocus", "golden", "update", *words, "--accept"])
+            lines.append(("Accept as the golden", accept))
+        return lines
+
+    return commands
+
+
+def rule_words(rules: Rules) -> list[object]:
+    """The options that say rules."""
+    words: list[object] = [w for rule in rules.fail for w in ("--fail", rule.text)]
+    words += [w for rule in rules.warn for w in ("--warn", rule.text)]
+    return words + (["--over", rules.over] if rules.over != OVER else [])
+
+
+def setting_lines(settings: Settings) -> list[str]:
+    """What of the pictures was compared, a line each; empty for all."""
+    chosen = {"region": settings.region, "where this is not 0": settings.mask}
+    return [f"Compared: {words} {value}" for words, value in chosen.items() if value is not None]
+
+
+def _setting_words(settings: Settings) -> list[object]:
+    words: list[object] = []
+    for option in ("region", "mask", "coc"):
+        value = getattr(settings, option)
+        words += [] if value is None else [f"--{option}", value]
+    return words + [f"--{flag}" for flag in ("flip", "metadata") if getattr(settings, flag)]

@@ -1,0 +1,124 @@
+"""Thumbnails: small 8-bit pictures of light, maps and differences, encoded in memory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.look.preview import FAR, IN_FOCUS, NEAR, largest
+from defocus_core.io.images.color_space import linear_to_srgb, quantised, srgb_to_linear
+from defocus_core.io.images.encode import encoded_samples
+from defocus_core.reports.html.item import LIGHT, SHARE, SIGNED
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+SIDE = 320  # px of the longer side
+_QUALITY = 75  # of a JPEG
+# Colours of a difference from 0 to full, in sRGB: of even steps in lightness.
+HEATS = (
+    *((0.00, 0.00, 0.02), (0.26, 0.04, 0.41), (0.58, 0.15, 0.40), (0.87, 0.32, 0.23)),
+    *((0.99, 0.65, 0.04), (0.99, 1.00, 0.64)),
+)
+NONFINITE = (1.0, 0.0, 1.0)  # magenta
+SIGNED_COLORS = (NEAR, IN_FOCUS, FAR)
+
+
+def of_light(planes: Sequence[NDArray[Any]], gamma: float | None, side: int = SIDE) -> bytes:
+    """A JPEG of one or three channels [H, W], as a screen shows them; NaN and Inf are magenta."""
+    import numpy as np
+
+    small = [reduced(_light(plane, gamma)[:, :, None], side) for plane in planes]
+    values = np.concatenate(small * (3 // len(small)), axis=2)
+    bad = ~np.isfinite(values).all(axis=2)
+    shown = linear_to_srgb(values)
+    shown[bad] = NONFINITE
+    return _jpeg(quantised(shown, 8))
+
+
+def _light(plane: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
+    """Linear light of a channel."""
+    import numpy as np
+
+    with np.errstate(over="ignore"):
+        values = np.asarray(plane, np.float32)
+    if gamma == 1.0:
+        return values
+    decoded = srgb_to_linear(values) if gamma is None else np.maximum(values, 0) ** gamma
+    return decoded.astype(np.float32)
+
+
+def of_map(plane: NDArray[Any], ends: tuple[float, float], side: int = SIDE) -> bytes:
+    """A PNG of a map [H, W], grey from its least to its greatest value."""
+    import numpy as np
+
+    low, high = ends
+    with np.errstate(all="ignore"):  # NaN, infinity, numbers beyond single precision
+        share = (np.asarray(plane, np.float64) - low) / ((high - low) or 1.0)
+        values = reduced(share.astype(np.float32)[:, :, None], side)
+    return _encoded(quantised(values, 8), "png")
+
+
+def of_difference(greatest: NDArray[Any], full: float, side: int = SIDE) -> bytes:
+    """A JPEG of the greatest differences [H, W] in colours of heat: of each block the worst pixel.
+
+    Differences that are NaN or infinite are magenta.
+    """
+    import numpy as np
+
+    with np.errstate(all="ignore"):
+        share = (np.asarray(greatest, np.float64) / full).astype(np.float32)
+    worst = reduced(share[:, :, None], side, worst=True)[:, :, 0]
+    amount = np.clip(np.nan_to_num(worst, nan=0.0, posinf=0.0), 0.0, 1.0)
+    places = np.linspace(0, 1, len(HEATS))
+    columns = [np.interp(amount, places, [color[k] for color in HEATS]) for k in range(3)]
+    shown = np.stack(columns, axis=2).astype(np.float32)
+    shown[~np.isfinite(worst)] = NONFINITE
+    return _jpeg(quantised(shown, 8))
+
+
+def ends_of(plane: NDArray[Any], kind: str) -> tuple[float, float]:
+    """The values of black and white in the thumbnail of a map."""
+    import numpy as np
+
+    if kind in (LIGHT, SHARE):
+        return 0.0, 1.0
+    if kind == SIGNED:
+        most = largest(np.asarray(plane, np.float32)) or 1.0
+        return -most, most
+    finite = plane[np.isfinite(plane)]
+    if not finite.size:
+        return 0.0, 1.0
+    low, high = float(finite.min()), float(finite.max())
+    return (low, high) if high > low else (low, low + 1.0)
+
+
+def reduced(values: NDArray[Any], side: int, *, worst: bool = False) -> NDArray[np.float32]:
+    """The mean of blocks of [H, W, C], or the greatest, so that no side is longer than ``side``."""
+    import numpy as np
+
+    factor = -(-max(values.shape[:2]) // side)
+    if factor > 1:
+        gather: Any = np.maximum if worst else np.add
+        for axis in (0, 1):
+            starts = np.arange(0, values.shape[axis], factor)
+            counts = np.diff([*starts, values.shape[axis]]).astype(np.float32)
+            with np.errstate(all="ignore"):
+                values = gather.reduceat(values, starts, axis=axis)
+                if not worst:
+                    values = values / counts.reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
+    return values.astype(np.float32, copy=False)
+
+
+def _jpeg(samples: NDArray[np.uint8]) -> bytes:
+    return _encoded(samples, "jpeg", {"Compression": f"jpeg:{_QUALITY}"})
+
+
+def _encoded(samples: NDArray[Any], codec: str, settings: dict[str, Any] | None = None) -> bytes:
+    size = (samples.shape[0], samples.shape[1])
+    path = Path(f"thumbnail.{codec}")
+    with encoded_samples(path, size, [samples], codec, settings or {}) as memory:
+        return memory.read_bytes()

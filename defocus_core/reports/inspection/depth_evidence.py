@@ -1,0 +1,191 @@
+"""Evidence of a depth file's format: numbers, names and files beside it, for people to judge.
+
+Nothing is read by it: it only names the formats that a file could be of, and faults that show.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.errors import UserError
+from defocus_core.io.array_files.containers import container_type
+from defocus_core.io.arrays import IN_MEMORY, bands
+from defocus_core.io.depth_formats.file_types import read_numbers
+from defocus_core.io.depth_formats.photo_depth import is_heic, is_jpeg
+from defocus_core.io.depth_formats.reading import DepthReading
+from defocus_core.io.depth_formats.samples import Samples
+from defocus_core.io.depth_formats.table import ROWS
+from defocus_core.io.exr.header import is_exr
+from defocus_core.io.images.png_text import png_text
+from defocus_core.io.safe_files import read_head
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from defocus_core.io.images.describe import FileInfo
+
+_TOP = 65535
+_SEVERAL = 0.001  # share of pixels
+_XMP_BYTES = 1 << 17  # of a JPEG, which begins with it
+# Names of channels and arrays that only one format has.
+_TELLING_NAMES = {
+    "unreal-mrq": ("FinalImage*WorldDepth*", "ImageDepth*"),
+    "coc": ("coc",),
+    "hypersim": ("dataset",),
+    "nyu-mat": ("rawDepths",),
+    "spring": ("disparity",),
+    "vision-blender": ("depth_map",),
+}
+_BESIDE = {
+    "middlebury": ("PFM", "calib.txt"),
+    "hci-lightfield": ("PFM", "parameters.cfg"),
+    "diode": ("NPY", "{stem}_mask.npy"),
+    "moge": ("EXR", "fov.json"),
+}
+# Neighbours of one pixel are the two sides of an edge if their numbers differ by this factor, and
+# by this share of the greatest. A pixel lies between them if it is this share away from both.
+_EDGE, _STEP, _BETWEEN = 1.25, 0.02, 0.15
+# Pixels at edges that are enough to judge by; share of them between near and far. A hard edge has
+# two pixels and none between, an averaged one three and one, twice enlarged ones four and two.
+_EDGES, _MIXED = 50, 0.25
+
+
+def may_be_depth(info: FileInfo) -> bool:
+    """Whether a file is an EXR, arrays, one channel, or a photograph that holds depth."""
+    head = read_head(info.path, 32)
+    arrays = len(info.parts[0].channels) == 1 or container_type(head) != ""
+    return is_exr(head) or arrays or _has_gdepth(info.path)
+
+
+def _has_gdepth(path: Path) -> bool:
+    head = read_head(path, _XMP_BYTES)
+    return is_jpeg(head) and b"GDepth:" in head
+
+
+def evidence_of(path: Path, reading: DepthReading, info: FileInfo) -> tuple[str, ...]:
+    """Sentences on the formats that a depth file could be of, and on faults that show.
+
+    Args:
+        path: the file.
+        reading: the options of the user; with a format, only faults are listed.
+        info: its header.
+    """
+    sentences = [] if reading.depth_format is not None else [*_names_evidence(path, info)]
+    if _has_gdepth(path):
+        return tuple(sentences)
+    try:
+        scaled = reading if reading.says_scale else replace(reading, depth_scale=1.0)
+        samples = read_numbers(path, scaled, IN_MEMORY, None)
+    except UserError:  # another line of the report says why
+        return tuple(sentences)
+    if reading.depth_format is None:
+        sentences += _numbers_evidence(path, samples, reading)
+    sentences += _faults(samples)
+    return tuple(sentences)
+
+
+def _names_evidence(path: Path, info: FileInfo) -> Iterator[str]:
+    """Evidence of the names of channels, and of files beside the depth file."""
+    names = [name.split(" ")[0] for part in info.parts for name, _ in part.channels]
+    for name, patterns in _TELLING_NAMES.items():
+        hits = [n for n in names if any(fnmatchcase(n, pattern) for pattern in patterns)]
+        if hits:
+            yield f"{hits[-1]}: {_say(name)}"
+    if _has_gdepth(path):
+        yield f"GDepth in its XMP: {_say('android-gdepth')}"
+    if is_heic(read_head(path)):
+        yield f"a depth image beside the picture: {_say('apple-heic')}"
+    kind = path.suffix[1:].upper()
+    for name, (file_type, place) in _BESIDE.items():
+        if kind == file_type and path.with_name(place.format(stem=path.stem)).is_file():
+            yield f"{place.format(stem=path.stem)} beside it: {_say(name)}"
+
+
+def _numbers_evidence(path: Path, samples: Samples, reading: DepthReading) -> Iterator[str]:
+    """Evidence of the numbers of a file without a named format."""
+    texts = png_text(path)
+    if {"near", "far"} <= texts.keys():
+        yield f"text chunks near and far: {_say('moge-png')}"
+        return
+    if samples.type == "16-bit PNG":
+        top, zero = (_share(samples, number) for number in (_TOP, 0))
+        if top >= _SEVERAL:
+            names = [r.name for r in _rows_of("16-bit PNG") if 65000 <= r.sky <= _TOP]
+            yield f"{_TOP} in {_percent(top)} of the 16-bit pixels: {_say(*names)}"
+        if zero >= _SEVERAL:
+            names = [r.name for r in _rows_of("16-bit PNG") if 0 in r.invalid and r.rule == "scale"]
+            shown = ", ".join(names[:5])
+            yield (
+                f"0 in {_percent(zero)} of the 16-bit pixels: holes of {shown} and others, or far "
+                "away by a network; say --depth-format, and --invalid far or fill for holes"
+            )
+    if samples.type == "8-bit PNG" and not reading.says_scale:
+        yield (
+            "8 bits: relative depth of a network; say --depth-range NEAR FAR, and --depth-kind "
+            "disparity if bright is near, or depth if bright is far"
+        )
+    has_sidecar = any(path.with_name(place).is_file() for _, place in _BESIDE.values())
+    if samples.type == "PFM" and not has_sidecar and samples.values.min() < 0:
+        yield f"negative numbers: disparity about a plane, {_say('hci-lightfield')}"
+
+
+def _faults(samples: Samples) -> Iterator[str]:
+    """Faults of depth that make the blur worse."""
+    if samples.type == "8-bit PNG":
+        yield "warning: 8 bits hold 256 levels, which show as steps of blur"
+    edges, mixed = _edges(samples.values)
+    if edges >= _EDGES and mixed >= _MIXED * edges:
+        yield (
+            f"warning: {_percent(mixed / edges)} of the pixels at depth edges lie between near "
+            "and far: the depth looks bilinearly resampled or anti-aliased; resample it by "
+            "nearest, or leave it to --depth-repair auto"
+        )
+
+
+def _edges(values: Any) -> tuple[int, int]:
+    """How many pixels lie at a depth edge along a row, and how many of these lie between."""
+    import numpy as np
+
+    edges = mixed = 0
+    if values.ndim != 2 or values.shape[1] < 3:
+        return 0, 0
+    tops = [values[rows][np.isfinite(values[rows])].max(initial=0) for rows in bands(values.shape)]
+    step = _STEP * float(max(tops))
+    for rows in bands(values.shape):
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            band: NDArray[np.float64] = values[rows].astype(np.float64)
+            left, middle, right = band[:, :-2], band[:, 1:-1], band[:, 2:]
+            near, far = np.minimum(left, right), np.maximum(left, right)
+            is_edge = (near > 0) & (far < math.inf) & (far > np.maximum(_EDGE * near, near + step))
+            share = (middle - near) / (far - near)
+            between = is_edge & (share > _BETWEEN) & (share < 1 - _BETWEEN)
+        edges += int(is_edge.sum())
+        mixed += int(between.sum())
+    return edges, mixed
+
+
+def _share(samples: Samples, number: int) -> float:
+    values = samples.values
+    count = sum(int((values[rows] == number).sum()) for rows in bands(values.shape))
+    return count / float(values.shape[0] * values.shape[1])
+
+
+def _rows_of(file_type: str) -> list[Any]:
+    return [row for row in ROWS if file_type in row.files and not row.bits]
+
+
+def _say(*names: str) -> str:
+    """Formats that fit, and the option that names one."""
+    listed = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
+    return f"{listed}; say --depth-format {names[0] if len(names) == 1 else 'NAME'}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"

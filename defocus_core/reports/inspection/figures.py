@@ -1,0 +1,159 @@
+"""Figures of the colour and the depth of a file, as ``defocus info`` tells them."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.jobs.job import Reading
+from defocus_core.batch.lenses.lens import Lens, lens_record
+from defocus_core.errors import InputError
+from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.exr.windows import Overscan
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from defocus_core.depth.diagnosis import DepthRepair
+    from defocus_core.io.depth_formats.depth import Depth
+    from defocus_core.io.images.color_planes import Color
+
+
+def read_picture(path: Path, reading: Reading, keeping: Keeping, overscan: Overscan) -> Color:
+    """The colour of a file.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    from defocus_core.io.images.color import read_color
+
+    return read_color(
+        path,
+        layer=reading.color_layer,
+        part=reading.part,
+        view=reading.view,
+        keeping=keeping,
+        overscan=overscan,
+    )
+
+
+def color_figures(color: Color) -> dict[str, Any]:
+    """Its channels, the pixels that are not finite, and those that alpha leaves out, in part too.
+
+    Pixels beyond the picture shown count.
+    """
+    import numpy as np
+
+    from defocus_core.io.images.color import LARGEST_FLOAT, count_beyond
+
+    nonfinite, _ = count_beyond(color, LARGEST_FLOAT)
+    record = {"channels": list(color.channels), "nonfinite_pixels": nonfinite}
+    if color.alpha is not None:
+        strips = [np.asarray(color.alpha[rows]) for rows in bands(color.shape)]
+        record["nothing_pixels"] = sum(int(np.count_nonzero(strip == 0)) for strip in strips)
+        within = ((strip > 0) & (strip < 1) for strip in strips)
+        record["partial_pixels"] = sum(int(np.count_nonzero(strip)) for strip in within)
+    return record
+
+
+def depth_figures(
+    path: Path, reading: Reading, keeping: Keeping, lens: Lens | None, color: Color | None
+) -> tuple[str, dict[str, Any]]:
+    """How the depth would be read, and its figures; ranges are None without valid pixels.
+
+    Args:
+        path: the file.
+        reading: how it is read.
+        keeping: where its pixels are to be kept.
+        lens: what to say the blur of; None for none.
+        color: the colour of the same file; None if it has none.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    import numpy as np
+
+    from defocus_core.batch.depth import focusing
+    from defocus_core.batch.depth.repair_words import repair_record, repair_words
+
+    depth = _read(path, reading, keeping, lens, color)
+    height, width = depth.metres.shape
+    sky = valid = nothing = 0
+    ends: list[float] = []  # of valid depth, sky included
+    finite_ends: list[float] = []
+    for rows in bands((height, width)):
+        usable = depth.valid(rows)
+        if depth.nothing is not None:
+            usable = usable & ~depth.nothing[rows]
+            nothing += int(np.count_nonzero(depth.nothing[rows]))
+        metres = depth.metres[rows][usable]
+        finite = metres[np.isfinite(metres)]
+        sky, valid = sky + metres.size - finite.size, valid + metres.size
+        ends += ends_of(metres)
+        finite_ends += ends_of(finite)
+    invalid = height * width - valid - nothing
+    coc_px, repair = None, None
+    warnings: tuple[str, ...] = ()
+    if lens is not None and ends:
+        lens = focusing.focused(lens, depth)
+        # The radius grows with depth all the way: the extreme depths have the extreme radii.
+        extremes = np.array([min(ends), max(ends)], np.float32)
+        coc_px = [float(r) for r in focusing.signed_radius(lens, extremes, depth.size)]
+        if not invalid:
+            repair, warnings = _repair(depth, lens, reading, keeping)
+    return depth.note, {
+        "range_m": [min(finite_ends), max(finite_ends)] if finite_ends else None,
+        "sky_pixels": sky,
+        "invalid_pixels": invalid,
+        "nothing_pixels": nothing,
+        "lens": lens_record(lens) if lens else None,
+        "coc_px": coc_px,
+        "repair": repair_words(repair),
+        "depth_repair": repair_record(repair),
+        "warnings": list(warnings),
+    }
+
+
+def _read(
+    path: Path, reading: Reading, keeping: Keeping, lens: Lens | None, color: Color | None
+) -> Depth:
+    """The depth of a file, with nothing where the alpha of its colour is 0."""
+    from defocus_core.batch.elements.alpha import element_depth
+    from defocus_core.io.depth_formats.depth import read_depth
+
+    lens_focal = None if lens is None else lens.foclen / lens.sensor_width
+    if color is None:
+        return read_depth(path, reading, keeping=keeping, lens_focal=lens_focal)
+    depth = read_depth(
+        path,
+        reading,
+        keeping=keeping,
+        lens_focal=lens_focal,
+        overscan=color.overscan,
+        alpha=color.alpha,
+    )
+    same = depth.metres.shape == color.shape[:2]
+    return element_depth(depth, color, keeping) if same else depth
+
+
+def _repair(
+    depth: Depth, lens: Lens, reading: Reading, keeping: Keeping
+) -> tuple[DepthRepair | None, tuple[str, ...]]:
+    """How the depth would be repaired, and warnings of a depth that hardly suits the lens."""
+    from defocus_core.batch.depth import focusing
+    from defocus_core.batch.depth.implausible import implausible_radii
+    from defocus_core.batch.depth.repair_words import repair_found
+
+    with suppress(InputError):  # too near to be rendered, as the radius shows
+        radius, ends = focusing.radius_map(lens, depth, keeping)
+        declared = reading.says_scale
+        warnings = implausible_radii(depth, radius, ends, lens, declared=declared)
+        return repair_found(lens, radius, depth.size, reading), warnings
+    return None, ()
+
+
+def ends_of(values: NDArray[Any]) -> list[float]:
+    """Least and greatest; nothing of none."""
+    return [float(values.min()), float(values.max())] if values.size else []

@@ -1,0 +1,271 @@
+"""The contents of a file and how it would be read, as ``defocus info`` finds them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.jobs.job import Picture, Reading
+from defocus_core.batch.jobs.output_kinds import KINDS
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.errors import InputError, UserError
+from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.exr.windows import NO_OVERSCAN
+from defocus_core.io.images.exr_channels import NO_DEPTH
+from defocus_core.reports.inspection.figures import (
+    color_figures,
+    depth_figures,
+    ends_of,
+    read_picture,
+)
+from defocus_core.system.interrupts import put_off
+from defocus_core.system.memory import MB
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from defocus_core.io.images.describe import FileInfo, PartInfo
+
+# A file with more numbers, 256 MB as floats, is read into scratch files.
+_NUMBERS_IN_MEMORY = 2**26
+# Most MB of samples of an interlaced PNG or a JPEG, of which a decoder may hold two copies.
+_MOST_AT_ONCE = 512
+_BYTES = {"uint8": 1, "uint16": 2, "half": 2}
+
+
+def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> dict[str, Any]:
+    """Read a file as ``defocus render`` would, and say what is in it.
+
+    Args:
+        path: the file.
+        reading: what to take from it.
+        lens: what to say the blur of; None for none.
+        lone: no other file may have the part that is asked for.
+
+    Returns:
+        What ``defocus info --json`` prints of the file.
+
+    Raises:
+        InputError: the file cannot be read, or does not have what ``reading`` names.
+        UsageProblem: the options make no sense for this file.
+    """
+    with put_off():
+        import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
+
+    from defocus_core.batch.elements.overscan import overscan_of
+    from defocus_core.io.array_files.containers import container_type
+    from defocus_core.io.images.describe import describe
+    from defocus_core.io.images.exr_channels import require_part
+    from defocus_core.io.safe_files import read_head
+    from defocus_core.reports.inspection.depth_evidence import evidence_of, may_be_depth
+
+    info = describe(path)
+    has_frames = container_type(read_head(path, 32)) != ""  # whose number --part is
+    if reading.part is not None and not has_frames and (lone or len(info.parts) > 1):
+        require_part(path, reading.part, len(info.parts))
+    samples = max(sum(_BYTES.get(kind, 4) for _, kind in part.channels) for part in info.parts)
+    decoded = info.at_once * info.width * info.height * samples / MB
+    too_large = f"takes {decoded:.0f} MB to decode; save it as EXR, or not interlaced"
+    is_too_large = decoded > _MOST_AT_ONCE
+    color_note = too_large if is_too_large else _why_no_color(info, reading)
+    depth_note = too_large if is_too_large else _why_no_depth(info, reading)
+    channels = sum(len(part.channels) for part in info.parts)
+    keeping = Keeping(scratch=info.width * info.height * channels > _NUMBERS_IN_MEMORY)
+    picture = color = depth = None
+    overscan = NO_OVERSCAN
+    if not color_note and not depth_note and info.parts[0].display_window:
+        both = (reading.part, reading.part)
+        overscan = overscan_of(Picture("", path, path), reading, both)
+    if not color_note:
+        picture = read_picture(path, reading, keeping, overscan)
+        color_note, color = picture.note, color_figures(picture)
+    if not depth_note:
+        try:
+            depth_note, depth = depth_figures(path, reading, keeping, lens, picture)
+        except InputError as error:
+            if color is None and not has_frames:
+                raise
+            depth_note = _clause(error)  # a picture without depth, or arrays to choose from
+    maps = _maps(info, keeping)
+    depth_like = may_be_depth(info) or (depth is not None and reading.says_scale)
+    return {
+        "file": str(path),
+        "size": [info.width, info.height],
+        "parts": [_part_record(part) | _samples_of(path, part) for part in info.parts],
+        "color": color,
+        "color_note": color_note,
+        "depth": depth,
+        "depth_note": depth_note,
+        "evidence": list(evidence_of(path, reading, info)) if depth_like and not maps else [],
+        "maps": maps,
+    }
+
+
+def _samples_of(path: Path, part: PartInfo) -> dict[str, Any]:
+    """The samples of a deep part of an EXR in figures; nothing of others."""
+    from defocus_core.io.exr.deep_samples import summary
+    from defocus_core.io.exr.header import read_headers
+
+    if not part.deep or part.data_window is None:
+        return {}
+    found = summary(path, read_headers(path)[part.index])
+    return {
+        "samples": {
+            "most_of_a_pixel": found.most,
+            "total": found.total,
+            "pixels": found.pixels,
+            "range_z": None if found.ends is None else list(found.ends),
+        }
+    }
+
+
+def _part_record(part: PartInfo) -> dict[str, Any]:
+    """A part of a file in plain values; windows are those of an EXR."""
+    record = {
+        "index": part.index,
+        "name": part.name,
+        "deep": part.deep,
+        "channels": dict(part.channels),
+        "views": list(part.views),
+    }
+    if part.data_window is not None and part.display_window is not None:
+        record["data_window"] = list(part.data_window)
+        record["display_window"] = list(part.display_window)
+        record["pixel_aspect"] = part.pixel_aspect
+    return record
+
+
+def inspect_pairs(
+    records: Sequence[Mapping[str, Any]], reading: Reading, lens: Lens | None
+) -> list[dict[str, Any]]:
+    """What is wrong between colour and depth, where the files inspected are those of one picture.
+
+    Args:
+        records: of all files, as `inspect` made them.
+        reading: how they are read.
+        lens: the lens, None if none was said.
+
+    Returns:
+        What ``defocus info --json`` prints of the picture: of two files of one size, of which one
+        holds colour and the other depth, the first colour if both hold both; or of an EXR with
+        depth beside its colour.
+    """
+    from pathlib import Path
+
+    from defocus_core.reports.inspection.pair_evidence import evidence_of_pair
+
+    orders = [records, records[::-1]] if len(records) == 2 else [[*records, *records]]
+    resized = reading.resize_depth is not None
+    pairs = [pair for pair in orders if len(pair) == 2 and _is_picture(*pair, resized=resized)]
+    if not pairs:
+        return []
+    color, depth = (record["file"] for record in pairs[0])
+    width, height = pairs[0][0]["size"]
+    keeping = Keeping(scratch=4 * width * height > _NUMBERS_IN_MEMORY)
+    lens_focal = None if lens is None else lens.foclen / lens.sensor_width
+    try:
+        evidence = evidence_of_pair(
+            Path(color), Path(depth), reading, keeping=keeping, lens_focal=lens_focal
+        )
+    except UserError:  # the two cannot be read as one picture, as with --part of one of them
+        return []
+    return [{"color": color, "depth": depth, "evidence": list(evidence)}]
+
+
+def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any], *, resized: bool) -> bool:
+    """Whether two records, or one twice, are of colour and depth that could be one picture."""
+    if color is depth and not color["file"].lower().endswith(".exr"):
+        return False
+    has_both = color["color"] is not None and depth["depth"] is not None
+    fits = resized or color["size"] == depth["size"]
+    return has_both and fits and "R" in color["color"]["channels"]
+
+
+def _why_no_color(info: FileInfo, reading: Reading) -> str:
+    """Why a file has no colour to blur; empty if it has."""
+    from defocus_core.io.images.exr_channels import choose_color
+
+    layer = reading.color_layer
+    why, channels = _chosen(info, reading, partial(choose_color, layer=layer), named=layer)
+    if why or channels is None:
+        return why
+    names = {name for name, _ in channels}
+    return "" if {"R", "G", "B"} <= names or "Y" in names else "has no colour channels"
+
+
+def _why_no_depth(info: FileInfo, reading: Reading) -> str:
+    """Why a file has no depth; empty if it has."""
+    from defocus_core.io.array_files.containers import container_type
+    from defocus_core.io.images.exr_channels import choose_depth
+    from defocus_core.io.safe_files import read_head
+
+    row = reading.row
+    if row.rule == "radius":
+        return "holds signed radii in px, which 'defocus render' takes as they are"
+    if reading.depth_format is not None and (row.channels or row.plane is not None):
+        return ""  # the format knows its own channels
+    channel = reading.depth_channel
+    why, channels = _chosen(info, reading, partial(choose_depth, channel=channel), named=channel)
+    if why or channels is None:
+        return why
+    if reading.says_scale or container_type(read_head(info.path, 32)):
+        return ""  # who decodes it says it better
+    if len(channels) != 1:
+        return f"has {len(channels)} channels, and depth is one"
+    return "has 8 bits, too few for depth" if channels[0][1] == "uint8" else ""
+
+
+def _chosen(
+    info: FileInfo, reading: Reading, choose: Callable[..., object], *, named: str | None
+) -> tuple[str, tuple[tuple[str, str], ...] | None]:
+    """Why nothing of a file can be chosen, empty if something can; and the channels of its page.
+
+    An EXR has no pages: its channels are chosen by ``choose``.
+
+    Raises:
+        InputError: an EXR does not have the channels that the user has ``named``.
+    """
+    from defocus_core.io.exr.header import is_exr, read_headers
+    from defocus_core.io.exr.views import in_view
+    from defocus_core.io.images.raster import choose_page
+    from defocus_core.io.safe_files import read_head
+
+    try:
+        if not is_exr(read_head(info.path)):
+            return "", choose_page(info.path, info.parts, reading.part).channels
+        headers = in_view(info.path, read_headers(info.path), reading.view)
+        choose(info.path, headers, part=reading.part)
+    except InputError as error:
+        if named is not None and is_exr(read_head(info.path)):
+            raise
+        return _clause(error), None
+    return "", None
+
+
+def _maps(info: FileInfo, keeping: Keeping) -> list[dict[str, Any]]:
+    """The maps that ``defocus render`` wrote, and the range of their finite values."""
+    import numpy as np
+
+    from defocus_core.io.exr.reading import read_parts
+
+    is_map = any(name in NO_DEPTH for part in info.parts for name, _ in part.channels)
+    if not is_map or info.path.suffix.lower() != ".exr":  # an array may be called disparity, too
+        return []
+    maps = []
+    for part in read_parts(info.path, keeping=keeping, wanted=lambda _, name: name in NO_DEPTH):
+        for kind, plane in part.channels.items():
+            values = (plane[rows] for rows in bands(plane.shape))
+            ends = [end for band in values for end in ends_of(band[np.isfinite(band)])]
+            maps.append({"kind": kind, range_key(kind): [min(ends), max(ends)] if ends else None})
+    return maps
+
+
+def range_key(kind: str) -> str:
+    """The key of the range of a map in a record, which names its unit."""
+    unit = KINDS[kind].unit
+    return f"range_{unit}" if unit else "range"
+
+
+def _clause(error: InputError) -> str:
+    return f"{error.problem}; {error.remedy}" if error.remedy else error.problem

@@ -1,0 +1,42 @@
+"""Settings of a process that renders: torch threads, the allocator, garbage collection.
+
+Each thread works on tiles, and torch uses one thread inside it: more would only wait for each
+other. The interpreter switches threads more often than usual, since the steps of a tile are short
+and a thread that waits 5 ms misses many. The memory of one tile is kept for the next.
+"""
+
+from __future__ import annotations
+
+import atexit
+import gc
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from defocus_core.system import memory
+
+_SWITCH_SECONDS = 5e-4
+
+
+def set_to_render() -> None:
+    """Set this process up for rendering; harmless when called again."""
+    import torch
+
+    torch.set_num_threads(1)
+    sys.setswitchinterval(_SWITCH_SECONDS)
+    memory.keep_freed(True)
+
+
+@contextmanager
+def imports() -> Iterator[None]:
+    """Exclude the modules imported in the block from later garbage collections."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if not gc.get_freeze_count():  # a second time, there may be garbage to keep
+            gc.freeze()
+            atexit.register(gc.unfreeze)  # libraries expect to be cleared away at the end
+        if collecting:
+            gc.enable()

@@ -1,0 +1,270 @@
+"""Clipped lights: blobs that a picture of 8 bits holds as white, with the light they lost.
+
+White of 8 bits is the end of the scale, not a measure: a lamp a hundred times as bright as a wall
+is stored as hardly more, and its blur would be a grey disc. Blobs near the end of the scale are
+made brighter by a gain, all channels alike, so that their hue stays. What tells a lamp from a
+surface just beyond white: a lamp is small; its light is beyond white in all channels, so that it
+has no colour left, or it is very small; and its surroundings are darker.
+
+A blob depends on the level from which on pixels count. Each level of brightness adds its own share
+of the gain, by the blobs of that level, so that the light is continuous in the threshold.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from defocus_core.tensors.blobs import Runs
+from defocus_core.tensors.derived import Derived
+from defocus_core.tensors.source import Pixels, Scalar, banded, bands
+from defocus_core.tensors.sparse_masks import places_of
+from defocus_core.tensors.validation import number, whole
+
+# Sides of blobs, the roots of their areas: up to which a blob is a light, and from which on a
+# surface, as shares of the side of a square of the area of the frame. Of blobs of a colour, and of
+# white ones; and the same in px that count in small frames.
+_COLORED, _WHITE, _LEAST_PX = (0.004, 0.012), (0.025, 0.075), (3.0, 8.0)
+# The least channel, as a share of white, up to which a blob has a colour, and from which on none.
+_HUE = (0.6, 0.9)
+# Brightness of the surroundings, as a share of the blob's, up to which a blob is a light, and from
+# which on a part of a surface; of blobs of a colour, and of white ones. The surroundings reach this
+# share of the width to each side, so many px at least.
+_COLORED_BESIDE, _WHITE_BESIDE = (0.3, 0.6), (0.6, 0.9)
+_AROUND, _LEAST_AROUND = 0.012, 4
+# Levels of brightness at which blobs are found, the closer the brighter.
+_LEVELS = (0.0, 0.3, 0.5, 0.65, 0.75, 0.82, 0.88, 0.91, 0.94, 0.97, 1.0)
+# Cells across the surroundings to a side.
+_CELLS = 6
+# Light above 1 by more than rounding was measured, and is left as it is.
+_MEASURED = 1.001
+# A blob is a light if it gets more than this share of the gain.
+_COUNTED = 0.05
+# What "auto" stands for: threshold, in linear light, and gain.
+AUTO_LIGHTS = (0.93, 16.0)
+
+
+def with_lights(
+    image: Pixels, threshold: Scalar, gain: Scalar, *, colors: int | None = None
+) -> Pixels:
+    """A picture whose clipped lights have the light they may have had.
+
+    Args:
+        image: [C, H, W], linear light of 0 to 1; brighter pictures are returned as they are.
+        threshold: The brightness, of the brightest channel, at which the gain begins, below 1.
+        gain: The factor at the end of the scale, 1 or more.
+        colors: How many channels are colours, the first ones; None for all.
+
+    Returns:
+        [C, H, W], a tensor if the image is one. Gradients flow to a tensor, threshold and gain.
+
+    Raises:
+        ValueError: If an argument is not one of the above.
+    """
+    return ClippedLights(image, threshold, gain, colors=colors).added
+
+
+class ClippedLights:
+    """The clipped lights of a picture.
+
+    Attributes:
+        added: [C, H, W], the picture with their light.
+        count: The number of blobs that got light.
+        measured: Whether there is light above 1: then the picture stays.
+    """
+
+    def __init__(
+        self, image: Pixels, threshold: Scalar, gain: Scalar, *, colors: int | None = None
+    ) -> None:
+        """Find the blobs; arguments are those of `with_lights`.
+
+        Raises:
+            ValueError: If an argument is out of its range.
+        """
+        if not 0 <= (least := number("threshold", threshold, "in linear light")) < 1:
+            raise ValueError(
+                f"threshold must be 0 or more and below 1, got {threshold}; 0.93 suits most"
+            )
+        if number("gain", gain, "it is a factor") < 1:
+            raise ValueError(f"gain must be 1 or more, got {gain}; 1 changes nothing")
+        count = image.shape[0] if colors is None else whole("colors", colors, "channels of colour")
+        self.measured = any(float(band[:count].amax()) > _MEASURED for band in banded(image))
+        self.added, self.count = image, 0
+        if self.measured:
+            return
+        levels, self.count = _found(image, least, count)
+        lit = _Lit(image, threshold, gain, count, levels)
+        self.added = lit.at_once(1) if isinstance(image, Tensor) else lit
+
+
+class _Level(NamedTuple):
+    """The blobs of pixels brighter than a level.
+
+    Attributes:
+        low: The level.
+        high: The next level.
+        runs: The runs of these pixels.
+        share: [n] the share of the gain that each run gets.
+    """
+
+    low: float
+    high: float
+    runs: Runs
+    share: Tensor
+
+
+def _found(image: Pixels, threshold: float, colors: int) -> tuple[list[_Level], int]:
+    """The blobs of each level from the threshold on, and the number of lights."""
+    size = image.shape[-2], image.shape[-1]
+    pairs = [pair for pair in pairwise(_LEVELS) if pair[1] > threshold]
+    around = max(_LEAST_AROUND, round(_AROUND * size[1]))
+    found: list[list[tuple[Runs, Tensor, Tensor]]] = [[] for _ in pairs]
+    for first, end in bands(*size):
+        top = max(first - around, 0)
+        light = image[..., top : min(end + around, size[0]), :].detach()[:colors]
+        bright, least = light.amax(0), light[:, first - top : end - top].amin(0)
+        for level, (low, _) in zip(found, pairs, strict=True):
+            level.append(_band(bright, least, (first, end), top, low, around))
+    levels = []
+    for level, (low, high) in zip(found, pairs, strict=True):
+        runs, leasts, besides = zip(*level, strict=True)
+        joined = Runs.joined([*runs])
+        beside = torch.cat(besides) / max(low, _LEVELS[1])
+        levels.append(_Level(low, high, joined, _shares(joined, torch.cat(leasts), beside, size)))
+    return levels, _count(levels, threshold, size[1])
+
+
+def _band(
+    bright: Tensor, least: Tensor, rows: tuple[int, int], top: int, level: float, around: int
+) -> tuple[Runs, Tensor, Tensor]:
+    """The runs of a band that are brighter than a level, their least channel and surroundings.
+
+    Args:
+        bright: [h, W] the brightest channel of the band, and of rows around it.
+        least: [h, W] the least channel of the band.
+        rows: First row of the band, and its end.
+        top: Row of the first row of `bright`.
+        level: The level.
+        around: Px to each side that are the surroundings.
+
+    Returns:
+        The runs; of each the sum of its least channel, and its surroundings times its area.
+    """
+    runs = Runs.of(bright[rows[0] - top : rows[1] - top] > level, rows[0])
+    if not len(runs.row):
+        return runs, bright.new_zeros(0).double(), bright.new_zeros(0).double()
+    sums = pad(least.flatten().cumsum(0, dtype=torch.float64), (1, 0))
+    start = (runs.row - rows[0]) * bright.shape[1]
+    total = sums[start + runs.end] - sums[start + runs.first]
+    cell = max(1, around // _CELLS)
+    beside = _beside(bright, level, cell, around // cell)
+    row = (runs.row - top) // cell
+    ends = (beside[row, column // cell] for column in (runs.first, runs.end - 1))
+    return runs, total, sum(ends) / 2 * runs.area
+
+
+def _beside(bright: Tensor, level: float, cell: int, around: int) -> Tensor:
+    """Mean brightness of what is not above a level around each cell; the level without any."""
+    dark = (bright <= level).to(bright)
+    down, across = (-n % cell for n in bright.shape)
+    cells = pad(torch.stack([dark, dark * bright]), (0, across, 0, down))
+    rows, columns = (n // cell for n in cells.shape[1:])
+    cells = cells.view(2, rows, cell, columns, cell).sum(4).sum(2)
+    both = cells.double() / cell**2
+    for dim in (-2, -1):
+        length = both.shape[dim]
+        sums = torch.cat([torch.zeros_like(both.narrow(dim, 0, 1)), both.cumsum(dim)], dim)
+        at = torch.arange(length, device=bright.device)
+        after = sums.index_select(dim, (at + around + 1).clamp(max=length))
+        both = after - sums.index_select(dim, (at - around).clamp(min=0))
+    share, light = both
+    return torch.where(share > 0.5, light / share.clamp(min=0.5), level)
+
+
+def _shares(runs: Runs, least: Tensor, beside: Tensor, size: tuple[int, int]) -> Tensor:
+    """The share of the gain that each run gets, by its blob.
+
+    Args:
+        runs: The runs.
+        least: [n] sum of the least channel of each run.
+        beside: [n] brightness of its surroundings, as a share of its own, times its area.
+        size: (height, width) of the frame.
+    """
+    blob = runs.blobs(size[1])
+    values = torch.stack([runs.area.double(), least, beside])
+    totals = values.new_zeros(3, int(blob.max()) + 1 if len(blob) else 0)
+    area, least, beside = totals.index_add(1, blob, values)
+    white = _step(least / area, *_HUE)
+    across = math.sqrt(size[0] * size[1])
+    colored, bleached = (
+        [max(share * across, px) for share, px in zip(shares, _LEAST_PX, strict=True)]
+        for shares in (_COLORED, _WHITE)
+    )
+    small = 1 - _step(area.sqrt(), *_between(colored, bleached, white))
+    apart = 1 - _step(beside / area, *_between(_COLORED_BESIDE, _WHITE_BESIDE, white))
+    return (small * apart)[blob]
+
+
+def _between(colored: Sequence[float], white: Sequence[float], share: Tensor) -> list[Tensor]:
+    """Bounds of blobs from those of a colour, at a share of 0, to those of white ones, at 1."""
+    return [a + (b - a) * share for a, b in zip(colored, white, strict=True)]
+
+
+def _count(levels: list[_Level], threshold: float, width: int) -> int:
+    """The number of blobs, of the least level above the threshold, that hold a light."""
+    above = [level for level in levels if level.low >= threshold] or levels[-1:]
+    base = above[0].runs
+    lights = [level.runs for level in above]
+    places = [
+        (runs.row[level.share > _COUNTED], runs.first[level.share > _COUNTED])
+        for level, runs in zip(above, lights, strict=True)
+    ]
+    at = [torch.cat(part) for part in zip(*places, strict=True)]
+    blobs: Tensor = torch.unique(base.blobs(width)[base.holding(at[0], at[1], width)])
+    return len(blobs)
+
+
+def _step(values: Tensor, low: Tensor | float, high: Tensor | float) -> Tensor:
+    """A smooth step from 0 at `low` to 1 at `high`."""
+    x = ((values - low) / (high - low)).clamp(0, 1)
+    return x * x * (3 - 2 * x)
+
+
+class _Lit(Derived):
+    """The picture with the light of its blobs, window by window."""
+
+    def __init__(
+        self, image: Pixels, threshold: Scalar, gain: Scalar, colors: int, levels: list[_Level]
+    ) -> None:
+        """Keep the source; nothing is read yet."""
+        self._image, self._threshold, self._gain = image, threshold, gain
+        self._colors, self._levels = colors, levels
+        self.shape, self.dtype, self.device = tuple(image.shape), image.dtype, image.device
+
+    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        """The window [rows, columns], each a pair of first and end."""
+        window = self._image[..., slice(*rows), slice(*columns)]
+        light, rest = window.tensor_split([self._colors])
+        bright = light.amax(0)
+        at = places_of(bright.detach() > self._levels[0].low)
+        if not len(at):
+            return window
+        row, column = at.unbind(1)
+        shining = bright[row, column]
+        share = torch.zeros_like(shining)
+        for low, high, runs, shares in self._levels:
+            above = (shining.detach() > low).nonzero()[:, 0]
+            run = runs.holding(row[above] + rows[0], column[above] + columns[0], self.shape[-1])
+            lower, upper = (
+                _step(shining[above].clamp(max=bound), self._threshold, 1) for bound in (low, high)
+            )
+            upper = upper if high < 1 else _step(shining[above], self._threshold, 1)
+            share = share.index_add(0, above, (upper - lower) * shares[run].to(share))
+        factor = torch.ones_like(bright).index_put((row, column), 1 + (self._gain - 1) * share)
+        return torch.cat([light * factor, rest]).to(self.dtype)

@@ -1,0 +1,136 @@
+"""Pictures derived from others, window by window or all at once."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from types import EllipsisType
+
+import torch
+from torch import Tensor
+
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.source import Pixels, bands
+from defocus_core.tensors.threads import threaded
+
+# A derived picture of at most this many pixels is kept in memory, even if its source is not.
+_HELD = 1 << 22
+
+# Side in px of a window whose changes are counted; of how many windows one is, in a large picture;
+# and how many windows the sample moves on from one column of windows to the next.
+_SIDE, _SAMPLED, _SHIFT = 256, 16, 5
+
+# Least height of a band, as a multiple of the margin.
+_BAND_OF_MARGIN = 6
+
+Cut = slice | EllipsisType
+
+
+class Derived(ABC):
+    """A `Source` [..., H, W] whose windows are made when they are cut.
+
+    Attributes:
+        shape: Shape of the whole picture.
+        dtype: Type of its numbers.
+        device: Device of its windows.
+        margin: Distance in px within which pixels of the sources decide a pixel.
+    """
+
+    shape: tuple[int, ...]
+    dtype: torch.dtype
+    device: torch.device
+    margin: int = 0
+
+    @abstractmethod
+    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        """The window [rows, columns], each a pair of first and end."""
+
+    def __getitem__(self, window: Cut | tuple[Cut, ...]) -> Tensor:
+        """The window of slices of rows, or of rows and columns; with steps, read band by band."""
+        whole = window if isinstance(window, tuple) else (window,)
+        cuts = [cut for cut in whole if isinstance(cut, slice)]
+        cuts += [slice(None)] * (2 - len(cuts))
+        size = self.shape[-2:]
+        (top, below, step), (left, beside, stride) = map(slice.indices, cuts, size)
+        if step == stride == 1:
+            return self.made((top, below), (left, beside))
+        rows = bands(*size)[0][1] // step * step or step
+        read = (
+            self.made((y, min(y + rows, below)), (left, beside)) for y in range(top, below, rows)
+        )
+        return torch.cat([pixels[..., ::step, ::stride] for pixels in read], -2)
+
+    def at_once(self, threads: int) -> Tensor:
+        """The whole picture, computed in bands much higher than what they need around them."""
+        height, width = self.shape[-2:]
+        rows = bands(height, width, _BAND_OF_MARGIN * self.margin)
+        return torch.cat(
+            list(threaded(lambda band: self[..., band[0] : band[1], :], rows, threads)), -2
+        )
+
+
+def held(picture: Derived, *of: Pixels, threads: int, hold: bool) -> Pixels:
+    """The picture as a tensor in memory, or the picture itself, computed at each read.
+
+    A picture is held in memory if there is room, if its sources are in memory, or if it is small.
+
+    Args:
+        picture: A derived picture.
+        of: The sources of the picture.
+        threads: Number of bands computed at once.
+        hold: Whether there is room for the picture.
+    """
+    in_memory = all(isinstance(each, Tensor) for each in of)
+    if hold or in_memory or picture.shape[-2] * picture.shape[-1] <= _HELD:
+        return picture.at_once(threads)
+    return picture
+
+
+def share_changed(before: Pixels, after: Pixels) -> float:
+    """The share of the pixels [H, W] that differ.
+
+    Of a large picture in a sample of windows, so that one that is computed at each read costs
+    little, and has the same share as one in memory.
+    """
+    if after is before:
+        return 0.0
+    (H, W), differ, count = before.shape, 0, 0
+    every = 1 if H * W <= _HELD else _SAMPLED
+    for row in range(0, H, _SIDE):
+        for column in range(0, W, _SIDE):
+            if (row // _SIDE + column // _SIDE * _SHIFT) % every == 0:
+                window = slice(row, row + _SIDE), slice(column, column + _SIDE)
+                differ += int((before[window] != after[window]).sum())
+                count += before[window].numel()
+    return differ / count
+
+
+class Repaired(Derived):
+    """Radii [H, W] px, each repaired by a few pixels around it."""
+
+    def __init__(
+        self,
+        signed_radius: Pixels,
+        repair: Callable[..., Tensor],
+        around: int,
+        *others: Pixels,
+    ) -> None:
+        """Keep the sources; nothing is read yet.
+
+        Args:
+            signed_radius: [H, W] px.
+            repair: The repaired radii of a window, from windows of all sources.
+            around: Distance in px within which pixels decide a repair.
+            others: Further pictures [..., H, W] of the frame that the repair needs.
+        """
+        self._given, self._repair, self.margin = (signed_radius, *others), repair, around
+        self.shape = tuple(signed_radius.shape)
+        self.dtype = signed_radius.dtype
+        self.device = signed_radius.device
+
+    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        """The window [rows, columns], each a pair of first and end."""
+        (top, below), (left, beside) = rows, columns
+        box = Box(top, left, below - top, beside - left)
+        around = box.grown(self.margin, Box(0, 0, *self.shape[-2:]))
+        return box.seen_from(around).of(self._repair(*map(around.of, self._given)))

@@ -1,0 +1,101 @@
+"""The fixed grid of tiles, and regions of tiles.
+
+The grid depends on nothing but the frame and the side of a tile, so that a pixel is computed in
+the same way whatever else was asked for. A slice is worth computing for a tile if it has a pixel
+within its own radius of the tile.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+from defocus_core.tensors.box import Box
+
+TILE = 192
+# Width in px of the blocks in which the presence of slices is recorded.
+BLOCK = 16
+# Least px on a side of a region, unless the frame is smaller: what tiles share is computed once.
+_REGION = 960
+# Greatest margin of a region, in which light from outside is read, as a share of its width.
+_MARGIN = 0.15
+
+
+class Grid(NamedTuple):
+    """Tiles in rows.
+
+    Attributes:
+        tiles: The tiles; the first and the last of a row or column may be smaller.
+        side: Px of the others.
+        columns: Tiles in a row.
+    """
+
+    tiles: list[Box]
+    side: int
+    columns: int
+
+    @property
+    def box(self) -> Box:
+        """All tiles together."""
+        first, last = self.tiles[0], self.tiles[-1]
+        height, width = last.top + last.height - first.top, last.left + last.width - first.left
+        return Box(first.top, first.left, height, width)
+
+    def within(self, box: Box) -> Grid | None:
+        """The tiles, cut to a rectangle; None if no tile is in it."""
+        cut = [tile.grown(0, box) for tile in self.tiles]
+        left = [tile for tile in cut if min(tile[2:]) > 0]
+        return (
+            self._replace(tiles=left, columns=sum(tile.top == left[0].top for tile in left))
+            if left
+            else None
+        )
+
+    def seen_from(self, other: Box) -> Grid:
+        """The same tiles counted from the corner of another rectangle."""
+        return self._replace(tiles=[tile.seen_from(other) for tile in self.tiles])
+
+
+def grid_over(height: int, width: int, side: int = TILE) -> Grid:
+    """The grid of tiles over a frame."""
+    tiles = [
+        Box(y, x, min(side, height - y), min(side, width - x))
+        for y in range(0, height, side)
+        for x in range(0, width, side)
+    ]
+    return Grid(tiles, side, -(-width // side))
+
+
+def regions(grid: Grid, margin: int) -> list[list[Grid]]:
+    """Rows of regions of the tiles of a frame, about equally large.
+
+    Args:
+        grid: Of the frame.
+        margin: Distance in px around a region from which its tiles take light.
+    """
+    rows, columns = len(grid.tiles) // grid.columns, grid.columns
+    least = max(_REGION, round(margin / _MARGIN))
+    down, across = (_shared_out(n, -(-n * grid.side // least)) for n in (rows, columns))
+    return [
+        [
+            Grid(
+                [grid.tiles[y * columns + x] for y in range(*vertical) for x in range(*horizontal)],
+                grid.side,
+                horizontal[1] - horizontal[0],
+            )
+            for horizontal in across
+        ]
+        for vertical in down
+    ]
+
+
+def largest(rows: list[list[Grid]]) -> tuple[int, int]:
+    """The greatest height and the greatest width in px of regions."""
+    boxes = [grid.box for row in rows for grid in row]
+    return max(box.height for box in boxes), max(box.width for box in boxes)
+
+
+def _shared_out(count: int, parts: int) -> list[tuple[int, int]]:
+    """Consecutive ranges [first, end) of nearly equal length that make range(count)."""
+    cuts = [round(count * i / parts) for i in range(parts + 1)]
+    return [(a, b) for a, b in pairwise(cuts) if a < b]

@@ -1,0 +1,127 @@
+"""Views of a picture through the lens: through the whole and its halves, with their trust.
+
+One class holds the views of a tile, a region, a picture or a batch of pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.tensors.box import Box, Span
+
+
+class Views(NamedTuple):
+    """The views of a picture, of a part of a picture, or of a batch of pictures.
+
+    Attributes:
+        images: The centre, or the centre, left and right, [..., C, h, w] each.
+        trust: [..., 1, h, w], the share of the aperture that saw pixels of the scene, visible or
+            known to be hidden: 1 where nothing was invented and nothing lies beyond the frame.
+        stats: Counts of work done and work skipped.
+        box: The place of the views in the frame.
+    """
+
+    images: Sequence[Tensor]
+    trust: Tensor
+    stats: dict[str, int]
+    box: Box
+
+    @property
+    def render(self) -> Tensor:
+        """The defocused image, through the whole aperture."""
+        return self.images[0]
+
+    @property
+    def left(self) -> Tensor | None:
+        """The image through the lens half u.x < 0; None without a pair."""
+        return self.images[1] if len(self.images) > 1 else None
+
+    @property
+    def right(self) -> Tensor | None:
+        """The image through the lens half u.x >= 0; None without a pair."""
+        return self.images[2] if len(self.images) > 1 else None
+
+    def to(self, dtype: torch.dtype) -> Views:
+        """The views in another precision."""
+        return self._replace(
+            images=[image.to(dtype) for image in self.images], trust=self.trust.to(dtype)
+        )
+
+    def within(self, box: Box) -> Views:
+        """The part of the views that lies in a box of the frame, without counts."""
+        window = box.seen_from(self.box)
+        return Views([window.of(image) for image in self.images], window.of(self.trust), {}, box)
+
+
+def joined(rows: Sequence[Sequence[Views]]) -> Views:
+    """Rows of views that lie side by side, joined to one."""
+    parts = [part for row in rows for part in row]
+    first, last = parts[0].box, parts[-1].box
+    kinds = range(len(parts[0].images))
+    return Views(
+        [_joined([[part.images[kind] for part in row] for row in rows]) for kind in kinds],
+        _joined([[part.trust for part in row] for row in rows]),
+        added(part.stats for part in parts),
+        Box.over(
+            Span(first.sides[0].first, last.sides[0].end),
+            Span(first.sides[1].first, last.sides[1].end),
+        ),
+    )
+
+
+def batch(pictures: Sequence[Views]) -> Views:
+    """The views of pictures of one size, stacked along a new first dimension."""
+
+    def together(tensors: Sequence[Tensor]) -> Tensor:
+        return torch.stack(list(tensors)) if len(tensors) > 1 else tensors[0][None]
+
+    images = [together(kind) for kind in zip(*(one.images for one in pictures), strict=True)]
+    trust = together([one.trust for one in pictures])
+    return Views(images, trust, added(one.stats for one in pictures), pictures[0].box)
+
+
+def added(counts: Iterable[dict[str, int]]) -> dict[str, int]:
+    """The sums of counts by name."""
+    total: dict[str, int] = {}
+    for each in counts:
+        total |= {name: total.get(name, 0) + count for name, count in each.items()}
+    return total
+
+
+def _joined(rows: list[list[Tensor]]) -> Tensor:
+    """Rows of pictures [..., h, w] that lie side by side, joined to one."""
+    if torch.is_grad_enabled():
+        return torch.cat([torch.cat(row, -1) for row in rows], -2)
+    first = rows[0][0]
+    size = sum(row[0].shape[-2] for row in rows), sum(one.shape[-1] for one in rows[0])
+    whole = first.new_empty(*first.shape[:-2], *size)
+    top = 0
+    for row in rows:
+        left = 0
+        for one in row:
+            height, width = one.shape[-2:]
+            whole[..., top : top + height, left : left + width] = one
+            left += width
+        top += height
+    return whole
+
+
+def of_channels(colors: list[Views], offsets: list[tuple[list[int], float | Tensor]]) -> Views:
+    """Views of all channels in their order; trust is that of the least offset.
+
+    Args:
+        colors: Views of some channels each.
+        offsets: For each the numbers of its channels, and the px that were added to its radii.
+    """
+    order = torch.tensor([c for channels, _ in offsets for c in channels]).argsort().tolist()
+    images = [
+        torch.cat(channels)[order] for channels in zip(*(c.images for c in colors), strict=True)
+    ]
+    sharpest = min(
+        range(len(colors)), key=lambda i: abs(float(torch.as_tensor(offsets[i][1]).detach()))
+    )
+    return colors[sharpest]._replace(images=images)

@@ -1,0 +1,379 @@
+"""``defocus batch``: many jobs, whatever stops them."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+
+import pytest
+from batches import JOBS, contents, in_process, jobs_file, make_believe, records, without_times
+from command_line import Terminal, color_exr, depth_exr, files_under, ramp, refused, run, texture
+
+from defocus_cli.main import main
+from defocus_cli.options.batch import Crew
+from defocus_core.batch.datasets.finished import samples
+from defocus_core.batch.journal.lock import locked
+from defocus_core.batch.rendering import job_steps
+
+__all__ = ["in_process"]
+pytestmark = pytest.mark.usefixtures("in_process")
+NAMES = [f"{stem}_focus{focus}" for stem in "ab" for focus in ("1.5m", "2m")]
+
+
+def test_each_picture_is_taken_by_each_lens_and_indexed(tmp_path: Path, out: Path) -> None:
+    ran = run("batch", jobs_file(tmp_path), "-o", out)
+    assert ran.code == 0
+    assert ran.out == ""
+    assert ran.err.startswith("4 jobs: 4 done; ")
+    wanted = {f"coc/{name}.exr" for name in NAMES} | {"card.json", "card.md", "metadata.jsonl"}
+    assert files_under(out) == wanted
+    assert [sample.sample_id for sample in samples(out)] == NAMES
+    assert not list(out.glob(".*")), "no lock and no note is left"
+
+
+def test_a_batch_is_the_same_whoever_does_it(
+    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", tmp_path / "here")
+    monkeypatch.undo()
+    ran = run("batch", path, "-o", out, "--processes", "1")
+    assert ran.code == 0, ran.err
+    assert contents(out) == contents(tmp_path / "here")
+    assert without_times(out) == without_times(tmp_path / "here")
+
+
+def test_one_bad_input_fails_its_jobs_alone(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
+    ran = run("batch", path, "-o", out)
+    assert ran.code == 1
+    assert "defocus: 2 of 4 jobs failed (input-unusable 2)" in ran.err
+    assert [record["status"] for record in records(out)] == ["failed"] * 2 + ["ok"] * 2
+    assert [sample.sample_id for sample in samples(out)] == NAMES[2:]
+
+
+def test_fail_fast_stops_at_the_first(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path, *"abcdefgh")
+    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
+    ran = run("batch", path, "-o", out, "--fail-fast")
+    assert ran.code == 1
+    assert len(records(out)) < 8
+    assert " left " in ran.err
+    assert run("batch", path, "-o", out, "--keep-going").code == 1
+    assert run("status", out, "--json").json["ok"] == 14
+
+
+def test_a_fault_of_our_own_fails_its_job_and_v_says_more(
+    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def faulty(*_: object) -> None:
+        raise RuntimeError("wires crossed")
+
+    path = jobs_file(tmp_path)
+    monkeypatch.setattr(job_steps, "compute", faulty)
+    ran = run("batch", path, "-o", out)
+    assert ran.code == 1
+    assert "unexpected RuntimeError: wires crossed" in ran.err
+    assert "Traceback" not in ran.err
+    assert "Traceback" in run("batch", path, "-o", out, "-v").err
+    assert {record["reason"] for record in records(out)} == {"fault"}
+
+
+def test_a_limit_leaves_the_rest_for_later(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    assert run("batch", path, "-o", out, "--limit", "3").err.startswith("4 jobs: 3 done, 1 left; ")
+    told = run("status", out, "--json").json
+    assert (told["ok"], told["left"], told["jobs"]) == (3, 1, 4)
+    assert "not running; run the same command again" in run("status", out).out
+    assert run("batch", path, "-o", out).err.splitlines()[-1].startswith("4 jobs: 1 done, 3 done b")
+    assert run("status", out, "--json").json["left"] == 0
+
+
+def test_a_limit_overlooks_no_file_that_a_later_job_would_replace(
+    tmp_path: Path, out: Path
+) -> None:
+    (out / "coc").mkdir(parents=True)
+    (out / "coc" / "b_focus2m.exr").write_text("somebody's own")
+    for _ in range(2):
+        ran = run("batch", jobs_file(tmp_path), "-o", out, "--limit", "1")
+        refused(ran, 3, "b_focus2m.exr: exists already")
+    assert (out / "coc" / "b_focus2m.exr").read_text() == "somebody's own"
+
+
+def test_a_line_removed_from_the_journal_is_mended_as_the_errors_say(
+    tmp_path: Path, out: Path
+) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out)
+    lines = (out / "journal.jsonl").read_text().split("\n")
+    (out / "journal.jsonl").write_text("\n".join([lines[0], lines[1][:-5], *lines[2:]]))
+    refused(run("batch", path, "-o", out), 3, "line 2, of a_focus2m, is broken; remove", "outputs")
+    (out / "journal.jsonl").write_text("\n".join([lines[0], *lines[2:]]))
+    refused(run("batch", path, "-o", out), 3, "a_focus2m.exr", "move it away")
+    (out / "coc" / "a_focus2m.exr").unlink()
+    assert "1 done, 3 done before" in run("batch", path, "-o", out).err
+
+
+@pytest.mark.parametrize("moved", ["out", "rgb"])
+def test_where_the_inputs_are_is_said_anew_when_files_have_moved(
+    moved: str, tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = jobs_file(Path(), "a", "b", "c")
+    run("batch", path, "-o", "out")
+    before = records(out)
+    if moved == "out":
+        out = tmp_path / "some" / "where"
+        out.parent.mkdir()
+        (tmp_path / "out").rename(out)
+    else:
+        Path("rgb").rename("color")
+        path.write_text(JOBS.replace("rgb/", "color/"))
+    assert run("batch", path, "-o", out).err.endswith("6 jobs: 6 done before\n")
+    for sample in samples(out):
+        assert sample.inputs["color"].exists()
+        assert sample.inputs["depth"].exists()
+    told = [record["finished"] for record in records(out)]
+    assert told == 2 * [record["finished"] for record in before]
+    run("batch", path, "-o", out)
+    assert len(records(out)) == len(told), "once is enough"
+    assert run("status", out, "--json").json["jobs"] == 6
+
+
+def test_a_sample_made_anew_with_fewer_kinds_is_indexed_once(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path, "a", text=JOBS.replace('"coc"', '"coc", "disparity"'))
+    run("batch", path, "-o", out)
+    path.write_text(JOBS.replace("fnumber = 2", "fnumber = 4"))
+    run("batch", path, "-o", out)
+    assert [(one.sample_id, one.lens.fnum) for one in samples(out)] == [
+        ("a_focus1.5m", 4.0),
+        ("a_focus2m", 4.0),
+    ]
+    assert {kind for one in samples(out) for kind in one.files} == {"coc"}
+
+
+def test_the_index_lists_what_the_batch_asks_for_and_after_a_merge_all(
+    tmp_path: Path, out: Path
+) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out)
+    depth_exr(tmp_path / "depth" / "b.exr", -ramp())
+    path.write_text(JOBS.replace('"2m"', '"3m"'))
+    ran = run("batch", path, "-o", out, "--shards-size", "1MB")
+    assert "metadata.jsonl: lists none of 2 samples that were not asked for now" in ran.err
+    assert [one.sample_id for one in samples(out)] == ["a_focus1.5m", "a_focus3m"]
+    depth_exr(tmp_path / "depth" / "b.exr")
+    assert run("retry", out).code == 0
+    now = [f"{stem}_focus{focus}" for stem in "ab" for focus in ("1.5m", "3m")]
+    assert [one.sample_id for one in samples(out)] == now
+    run("merge", out)
+    assert [one.sample_id for one in samples(out)] == sorted({*now, *NAMES})
+
+
+def test_kinds_made_one_after_another_are_one_sample(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path, "a")
+    run("batch", path, "-o", out)
+    path.write_text(JOBS.replace('"coc"', '"disparity"'))
+    run("batch", path, "-o", out, "--shards-size", "1MB")
+    assert [one.sample_id for one in samples(out)] == ["a_focus1.5m", "a_focus2m"]
+    assert all(set(one.files) == {"coc", "disparity"} for one in samples(out))
+
+
+def test_a_preview_that_alone_is_left_is_no_sample(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path, "a", text=JOBS + "preview = true\n")
+    run("batch", path, "-o", out)
+    path.write_text(JOBS)
+    (tmp_path / "rgb" / "a.exr").write_bytes(b"")
+    assert run("batch", path, "-o", out).code == 1
+    assert not list(samples(out))
+
+
+def test_a_second_batch_on_the_same_directory_is_refused(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    out.mkdir()
+    with locked(out, say=print):
+        refused(run("batch", path, "-o", out), 3, f"process {os.getpid()} on ", "stop it")
+        refused(run("merge", out), 3, "has no journal")
+    assert files_under(out) == set()
+
+
+REJECTING = JOBS.replace("fnumber = 2", "fnumber = 2\nmax-coc = '0.12px'")
+
+
+def test_rejected_jobs_are_no_failure_and_not_tried_again(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path, text=REJECTING)
+    ran = run("batch", path, "-o", out)
+    assert ran.code == 0
+    assert "4 rejected (coc-too-large 4)" in ran.err
+    assert {record["status"] for record in records(out)} == {"rejected"}
+    assert run("batch", path, "-o", out).err.endswith("4 jobs: 4 done before\n")
+    assert "nothing failed" in run("retry", out).err
+    assert run("retry", out, "--reason", "coc-too-large", "--json").json["rejected"] == 4
+    assert len(records(out)) == 8
+
+
+def test_a_dry_run_of_what_would_be_rejected_is_no_failure(tmp_path: Path, out: Path) -> None:
+    ran = run("batch", jobs_file(tmp_path, text=REJECTING), "-o", out, "--dry-run")
+    assert ran.code == 0
+    assert "4 of 4 that were looked at would not be done" in ran.out
+
+
+def test_overwrite_does_all_again(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out)
+    assert run("batch", path, "-o", out, "--overwrite").err.startswith("4 jobs: 4 done; ")
+
+
+def test_inputs_are_compared_as_asked(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    color = tmp_path / "rgb" / "a.exr"
+    run("batch", path, "-o", out)
+    size = color.stat().st_size
+    color_exr(color, texture(seed=5))
+    assert color.stat().st_size == size
+    os.utime(color, (0, 0))
+    args = ("batch", path, "-o", out, "--json", "--check-inputs")
+    assert run(*args, "stat").json["done_before"] == 4
+    assert run(*args, "hash").json["ok"] == 2
+
+
+def test_a_dry_run_says_what_is_to_do_and_does_nothing(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    ran = run("batch", path, "-o", out, "--dry-run")
+    assert ran.code == 0
+    assert "0 jobs done before, 4 to do" in ran.out
+    assert "GB of files" in ran.out
+    assert not out.exists()
+    run("batch", path, "-o", out, "--limit", "1")
+    told = run("batch", path, "-o", out, "--dry-run", "--limit", "2", "--json").json
+    assert (told["done_before"], told["todo"], told["beyond_limit"]) == (1, 2, 1)
+    assert [sample["stem"] for sample in told["samples"]] == NAMES[1:3]
+    size = (out / "coc" / f"{NAMES[0]}.exr").stat().st_size
+    assert told["bytes"] == pytest.approx(2 * size)
+    assert told["forecast"]["pictures"] == 2
+    assert "would read" in run("batch", path, "-o", out, "--dry-run", "-v").out
+
+
+def test_a_dry_run_goes_on_where_the_batch_would(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
+    ran = run("batch", path, "-o", out, "--dry-run")
+    assert ran.code == 1, "as the batch would end"
+    assert ran.err.endswith("defocus: 2 of 4 jobs that were looked at would fail\n")
+    assert ran.err.count("a.exr: is NaN or ≤ 0 in 384 pixels") == 2
+    assert "4 to do\n2 of 4 that were looked at would not be done\nabout " in ran.out
+    dry = run("batch", path, "-o", out, "--dry-run", "--json")
+    told = dry.json
+    assert dry.code == 1
+    assert (told["unusable"], told["forecast"]["pictures_read"]) == (2, 2)
+    reading = told["forecast"]["read_seconds"]
+    assert told["seconds"] * told["processes"] == pytest.approx(reading / 2), "of 2 lenses each"
+
+
+def test_shards_size_packs_the_samples(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out, "--shards-size", "1GB")
+    assert (out / "shards" / "samples-000000.tar").exists()
+    ran = run("batch", path, "-o", out, "--shards-size", "1GB", "--shard", "1/2")
+    refused(ran, 2, "--shards-size", "merge")
+
+
+def test_shards_hold_what_the_index_lists_without_being_asked_for_again(
+    tmp_path: Path, out: Path
+) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out, "--shards-size", "1GB")
+    tar = out / "shards" / "samples-000000.tar"
+    first = tar.read_bytes()
+    assert "packed again" not in run("batch", path, "-o", out).err
+    assert tar.read_bytes() == first
+
+    def whole() -> bool:
+        with tarfile.open(tar) as files:
+            found = {name: files.extractfile(name) for name in files.getnames()}
+            lines = [file.read() for name, file in found.items() if file and "json" in name]
+        return b"".join(lines) == (out / "metadata.jsonl").read_bytes()
+
+    depth_exr(tmp_path / "depth" / "b.exr", 2 * ramp())
+    ran = run("batch", path, "-o", out, "--json")
+    assert f"{tar.parent}: packed again, as samples changed; remove it" in ran.err
+    assert str(tar) in ran.json["written"]
+    assert whole()
+    path.write_text(JOBS.replace('"1.5m", "2m"', '"3m"'))
+    run("batch", path, "-o", out)
+    assert whole()
+    run("merge", out)
+    assert whole()
+    (tar.parent / "shards.json").unlink()
+    ran = run("batch", path, "-o", out)
+    assert f"{tar.parent}: warning: may hold other samples than metadata.jsonl; --sh" in ran.err
+
+
+def test_a_full_disk_stops_the_batch_and_it_goes_on_later(
+    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sync, calls = os.fsync, []
+
+    def full_later(number: int) -> None:
+        calls.append(number)
+        if len(calls) > 12:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        sync(number)
+
+    path = jobs_file(tmp_path)
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", full_later)
+        ran = run("batch", path, "-o", out)
+    assert ran.code == 3
+    assert "No space left on device; free some space" in ran.err
+    done = len(records(out))
+    assert 0 < done < 4
+    assert {record["status"] for record in records(out)} == {"ok"}
+    ran = run("batch", path, "-o", out, "--json")
+    assert (ran.code, ran.json["done_before"], ran.json["ok"]) == (0, done, 4 - done)
+
+
+def test_a_bar_counts_the_jobs_on_a_terminal(tmp_path: Path, out: Path) -> None:
+    assert "/4 [" in run("batch", jobs_file(tmp_path), "-o", out, err=Terminal()).err
+
+
+def test_a_scheduler_that_is_none_is_refused(
+    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.undo()
+    path = jobs_file(tmp_path)
+    refused(run("batch", path, "-o", out, "--scheduler", "head"), 2, "'head' is no scheduler")
+    monkeypatch.setattr("defocus_core.batch.workers.dask_pool.find_spec", lambda name: None)
+    ran = run("batch", path, "-o", out, "--scheduler", "tcp://127.0.0.1:1")
+    refused(ran, 2, "--scheduler: needs Dask", "pip install 'defocus[dask]'")
+    assert not out.exists()
+
+
+HEAVY = ("torch", "numpy", "OpenEXR", "OpenImageIO", "defocus_core", "distributed", "pandas")
+
+
+def test_a_finished_batch_of_a_thousand_jobs_ends_at_once(
+    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It loads nothing heavy, and takes less than 2 s."""
+    text = JOBS.replace('["1.5m", "2m"]', '"1m..9m @ 500 in depth"')
+    path = jobs_file(tmp_path, text=text)
+    monkeypatch.setattr(Crew, "execute", lambda crew: make_believe(out))
+    monkeypatch.setattr(os, "fdatasync", lambda number: None)
+    assert main(["batch", str(path), "-o", str(out)]) == 0
+    assert len(records(out)) == 1000
+    script = (
+        "import sys, time; start = time.process_time(); from defocus_cli.main import main; "
+        "main(sys.argv[1:]); print(time.process_time() - start, *sys.modules)"
+    )
+    words = [sys.executable, "-c", script, "batch", str(path), "-o", str(out)]
+    ran = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert "1000 jobs: 1000 done before" in ran.stderr
+    seconds, *modules = ran.stdout.split()
+    assert not set(modules) & set(HEAVY)
+    assert float(seconds) < 2

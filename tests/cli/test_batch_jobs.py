@@ -1,0 +1,95 @@
+"""``defocus batch`` with sweeps and draws, up to what a training script reads."""
+
+from __future__ import annotations
+
+import tarfile
+from pathlib import Path
+
+from command_line import Ran, files_under, read_exr, refused, run
+from jobs_files import INPUTS, LENS, SAMPLE, pictures
+
+from defocus_core.batch.datasets.finished import samples
+
+DRAFT = '\n[machine]\nquality = "draft"\n'
+
+
+def batch(folder: Path, text: str, *options: str) -> Ran:
+    path = folder / "jobs.toml"
+    path.write_text(f"[inputs]\n{INPUTS}\n{text}{DRAFT}")
+    return run("batch", path, "-o", folder / "out", "--processes", "1", *options)
+
+
+def test_a_batch_ends_with_an_index_and_shards_of_its_samples(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    ran = batch(tmp_path, LENS + SAMPLE, "--shards-size", "1MB")
+    assert ran.code == 0, ran.err
+    found = {sample.sample_id: sample for sample in samples(tmp_path / "out")}
+    assert len(found) == 8
+    for sample in found.values():
+        radius = read_exr(sample.files["coc"])["coc"]
+        assert sample.coc_px == (radius.min(), radius.max())
+        assert all(path.exists() for path in sample.inputs.values())
+    with tarfile.open(tmp_path / "out" / "shards" / "samples-000000.tar") as tar:
+        keys = {name.split(".")[0] for name in tar.getnames()}
+    assert keys == set(found)
+
+
+def test_a_sweep_is_the_renders_that_it_stands_for(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    assert batch(tmp_path, LENS + '[sweep]\nfnumber = [2, 4]\nfocus = ["1m", "inf"]\n').code == 0
+    single = ("--focal-length", "50mm", "--fnumber", "4", "--focus", "inf", "--quality", "draft")
+    files = (tmp_path / "a_rgb.exr", tmp_path / "a_z.exr")
+    assert run("render", *files, "-o", tmp_path / "one", *single).code == 0
+    swept = tmp_path / "out" / "render" / "a_f4_focusinf.exr"
+    assert swept.read_bytes() == (tmp_path / "one" / "render" / "a_rgb.exr").read_bytes()
+    assert len(files_under(tmp_path / "out" / "render")) == 8
+
+
+def test_a_rejected_picture_does_not_stop_the_others(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    text = LENS + 'fnumber = 2\nmax-coc = "0.3px"\n[sweep]\nfocus = ["1m", "5m"]\n'
+    ran = batch(tmp_path, text, "--json")
+    assert ran.json["reasons"] == {"coc-too-large": 3}
+    assert "CoC radius" in ran.err
+    assert [sample.sample_id for sample in samples(tmp_path / "out")] == ["b_focus5m"]
+
+
+def test_a_dry_run_says_how_many_jobs_and_writes_nothing(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    ran = batch(tmp_path, LENS + SAMPLE, "--dry-run")
+    assert ran.code == 0
+    assert "8 to do" in ran.out + ran.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_a_jobs_file_says_wrong_is_one_line(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    where = f"{tmp_path / 'jobs.toml'}: [sweep]"
+    refused(batch(tmp_path, LENS + "[sweep]\nfnumbr = [2]\n"), 2, where, "did you mean fnumber?")
+    refused(
+        run("batch", tmp_path / "no.toml", "-o", tmp_path / "out"), 3, "no.toml: cannot be read"
+    )
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_index_tells_of_the_lens_that_took_a_picture_last(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    out = tmp_path / "out"
+    batch(tmp_path, LENS + 'fnumber = 2\nfocus = "2m"\n', "--shards-size", "1MB")
+    index, words = out / "metadata.jsonl", ("--focal-length", "50mm", "--focus", "2m")
+    first = index.read_bytes()
+
+    def rendered(name: str, *more: str) -> str:
+        color, depth = (tmp_path / f"a_{kind}.exr" for kind in ("rgb", "z"))
+        if name != "a_rgb":
+            color = color.rename(tmp_path / f"{name}.exr")
+        ran = run("render", color, depth, "-o", out, *words, "--fnumber", "4", *more)
+        assert ran.code == 0, ran.err
+        return ran.err
+
+    assert "written again" not in rendered("a_rgb"), "another sample"
+    assert index.read_bytes() == first
+    told = rendered("a", "--quality", "draft")
+    assert f"{index}: written again, as it lists samples that were done now" in told
+    assert f"{out / 'shards'}: packed again" in told
+    assert [sample.lens.fnum for sample in samples(out)] == [4, 2]

@@ -1,0 +1,192 @@
+"""``defocus bench`` on one tiny scene: a card out of focus before waves in focus."""
+
+from __future__ import annotations
+
+import json
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from command_line import color_exr, depth_exr, refused, run
+from html_reports import items, keys
+from reference import flatten, layered, lens_points
+from scenes import SIZE, card_layers
+
+from defocus_core.bench import tables
+from defocus_core.bench.error import Row
+from defocus_core.bench.timing import Cost
+from defocus_core.evaluation.metrics import Errors
+from defocus_core.reports import error_plot
+
+FIELDS = ["psnr", "psnr_edges", "psnr_elsewhere", "rel_rmse", "ssim", "p999"]
+
+
+def picture(tensor: torch.Tensor) -> np.ndarray[Any, Any]:
+    return np.moveaxis(tensor.float().numpy(), 0, -1)
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A set of one scene of one shot, 56x40 px; the card at 2 m has a radius of -7 px."""
+    root = tmp_path_factory.mktemp("truth")
+    layers = card_layers(-7.0, 0.0)
+    image, radius = flatten(layers, SIZE)
+    metres = torch.where(radius < 0, 2.0, 4.0)
+    color_exr(root / "card" / "rgb.exr", picture(image))
+    depth_exr(root / "card" / "depth.exr", metres.float().numpy())
+    truth = layered(layers, lens_points(24), SIZE)
+    color_exr(root / "card" / "truth_r7.exr", picture(truth))
+    # r = A v (1/s - 1/z) / (2 p), with s = 4 m, z = 2 m, f = 50 mm and p = 36 mm / 56
+    fnumber = 50 * (50 * 4000 / 3950) * (1 / 2000 - 1 / 4000) / (2 * 7 * 36 / 56)
+    shot = {"name": "r7", "fnumber": fnumber, "focus_distance_m": 4.0, "max_coc_radius_px": 7.0}
+    camera = {"width": 56, "height": 40, "sensor_width_mm": 36.0, "focal_length_mm": 50.0}
+    (root / "card" / "camera.json").write_text(json.dumps({**camera, "shots": [shot]}))
+    return root
+
+
+def bench(*args: str | Path) -> Any:
+    return run("bench", "--threads", "1", *args)
+
+
+def test_each_picture_is_shown_beside_the_truth(tiny: Path, tmp_path: Path) -> None:
+    file = tmp_path / "bench.html"
+    assert bench("--truth", tiny, "--quality", "standard", "--html", file).code == 0
+    shown = {each["name"]: each for each in items(file)}
+    assert set(shown) == {f"card r7 {method}" for method in ("standard", "input", "sum", "over")}
+    standard = shown["card r7 standard"]
+    assert keys(standard, valued=True)[:2] == ["a", "b"]
+    assert [layer["title"] for layer in standard["layers"][:2]] == ["truth", "standard"]
+    assert keys(shown["card r7 sum"], valued=True) == []
+    assert standard["metrics"]["psnr"] > shown["card r7 input"]["metrics"]["psnr"]
+    refused(bench("--time", "--html", file), 2, "--html: means nothing with --time")
+
+
+def test_all_methods_are_measured_and_written(tiny: Path) -> None:
+    ran = bench("--truth", tiny, "--json")
+    assert ran.code == 0
+    document = ran.json
+    methods = ["input", "sum", "over", "draft", "standard", "high"]
+    assert [row["method"] for row in document["rows"]] == methods
+    assert [mean["method"] for mean in document["means"]] == methods
+    assert document["regressions"] == []
+    assert all(set(FIELDS) < set(row) for row in document["rows"])
+    lines = ran.err.splitlines()
+    assert [line.split()[2] for line in lines[1:7]] == methods
+    assert "means of 1 shot," in ran.err
+    psnr = {row["method"]: row["psnr"] for row in document["rows"]}
+    assert psnr["standard"] > max(psnr["input"], psnr["sum"], psnr["over"]) + 6
+    assert all(row["seconds"] > 0 for row in document["rows"])
+
+
+def test_more_blur_asked_for_is_more_blur_made(tiny: Path) -> None:
+    ran = bench("--truth", tiny, "--quality", "standard", "--control", "--json")
+    assert ran.code == 0, ran.err
+    rows = {row["method"]: row for row in ran.json["controllability"]}
+    assert list(rows) == ["input", "sum", "over", "standard"]
+    assert (rows["standard"]["rank_correlation"], rows["standard"]["rises"]) == (1, 9)
+    assert (rows["input"]["rank_correlation"], rows["input"]["rises"]) == (0, 0)
+    assert "control           standard   1.000  1.000      9/9  card r7" in ran.err
+    refused(bench("--time", "--control"), 2, "--control: means nothing with --time")
+
+
+def test_less_can_be_asked_for(tiny: Path) -> None:
+    ran = bench("--truth", tiny, "--quality", "draft")
+    assert (ran.code, ran.err) == (0, "")
+    methods = [line.split()[2] for line in ran.out.splitlines()[1:5]]
+    assert methods == ["input", "sum", "over", "draft"]
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "words"),
+    [
+        (("--truth", "nowhere"), 3, ("nowhere", "is no directory", "camera.json")),
+        (("--quality", "best"), 2, ("--quality", "'best'", "draft,standard,high")),
+        (("--plot", "plot.exe"), 2, ("--plot", "plot.exe", ".png")),
+    ],
+)
+def test_what_makes_no_sense_is_refused(
+    tiny: Path, args: tuple[str, ...], code: int, words: tuple[str, ...]
+) -> None:
+    refused(bench("--truth", tiny, *args), code, *words)
+
+
+def test_a_set_without_scenes_is_refused(tmp_path: Path) -> None:
+    refused(bench("--truth", tmp_path), 3, "holds no <scene>/camera.json")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("{", "JSONDecodeError"), ("[]", "TypeError"), ('{"shots": [{}]}', "focal_length_mm")],
+)
+def test_a_damaged_camera_is_refused(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "camera.json").write_text(text)
+    refused(bench("--truth", tmp_path), 3, "camera.json", words)
+
+
+def test_a_missing_truth_is_named(tiny: Path, tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    camera = (tiny / "card" / "camera.json").read_text()
+    (tmp_path / "a" / "camera.json").write_text(camera)
+    for name in ("rgb.exr", "depth.exr"):
+        (tmp_path / "a" / name).symlink_to(tiny / "card" / name)
+    refused(bench("--truth", tmp_path), 3, "truth_r7.exr", "is missing")
+
+
+def test_a_set_must_be_named_outside_the_repository(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("defocus_core.bench.truth_set._HERE", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    refused(bench(), 2, "--truth", "is missing", "name a directory")
+
+
+def test_a_plot_without_matplotlib_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, tiny: Path
+) -> None:
+    monkeypatch.setattr(error_plot, "find_spec", lambda name: None)
+    ran = bench("--truth", tiny, "--plot", "plot.png")
+    refused(ran, 2, "--plot", "matplotlib", "pip install 'defocus[bench]'")
+
+
+@pytest.mark.skipif(find_spec("matplotlib") is None, reason="matplotlib is not installed")
+def test_a_plot_is_written(tiny: Path, tmp_path: Path) -> None:
+    ran = bench("--truth", tiny, "--quality", "draft,standard", "--plot", tmp_path / "plot.png")
+    assert ran.code == 0, ran.err
+    assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
+
+
+def row(method: str, psnr: float, ssim: float = 0.9, rel_rmse: float = 0.1) -> Row:
+    errors = Errors(psnr, None, psnr, rel_rmse, ssim, 0.1)
+    return Row("card", "r7", method, errors, Cost(1.0, 2.0, None))
+
+
+@pytest.mark.parametrize(
+    ("other", "lost"),
+    [
+        (row("over", 30.09), set()),
+        (row("over", 30.2), {"psnr"}),
+        (row("sum", 30.0, ssim=0.9012), {"ssim"}),
+        (row("input", 30.0, rel_rmse=0.0985), {"rel_rmse"}),
+        (row("input", 30.0, rel_rmse=0.0995), set()),
+    ],
+)
+def test_what_a_baseline_does_better_is_flagged(other: Row, lost: set[str]) -> None:
+    rows = [other, row("draft", 20.0), row("standard", 30.0)]
+    assert {name for r in tables.regressions(rows) for name in r["lost"]} == lost
+    marked = [each.method for each in rows if tables.losses(each, rows)]
+    assert marked == (["standard"] if lost else [])
+    told = [line for line in tables.summary_lines(rows) if line.startswith("! card r7")]
+    assert bool(told) == bool(lost)
+
+
+def test_means_cap_what_is_easy_and_leave_out_what_tells_nothing() -> None:
+    easy = Row("white", "r7", "standard", row("standard", 99.0).errors, Cost(1.0, 2.0, None))
+    smooth = Row("slope", "r7", "standard", row("standard", 64.0).errors, Cost(3.0, 2.0, 7.0))
+    (mean,) = tables.means([row("standard", 30.0), easy, smooth])
+    assert (mean["shots"], mean["psnr"], mean["seconds"]) == (2, 40.0, 2.0)
+    assert mean["peak_mb"] == 7.0
+    assert mean["psnr_edges"] is None

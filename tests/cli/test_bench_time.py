@@ -1,0 +1,183 @@
+"""``defocus bench --time`` on scenes of a few pixels."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from command_line import Ran, refused, run
+
+from defocus_core.bench import timing
+from defocus_core.bench.baseline import Baseline
+from defocus_core.bench.timing import Case, Cost, FftUnit, cases, measured
+from defocus_core.evaluation.synthetic_scenes import KINDS
+from defocus_core.system import memory
+
+TINY = ("--sizes", "32x24", "--radii", "2", "--device", "cpu")
+
+
+def bench(*args: str | Path) -> Ran:
+    return run("bench", "--time", *args)
+
+
+CASE = Case("floor", (480, 270), 8.0, "standard")
+
+
+def cost(fft_units: float) -> Cost:
+    return Cost(1.0, fft_units, None)
+
+
+def test_everything_is_timed_and_written() -> None:
+    ran = bench(*TINY, "--quality", "draft,standard", "--json")
+    assert ran.code == 0
+    document = ran.json
+    assert (document["threads"], document["device"]) == (1, "cpu")
+    names = [row["case"] for row in document["rows"]]
+    assert len(names) == len(set(names)) == 2 * len(KINDS)
+    assert {"floor-32x24-r2-draft", "focus-32x24-r0-standard"} < set(names)
+    assert all(row["seconds"] > 0 and row["fft_units"] > 0 for row in document["rows"])
+    assert [line.split()[0] for line in ran.err.splitlines()[1:]] == [
+        kind for kind in KINDS for _ in range(2)
+    ]
+
+
+def test_work_is_repeated_as_often_as_asked_for_unless_it_is_long(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    frame, calls = torch.zeros(1, 8, 8), []
+
+    def work() -> torch.Tensor:
+        calls.append(1)
+        return frame
+
+    unit = FftUnit(frame)
+    measured(work, unit, repeats=4)
+    assert len(calls) == 4
+    monkeypatch.setattr(timing, "_ENOUGH", 0.0)
+    measured(work, unit, repeats=4)
+    assert len(calls) == 5
+
+
+def test_the_cost_in_transforms_is_the_ratio_of_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    frame = torch.zeros(1, 8, 8)
+    unit = FftUnit(frame)
+    around = iter([0.01, 0.03])  # s of the unit before and after: 0.02 on average
+    monkeypatch.setattr(unit, "seconds", lambda: next(around))
+    cosine_cost = measured(lambda: frame.cos(), unit, repeats=1)[1]
+    assert cosine_cost.fft_units == pytest.approx(cosine_cost.seconds / 0.02)
+
+
+def test_what_is_in_focus_is_timed_once() -> None:
+    found = cases([(8, 8)], [8.0, 2.0], ["draft"])
+    radii = {kind: [case.radius for case in found if case.kind == kind] for kind in KINDS}
+    assert radii.pop("focus") == [0.0]
+    assert all(own == [2.0, 8.0] for own in radii.values())
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of tiny cases."""
+    path = tmp_path_factory.mktemp("stored") / "t.json"
+    ran = bench(*TINY, "--json")
+    assert ran.code == 0
+    path.write_text(ran.out)
+    return path
+
+
+def scaled(stored: Path, path: Path, change: Callable[[dict[str, Any]], object]) -> Path:
+    document = json.loads(stored.read_text())
+    change(document)
+    path.write_text(json.dumps(document))
+    return path
+
+
+def slow_down(factor: float) -> Callable[[dict[str, Any]], None]:
+    def change(document: dict[str, Any]) -> None:
+        for row in document["rows"]:
+            row["fft_units"] /= factor
+
+    return change
+
+
+def test_slower_than_stored_is_told_with_exit_code_one(stored: Path, tmp_path: Path) -> None:
+    base = scaled(stored, tmp_path / "b.json", slow_down(20.0))
+    ran = bench(*TINY, "--baseline", base, "--json")
+    assert ran.code == 1
+    assert "! floor-32x24-r2-standard: " in ran.err
+    assert "7 of 7 cases slower than stored by more than 25 %" in ran.err
+    assert all(case["ratio"] > 1.25 for case in ran.json["baseline"])
+    assert len(ran.json["slower"]) == 7
+
+
+def test_as_fast_as_stored_is_fine(stored: Path, tmp_path: Path) -> None:
+    base = scaled(stored, tmp_path / "b.json", slow_down(0.05))
+    ran = bench(*TINY, "--quality", "draft,standard", "--baseline", base)
+    assert ran.code == 0
+    assert "0 of 7 cases slower" in ran.out  # drafts are not stored
+
+
+def test_a_case_that_was_slow_once_is_timed_again() -> None:
+    stored = Baseline(Path("b.json"), 1, "cpu", {CASE.name: 5.0})
+    quick, slow = cost(5.0), cost(9.0)
+    assert stored.confirmed({CASE: slow}, lambda case: quick) == {CASE: quick}
+    assert stored.confirmed({CASE: quick}, lambda case: slow) == {CASE: quick}
+    assert stored.confirmed({CASE: slow}, lambda case: cost(9.5)) == {CASE: slow}, "the faster one"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: d.update(threads=3), ("--threads 3",)),
+        (lambda d: d.update(rows=[]), ("none of the cases",)),
+        (lambda d: d.pop("rows"), ("is no stored run", "KeyError")),
+        (lambda d: d["rows"][0].update(fft_units=0), ("not positive",)),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(
+    stored: Path, tmp_path: Path, change: Callable[[dict[str, Any]], object], words: tuple[str, ...]
+) -> None:
+    base = scaled(stored, tmp_path / "b.json", change)
+    ran = bench(*TINY, "--baseline", base)
+    refused(ran, 3, f"defocus: {base}: ", *words)
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (("--time", "--sizes", "480"), ("--sizes", "'480' is no size", "480x270")),
+        (("--time", "--radii", "8,-1"), ("--radii", "'-1' is no radius")),
+        (("--time", "--truth", "x"), ("--truth", "means nothing with --time")),
+        (("--radii", "8"), ("--radii", "means nothing without --time")),
+        (("--baseline", "x"), ("--baseline", "means nothing without --time")),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(
+    args: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    refused(run("bench", *args), 2, *words)
+
+
+def test_a_missing_baseline_is_refused_before_the_work(tmp_path: Path) -> None:
+    refused(bench(*TINY, "--baseline", tmp_path / "no.json"), 3, "no.json", "cannot be read")
+
+
+def test_the_peak_begins_anew() -> None:
+    if not memory.held_mb():
+        pytest.skip("this system does not tell")
+    block = bytearray(64 * memory.MB)
+    block[::4096] = bytes(len(block[::4096]))
+    high = memory.peak_mb()
+    del block
+    memory.reset_peak()
+    low = memory.peak_mb()
+    assert high is not None
+    assert low is not None
+    assert low < high - 32
+    assert memory.held_mb() <= low + 1
+    available = memory.available_mb()
+    assert available is not None
+    assert available > 0

@@ -1,0 +1,502 @@
+"""``defocus depth`` writes planar metres; reading options mean the same in every command."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import (
+    LENS,
+    color_exr,
+    depth_exr,
+    header,
+    pair,
+    ramp,
+    read_exr,
+    refused,
+    render,
+    run,
+    write_exr,
+)
+from depth_files import npy, pfm, png
+from image_files import save
+
+from defocus_core.batch.datasets.finished import samples
+from defocus_core.batch.jobs.job import Machine, Outputs, Reading
+from defocus_core.batch.jobs.jobs_file import read_jobs
+from defocus_core.batch.journal.plain_values import plain, typed
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.errors import UsageProblem
+
+
+def depth(*args: str | Path) -> Any:
+    """The depth that a conversion to the file after ``-o`` writes."""
+    ran = run("depth", *args)
+    assert ran.code == 0, ran.err
+    return read_exr(Path(args[args.index("-o") + 1]))["Z"]
+
+
+def test_one_file_becomes_one_exr(tmp_path: Path) -> None:
+    path = png(tmp_path / "a.png", np.round(ramp() * 256))
+    written = depth(path, "--depth-format", "kitti", "-o", tmp_path / "o" / "z.exr")
+    np.testing.assert_allclose(written, np.round(ramp() * 256) / 256)
+    attributes = header(tmp_path / "o" / "z.exr")
+    assert attributes["defocus:depth_read_as"] == "16-bit PNG, kitti"
+    assert attributes["defocus:depth"] == "a.png"
+
+
+def test_what_was_written_is_read_as_it_is(tmp_path: Path) -> None:
+    path = npy(tmp_path / "a.npy", [[1.0, 1e5], [2.0, 7.0]])
+    once = depth(path, "--depth-format", "tartanair", "-o", tmp_path / "once.exr")
+    assert once[0, 1] == np.inf
+    again = depth(tmp_path / "once.exr", "-o", tmp_path / "again.exr")
+    np.testing.assert_array_equal(once, again)
+
+
+def test_several_files_go_to_a_directory_and_one_that_fails_alone_fails(tmp_path: Path) -> None:
+    files = [npy(tmp_path / f"{name}.npy", [[1.0, value]]) for name, value in (("a", 2), ("b", 0))]
+    ran = run("depth", *files, "-o", tmp_path / "o", "--json")
+    assert ran.code == 3
+    assert f"{files[1]}: is NaN or ≤ 0 in 1 pixel" in ran.err
+    (record,) = ran.json["files"]
+    assert record["out"] == str(tmp_path / "o" / "a.exr")
+    assert (record["size"], record["range_m"]) == ([2, 1], [1.0, 2.0])
+    assert not (tmp_path / "o" / "b.exr").exists()
+    ran = run("depth", files[1], "-o", tmp_path / "o", "--json", "--invalid", "far")
+    (record,) = ran.json["files"]
+    assert (record["sky_pixels"], record["replaced_pixels"]) == (1, 1)
+    assert record["range_m"] == [1.0, 1.0]
+
+
+def test_several_files_do_not_go_to_one(tmp_path: Path) -> None:
+    files = [npy(tmp_path / folder / "a.npy", [[1.0]]) for folder in ("x", "y")]
+    refused(run("depth", *files, "-o", tmp_path / "z.exr"), 2, "--out: is one file", "directory")
+    refused(run("depth", *files, "-o", tmp_path / "o"), 2, "and so would", "two directories")
+
+
+def test_files_are_replaced_only_with_overwrite_and_inputs_never(tmp_path: Path) -> None:
+    path = depth_exr(tmp_path / "a.exr")
+    out = tmp_path / "z.exr"
+    depth(path, "-o", out)
+    before = out.read_bytes()
+    refused(
+        run("depth", path, "-o", out, "--depth-unit", "cm"), 3, "is there already", "--overwrite"
+    )
+    assert out.read_bytes() == before
+    changed = depth(path, "-o", out, "--depth-unit", "cm", "--overwrite")
+    np.testing.assert_allclose(changed, ramp() / 100, rtol=1e-6)
+    refused(run("depth", path, "-o", tmp_path, "--overwrite"), 3, "is a file to convert")
+
+
+def test_the_preview_is_brightest_where_it_is_nearest(tmp_path: Path) -> None:
+    path = npy(tmp_path / "a.npy", [[1.0, 4.0, np.inf]])
+    depth(path, "-o", tmp_path / "z.exr", "--preview")
+    import OpenImageIO as oiio  # noqa: N813
+
+    shown = oiio.ImageBuf(str(tmp_path / "z.preview.png")).get_pixels(oiio.UINT8)[0, :, 0]
+    assert shown[0] == 255
+    assert shown[0] > shown[1] > shown[2] == 0
+
+
+def test_an_unknown_format_names_those_like_it(tmp_path: Path) -> None:
+    path = npy(tmp_path / "a.npy", [[1.0]])
+    for word, near in (("kiti", "kitti"), ("hypersims", "hypersim"), ("scannet++", "scannetpp")):
+        ran = run("depth", path, "-o", tmp_path / "o", "--depth-format", word)
+        refused(ran, 2, f"--depth-format: '{word}' is no depth format; did you mean", near)
+
+
+def test_16_bits_without_a_unit_are_millimetres_and_that_is_said(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr")
+    path = png(tmp_path / "z.png", np.round(ramp() * 1000))
+    words = "z.png: 16 bits read as millimetres; say --depth-unit or --depth-format"
+    assert words in render(color, path, "-o", tmp_path / "o").err
+    assert words not in render(color, path, "-o", tmp_path / "p", "--depth-unit", "mm").err
+    assert words in run("depth", path, "-o", tmp_path / "z.exr").err
+
+
+@pytest.mark.parametrize("word", ["2m", "2"])
+def test_a_photograph_with_estimated_disparity(word: str, tmp_path: Path) -> None:
+    share = np.arange(12).reshape(3, 4) * 20
+    path = png(tmp_path / "disparity.png", share, np.uint8)
+    args = ("--depth-kind", "disparity", "--depth-range", word, "50m")
+    written = depth(path, *args, "-o", tmp_path / "z.exr")
+    np.testing.assert_allclose(written, 1 / (1 / 50 + share / 255 * (1 / 2 - 1 / 50)), rtol=1e-6)
+
+
+def test_a_format_means_the_same_in_render_info_batch_and_lens_files(tmp_path: Path) -> None:
+    color, _ = pair(tmp_path)
+    path = png(tmp_path / "z.png", np.round(ramp() * 256))
+    as_metres = write_exr(tmp_path / "z.exr", Z=np.float32(np.round(ramp() * 256) / 256))
+    render(color, as_metres, "-o", tmp_path / "o", "--outputs", "coc")
+    wanted = read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"]
+    said = ("--depth-format", "kitti")
+    assert render(color, path, "-o", tmp_path / "p", "--outputs", "coc", *said).code == 0
+    np.testing.assert_array_equal(read_exr(tmp_path / "p" / "coc" / "a.exr")["coc"], wanted)
+    (record,) = run("info", "--json", path, *said).json["files"]
+    assert record["depth"]["range_m"] == [1.0, 4.0]
+    lens = 'focal-length = "50mm"\nfnumber = 2\nfocus = "2m"\n'
+    (tmp_path / "kitti.toml").write_text(f'{lens}depth-format = "kitti"\n')
+    named = ("--lens", tmp_path / "kitti.toml", "--outputs", "coc")
+    assert run("render", color, path, "-o", tmp_path / "q", *named).code == 0
+    np.testing.assert_array_equal(read_exr(tmp_path / "q" / "coc" / "a.exr")["coc"], wanted)
+    inputs = f'[inputs]\ncolor = "{color}"\ndepth = "{path}"\n'
+    for number, text in enumerate(
+        (
+            f'{inputs}[lens]\n{lens}[reading]\ndepth-format = "kitti"\n',
+            f'{inputs}[lens]\nfile = "kitti.toml"\n',
+        )
+    ):
+        (tmp_path / "jobs.toml").write_text(f'{text}[outputs]\nkinds = ["coc"]\n')
+        out = tmp_path / f"b{number}"
+        ran = run("batch", tmp_path / "jobs.toml", "-o", out, "--processes", "1")
+        assert ran.code == 0, ran.err
+        np.testing.assert_array_equal(read_exr(out / "coc" / "a.exr")["coc"], wanted)
+
+
+def test_options_win_over_the_lens_file(tmp_path: Path) -> None:
+    lens = tmp_path / "l.toml"
+    lens.write_text('focal-length = "50mm"\nfnumber = 2\nfocus = "2m"\ndepth-unit = "cm"\n')
+    path = depth_exr(tmp_path / "z.exr")
+    (record,) = run("info", "--json", path, "--lens", lens).json["files"]
+    np.testing.assert_allclose(record["depth"]["range_m"], [0.01, 0.04], rtol=1e-6)
+    (record,) = run("info", "--json", path, "--lens", lens, "--depth-unit", "m").json["files"]
+    assert record["depth"]["range_m"] == [1.0, 4.0]
+
+
+def test_every_reading_option_is_a_key_of_a_jobs_file(tmp_path: Path) -> None:
+    color, path = pair(tmp_path)
+    text = f"""[inputs]
+color = "{color}"
+depth = "{path}"
+[lens]
+focal-length = "50mm"
+fnumber = 2
+focus = "2m"
+[reading]
+depth-format = "disparity"
+depth-scale = "1/256"
+depth-kind = "disparity"
+depth-range = ["2m", "inf"]
+focal-px = 721.5
+baseline = "0.54m"
+doffs = -3
+radial = true
+fov = 60
+sky = 1e4
+invalid = "fill"
+resize-depth = "nearest"
+depth-channel = "Z"
+part = 1
+"""
+    (tmp_path / "jobs.toml").write_text(text)
+    outputs, machine = Outputs(tmp_path / "o"), Machine()
+    (job,) = read_jobs(tmp_path / "jobs.toml", outputs, machine)
+    assert job.reading == Reading(
+        depth_format="disparity",
+        depth_scale=1 / 256,
+        depth_kind="disparity",
+        depth_range=(2000.0, np.inf),
+        focal_px=721.5,
+        baseline=540.0,
+        doffs=-3.0,
+        geometry="radial",
+        fov=60.0,
+        sky=1e4,
+        invalid="fill",
+        resize_depth="nearest",
+        depth_channel="Z",
+        part=1,
+    )
+    for key, words in (
+        ("invalid = 'fill'", "'fil' is not known; did you mean fill"),
+        ("radial = true", "1 is not true"),
+        ("depth-format = 'kitti'", "'kiti' is no depth format; did you mean kitti"),
+        ("planar = true", "contradicts"),
+    ):
+        wrong = {"invalid = 'fill'": "invalid = 'fil'", "radial = true": "radial = 1"}.get(
+            key, key.replace("kitti", "kiti")
+        )
+        plain = text.split("[reading]")[0]
+        more = "radial = true\n" if key == "planar = true" else ""
+        (tmp_path / "jobs.toml").write_text(f"{plain}[reading]\n{more}{wrong}\n")
+        with pytest.raises(UsageProblem, match=words):
+            read_jobs(tmp_path / "jobs.toml", outputs, machine)
+
+
+def test_radial_depth_takes_the_field_of_view_of_the_lens(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr")
+    path = depth_exr(tmp_path / "z.exr")
+    focal = 50 / 36 * 24  # of LENS, 24 px wide
+    said = ("--radial", "--outputs", "coc")
+    render(color, path, "-o", tmp_path / "o", *said)
+    render(color, path, "-o", tmp_path / "p", *said, "--focal-px", f"{focal!r}")
+    fov = np.degrees(2 * np.arctan(18 / 50))
+    render(color, path, "-o", tmp_path / "q", *said, "--fov", f"{fov!s}")
+    render(color, path, "-o", tmp_path / "r", "--planar", "--outputs", "coc")
+    of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "opqr"]
+    np.testing.assert_allclose(of[1], of[0], atol=1e-6)
+    np.testing.assert_allclose(of[2], of[0], atol=1e-6)
+    assert np.abs(of[3] - of[0]).max() > 1e-3
+
+
+def test_radial_depth_is_read_anew_for_each_focal_length(tmp_path: Path) -> None:
+    color, path = pair(tmp_path)
+    text = f'[inputs]\ncolor = "{color}"\ndepth = "{path}"\n[lens]\nfnumber = 2\nfocus = "2m"\n'
+    text += '[sweep]\nfocal-length = ["25mm", "50mm"]\n[reading]\nradial = true\n'
+    (tmp_path / "jobs.toml").write_text(f'{text}[outputs]\nkinds = ["coc"]\n')
+    assert run("batch", tmp_path / "jobs.toml", "-o", tmp_path / "b", "--processes", "1").code == 0
+    render(color, path, "-o", tmp_path / "o", "--radial", "--outputs", "coc")
+    (swept,) = (tmp_path / "b" / "coc").glob("*50mm*")
+    np.testing.assert_array_equal(
+        read_exr(swept)["coc"], read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"]
+    )
+
+
+def test_depth_of_another_size_is_taken_from_the_nearest_pixel(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr")  # 24 × 16
+    small = write_exr(tmp_path / "z.exr", Z=np.float32(1 + np.arange(24).reshape(4, 6)))
+    ran = render(color, small, "-o", tmp_path / "o", "--outputs", "coc")
+    refused(ran, 3, "is 6x4 px but", "--resize-depth guided, or nearest")
+    said = ("--resize-depth", "nearest", "--outputs", "coc")
+    assert render(color, small, "-o", tmp_path / "o", *said).code == 0
+    large = write_exr(tmp_path / "l.exr", Z=np.kron(read_exr(small)["Z"], np.ones((4, 4), "f4")))
+    render(color, large, "-o", tmp_path / "p", "--outputs", "coc")
+    of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
+    np.testing.assert_array_equal(*of)
+    square = write_exr(tmp_path / "s.exr", Z=np.ones((5, 5), np.float32))
+    refused(render(color, square, "-o", tmp_path / "q", *said), 3, "of another aspect")
+
+
+def test_depth_of_another_size_is_guided_by_the_colours(tmp_path: Path) -> None:
+    """A bright square before a dark wall; a cell of depth covers 4 by 4 px of both."""
+    inside = (slice(9, 51), slice(13, 67))
+    pixels, metres = np.full((64, 80, 3), 0.1, np.float32), np.full((64, 80), 6, np.float32)
+    pixels[inside], metres[inside] = 0.8, 1.5
+    color, whole = color_exr(tmp_path / "a.exr", pixels), depth_exr(tmp_path / "z.exr", metres)
+    small = depth_exr(tmp_path / "s.exr", metres[2::4, 2::4].copy())
+    wanted = ("--outputs", "coc", "-o")
+    render(color, whole, *wanted, tmp_path / "whole")
+    for how in ("guided", "nearest"):
+        ran = render(color, small, *wanted, tmp_path / how, "--resize-depth", how, "-v")
+        assert ran.code == 0, ran.err
+        found, exact = (
+            read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in (how, "whole")
+        )
+        off = np.abs(found - exact) > 1e-3
+        assert off.any() == (how == "nearest")
+        note = f"20x16 px resized{', guided by the colours' if how == 'guided' else ' by nearest'}"
+        assert note in ran.err
+    ran = render(
+        color, small, *wanted, tmp_path / "mm", "--resize-depth", "guided", "--memory", "1GB"
+    )
+    assert ran.code == 0, ran.err
+    (tmp_path / "lens.toml").write_text(
+        'focal-length = "50mm"\nfnumber = 2\nfocus = "2m"\nresize-depth = "guided"\n'
+    )
+    run("render", color, small, *wanted, tmp_path / "toml", "--lens", tmp_path / "lens.toml")
+    names = ("guided", "toml", "mm")
+    first, *others = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in names]
+    assert all(np.array_equal(first, other) for other in others)
+
+
+def test_depth_that_cannot_be_guided_is_refused(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr")
+    args = ("-o", tmp_path / "o", "--resize-depth", "guided")
+    holed = ramp(12, 8)
+    holed[1, 2] = 0
+    ran = render(color, depth_exr(tmp_path / "h.exr", holed), *args)
+    refused(ran, 3, "h.exr: is NaN or ≤ 0 in 1 pixel, the first at 2,1; ", "--invalid far")
+    assert render(color, tmp_path / "h.exr", *args, "--invalid", "far").code == 0
+    square = depth_exr(tmp_path / "s.exr", np.ones((5, 5), np.float32))
+    refused(render(color, square, *args), 3, "of another aspect")
+    held = write_exr(tmp_path / "coc.exr", coc=ramp(12, 8))
+    refused(run("render", color, held, *args, "--depth-format", "coc"), 3, "holds radii in px")
+
+
+def test_signed_radii_are_used_as_they_are_and_need_no_lens(tmp_path: Path) -> None:
+    color, path = pair(tmp_path)
+    radii = np.float32(ramp() * 2 - 5)
+    held = write_exr(tmp_path / "coc.exr", coc=radii)
+    said = ("--depth-format", "coc", "--outputs", "render,coc")
+    assert run("render", color, held, "-o", tmp_path / "o", *said).code == 0
+    np.testing.assert_array_equal(read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"], radii)
+    render(color, path, "-o", tmp_path / "p", "--outputs", "render,coc", "--exr-type", "float")
+    own = tmp_path / "p" / "coc" / "a.exr"  # written by us: the picture is the same again
+    run("render", color, own, "-o", tmp_path / "q", *said, "--exr-type", "float")
+    of = [read_exr(tmp_path / name / "render" / "a.exr")["R"] for name in "pq"]
+    np.testing.assert_allclose(of[1], of[0], atol=1e-5)
+    refused(run("depth", held, "--depth-format", "coc", "-o", tmp_path / "z.exr"), 2, "no depth")
+    shown = run("info", held, "--depth-format", "coc").out
+    assert "negative nearer than the focus): -3.00 to 3.00 px" in shown
+    assert " m to " not in shown
+
+
+def test_what_radii_leave_without_effect_is_refused(tmp_path: Path) -> None:
+    color, _ = pair(tmp_path)
+    radii = np.float32(ramp() * 2 - 5)
+    held = write_exr(tmp_path / "coc.exr", coc=radii)
+    args = ("render", color, held, "-o", tmp_path / "o", "--depth-format", "coc")
+    for said in (("--focus-at", "3,3"), ("--focal-length", "50mm"), ("--sensor-width", "36mm")):
+        refused(run(*args, *said), 2, f"{said[0]}: changes nothing", "leave it out")
+    half = write_exr(tmp_path / "h.exr", coc=radii[::2, ::2].copy())
+    ran = run("render", color, half, *args[3:], "--resize-depth", "nearest")
+    refused(ran, 3, "holds radii in px of a picture of 12x8 px")
+    held = write_exr(tmp_path / "n.exr", coc=np.full((16, 24), np.nan, np.float32))
+    refused(run("render", color, held, *args[3:]), 3, "is NaN or infinite in 384 pixels")
+
+
+def test_of_a_lens_file_radii_leave_the_shape_of_the_opening(tmp_path: Path) -> None:
+    color, _ = pair(tmp_path)
+    held = write_exr(tmp_path / "coc.exr", coc=np.float32(ramp() * 2 - 5))
+    text = 'depth-format = "coc"\nfocal-length = "50mm"\nfnumber = 2\nfocus = "2m"\nblades = 5\n'
+    (tmp_path / "lens.toml").write_text(text)
+    args = ("render", color, held, "-o", tmp_path / "o", "--lens", tmp_path / "lens.toml")
+    ran = run(*args, "--json")
+    lens = ran.json["pictures"][0]["lens"]
+    assert (lens["focal_length_mm"], lens["focus_mm"], lens["blades"]) == (None, None, 5)
+    assert "radii of the file, 5 blades" in run(*args, "--overwrite").err
+    run("render", color, held, "-o", tmp_path / "p", "--depth-format", "coc")
+    of = [read_exr(tmp_path / name / "render" / "a.exr")["R"] for name in "op"]
+    assert np.abs(of[0] - of[1]).max() > 1e-3
+
+
+def test_a_batch_of_radii_sweeps_the_shape_of_the_opening(tmp_path: Path) -> None:
+    color, _ = pair(tmp_path)
+    held = write_exr(tmp_path / "coc.exr", coc=np.float32(ramp() * 2 - 5))
+    inputs = f'[inputs]\ncolor = "{color}"\ndepth = "{held}"\n[reading]\ndepth-format = "coc"\n'
+    jobs, out = tmp_path / "jobs.toml", tmp_path / "o"
+    for table, name in (("lens", "fnumber"), ("sweep", "focus"), ("sample", "focal-length")):
+        more = 'n = 1\nseed = 7\nfocal-length = "uniform(20mm, 50mm)"' if table == "sample" else ""
+        value = {"lens": "fnumber = 2", "sweep": 'focus = ["1m", "2m"]', "sample": more}[table]
+        jobs.write_text(f"{inputs}[{table}]\n{value}\n")
+        refused(run("batch", jobs, "-o", out), 2, f"[{table}] {name}: changes nothing")
+    jobs.write_text(f"{inputs}[sweep]\nblades = [0, 5]\n")
+    assert run("batch", jobs, "-o", out, "--processes", "1").code == 0
+    assert "2 done before" in run("batch", jobs, "-o", out, "--processes", "1").err
+    lenses = [sample.lens for sample in samples(out)]
+    assert [(lens.is_shape, lens.foc_dist, lens.blades) for lens in lenses] == [
+        (True, None, 0),
+        (True, None, 5),
+    ]
+
+
+def test_focus_at_a_pixel_is_that_of_the_decoded_depth(tmp_path: Path) -> None:
+    path = png(tmp_path / "z.png", np.full((16, 24), 2 * 256))
+    args = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", "3,3")
+    (record,) = run("info", "--json", path, *args, "--depth-format", "kitti").json["files"]
+    assert record["depth"]["lens"]["focus_mm"] == 2000
+    assert LENS
+
+
+def test_converted_depth_pairs_with_its_pictures_and_previews_do_not(tmp_path: Path) -> None:
+    color_exr(tmp_path / "frames" / "a.exr")
+    path = npy(tmp_path / "a.npy", ramp())
+    assert run("depth", path, "-o", tmp_path / "depths", "--preview").code == 0
+    assert (tmp_path / "depths" / "a.preview.png").is_file()
+    assert render(tmp_path / "frames", tmp_path / "depths", "-o", tmp_path / "o").code == 0
+
+
+def test_photographs_are_depth_in_a_directory_without_other_depth(tmp_path: Path) -> None:
+    color_exr(tmp_path / "frames" / "a.exr")
+    share = np.repeat((ramp() * 60)[:, :, None], 3, axis=2).astype(np.uint8)
+    (tmp_path / "depths").mkdir()
+    save(tmp_path / "depths" / "a.jpg", share)
+    said = ("--depth-format", "depth-anything", "--depth-range", "1m", "9m")
+    args = (tmp_path / "frames", tmp_path / "depths", "-o", tmp_path / "o")
+    assert render(*args, *said).code == 0
+    depth_exr(tmp_path / "depths" / "a.exr")
+    assert render(*args, "--overwrite").code == 0  # a picture beside the depth changes nothing
+
+
+def test_rows_without_a_header_have_the_size_of_the_colour(tmp_path: Path) -> None:
+    color, path = pair(tmp_path)
+    held = tmp_path / "DSC_0001.JPG"
+    held.write_bytes(ramp().astype("<f4").tobytes())
+    said = ("--depth-format", "eth3d", "--outputs", "coc")
+    assert render(color, held, "-o", tmp_path / "o", *said).code == 0
+    render(color, path, "-o", tmp_path / "p", "--outputs", "coc")
+    of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
+    np.testing.assert_array_equal(*of)
+    refused(run("depth", held, "--depth-format", "eth3d", "-o", tmp_path / "z.exr"), 3, "6048×4032")
+
+
+def test_a_frame_of_an_array_is_chosen_beside_a_colour_of_one_part(tmp_path: Path) -> None:
+    color, path = pair(tmp_path)
+    np.savez(tmp_path / "a.npz", depths=np.stack([ramp() * 9, ramp()]).astype(np.float32))
+    said = ("--depth-format", "video-depth-anything", "--depth-kind", "depth", "--part", "1")
+    args = (color, tmp_path / "a.npz", "-o", tmp_path / "o", "--outputs", "coc")
+    ran = render(*args, *said)
+    assert ran.code == 0, ran.err
+    render(color, path, "-o", tmp_path / "p", "--outputs", "coc")
+    of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
+    np.testing.assert_array_equal(*of)
+    ran = run("info", tmp_path / "a.npz", *said)
+    assert "depth: 1 m to 4 m" in ran.out
+
+
+def test_a_record_of_the_journal_keeps_how_depth_was_read() -> None:
+    reading = Reading(
+        depth_format="disparity", depth_range=(2000.0, np.inf), geometry="planar", invalid="fill"
+    )
+    assert typed(Reading, json.loads(json.dumps(plain(reading)))) == reading
+    assert plain(Reading()) == {}
+
+
+def test_a_sidecar_or_mask_that_changes_is_a_changed_input(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr")
+    disparity = pfm(tmp_path / "d.pfm", 10 / ramp())
+    calib = "cam0=[10 0 1; 0 1 1; 0 0 1]\nbaseline={}\n"
+    (tmp_path / "calib.txt").write_text(calib.format(1000))
+    args = (color, disparity, "-o", tmp_path / "o", "--depth-format", "middlebury")
+    assert render(*args, "--outputs", "coc").code == 0
+    before = read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"]
+    assert "done before" in render(*args, "--outputs", "coc").err
+    (tmp_path / "calib.txt").write_text(calib.format(2000))
+    assert render(*args, "--outputs", "coc").code == 0
+    after = read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"]
+    assert (after > before).all()
+    last = (tmp_path / "o" / "journal.jsonl").read_text().splitlines()[-1]
+    record = json.loads(last)
+    assert record["inputs"]["depth_sidecar"]["path"].endswith("calib.txt")
+
+
+def test_the_focal_length_of_the_colour_holds_for_smaller_depth(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr")  # 24 × 16
+    small = write_exr(tmp_path / "z.exr", Z=ramp(12, 8))
+    args = (color, small, "--resize-depth", "nearest", "--radial", "--outputs", "coc")
+    render(*args, "-o", tmp_path / "o")
+    render(*args, "-o", tmp_path / "p", "--focal-px", repr(50 / 36 * 24))
+    of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
+    np.testing.assert_allclose(of[1], of[0], atol=1e-6)
+
+
+def test_a_pfm_beside_calib_txt_is_not_converted_without_a_word(tmp_path: Path) -> None:
+    path = pfm(tmp_path / "disp0.pfm", ramp())
+    (tmp_path / "calib.txt").write_text("cam0=[1 0 0; 0 1 0; 0 0 1]\n")
+    ran = run("depth", path, "-o", tmp_path / "a.exr", "--json")
+    (warning,) = ran.json["files"][0]["warnings"]
+    assert "--depth-format middlebury" in warning
+    assert ran.err == f"warning: {warning}\n"
+    ran = run("depth", path, "-o", tmp_path / "b.exr", "--depth-format", "metres", "--json")
+    assert ran.json["files"][0]["warnings"] == []
+
+
+def test_zeros_of_integers_are_asked_for_their_meaning(tmp_path: Path) -> None:
+    color, _ = pair(tmp_path)
+    path = png(tmp_path / "z.png", np.where(ramp() < 2, 0, 500))
+    for said in ((), ("--depth-unit", "mm")):
+        ran = render(color, path, "-o", tmp_path / "o", *said)
+        refused(ran, 3, "say --depth-format, since 0 is a hole for some and sky for others")
+    ran = render(color, path, "-o", tmp_path / "o", "--depth-format", "kitti")
+    refused(ran, 3, "say --invalid far if they are sky, or fill if they are holes")
+    assert "write inf" not in ran.err
+
+
+def test_a_lens_of_radii_comes_back_from_the_journal() -> None:
+    lens = typed(Lens, json.loads(json.dumps(plain(Lens(math.nan, math.nan, None, blades=5)))))
+    assert lens.is_shape
+    assert (lens.foc_dist, lens.blades) == (None, 5)

@@ -1,0 +1,165 @@
+"""``defocus golden``: accepted pictures are kept, checked, and guard against planted faults."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import Ran, color_exr, files_under, read_exr, refused, run, texture, write_exr
+from jobs_files import FIXED, INPUTS, jobs_file, pictures
+
+from defocus_core.compare.goldens.faults import FAULTS
+
+PICTURES = {"render/a.exr", "render/b.exr"}
+
+
+@pytest.fixture
+def jobs(tmp_path: Path) -> Path:
+    pictures(tmp_path)
+    return jobs_file(tmp_path, FIXED, inputs=INPUTS)
+
+
+@pytest.fixture
+def goldens(jobs: Path, tmp_path: Path) -> Path:
+    assert golden("update", jobs, tmp_path / "goldens", "--accept").code == 0
+    return tmp_path / "goldens"
+
+
+def golden(*words: str | Path) -> Ran:
+    return run("golden", *words, "--processes", "1", "--threads", "1")
+
+
+def brighten(path: Path, amount: float) -> None:
+    planes = {name: plane + np.float16(amount) for name, plane in read_exr(path).items()}
+    write_exr(path, **planes)
+
+
+def test_update_shows_what_would_change_and_writes_only_what_is_accepted(
+    jobs: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "goldens"
+    ran = golden("update", jobs, folder)
+    assert ran.code == 1
+    assert [line.split(":")[0] for line in ran.out.splitlines()[:2]] == ["new", "new"]
+    assert "2 would change; --accept" in ran.out
+    assert not folder.exists()
+    assert golden("update", jobs, folder, "--accept").code == 0
+    assert files_under(folder) == PICTURES | {"golden.json"}
+    again = golden("update", jobs, folder)
+    assert (again.code, again.out) == (0, f"{folder}: 2 goldens, none changes\n")
+    sample = json.loads((folder / "golden.json").read_text())["samples"]["a"]
+    assert sample["settings"]["lens"]["fnum"] == 2.0
+    assert sample["files"] == ["render/a.exr"]
+    assert {"torch", "processor", "system"} <= set(sample["machine"])
+    assert {"version", "renderer"} <= set(sample)
+
+
+def test_check_passes_until_a_picture_changes(jobs: Path, goldens: Path, tmp_path: Path) -> None:
+    ran = golden("check", jobs, goldens)
+    assert (ran.code, ran.out) == (0, "2 pairs: 2 same\n")
+    brighten(goldens / "render" / "a.exr", 0.25)
+    file = tmp_path / "golden.xml"
+    ran = golden("check", jobs, goldens, "--junit", file, "--diff", tmp_path / "diff")
+    assert ran.code == 1
+    assert "render/a.exr: DIFFERENT" in ran.out
+    assert 'failures="1"' in file.read_text()
+    assert files_under(tmp_path / "diff") == {"render/a.exr.diff.exr", "render/a.exr.diff.png"}
+    assert golden("check", jobs, goldens, "--fail", "max>0.5").code == 0
+
+
+def test_what_another_processor_rounds_otherwise_passes(jobs: Path, goldens: Path) -> None:
+    path = goldens / "render" / "a.exr"
+    planes = {name: plane.astype(np.float32) for name, plane in read_exr(path).items()}
+    write_exr(path, **{name: plane + np.float32(9e-5) for name, plane in planes.items()})
+    assert golden("check", jobs, goldens).code == 0
+    write_exr(path, **{name: plane + np.float32(2e-4) for name, plane in planes.items()})
+    assert golden("check", jobs, goldens).code == 1
+
+
+def test_settings_that_changed_are_told_before_the_pixels(jobs: Path, goldens: Path) -> None:
+    jobs.write_text(jobs.read_text().replace("fnumber = 2", "fnumber = 1.4"))
+    first, second, *_ = golden("check", jobs, goldens).out.splitlines()
+    assert first == "a: lens.fnum 1.4 instead of 2.0"
+    assert second == "b: lens.fnum 1.4 instead of 2.0"
+    ran = golden("update", jobs, goldens, "--accept")
+    assert ran.out.count("changed: render/") == 2
+    assert golden("check", jobs, goldens).code == 0
+    assert golden("update", jobs, goldens).out.endswith("none changes\n")
+
+
+def test_a_golden_is_not_lost_when_a_render_fails(
+    jobs: Path, goldens: Path, tmp_path: Path
+) -> None:
+    before = {name: (goldens / name).read_bytes() for name in files_under(goldens)}
+    (tmp_path / "b_z.exr").write_bytes(b"no picture")
+    color_exr(tmp_path / "a_rgb.exr", texture(seed=5))
+    ran = golden("update", jobs, goldens, "--accept")
+    assert ran.code == 1
+    assert {name: (goldens / name).read_bytes() for name in files_under(goldens)} == before
+    checked = golden("check", jobs, goldens)
+    assert checked.code == 1
+    assert "render/b.exr: MISSING" in checked.out
+
+
+def test_a_golden_that_no_job_asks_for_is_removed_and_another_file_is_not(
+    jobs: Path, goldens: Path, tmp_path: Path
+) -> None:
+    write_exr(goldens / "mine.exr", Y=np.zeros((4, 4), np.float32))
+    for name in ("b_rgb.exr", "b_z.exr"):
+        (tmp_path / name).unlink()
+    assert "render/b.exr: MISSING" in golden("check", jobs, goldens).out
+    assert "removed: render/b.exr" in golden("update", jobs, goldens, "--accept").out
+    assert files_under(goldens) == {"render/a.exr", "mine.exr", "golden.json"}
+    assert golden("check", jobs, goldens).code == 0
+
+
+def test_planted_faults_end_rules_that_let_everything_through(jobs: Path, goldens: Path) -> None:
+    ran = golden("check", jobs, goldens, "--must-fail")
+    assert ran.code == 0
+    assert ran.out.endswith(f"{2 * len(FAULTS)} faults in 2 goldens: all are noticed\n")
+    assert "noise of 1 % (from 0.0" in ran.out
+    loose = golden("check", jobs, goldens, "--must-fail", "--fail", "psnr<10")
+    assert loose.code == 1
+    assert "render/a.exr: PASSES: gamma 2 %" in loose.out
+    assert "PASSES: a block of NaN" not in loose.out
+    document = golden("check", jobs, goldens, "--must-fail", "--fail", "psnr<10", "--json").json
+    assert document["all_noticed"] is False
+    faults = {each["fault"]: each["noticed"] for each in document["goldens"]["render/a.exr"]}
+    assert faults["a block of NaN"] is True
+    assert faults["noise of 1 %"] is False
+
+
+def test_views_are_swapped_for_each_other(jobs: Path, tmp_path: Path) -> None:
+    jobs.write_text(jobs.read_text() + "[outputs]\nkinds = ['left', 'right']\n")
+    goldens = tmp_path / "goldens"
+    assert golden("update", jobs, goldens, "--accept").code == 0
+    assert golden("check", jobs, goldens, "--must-fail").code == 0
+    left, right = (goldens / side / "a.exr" for side in ("left", "right"))
+    planes = {name: plane.astype(np.float32) for name, plane in read_exr(left).items()}
+    write_exr(right, **{name: plane + np.float32(5e-5) for name, plane in planes.items()})
+    ran = golden("check", jobs, goldens, "--must-fail")
+    assert "left/a.exr: PASSES: left and right swapped" in ran.out
+    right.write_bytes(left.read_bytes())  # in focus everywhere: there is nothing to notice
+    assert golden("check", jobs, goldens, "--must-fail").code == 0
+
+
+def test_what_is_no_folder_of_goldens_is_refused(jobs: Path, goldens: Path, tmp_path: Path) -> None:
+    refused(golden("check", jobs, tmp_path), 3, "golden.json: no such file", "--accept")
+    (goldens / "golden.json").write_text('{"samples": {"a": 1}}')
+    refused(golden("check", jobs, goldens), 3, "golden.json: cannot be read")
+    refused(
+        golden("check", jobs, goldens, "--must-fail", "--junit", "x.xml"),
+        2,
+        "--junit: means nothing",
+    )
+
+
+def test_json_of_a_check_has_the_settings_too(jobs: Path, goldens: Path) -> None:
+    jobs.write_text(jobs.read_text().replace("fnumber = 2", "fnumber = 1.4"))
+    document = golden("check", jobs, goldens, "--json").json
+    assert document["settings_changed"] == [
+        f"{name}: lens.fnum 1.4 instead of 2.0" for name in "ab"
+    ]
+    assert document["same"] is False

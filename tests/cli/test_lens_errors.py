@@ -1,0 +1,115 @@
+"""A lens that makes no sense, in a file or in options, ends in one line that says what would do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from command_line import depth_exr, ramp, refused, refused_input, render, run
+
+from defocus_core.batch.jobs import toml_file
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"\x93NUMPY\x01\xff\xfe", "is not a text file"),
+        (b"PK\x03\x04\0\0", "is not a lens file"),
+        (b"\xff\xfef\0n\0", "is not a text file"),
+        (b"[" * 100_000, "is not TOML"),
+        (b"fnumber = " + b"9" * 5000, "is not TOML"),
+    ],
+)
+def test_a_lens_file_of_anything_else(
+    data: bytes, words: str, tmp_path: Path, color: Path, depth: Path, out: Path
+) -> None:
+    path = tmp_path / "lens.toml"
+    path.write_bytes(data)
+    refused_input(run("render", color, depth, "-o", out, "--lens", path), path, words)
+
+
+def test_a_lens_file_that_never_ends_is_not_read_to_its_end(
+    color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(toml_file, "LARGEST_FILE", 99)
+    path = color.with_name("lens.toml")
+    path.write_bytes(b"#" * 100)
+    ran = run("render", color, depth, "-o", out, "--lens", path)
+    refused_input(ran, path, "is not a lens file")
+
+
+def test_a_lens_file_that_is_an_image_or_a_directory(color: Path, depth: Path, out: Path) -> None:
+    remedy = 'give a TOML file, with lines like focal-length = "50mm"'
+    for path in (color, color.parent):
+        refused_input(run("render", color, depth, "-o", out, "--lens", path), path, remedy)
+    missing = color.parent / "none.toml"
+    refused_input(
+        run("render", color, depth, "-o", out, "--lens", missing), missing, "No such file"
+    )
+
+
+def test_a_key_misspelt_in_a_lens_file(color: Path, depth: Path, out: Path) -> None:
+    for key in ("focal-lenght", "focal_length", "Focal-Length"):
+        path = color.with_name("lens.toml")
+        path.write_text(f'{key} = "50mm"\n')
+        words = f"{path}: unknown key '{key}'; did you mean focal-length?"
+        refused(run("render", color, depth, "-o", out, "--lens", path), 2, words)
+
+
+def test_a_length_without_unit(color: Path, depth: Path, out: Path) -> None:
+    ran = render(color, depth, "-o", out, "--focus", "2")
+    refused(ran, 2)
+    line = "defocus: --focus: '2' has no unit; write it with a unit, like 2m or 50mm\n"
+    assert ran.err == line
+    assert not out.exists()
+
+
+def test_focus_nearer_than_the_focal_length(color: Path, depth: Path, out: Path) -> None:
+    ran = render(color, depth, "-o", out, "--focus", "30mm")
+    refused(ran, 2, "defocus: --focus: 30mm", "focal length 50mm")
+
+
+def test_a_blur_beyond_all_numbers(color: Path, depth: Path, out: Path) -> None:
+    lens = ("--focal-length", "50mm", "--fnumber", "1e-300", "--focus", "2m")
+    told = ("defocus: --fnumber: f/1e-300 blurs beyond all numbers", "; check the lens options")
+    refused(run("render", color, depth, "-o", out, *lens), 2, *told)
+    assert not out.exists()
+    refused(run("info", depth, *lens), 2, *told)
+
+
+def test_focus_at_a_depth_nearer_than_the_focal_length(
+    tmp_path: Path, color: Path, out: Path
+) -> None:
+    near = depth_exr(tmp_path / "near.exr", ramp() / 100)
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", "0,0")
+    ran = run("render", color, near, "-o", out, *lens)
+    refused(ran, 2, "defocus: --focus-at: ", str(near), "10mm", "focal length 50mm")
+
+
+def test_a_focus_that_a_file_has_is_blamed_on_the_file(
+    tmp_path: Path, color: Path, depth: Path, out: Path
+) -> None:
+    options = 'focal-length = "50mm"\nfnumber = 2\nfocus-at = [24, 0]\n'
+    lens, jobs = tmp_path / "lens.toml", tmp_path / "jobs.toml"
+    lens.write_text(options)
+    jobs.write_text(f'[inputs]\ncolor = "{color}"\ndepth = "{depth}"\n[lens]\n{options}')
+    told = "focus-at: 24,0 lies outside"
+    rendering = ("render", color, depth, "-o", out, "--lens", lens)
+    refused(run(*rendering), 2, f"defocus: {lens}: {told}")
+    refused(run("info", depth, "--lens", lens), 2, f"defocus: {lens}: {told}")
+    refused(run(*rendering, "--focus-at", "24,0"), 2, f"defocus: --{told}")
+    assert f"defocus: {jobs}: {told}" in run("batch", jobs, "-o", out, "--processes", "1").err
+    assert f"defocus: {told}" in run("retry", out, "--processes", "1").err
+    depth_exr(depth, ramp() / 100)
+    lens.write_text(options.replace("24", "0"))
+    refused(run(*rendering), 2, f"defocus: {lens}: focus-at: {depth} at 0,0: 10mm is not farther")
+
+
+@pytest.mark.parametrize("pixel", ["24,0", "0,16", "-1,0"])
+def test_focus_at_a_pixel_outside_the_image(
+    pixel: str, color: Path, depth: Path, out: Path
+) -> None:
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", pixel)
+    ran = run("render", color, depth, "-o", out, *lens)
+    refused(ran, 2, "defocus: --focus-at: ", "24x16", "X from 0 to 23 and Y from 0 to 15")
+    assert not out.exists()

@@ -1,0 +1,72 @@
+"""Lens files that ship: each is a lens with a look, by its name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import header, pair, refused, run
+
+from defocus_core.batch.jobs.lens_options import make_lens
+from defocus_core.batch.lenses.shipped_lenses import ShippedLens, shipped_lenses
+from defocus_core.io.images.raster import read_samples
+
+LENSES = shipped_lenses()
+
+
+@pytest.mark.parametrize("lens", LENSES, ids=lambda lens: lens.name)
+def test_a_lens_that_ships_wants_a_focus_alone(lens: ShippedLens) -> None:
+    made = make_lens({"focus": 20_000.0}, lens.path)
+    assert made.foclen > 0
+    assert made.effects or made.blades
+    assert 10 < len(lens.subject) < 80
+
+
+def test_lenses_lists_them() -> None:
+    ran = run("lenses")
+    assert ran.code == 0
+    assert [line.split()[0] for line in ran.out.splitlines()] == [lens.name for lens in LENSES]
+    assert run("lenses", "--json").json["lenses"][0]["name"] == LENSES[0].name
+    assert len(LENSES) >= 6
+
+
+def test_a_lens_is_taken_by_its_name_and_options_beside_it_win(tmp_path: Path) -> None:
+    color, depth = pair(tmp_path)
+    options = ("-o", tmp_path / "out", "--focus", "2m", "--fnumber", "2")
+    ran = run("render", color, depth, *options, "--lens", "@portrait-85")
+    assert ran.code == 0, ran.err
+    attributes = header(tmp_path / "out/render/a.exr")
+    assert attributes["defocus:focal_length"] == "85mm"
+    assert attributes["defocus:fnumber"] == "2"
+    assert attributes["defocus:blades"] == "9"
+
+
+def test_a_jobs_file_takes_one_by_its_name(tmp_path: Path) -> None:
+    pair(tmp_path)
+    jobs = tmp_path / "jobs.toml"
+    jobs.write_text(
+        '[inputs]\ncolor = "rgb/*.exr"\ndepth = "depth/*.exr"\n'
+        '[lens]\nfile = "@mirror-500"\nfocus = "2m"\n'
+    )
+    ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
+    assert ran.code == 0, ran.err
+    assert header(tmp_path / "out/render/a.exr")["defocus:obstruction"] == "0.45"
+
+
+def test_a_name_that_no_lens_has_is_refused(tmp_path: Path) -> None:
+    color, depth = pair(tmp_path)
+    ran = run("render", color, depth, "-o", tmp_path / "out", "--lens", "@portrait-58")
+    refused(ran, 2, "--lens", "no lens @portrait-58 ships", "@portrait-85")
+
+
+def test_a_contact_sheet_shows_another_look_of_each(tmp_path: Path) -> None:
+    sheet = tmp_path / "sheet.png"
+    assert run("lenses", "-o", sheet).code == 0
+    pixels = np.concatenate([strip for _, strip in read_samples(sheet)], axis=0)
+    assert pixels.shape[:2] == (226 * -(-len(LENSES) // 3), 900)
+    tiles = [pixels[226 * (i // 3) :, 300 * (i % 3) :][:200, :300] for i in range(len(LENSES))]
+    flat = [tile.astype(float).ravel() for tile in tiles]
+    assert all(np.abs(a - b).max() > 20 for i, a in enumerate(flat) for b in flat[:i])
+    refused(run("lenses", "-o", sheet), 3, "is there already", "--overwrite")
+    refused(run("lenses", "-o", tmp_path / "sheet.jpg"), 3, "end its name in .png")

@@ -1,0 +1,110 @@
+"""Options mean the same wherever they stand, and say what they take."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+import pytest
+from command_line import pair, refused, render, run
+
+import defocus_core
+from defocus_cli.commands.depth import command as depth_command
+from defocus_cli.commands.info import command as info
+from defocus_cli.commands.render import command as render_command
+from defocus_cli.options import shared
+from defocus_core.batch.jobs import job
+from defocus_core.batch.jobs.lens_options import PARSERS
+from defocus_core.batch.jobs.reading_options import NAMES_OF_OPTIONS
+from defocus_core.batch.lenses import lens, quantities
+from defocus_core.io.depth_formats.table import UNITS
+
+
+def test_qualities_are_those_of_the_core() -> None:
+    assert tuple(defocus_core.QUALITIES) == job.QUALITIES
+
+
+def test_models_of_dual_pixels_are_those_of_the_core() -> None:
+    assert defocus_core.DUAL_PIXEL_MODELS == lens.DUAL_PIXEL_MODELS
+
+
+def test_automatic_lights_are_those_of_the_core() -> None:
+    assert defocus_core.AUTO_LIGHTS == quantities.AUTO_LIGHTS
+
+
+def test_threads_are_the_cores_this_process_may_use() -> None:
+    assert shared.cores() == len(os.sched_getaffinity(0))
+
+
+@pytest.mark.parametrize("command", [info, render_command])
+def test_every_lens_option_is_a_flag_of_every_command_that_takes_a_lens(
+    command: click.Command,
+) -> None:
+    flags = {name for param in command.params for name in param.opts}
+    assert {f"--{name}" for name in PARSERS} | {"--lens"} <= flags
+
+
+@pytest.mark.parametrize("command", [info, render_command, depth_command])
+def test_every_reading_option_is_a_flag_of_every_command_that_reads_depth(
+    command: click.Command,
+) -> None:
+    flags = {name for param in command.params for name in param.opts}
+    of_color = {
+        *("--color-layer", "--blur-channels", "--resize-depth", "--unpremultiply-depth"),
+        *("--depth-repair", "--edge-width"),
+    }
+    of_color = of_color if command is depth_command else set()
+    assert {f"--{name}" for name in NAMES_OF_OPTIONS} - of_color <= flags
+    assert not of_color & flags
+
+
+def test_help_shows_options_under_their_headings() -> None:
+    text = run("render", "--help").out
+    places = [text.index(f"\n{heading}:") for heading in ("Lens", "Output", "Files", "Machine")]
+    assert places == sorted(places)
+    assert text.index("--focal-length") < text.index("\nOutput:") < text.index("--overwrite")
+    assert "Examples:" in text
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "words"),
+    [
+        ("--quality", "best", "'draft', 'standard', 'high'"),
+        ("--format", "gif", "'exr', 'png', 'png16', 'tiff', 'jpg'"),
+        ("--exr-type", "double", "'half', 'float'"),
+        ("--jpeg-quality", "101", "1<=x<=100"),
+        ("--device", "tpu", "'auto', 'cpu', 'cuda'"),
+        ("--depth-unit", "km", ", ".join(f"'{name}'" for name in UNITS)),
+        (
+            "--outputs",
+            "render,bokeh",
+            "'bokeh' is no output; write like render,left,right,up,down,coc,disparity",
+        ),
+        ("--outputs", "", "'' is no output; write like render"),
+        ("--threads", "0", "x>=1"),
+        ("--part", "-1", "x>=0"),
+        ("--blades", "2", "0 (round) or 3 and more"),
+        ("--blades", "1000000", "at most 100, or 0 (round)"),
+        ("--blade-rotation", "1rad", "15deg"),
+        ("--fnumber", "0", "like 1.4"),
+        ("--sensor-width", "36", "write it with a unit, like 2m or 50mm"),
+        ("--focus-at", "12", "write it as X,Y"),
+    ],
+)
+def test_an_unknown_value_is_usage_and_names_the_known_ones(
+    tmp_path: Path, option: str, value: str, words: str
+) -> None:
+    ran = render(*pair(tmp_path), "-o", tmp_path / "out", option, value)
+    refused(ran, 2, f"defocus: {option}: ", words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_number_type_of_exr_says_nothing_about_other_files(tmp_path: Path) -> None:
+    args = (*pair(tmp_path), "-o", tmp_path / "out", "--exr-type", "half")
+    refused(render(*args, "--format", "jpg"), 2, "--exr-type: says nothing about jpg; leave it out")
+
+
+def test_jpeg_quality_is_refused_where_no_jpeg_is_written(tmp_path: Path) -> None:
+    args = (*pair(tmp_path), "-o", tmp_path / "out", "--jpeg-quality", "80")
+    refused(render(*args, "--format", "png"), 2, "--jpeg-quality: says nothing about png")

@@ -1,0 +1,140 @@
+"""How the process of a command begins and ends."""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from command_line import LENS, depth_exr, pair
+
+from defocus_core.system.process import imports
+
+
+def ended(code: str, *words: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", code, *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+RUN = "from defocus_cli.__main__ import run; run()"
+
+
+@pytest.mark.parametrize(
+    ("words", "code"), [(["--version"], 0), (["rendr"], 2), (["info", "missing.exr"], 3)]
+)
+def test_a_process_ends_with_the_exit_code_of_the_command(words: list[str], code: int) -> None:
+    assert ended(RUN, *words).returncode == code
+
+
+def test_all_that_was_printed_arrives() -> None:
+    ran = ended(RUN, "render", "--help")
+    assert ran.returncode == 0
+    assert ran.stdout.startswith("Usage: defocus render")
+
+
+def test_modules_are_not_taken_down() -> None:
+    """It takes longer than many a picture; what others want done at the end is done."""
+    held = (
+        "import atexit, sys\n"
+        "class Held:\n"
+        "    def __del__(self): print('taken down', flush=True)\n"
+        "held = Held()\n"
+        "def later(): print('asked for')\n"
+    )
+    within = "import defocus_cli.__main__ as entry\nmain = entry.main\n"
+    within += "def some(): atexit.register(later); return main()\nentry.main = some\nentry.run()\n"
+    ran = ended(held + within, "--version")
+    assert ran.returncode == 0
+    assert ran.stdout.splitlines()[1:] == ["asked for"]
+    assert "taken down" in ended(held, "--version").stdout
+
+
+def test_nothing_is_said_to_who_has_gone(tmp_path: Path) -> None:
+    color, depth = pair(tmp_path)
+    rendering = ["render", color, depth, *LENS, "-o", tmp_path / "out", "--outputs", "coc"]
+    told = (["--help"], ["info", color], ["info", color, "--json"], [*rendering, "--json"])
+    for words in told:
+        reader, writer = os.pipe()
+        os.close(reader)
+        command = [sys.executable, "-c", RUN, *map(str, words)]
+        ran = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+        os.close(writer)
+        assert ran.returncode == 141
+        assert ran.stderr.count("\n") == (words[0] == "render"), ran.stderr
+    assert (tmp_path / "out" / "coc" / "a.exr").exists()
+
+
+def test_a_fault_of_python_itself_is_told_as_ever() -> None:
+    raising = "import defocus_cli.__main__ as entry\nentry.main = lambda: 1 / 0\nentry.run()\n"
+    ran = ended(raising)
+    assert ran.returncode == 1
+    assert "ZeroDivisionError" in ran.stderr
+
+
+def pressing(module: str) -> str:
+    """A program that presses Ctrl-C as soon as a module is imported."""
+    return (
+        "import os, signal, sys\n"
+        "class Pressing:\n"
+        "    def find_spec(self, name, path, target=None):\n"
+        f"        if name == {module!r}: os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Pressing())\n"
+    )
+
+
+def test_ctrl_c_while_the_command_line_is_imported_is_no_traceback() -> None:
+    ran = ended(pressing("click") + RUN, "--version")
+    assert (ran.returncode, ran.stdout, ran.stderr) == (130, "", "defocus: interrupted\n")
+
+
+@pytest.mark.parametrize(
+    "module", ["defocus_core.batch.jobs.job", "numpy._core.getlimits", "OpenImageIO"]
+)
+def test_ctrl_c_within_an_import_of_a_command_ends_it_alike(module: str, tmp_path: Path) -> None:
+    held = depth_exr(tmp_path / "a.exr")
+    for words in (("info", held), ("depth", held, "-o", tmp_path / "z.exr")):
+        ran = ended(pressing(module) + RUN, *words)
+        assert ran.returncode == 130, ran.stderr
+        assert ran.stderr.startswith("defocus: interrupted")
+
+
+def test_garbage_is_not_looked_for_while_modules_are_imported() -> None:
+    assert gc.isenabled()
+    with imports():
+        assert not gc.isenabled()
+    assert gc.isenabled()
+    assert gc.get_freeze_count() > 0
+    with pytest.raises(ImportError), imports():
+        raise ImportError
+    assert gc.isenabled()
+    gc.disable()
+    try:
+        with imports():
+            pass
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
+
+
+def test_a_command_looks_through_nothing_that_pytorch_made(tmp_path: Path) -> None:
+    counting = (
+        "import gc, json, sys\n"
+        "seen = []\n"
+        "def told(phase, info):\n"
+        "    if phase == 'start' and 'torch' in sys.modules:\n"
+        "        seen.append(len(gc.get_objects(2)) if info['generation'] == 2 else 0)\n"
+        "gc.callbacks.append(told)\n"
+        "from defocus_cli.main import main\n"
+        "code = main()\n"
+        "print(json.dumps(seen), gc.get_freeze_count())\n"
+        "sys.exit(code)\n"
+    )
+    words = ["render", *pair(tmp_path), *LENS, "-o", tmp_path / "out"]
+    ran = ended(counting, *words)
+    assert ran.returncode == 0, ran.stderr
+    looked, _, frozen = ran.stdout.rpartition(" ")
+    assert max(json.loads(looked), default=0) < 50_000 < int(frozen)

@@ -1,0 +1,243 @@
+"""What ``defocus render`` tells people and scripts, and when it keeps quiet."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from batches import JOBS, jobs_file
+from command_line import (
+    HEIGHT,
+    LENS,
+    WIDTH,
+    Terminal,
+    color_exr,
+    depth_exr,
+    header,
+    pair,
+    ramp,
+    read_exr,
+    render,
+    run,
+    texture,
+    thin_lens_radius,
+)
+from image_files import save
+
+from defocus_core.batch.jobs.output_kinds import KINDS
+from defocus_core.tensors.tiling import TILE
+
+EVERYTHING = ",".join(KINDS)
+
+
+def test_a_bar_counts_the_pictures_of_a_directory_on_a_terminal(tmp_path: Path) -> None:
+    for stem in ("a", "b"):
+        color, depth = pair(tmp_path, stem)
+    args = ("render", *LENS, "-o", tmp_path / "out", "--overwrite", color.parent, depth.parent)
+    watched = run(*args, err=Terminal())
+    assert "0/2 [" in watched.err
+    assert watched.out == ""
+    assert "0/2 [" not in run(*args).err
+    lone = run(*args[:-2], color, depth, err=Terminal()).err
+    assert "picture/s]" not in lone
+
+
+def test_a_bar_counts_the_tiles_of_a_lone_picture_on_a_terminal(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "c.exr", texture(2 * TILE, TILE))
+    depth = depth_exr(tmp_path / "z.exr", ramp(2 * TILE, TILE))
+    args = (color, depth, "-o", tmp_path / "out", "--overwrite", "--json")
+    watched = run("render", *LENS, *args, err=Terminal())
+    assert "0/2 [" in watched.err
+    assert watched.json["pictures"]
+    unwatched = render(*args)
+    assert unwatched.err.count("\n") == 1
+    assert "\r" not in unwatched.err
+
+
+def test_json_tells_what_was_done(tmp_path: Path) -> None:
+    color, depth = pair(tmp_path)
+    ran = render(color, depth, "-o", tmp_path / "out", "--outputs", "render,coc", "--json")
+    (picture,) = ran.json["pictures"]
+    assert ran.json["defocus"]
+    assert picture["stem"] == "a"
+    assert (picture["color"], picture["depth"]) == (str(color), str(depth))
+    assert picture["size"] == [WIDTH, HEIGHT]
+    assert picture["lens"]["focal_length_mm"] == 50
+    assert picture["lens"]["fnumber"] == 2
+    assert picture["lens"]["sensor_width_mm"] == 36
+    assert picture["lens"]["focus_mm"] == 2000
+    assert picture["coc_px"] == pytest.approx(thin_lens_radius(np.array([1e3, 4e3])), rel=1e-5)
+    assert picture["outputs"] == {
+        kind: str(tmp_path / "out" / kind / "a.exr") for kind in ("render", "coc")
+    }
+    assert picture["render_seconds"] > 0
+    assert picture["render_cpu_seconds"] > 0
+    assert picture["warnings"] == []
+    assert isinstance(picture["stats"], dict)
+
+
+def test_people_are_told_in_one_line_on_stderr(tmp_path: Path) -> None:
+    ran = render(*pair(tmp_path), "-o", tmp_path / "out", "--outputs", "left,right")
+    assert ran.out == ""
+    assert ran.err.count("\n") == 1
+    for words in ("a: 24x16", "50mm f/2", "focus 2m", "sensor 36mm", "{left,right}/a.exr"):
+        assert words in ran.err
+
+
+def test_libraries_say_nothing_when_the_process_ends(tmp_path: Path) -> None:
+    """What is still held when the interpreter goes would be listed as leaked."""
+    color = save(tmp_path / "a.png", np.full((HEIGHT, WIDTH, 3), 100, np.uint8))
+    words = [color, depth_exr(tmp_path / "z.exr"), *LENS, "-o", tmp_path / "out", "--format", "jpg"]
+    ran = subprocess.run(
+        [sys.executable, "-m", "defocus_cli", "render", *map(str, words)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert ran.stdout == ""
+    assert ran.stderr.count("\n") == 1
+    assert "a: 24x16" in ran.stderr
+
+
+def test_verbose_says_what_was_chosen(tmp_path: Path) -> None:
+    ran = render(*pair(tmp_path), "-o", tmp_path / "out", "-v", "--threads", "1")
+    assert "channel Z, metres" in ran.err
+    assert "1 thread" in ran.err
+
+
+def test_counts_are_told_once(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    told = render(*pair(tmp_path), "-o", out, "-v").err
+    assert ("slice_tiles_done " in told, " slices, " in told) == (True, False)
+    told = render(*pair(tmp_path), "-o", out, "-v", "--stats", "--overwrite").err
+    assert ("slice_tiles_done " in told, " slices, " in told) == (False, True)
+    assert "channel Z, metres" in told
+    maps = render(*pair(tmp_path), "-o", out, "--outputs", "coc", "--stats", "--overwrite").err
+    assert "maps alone need no slices" in maps
+
+
+def test_depth_of_few_levels_is_said_to_be_smoothed(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr", texture(144, 96))
+    y, x = np.mgrid[:96, :144]
+    level = np.round(47 * (x + y) / 238) / 47
+    lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m")
+    for name, share, said in (("levels", level, True), ("smooth", (x + y) / 238, False)):
+        metres = (1 / (0.1 + 1.5 * share)).astype(np.float32)
+        depth = depth_exr(tmp_path / f"{name}.exr", metres)
+        ran = run("render", color, depth, *lens, "-o", tmp_path / name, "-v")
+        assert ran.code == 0
+        assert ("of few levels, smoothed between them" in ran.err) is said
+
+
+def test_noise_of_depth_is_said_to_be_smoothed(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr", texture(144, 96))
+    noise = np.random.default_rng(1).normal(0, 0.02, (96, 144))
+    lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m")
+    for name, scattered, said in (("noisy", noise, True), ("smooth", 0 * noise, False)):
+        metres = (1 / (0.4 + scattered)).astype(np.float32)
+        depth = depth_exr(tmp_path / f"{name}.exr", metres)
+        for ran in (
+            run("render", color, depth, *lens, "-o", tmp_path / name, "-v"),
+            run("info", depth, *lens),
+        ):
+            assert ran.code == 0
+            assert ("px of radius, smoothed within surfaces" in ran.err + ran.out) is said
+
+
+def test_depth_is_not_repaired_if_repair_is_off(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr", texture(144, 96))
+    noise = np.random.default_rng(1).normal(0, 0.02, (96, 144))
+    depth = depth_exr(tmp_path / "z.exr", (1 / (0.4 + noise)).astype(np.float32))
+    lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m")
+    note, pictures = "px of radius, smoothed within surfaces", []
+    for given in ("auto", "off"):
+        args = (color, depth, *lens, "-o", tmp_path / given, "--depth-repair", given, "-v")
+        planned, ran = run("render", *args, "--dry-run"), run("render", *args)
+        for told in (planned, ran):
+            assert (note in told.err + told.out) is (given == "auto")
+        pictures.append(read_exr(tmp_path / given / "render" / "a.exr")["G"])
+    assert not np.array_equal(*pictures)
+    ran = run("render", color, depth, *lens, "-o", tmp_path / "off", "--json")
+    assert not ran.json["pictures"][0]["done_before"], "another repair makes another picture"
+
+
+def test_soft_edges_of_depth_are_said_to_be_made_steps(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr", texture(144, 96))
+    lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m", "--sensor-width", "4mm")
+    for name, width, said in (("soft", 8, True), ("hard", 1, False)):
+        share = np.clip((np.arange(144) - 72) / width, 0, 1)
+        metres = (1 / (0.5 - 0.4 * np.tile(share, (96, 1)))).astype(np.float32)
+        depth = depth_exr(tmp_path / f"{name}.exr", metres)
+        ran = run("render", color, depth, *lens, "-o", tmp_path / name, "-v", "--json")
+        assert ran.code == 0
+        note = "its soft edges made steps"
+        assert (note in ran.err) is said
+        assert (note in ran.json["pictures"][0]["depth_note"]) is said
+
+
+def test_anti_aliased_depth_is_said_to_be_made_hard(tmp_path: Path) -> None:
+    y, x = (np.arange(8 * n) / 8 for n in (96, 144))
+    fine = np.where(x + 0.37 * y[:, None] < 80.2, 1.0, 3.0)
+    averaged = fine.reshape(96, 8, 144, 8).mean((1, 3))
+    color = color_exr(tmp_path / "a.exr", texture(144, 96))
+    lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "3m")
+    for name, metres, said in (("averaged", averaged, True), ("hard", fine[4::8, 4::8], False)):
+        depth = depth_exr(tmp_path / f"{name}.exr", metres.astype(np.float32))
+        out = ("-o", tmp_path / name, "--outputs", "render,coc")
+        ran = run("render", color, depth, *lens, *out, "-v", "--json")
+        assert ran.code == 0
+        note = "anti-aliased as averages of distance, its edges made hard"
+        dry = ("render", color, depth, *lens, *out, "--dry-run", "--overwrite")
+        for words in (dry, ("info", depth, *lens)):
+            assert (note in run(*words).out) is said
+            assert (note in run(*words, "--json").out) is said
+        assert (note in ran.err) is said
+        assert (note in ran.json["pictures"][0]["depth_note"]) is said
+        for kind in ("render", "coc"):  # maps show the depth as it is given
+            told = header(tmp_path / name / kind / "a.exr")["defocus:depth_read_as"]
+            assert (note in told) is (said and kind == "render")
+
+
+def test_what_a_file_cannot_hold_is_a_warning(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "c.exr", np.full((HEIGHT, WIDTH, 3), 1e6, np.float32))
+    ran = render(color, depth_exr(tmp_path / "z.exr"), "-o", tmp_path / "out", "--json")
+    assert len(ran.json["pictures"][0]["warnings"]) == 1
+    assert "c: warning: " in ran.err
+
+
+def test_warnings_of_a_batch_are_summed_up_by_their_kind(tmp_path: Path) -> None:
+    jobs = jobs_file(tmp_path, "a", "b", "c", text=JOBS.replace('"coc"', '"render"'))
+    for stem, light in (("a", 1e6), ("b", 2e6)):
+        color_exr(tmp_path / "rgb" / f"{stem}.exr", np.full((HEIGHT, WIDTH, 3), light, np.float32))
+    ran = run("batch", jobs, "-o", tmp_path / "out", "--json")
+    assert ran.code == 0, ran.err
+    ((kind, count),) = ran.json["warnings"].items()
+    assert count == 4
+    assert f"4 with warnings in the journal (4 x {kind})" in ran.err
+
+
+def test_a_file_that_fails_beside_others_is_in_json_too(tmp_path: Path) -> None:
+    good, bad = depth_exr(tmp_path / "z.exr"), tmp_path / "bad.exr"
+    bad.write_bytes(b"no picture")
+    color = color_exr(tmp_path / "c.exr")
+    for folder in ("sharp", "depth", "blurred"):
+        (tmp_path / folder).mkdir()
+        for stem in ("one", "two"):
+            path = good if folder == "depth" else color
+            (tmp_path / folder / f"{stem}.exr").write_bytes(path.read_bytes())
+    (tmp_path / "blurred" / "two.exr").write_bytes(b"no picture")
+    folders = [tmp_path / name for name in ("sharp", "depth", "blurred")]
+    for words, key, subject in (
+        (("depth", good, bad, "-o", tmp_path / "out"), "files", bad),
+        (("info", good, bad), "files", bad),
+        (("fit", *folders), "pairs", tmp_path / "blurred" / "two.exr"),
+    ):
+        ran = run(*words, "--json")
+        assert ran.code == 3
+        assert len(ran.json[key]) == 1
+        (failed,) = ran.json["failed"]
+        assert failed["subject"] == str(subject)
+        assert failed["problem"] in ran.err

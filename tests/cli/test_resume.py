@@ -1,0 +1,419 @@
+"""What was done is not done again, and what is not as it was is."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from batches import again, folders, in_process, records
+from command_line import (
+    color_exr,
+    depth_exr,
+    files_under,
+    pair,
+    ramp,
+    refused,
+    render,
+    run,
+    texture,
+)
+
+from defocus_core.batch.rendering import delivery, job_steps
+from defocus_core.batch.rendering.outcome import Outcome, Rendering
+from defocus_core.batch.workers import pipeline
+
+__all__ = ["folders", "in_process"]
+Computed = list[str]
+
+STOPPED_RUN = """\
+{"jobs": 3, "left": 3, "begun": "2026-01-01T00:00:00+00:00"}
+{"files": ["coc/c.exr"]}
+"""
+
+
+@pytest.fixture
+def computed(monkeypatch: pytest.MonkeyPatch) -> Computed:
+    """The names of the samples that are computed."""
+    names: Computed = []
+    compute = job_steps.compute
+
+    def counted(job: Any, *rest: Any) -> Any:
+        names.append(job.sample_id)
+        return compute(job, *rest)
+
+    monkeypatch.setattr(job_steps, "compute", counted)
+    return names
+
+
+def test_what_was_done_is_skipped_and_told(
+    folders: tuple[Path, Path], out: Path, computed: Computed
+) -> None:
+    first = again(folders, out, "--json")
+    before = (out / "journal.jsonl").read_bytes()
+    second = again(folders, out, "--json")
+    assert computed == ["a", "b", "c"]
+    assert second.code == 0
+    assert [line.split(":")[1] for line in second.err.splitlines()] == [
+        " done before -> " + str(out / "coc" / f"{stem}.exr") for stem in "abc"
+    ]
+    assert (out / "journal.jsonl").read_bytes() == before
+    for was, now in zip(first.json["pictures"], second.json["pictures"], strict=True):
+        assert (was["done_before"], now["done_before"]) == (False, True)
+        assert was["coc_px"] == now["coc_px"]
+    assert sorted(path.name for path in out.iterdir()) == ["coc", "journal.jsonl"]
+
+
+def test_a_record_holds_what_a_paper_needs(tmp_path: Path, out: Path) -> None:
+    color, depth = pair(tmp_path)
+    render(color, depth, "-o", out, "--outputs", "render,coc", "--preview", "--quality", "draft")
+    (record,) = records(out)
+    assert (record["sample_id"], record["status"], record["reason"]) == ("a", "ok", None)
+    assert set(record["outputs"]) == {"render", "render.preview", "coc", "coc.preview"}
+    for stamp in record["outputs"].values():
+        assert stamp["size"] == (out / stamp["path"]).stat().st_size
+        assert len(stamp["blake2b"]) == 32
+    assert record["inputs"]["color"]["path"] == str(color)
+    assert record["inputs"]["depth"]["size"] == depth.stat().st_size
+    assert record["lens"]["focus_mm"] == 2000
+    assert record["quality"] == "draft"
+    assert set(record["seconds"]) == {"read", "render", "write", "cpu"}
+    assert record["size"] == [24, 16]
+    assert str(out) not in json.dumps(record)
+
+
+def change_bytes(folders: tuple[Path, Path], out: Path) -> None:
+    color_exr(folders[0] / "b.exr", texture(seed=9))
+
+
+def change_depth(folders: tuple[Path, Path], out: Path) -> None:
+    depth_exr(folders[1] / "b.exr", ramp() + 1)
+
+
+def truncate(folders: tuple[Path, Path], out: Path) -> None:
+    os.truncate(out / "coc" / "b.exr", 100)
+
+
+def remove(folders: tuple[Path, Path], out: Path) -> None:
+    (out / "coc" / "b.exr").unlink()
+
+
+def replace_alike(folders: tuple[Path, Path], out: Path) -> None:
+    path = out / "coc" / "b.exr"
+    path.write_bytes(path.read_bytes()[::-1])
+
+
+@pytest.mark.parametrize("change", [change_bytes, change_depth, truncate, remove, replace_alike])
+def test_a_change_redoes_its_job_alone(
+    change: Callable[[tuple[Path, Path], Path], None],
+    folders: tuple[Path, Path],
+    out: Path,
+    computed: Computed,
+) -> None:
+    again(folders, out)
+    computed.clear()
+    change(folders, out)
+    ran = again(folders, out)
+    assert computed == ["b"]
+    assert ran.code == 0
+    again(folders, out)
+    assert computed == ["b"]
+
+
+def touch(folders: tuple[Path, Path], out: Path) -> None:
+    os.utime(folders[0] / "a.exr")
+    os.utime(out / "coc" / "b.exr")
+
+
+def lose_an_input(folders: tuple[Path, Path], out: Path) -> None:
+    """Gone is the whole picture: nothing asks for it any more."""
+    (folders[0] / "b.exr").unlink()
+    (folders[1] / "b.exr").unlink()
+
+
+@pytest.mark.parametrize("change", [touch, lose_an_input])
+def test_what_changes_no_bytes_redoes_nothing(
+    change: Callable[[tuple[Path, Path], Path], None],
+    folders: tuple[Path, Path],
+    out: Path,
+    computed: Computed,
+) -> None:
+    again(folders, out)
+    computed.clear()
+    change(folders, out)
+    again(folders, out)
+    assert computed == []
+
+
+def test_bytes_that_hide_behind_size_and_time_are_found_if_asked(
+    folders: tuple[Path, Path], out: Path, computed: Computed
+) -> None:
+    again(folders, out)
+    path = folders[1] / "b.exr"
+    before = path.stat()
+    path.write_bytes(path.read_bytes()[:-4] + b"\0\0\0\0")
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    computed.clear()
+    again(folders, out, "--check-inputs", "stat")
+    assert computed == []
+    ran = again(folders, out, "--check-inputs", "hash")
+    assert records(out)[-1]["sample_id"] == "b"
+    assert ran.code in (0, 1)  # it may not be readable any more
+
+
+def test_other_settings_redo_and_other_kinds_add(
+    folders: tuple[Path, Path], out: Path, computed: Computed
+) -> None:
+    again(folders, out)
+    render(*folders, "-o", out, "--outputs", "disparity")
+    assert len(computed) == 6
+    again(folders, out)
+    assert len(computed) == 6, "both are known"
+    assert "done again" in again(folders, out, "--blades", "6").err
+    assert len(computed) == 9
+    again(folders, out)
+    assert len(computed) == 12, "the files are those of the last lens"
+
+
+def test_threads_and_device_are_no_settings(
+    folders: tuple[Path, Path], out: Path, computed: Computed
+) -> None:
+    again(folders, out, "--threads", "1")
+    again(folders, out, "--threads", "2", "--device", "cpu")
+    assert len(computed) == 3
+
+
+def test_another_renderer_does_all_again_and_another_release_nothing(
+    folders: tuple[Path, Path], out: Path, computed: Computed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from defocus_core.batch.journal import identity
+
+    again(folders, out)
+    monkeypatch.setattr(identity, "version", lambda: "99.0")
+    again(folders, out)
+    assert len(computed) == 3, "a release changes no picture by itself"
+    monkeypatch.setattr(identity, "renderer_version", lambda: 99)
+    again(folders, out)
+    assert len(computed) == 6
+
+
+def test_overwrite_does_all_again(
+    folders: tuple[Path, Path], out: Path, computed: Computed
+) -> None:
+    again(folders, out)
+    again(folders, out, "--overwrite")
+    assert len(computed) == 6
+
+
+def test_a_file_that_the_journal_does_not_know_is_refused(
+    folders: tuple[Path, Path], out: Path, computed: Computed
+) -> None:
+    (out / "coc").mkdir(parents=True)
+    (out / "coc" / "c.exr").write_text("mine")
+    refused(again(folders, out), 3, "c.exr: exists already, and the journal does not know it")
+    assert computed == []
+    assert (out / "coc" / "c.exr").read_text() == "mine"
+    assert sorted(path.name for path in out.iterdir()) == ["coc"]
+
+
+def test_a_link_that_leads_nowhere_is_a_file_that_the_journal_does_not_know(
+    folders: tuple[Path, Path], out: Path, computed: Computed
+) -> None:
+    (out / "coc").mkdir(parents=True)
+    (out / "coc" / "c.exr").symlink_to("/mnt/away/c.exr")
+    refused(again(folders, out), 3, "c.exr: exists already, and the journal does not know it")
+    assert computed == []
+    assert again(folders, out, "--overwrite").code == 0
+    assert not (out / "coc" / "c.exr").is_symlink()
+
+
+PLAN = '{"begun": "2026-01-01T00:00:00+00:00", "jobs": [["coc/c.exr"]], "unknown": []}'
+
+
+def test_what_a_killed_run_had_begun_is_its_own(
+    folders: tuple[Path, Path], out: Path, computed: Computed
+) -> None:
+    """It wrote the file and did not live to say so."""
+    again(folders, out)
+    journal, run = out / "journal.jsonl", out / ".journal.run"
+    journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:-1]))
+    run.write_text(PLAN)
+    (out / "coc" / f".c.exr.{os.getpid()}.3.tmp").write_text("half")
+    computed.clear()
+    assert again(folders, out).code == 0
+    assert computed == ["c"]
+    assert not run.exists()
+    assert files_under(out) == {"coc/a.exr", "coc/b.exr", "coc/c.exr"}
+
+
+def test_what_a_killed_run_had_begun_is_not_forgotten_by_the_next_that_is_killed(
+    folders: tuple[Path, Path], out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    again(folders, out)
+    journal, run = out / "journal.jsonl", out / ".journal.run"
+    journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:-1]))
+    run.write_text(PLAN)
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(pipeline, "execute", killed)
+        assert again(folders, out).code == 130
+    ran = again(folders, out)
+    assert ran.code == 0, ran.err
+    assert len(records(out)) == 3
+    assert not run.exists()
+
+
+def test_what_a_worker_left_that_died_elsewhere_is_gone_when_all_is_done(
+    folders: tuple[Path, Path], out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = delivery.write
+
+    def leaving(made: Rendering) -> Outcome:
+        done = write(made)
+        (out / "coc" / ".b.exr.17.3.tmp").write_text("half")
+        return done
+
+    monkeypatch.setattr(delivery, "write", leaving)
+    assert again(folders, out).code == 0
+    assert files_under(out) == {"coc/a.exr", "coc/b.exr", "coc/c.exr"}
+
+
+def test_what_failed_is_tried_again(
+    folders: tuple[Path, Path], out: Path, computed: Computed
+) -> None:
+    good = (folders[1] / "b.exr").read_bytes()
+    depth_exr(folders[1] / "b.exr", -ramp())
+    assert again(folders, out).code == 1
+    assert [record["status"] for record in records(out)] == ["ok", "failed", "ok"]
+    assert again(folders, out).code == 1
+    (folders[1] / "b.exr").write_bytes(good)
+    assert again(folders, out).code == 0
+    assert computed == ["a", "c", "b"]
+
+
+@pytest.mark.usefixtures("in_process")
+def test_other_settings_supersede_what_failed_and_retry_tries_the_last(
+    folders: tuple[Path, Path], out: Path, computed: Computed
+) -> None:
+    good = (folders[1] / "b.exr").read_bytes()
+    depth_exr(folders[1] / "b.exr", -ramp())
+    again(folders, out, "--preview")
+    again(folders, out, "--blades", "6", "--overwrite")
+    told = run("status", out, "--json").json
+    assert (told["ok"], told["failed"], told["jobs"]) == (2, 1, 3)
+    (folders[1] / "b.exr").write_bytes(good)
+    assert run("retry", out).code == 0
+    assert records(out)[-1]["lens"]["blades"] == 6
+    assert not (out / "coc" / "b.preview.png").exists()
+
+
+def test_a_lone_picture_that_fails_leaves_nothing(tmp_path: Path, out: Path) -> None:
+    color, depth = pair(tmp_path)
+    depth_exr(depth, np.full((16, 24), np.nan, np.float32))
+    refused(render(color, depth, "-o", out), 3, str(depth))
+    assert not out.exists()
+
+
+def test_a_lone_picture_that_cannot_be_done_again_says_why_and_no_more(
+    tmp_path: Path, out: Path
+) -> None:
+    color, depth = pair(tmp_path)
+    render(color, depth, "-o", out)
+    before = (out / "render" / "a.exr").read_bytes()
+    depth_exr(depth, np.zeros_like(ramp()))
+    refused(render(color, depth, "-o", out), 3, "NaN or ≤ 0")
+    assert (out / "render" / "a.exr").read_bytes() == before
+    depth_exr(depth, ramp() + 1)
+    assert "done again, as inputs" in render(color, depth, "-o", out).err.splitlines()[-1]
+
+
+def test_a_broken_journal_stops_the_run(folders: tuple[Path, Path], out: Path) -> None:
+    again(folders, out)
+    journal = out / "journal.jsonl"
+    lines = journal.read_bytes().split(b"\n")
+    journal.write_bytes(b"\n".join([b"scribble", *lines[1:]]))
+    refused(again(folders, out), 3, "journal.jsonl: line 1 is broken; remove that line")
+
+
+def test_a_file_outside_out_that_a_record_names_is_left_alone(
+    folders: tuple[Path, Path], out: Path, tmp_path: Path
+) -> None:
+    again(folders, out)
+    mine = (out / "coc" / "a.exr").replace(tmp_path / "mine.exr")
+    journal = out / "journal.jsonl"
+    journal.write_text(journal.read_text().replace("coc/a.exr", "coc/../../mine.exr"))
+    refused(again(folders, out, "--blades", "6"), 3, "names the output 'coc/../../mine.exr', which")
+    assert mine.exists()
+
+
+def test_what_a_kill_left_of_the_index_and_of_shards_is_removed_by_the_next_run(
+    folders: tuple[Path, Path], out: Path, computed: Computed
+) -> None:
+    again(folders, out)
+    dead = subprocess.Popen(["true"])
+    dead.wait()
+    (out / "shards").mkdir()
+    left = [
+        out / f".metadata.jsonl.{dead.pid}.0.tmp",
+        out / f"shards/.samples-000000.tar.{dead.pid}.1.tmp",
+    ]
+    written_now = out / f".metadata.jsonl.{os.getppid()}.0.tmp"
+    for path in (*left, written_now):
+        path.write_text("half")
+    again(folders, out)
+    assert len(computed) == 3, "all was done before"
+    assert not any(path.exists() for path in left)
+    assert written_now.exists(), "its process runs"
+
+
+def test_a_copied_directory_goes_on_where_it_was(
+    folders: tuple[Path, Path], out: Path, computed: Computed, tmp_path: Path
+) -> None:
+    again(folders, out)
+    copy = tmp_path / "copy"
+    for path in (p for p in out.rglob("*") if p.is_file()):
+        (copy / path.relative_to(out)).parent.mkdir(parents=True, exist_ok=True)
+        (copy / path.relative_to(out)).write_bytes(path.read_bytes())
+    again(folders, copy)
+    assert len(computed) == 3
+
+
+def test_a_dry_run_says_what_was_done(folders: tuple[Path, Path], out: Path) -> None:
+    again(folders, out)
+    (out / "coc" / "b.exr").unlink()
+    told = again(folders, out, "--dry-run", "--json").json["pictures"]
+    assert [picture["done_before"] for picture in told] == [True, False, True]
+    assert "a: done before" in again(folders, out, "--dry-run").out
+
+
+def test_another_picture_of_the_same_name_is_refused(
+    tmp_path: Path, out: Path, computed: Computed
+) -> None:
+    one, other = (pair(tmp_path / folder) for folder in ("one", "other"))
+    color_exr(other[0], texture(seed=1))
+    assert render(*one, "-o", out).code == 0
+    words = ("a.exr: exists already, made of another picture", str(one[0]))
+    refused(render(*other, "-o", out), 3, *words)
+    assert render(*other, "-o", out, "--overwrite").code == 0
+    one[0].rename(tmp_path / "moved.exr")
+    assert render(*other, "-o", out, "--blades", "5").code == 0
+    assert computed == ["a", "a", "a"]
+
+
+def test_a_preview_goes_with_the_picture_that_it_shows(
+    folders: tuple[Path, Path], out: Path
+) -> None:
+    previews = [out / "coc" / f"{stem}.preview.png" for stem in "abc"]
+    again(folders, out, "--preview")
+    assert all(map(Path.exists, previews))
+    previews[1].write_bytes(b"somebody's own")
+    again(folders, out, "--fnumber", "4")
+    assert [path.exists() for path in previews] == [False, True, False]

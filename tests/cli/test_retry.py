@@ -1,0 +1,58 @@
+"""``defocus retry``: what failed, once more."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from batches import JOBS, contents, in_process, jobs_file
+from command_line import depth_exr, ramp, refused, run
+
+from defocus_core.batch.journal.lock import locked
+
+__all__ = ["in_process"]
+pytestmark = pytest.mark.usefixtures("in_process")
+
+
+def test_retry_of_what_another_does_is_refused_before_a_word_is_said(
+    tmp_path: Path, out: Path
+) -> None:
+    run("batch", jobs_file(tmp_path), "-o", out)
+    with locked(out, say=print):
+        refused(run("retry", out), 3, f"process {os.getpid()} on ", "stop it")
+
+
+def test_retry_needs_no_jobs_file(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    good = (tmp_path / "depth" / "a.exr").read_bytes()
+    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
+    run("batch", path, "-o", out)
+    path.unlink()
+    assert run("retry", out).code == 1
+    (tmp_path / "depth" / "a.exr").write_bytes(good)
+    assert "nothing failed for that reason" in run("retry", out, "--reason", "worker-died").err
+    ran = run("retry", out, "--reason", "input-unusable", "--json")
+    assert ran.code == 0
+    assert ran.json["ok"] == 2
+    jobs_file(tmp_path)
+    run("batch", path, "-o", tmp_path / "whole")
+    assert contents(out) == contents(tmp_path / "whole")
+    assert "nothing failed" in run("retry", out).err
+
+
+def test_retry_keeps_the_picture_of_the_opening(tmp_path: Path, out: Path) -> None:
+    opening = np.zeros((9, 9), np.float32)
+    opening[2:7, 4] = 1
+    np.save(tmp_path / "opening.npy", opening)
+    text = JOBS.replace("[lens]", '[lens]\naperture-image = "opening.npy"')
+    text = text.replace('kinds = ["coc"]', 'kinds = ["render"]')
+    path = jobs_file(tmp_path, text=text)
+    good = (tmp_path / "depth" / "a.exr").read_bytes()
+    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
+    assert run("batch", path, "-o", out).code == 1
+    (tmp_path / "depth" / "a.exr").write_bytes(good)
+    assert run("retry", out).code == 0
+    run("batch", path, "-o", tmp_path / "whole")
+    assert contents(out) == contents(tmp_path / "whole")

@@ -1,0 +1,91 @@
+"""``defocus status``: how far a batch is, and what failed."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from batches import JOBS, in_process, jobs_file
+from command_line import depth_exr, ramp, refused, run
+
+from defocus_cli.words.batch import progress_lines, progress_record
+from defocus_core.batch.journal.journal import Journal
+from defocus_core.batch.journal.progress import progress
+
+__all__ = ["in_process"]
+pytestmark = pytest.mark.usefixtures("in_process")
+
+
+def test_status_counts_no_job_twice_that_is_to_be_done_again(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out)
+    path.write_text(JOBS.replace("fnumber = 2", "fnumber = 4"))
+    run("batch", path, "-o", out, "--limit", "1")
+    told = run("status", out, "--json").json
+    assert (told["ok"], told["left"], told["again"], told["jobs"]) == (4, 3, 3, 4)
+    assert "4 done, 3 left, 3 of them to be done again, 4 jobs" in run("status", out).out
+
+
+def test_status_after_a_retry_knows_what_a_stopped_batch_has_left(
+    tmp_path: Path, out: Path
+) -> None:
+    path = jobs_file(tmp_path, *"abc")
+    good = (tmp_path / "depth" / "a.exr").read_bytes()
+    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
+    run("batch", path, "-o", out, "--limit", "3")
+    (tmp_path / "depth" / "a.exr").write_bytes(good)
+    assert run("retry", out).code == 0
+    told = run("status", out, "--json").json
+    assert (told["ok"], told["failed"], told["left"], told["jobs"]) == (3, 0, 3, 6)
+    assert run("batch", path, "-o", out).err.splitlines()[-1].startswith("6 jobs: 3 done, 3 done b")
+    assert not list(out.glob(".*"))
+
+
+def test_a_retry_with_nothing_to_do_forgets_no_batch_that_was_stopped(
+    tmp_path: Path, out: Path
+) -> None:
+    run("batch", jobs_file(tmp_path), "-o", out, "--limit", "1")
+    assert "nothing failed" in run("retry", out).err
+    assert run("status", out, "--json").json["left"] == 3
+
+
+def test_status_counts_and_names_what_failed(tmp_path: Path, out: Path) -> None:
+    path = jobs_file(tmp_path)
+    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
+    run("batch", path, "-o", out)
+    told = run("status", out).out
+    assert told.startswith(f"{out}: 2 done, 2 failed, 4 jobs\n")
+    assert "  input-unusable 2\n" in told
+    assert f"a_focus2m: input-unusable: {tmp_path / 'depth' / 'a.exr'}: " in told
+    shown = run("status", out, "--failures", "1", "--json").json
+    assert (shown["ok"], shown["failed"], shown["left"]) == (2, 2, 0)
+    assert [failure["sample_id"] for failure in shown["failures"]] == ["a_focus2m"]
+    assert shown["reasons"] == {"input-unusable": 2}
+
+
+def test_status_can_be_asked_while_a_batch_runs(
+    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+    append = Journal.append
+
+    def asked(journal: Journal, record: dict[str, object]) -> None:
+        append(journal, record)
+        found = progress(out)  # on a thread, where no stream can be redirected
+        seen.append((progress_record(found, 10), [*progress_lines(out, found, 10)]))
+
+    path = jobs_file(tmp_path)
+    monkeypatch.setattr(Journal, "append", asked)
+    run("batch", path, "-o", out)
+    told, words = seen[1]
+    assert (told["ok"], told["left"], told["jobs"]) == (2, 2, 4)
+    assert told["running"][0].startswith(f"process {os.getpid()} on ")
+    assert told["jobs_per_second"] > 0
+    assert told["eta_seconds"] == pytest.approx(2 / told["jobs_per_second"])
+    assert any("the rest takes about " in line for line in words)
+
+
+def test_there_is_no_status_without_a_journal(tmp_path: Path) -> None:
+    for command in ("status", "merge", "retry"):
+        refused(run(command, tmp_path), 3, f"{tmp_path}: has no journal")

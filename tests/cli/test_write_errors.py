@@ -1,0 +1,247 @@
+"""What cannot be written, and work that is cut short: one line, and nothing lost or half done."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from command_line import (
+    LENS,
+    Ran,
+    files_under,
+    pair,
+    refused,
+    refused_input,
+    render,
+    run,
+)
+
+from defocus_core.batch.rendering import delivery, job_steps
+from defocus_core.io.exr import writing
+from defocus_core.system.interrupts import put_off
+
+
+def fill_at_the_third_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The disk is full when the third file is to be kept."""
+    sync, calls = os.fsync, []
+
+    def full_at_the_third(number: int) -> None:
+        calls.append(number)
+        if len(calls) == 3:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        sync(number)
+
+    monkeypatch.setattr(os, "fsync", full_at_the_third)
+
+
+def test_an_output_directory_that_is_a_file(color: Path, depth: Path, out: Path) -> None:
+    out.write_text("mine")
+    for args in ((), ("--dry-run",), ("--overwrite",)):
+        ran = render(color, depth, "-o", out, *args)
+        refused(ran, 3, f"defocus: {out}: is a file where a directory is needed", "-o")
+    assert out.read_text() == "mine"
+
+
+def test_an_output_that_is_a_directory(color: Path, depth: Path, out: Path) -> None:
+    (out / "render" / "color.exr").mkdir(parents=True)
+    ran = render(color, depth, "-o", out, "--overwrite")
+    refused(ran, 3, f"{out / 'render' / 'color.exr'}: ")
+    assert files_under(out) == set()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read and write everything")
+def test_what_may_not_be_read_or_written(color: Path, depth: Path, out: Path) -> None:
+    color.chmod(0)
+    refused_input(render(color, depth, "-o", out), color, "Permission denied")
+    color.chmod(0o600)
+    out.mkdir(mode=0o500)
+    refused(render(color, depth, "-o", out), 3, f"{out}: cannot be written to")
+
+
+@pytest.mark.parametrize("stderr", ["full", "closed"])
+def test_words_that_cannot_be_said_do_not_cost_the_picture(
+    stderr: str, color: Path, depth: Path, out: Path
+) -> None:
+    command = "from defocus_cli.__main__ import run; run()"
+    args = [sys.executable, "-c", command, "render", color, "-o", out, "--outputs", "coc", *LENS]
+    redirected = "2>/dev/full" if stderr == "full" else "2>&-"
+    for more, code in ((depth, 0), (color, 3)):
+        shell = ["sh", "-c", f'exec "$@" {redirected}', "sh", *args, more, "--overwrite"]
+        assert subprocess.run(shell, check=False).returncode == code
+    assert files_under(out) == {"coc/color.exr"}
+
+
+@pytest.mark.parametrize(
+    ("redirected", "words"),
+    [
+        (">/dev/full", "cannot be written: No space left on device; free some space"),
+        (">&-", "is closed"),
+    ],
+)
+def test_a_document_that_cannot_be_told_is_an_error(
+    redirected: str, words: str, color: Path, depth: Path, out: Path
+) -> None:
+    command = "from defocus_cli.__main__ import run; run()"
+    done = ["render", color, depth, "-o", out, "--outputs", "coc", "--json", *LENS]
+    assert run(*done).code == 0
+    for args in (done, ["info", color], ["info", color, "--json"], ["status", out]):
+        shell = ["sh", "-c", f'exec "$@" {redirected}', "sh", sys.executable, "-c", command, *args]
+        ran = subprocess.run(shell, capture_output=True, text=True, check=False)
+        told = ran.stderr.splitlines()
+        assert (ran.returncode, told[-1].startswith(f"defocus: stdout: {words}")) == (3, True)
+        assert len(told) == 1 + (args is done)
+
+
+def test_a_full_disk(color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    for name in ("exr", "png", "jpg"):
+        ran = render(color, depth, "-o", out, "--format", name, "--outputs", "render,coc")
+        refused(ran, 3, str(out), "No space left on device; free some space")
+        assert not out.exists()
+
+
+def test_a_disk_that_fills_up_leaves_no_half_picture(
+    color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fill_at_the_third_file(monkeypatch)
+    ran = render(color, depth, "-o", out, "--outputs", "render,left,right")
+    refused(ran, 3, "No space left")
+    assert not out.exists()
+
+
+def test_a_file_that_another_worker_wrote_meanwhile_stays(
+    color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cluster may do a job twice; the one that comes to grief takes back its own files alone."""
+
+    def full(*_: object, **__: object) -> None:
+        other = out / "render" / "other"
+        other.write_text("theirs")
+        other.replace(out / "render" / "color.exr")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(writing, "write_exr", full)
+    refused(render(color, depth, "-o", out, "--outputs", "render,coc"), 3, "No space left")
+    assert (out / "render" / "color.exr").read_text() == "theirs"
+
+
+@pytest.mark.parametrize("at", ["compute", "write"])
+@pytest.mark.parametrize("again", [False, True])
+def test_an_output_directory_that_is_removed_meanwhile_ends_the_run(
+    again: bool, at: str, tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for stem in "ab":
+        color, depth = pair(tmp_path, stem)
+    module = delivery if at == "write" else job_steps
+    step = getattr(module, at)
+
+    def removing(*args: object) -> object:
+        done = step(*args)
+        shutil.rmtree(out)
+        if again:
+            out.mkdir()
+        return done
+
+    monkeypatch.setattr(module, at, removing)
+    ran = render(color.parent, depth.parent, "-o", out, "--outputs", "coc")
+    refused(ran, 3, f"{out / '.journal.lock'}: was removed", "run the same command")
+    assert again or not out.exists()
+
+
+def test_the_systems_own_errors_are_one_line(
+    color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO), "/mnt/disk")
+
+    monkeypatch.setattr(job_steps, "compute", broken)
+    refused(render(color, depth, "-o", out), 3, "defocus: /mnt/disk: Input/output error; ")
+
+
+def test_a_fault_of_our_own_asks_for_a_report(
+    color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def faulty(*_: object) -> None:
+        raise RuntimeError("wires\ncrossed")
+
+    monkeypatch.setattr(job_steps, "compute", faulty)
+    refused(render(color, depth, "-o", out), 1, "RuntimeError: wires crossed; please report")
+    verbose = render(color, depth, "-o", out, "-v")
+    assert verbose.code == 1
+    assert "Traceback" in verbose.err
+
+
+def test_the_process_itself_says_one_line_and_exits(color: Path, out: Path) -> None:
+    command = "from defocus_cli.__main__ import run; run()"
+    ran = subprocess.run(
+        [sys.executable, "-c", command, "render", color, "no.exr", "-o", out, *LENS],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    refused(Ran(ran.returncode, ran.stdout, ran.stderr), 3, "defocus: no.exr: no such file")
+
+
+def test_ctrl_c_waits_for_imports_and_is_not_lost() -> None:
+    def imports() -> None:
+        with put_off():
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.01)
+            done.append("imports")
+
+    done: list[str] = []
+    with pytest.raises(KeyboardInterrupt):
+        imports()
+    assert done
+
+
+def test_ctrl_c_ends_the_process_with_130_and_one_line(tmp_path: Path) -> None:
+    files = [*pair(tmp_path), "-o", tmp_path / "out"]
+    script = (
+        "import sys, time; from defocus_cli import main\n"
+        "from defocus_core.batch.rendering import delivery, job_steps\n"
+        "job_steps.compute = lambda *_: (print('up', flush=True), time.sleep(60)); "
+        "sys.exit(main.main())"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", script, "render", *map(str, files), *LENS],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "up\n"
+    time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=10)
+    refused(Ran(process.returncode, "", err), 130, "interrupted")
+
+
+def test_what_overwrite_replaced_comes_back_if_a_later_file_fails(
+    color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A good result of before is not lost to a disk that is full now."""
+    kinds = ("--outputs", "render,left,right")
+    assert render(color, depth, "-o", out, *kinds).code == 0
+    before = {path: path.read_bytes() for path in out.rglob("*.exr")}
+    assert len(before) == 3
+    fill_at_the_third_file(monkeypatch)
+    ran = render(color, depth, "-o", out, *kinds, "--overwrite", "--quality", "draft")
+    refused(ran, 3, "No space left")
+    assert {path: path.read_bytes() for path in out.rglob("*.exr")} == before
+    assert files_under(out) == {str(path.relative_to(out)) for path in before}
+
+
+def test_a_directory_in_the_place_of_an_output(color: Path, depth: Path, out: Path) -> None:
+    (out / "render" / f"{color.stem}.exr").mkdir(parents=True)
+    refused(render(color, depth, "-o", out, "--overwrite"), 3, "is a directory where a file")

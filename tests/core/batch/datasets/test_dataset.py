@@ -1,0 +1,86 @@
+"""From a jobs file to a data set: what is swept and drawn is rendered, journalled and indexed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from command_line import header, read_exr
+from jobs_files import INPUTS, LENS, SAMPLE, jobs, pictures
+
+from defocus_cli.words import batch as batch_report
+from defocus_core.batch.datasets import sample_index, tar_shards
+from defocus_core.batch.datasets.finished import samples
+from defocus_core.batch.journal.journal import Record, read_all
+from defocus_core.batch.journal.ledger import Ledger
+from defocus_core.batch.journal.plain_values import plain, typed
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.workers import pipeline, run
+
+DRAFT = '[machine]\nquality = "draft"\n'
+
+
+def carried_out(folder: Path, text: str) -> tuple[run.Summary, list[Record]]:
+    todo, out = jobs(folder, text + DRAFT, inputs=INPUTS), folder / "out"
+    execution = run.Execution(pipeline.execute)
+    summary = run.carry_out(todo, out, execution, batch_report.BatchReport(each=False))
+    return summary, Ledger(out, read_all(out)).live
+
+
+def test_a_drawn_lens_is_the_same_in_file_journal_index_and_shard(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    summary, records = carried_out(tmp_path, LENS + SAMPLE)
+    assert summary.statuses == {"ok": 8}
+    sample_index.write(tmp_path / "out", records)
+    found = {sample.sample_id: sample for sample in samples(tmp_path / "out")}
+    assert sorted(found) == [f"{name}_s00{index}" for name in "ab" for index in range(4)]
+    again = [sample.record["lens"]["draw_attempt"] for sample in found.values()]
+    assert max(again) > 0
+    for sample in found.values():
+        told = header(sample.files["coc"])
+        assert told["defocus:fnumber"] == f"{sample.lens.fnum:.9g}"
+        radius = read_exr(sample.files["coc"])["coc"]
+        assert sample.coc_px == (radius.min(), radius.max())
+        assert max(map(abs, sample.coc_px)) <= 0.3
+    shards = tar_shards.write(tmp_path / "out", records, 10**9)
+    assert [path.name for path in shards] == ["samples-000000.tar"]
+
+
+def test_a_rejected_picture_is_in_the_journal_and_not_in_the_index(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    text = (
+        LENS + 'fnumber = 2\nmax-coc = "0.3px"\n[sweep]\nfocus = ["1m", "percentile(50)", "5m"]\n'
+    )
+    summary, records = carried_out(tmp_path, text)
+    assert summary.statuses["ok"]
+    assert summary.reasons == {"coc-too-large": summary.statuses["rejected"]}
+    sample_index.write(tmp_path / "out", records)
+    assert len(list(samples(tmp_path / "out"))) == summary.statuses["ok"]
+    assert carried_out(tmp_path, text)[0].skipped == 6
+
+
+def index(folder: Path, text: str) -> list[dict[str, Any]]:
+    _, records = carried_out(folder, text)
+    lines = sample_index.write(folder / "out", records).read_text().splitlines()
+    return [json.loads(line) for line in lines]
+
+
+def test_a_sweep_that_grows_does_what_is_new(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    text = LENS + 'fnumber = 2\n[sweep]\nfocus = ["1m", "2m"]\n'
+    few = index(tmp_path, text)
+    summary, _ = carried_out(tmp_path, text.replace('"2m"', '"2m", "3m"'))
+    assert (summary.skipped, summary.statuses) == (4, {"ok": 2})
+    grown = SAMPLE.replace("n = 4", "n = 5")
+    carried_out(tmp_path, LENS + SAMPLE)
+    summary, _ = carried_out(tmp_path, LENS + grown)
+    assert (summary.skipped, summary.statuses) == (8, {"ok": 2})
+    now = {line["sample_id"]: line for line in index(tmp_path, LENS + grown)}
+    assert all(now[line["sample_id"]] == line for line in few)
+
+
+def test_a_job_with_a_drawn_lens_survives_the_journal(tmp_path: Path) -> None:
+    lens = jobs(tmp_path, LENS + SAMPLE)[0].lens
+    assert lens.draw is not None
+    assert typed(Lens, json.loads(json.dumps(plain(lens)))) == lens

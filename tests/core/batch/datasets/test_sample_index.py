@@ -1,0 +1,140 @@
+"""The index of a finished batch: what training scripts find in it, and who else can read it."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from records import record
+
+from defocus_core.batch.datasets import sample_index
+from defocus_core.batch.datasets.finished import samples
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.errors import InputError
+
+
+def written(out: Path, *records: dict[str, Any]) -> list[dict[str, Any]]:
+    path = sample_index.write(out, records)
+    assert path == out / "metadata.jsonl"
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def test_a_sample_is_a_line_whose_file_name_comes_first(tmp_path: Path) -> None:
+    line = written(tmp_path, record(tmp_path, "a", ("coc", "left", "render")))[0]
+    assert next(iter(line)) == "file_name"
+    assert (line["file_name"], line["left_file_name"]) == ("render/a.png", "left/a.png")
+    assert line["outputs"] == {
+        "render": "render/a.png",
+        "left": "left/a.png",
+        "coc": "coc/a.exr",
+    }
+    assert (line["coc_min_px"], line["coc_max_px"]) == (-1, 2.5)
+    assert line["inputs"] == {"color": "color.exr", "depth": "depth.exr"}
+
+
+def test_only_maps_are_files_too(tmp_path: Path) -> None:
+    assert written(tmp_path, record(tmp_path, "a", ("coc",)))[0]["file_name"] == "coc/a.exr"
+
+
+def test_the_order_of_the_records_is_not_that_of_the_index(tmp_path: Path) -> None:
+    one, two = record(tmp_path, "a"), record(tmp_path, "b", seconds=9.0)
+    found = written(tmp_path, two, one)
+    assert [line["sample_id"] for line in found] == ["a", "b"]
+    assert found == written(tmp_path, one, {**two, "seconds": 1.0})
+
+
+def test_neither_time_nor_place_is_in_it(tmp_path: Path) -> None:
+    written(tmp_path, record(tmp_path, "a"))
+    text = (tmp_path / "metadata.jsonl").read_text()
+    assert str(tmp_path) not in text
+    assert not [word for word in ("seconds", "mtime", "time", "finished") if f'"{word}' in text]
+
+
+@pytest.mark.parametrize(
+    ("change", "kinds"), [({"version": "2"}, {"render", "coc"}), ({"renderer": 2}, {"coc"})]
+)
+def test_pictures_of_two_releases_make_one_sample_if_they_have_one_renderer(
+    change: dict[str, object], kinds: set[str], tmp_path: Path
+) -> None:
+    first, later = record(tmp_path, "a", ["render"]), record(tmp_path, "a", ["coc"], **change)
+    (entry,) = sample_index.entries([first, later])
+    assert set(entry["outputs"]) == kinds
+
+
+def test_what_failed_is_no_sample(tmp_path: Path) -> None:
+    failed = {"sample_id": "b", "status": "failed", "reason": "unreadable"}
+    assert len(written(tmp_path, record(tmp_path, "a"), failed)) == 1
+
+
+def test_every_key_has_one_type(tmp_path: Path) -> None:
+    one = record(tmp_path, "a")
+    far = {**one["lens"], "focus_mm": "inf", "focal_length_mm": 50.5, "focus_percentile": 7.5}
+    drawn = {**far, "draw": {"seed": 7, "index": 0, "attempt": 3}, "focus_at_px": [3, 4]}
+    for line in written(tmp_path, one, record(tmp_path, "b", lens=drawn)):
+        lens = line["lens"]
+        assert type(lens["focus_dioptres"]) is type(lens["focal_length_mm"]) is float
+        assert lens["focus_mm"] is None or type(lens["focus_mm"]) is float
+    assert (lens["focus_mm"], lens["focus_dioptres"], lens["draw_attempt"]) == (None, 0, 3)
+
+
+def test_an_index_is_replaced_as_a_whole(tmp_path: Path, monkeypatch) -> None:
+    written(tmp_path, record(tmp_path, "a"))
+    before = (tmp_path / "metadata.jsonl").read_bytes()
+    broken = record(tmp_path, "c")
+    del broken["size"]
+    with pytest.raises(KeyError):
+        sample_index.write(tmp_path, [record(tmp_path, "b"), broken])
+    assert (tmp_path / "metadata.jsonl").read_bytes() == before
+
+
+def test_the_index_reads_as_samples(tmp_path: Path) -> None:
+    far = {**record(tmp_path, "a")["lens"], "focus_mm": "inf", "focus_at_px": [3, 4]}
+    written(tmp_path, record(tmp_path, "a"), record(tmp_path, "b", lens=far))
+    first, second = samples(str(tmp_path))
+    assert first.lens == Lens(50.0, 2.0, 2000.0)
+    assert second.lens == Lens(50.0, 2.0, math.inf, focus_at=(3, 4))
+    assert first.files == {"render": tmp_path / "render/a.png", "coc": tmp_path / "coc/a.exr"}
+    assert first.inputs["depth"] == tmp_path / "depth.exr"
+    assert (first.size, first.coc_px, first.quality) == ((4, 3), (-1, 2.5), "draft")
+    assert first.record["version"] == "1"
+
+
+def test_what_is_no_index_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"metadata\.jsonl: cannot be read: No such.*batch ends"):
+        list(samples(tmp_path))
+    (tmp_path / "metadata.jsonl").write_text('{"sample_id": "a"}\n')
+    with pytest.raises(InputError, match="line 1: is no sample: KeyError"):
+        list(samples(tmp_path))
+
+
+def test_image_folders_of_hugging_face_load(tmp_path: Path, monkeypatch) -> None:
+    pytest.importorskip("PIL")
+    datasets = pytest.importorskip("datasets")
+    out = tmp_path / "out"
+    far = {**record(out, "a_f1.4")["lens"], "focus_mm": "inf"}
+    records = [
+        record(out, "a_f1.4", ("render", "left", "coc"), level=10),
+        record(out, "b_f1.4", ("render", "left", "coc"), level=20, lens=far, warnings=["clipped"]),
+    ]
+    (out / "journal.jsonl").write_text('{"sample_id": "a"}\n')
+    (out / "render" / "a_f1.4.preview.png").write_bytes((out / "render/a_f1.4.png").read_bytes())
+    sample_index.write(out, records)
+    loaded = datasets.load_dataset(
+        "imagefolder", data_dir=str(out), split="train", cache_dir=str(tmp_path / "cache")
+    )
+    assert loaded["sample_id"][:] == ["a_f1.4", "b_f1.4"]
+    assert [image.getpixel((0, 0))[0] for image in loaded["image"]] == [10, 20]
+    assert [image.getpixel((0, 0))[0] for image in loaded["left"]] == [10, 20]
+    assert [lens["focus_dioptres"] for lens in loaded["lens"]] == [0.5, 0.0]
+
+
+def test_pandas_reads_the_index(tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    written(tmp_path, record(tmp_path, "a"), record(tmp_path, "b"))
+    table = pandas.read_json(tmp_path / "metadata.jsonl", lines=True)
+    assert list(table.sample_id) == ["a", "b"]
+    assert list(table.coc_max_px) == [2.5, 2.5]
+    assert list(pandas.json_normalize(table.lens.tolist()).focus_dioptres) == [0.5, 0.5]

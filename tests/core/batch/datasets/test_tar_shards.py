@@ -1,0 +1,127 @@
+"""WebDataset shards: what is in them, that they fit, and that their bytes are fixed."""
+
+from __future__ import annotations
+
+import json
+import os
+import tarfile
+from itertools import groupby
+from pathlib import Path
+
+import pytest
+from records import record
+
+from defocus_core.batch.datasets import tar_shards
+from defocus_core.batch.lenses.quantities import QuantityError, byte_count
+from defocus_core.errors import InputError
+
+LARGE = 10**9
+
+
+def names(path: Path) -> list[str]:
+    with tarfile.open(path) as tar:
+        return tar.getnames()
+
+
+def packed(out: Path, count: int, limit: int = LARGE) -> list[Path]:
+    return tar_shards.write(out, [record(out, f"a_f1.4_s{i:03}") for i in range(count)], limit)
+
+
+def test_a_sample_is_its_outputs_and_its_line_of_the_index(tmp_path: Path) -> None:
+    shard = packed(tmp_path, 2)[0]
+    assert shard == tmp_path / "shards" / "samples-000000.tar"
+    keys = ["a_f1_4_s000", "a_f1_4_s001"]
+    wanted = [f"{key}.{kind}" for key in keys for kind in ("coc.exr", "json", "render.png")]
+    assert names(shard) == wanted
+    with tarfile.open(shard) as tar:
+        data = {member.name: tar.extractfile(member).read() for member in tar}  # type: ignore[union-attr]
+    assert data["a_f1_4_s001.render.png"] == (tmp_path / "render/a_f1.4_s001.png").read_bytes()
+    assert json.loads(data["a_f1_4_s001.json"])["sample_id"] == "a_f1.4_s001"
+
+
+def test_files_of_one_sample_have_one_key_and_follow_one_another(tmp_path: Path) -> None:
+    records = [record(tmp_path, name) for name in ("a.1", "a_1", "a", "a.b.c", "b" * 120)]
+    found = names(tar_shards.write(tmp_path, records, LARGE)[0])
+    keys = [key for key, _ in groupby(name.split(".")[0] for name in found)]
+    assert len(keys) == len(set(keys)) == 5
+    assert len(found) == len(set(found)) == 15
+
+
+def test_the_bytes_depend_on_the_samples_alone(tmp_path: Path) -> None:
+    one = packed(tmp_path / "one", 3)[0]
+    records = [record(tmp_path / "two", f"a_f1.4_s{i:03}", seconds=i) for i in (2, 0, 1)]
+    os.utime(tmp_path / "two/render/a_f1.4_s001.png", (1, 1))
+    two = tar_shards.write(tmp_path / "two", records, LARGE)[0]
+    assert one.read_bytes() == two.read_bytes()
+
+
+def test_shards_hold_all_and_none_is_larger_than_it_may(tmp_path: Path) -> None:
+    limit = 30_000
+    shards = packed(tmp_path, 40, limit)
+    assert len(shards) > 2
+    assert max(path.stat().st_size for path in shards) <= limit
+    assert len(names(shards[0])) == len(names(shards[1]))
+    assert sum(len(names(path)) for path in shards) == 120
+    listed = json.loads((tmp_path / "shards" / "shards.json").read_text())["shards"]
+    assert [one["file"] for one in listed] == [path.name for path in shards]
+    assert sum(one["samples"] for one in listed) == 40
+
+
+def test_a_sample_that_is_too_large_has_a_shard_to_itself(tmp_path: Path) -> None:
+    assert [len(names(path)) for path in packed(tmp_path, 2, 1)] == [3, 3]
+
+
+def test_what_is_no_longer_needed_goes(tmp_path: Path) -> None:
+    assert len(packed(tmp_path, 3, 1)) == 3
+    kept = tmp_path / "shards" / "samples-of-mine.tar"
+    kept.touch()
+    packed(tmp_path, 1, 1)
+    left = {path.name for path in (tmp_path / "shards").iterdir()}
+    assert left == {"samples-000000.tar", "shards.json", kept.name}
+
+
+def test_a_shard_is_packed_again_only_if_something_of_it_changed(tmp_path: Path) -> None:
+    records = [record(tmp_path, name) for name in "abc"]
+    shards = tar_shards.write(tmp_path, records, 1)
+    for path in shards:
+        os.utime(path, (1, 1))
+    records[1] = record(tmp_path, "b", level=9)
+    shards[2].write_bytes(b"cut")
+    tar_shards.write(tmp_path, records, 1)
+    assert [path.stat().st_mtime == 1 for path in shards] == [True, False, False]
+    assert [len(names(path)) for path in shards] == [3, 3, 3]
+
+
+def test_an_output_that_is_gone_is_told_and_no_shard_is_begun(tmp_path: Path) -> None:
+    records = [record(tmp_path, name) for name in "ab"]
+    (tmp_path / "coc" / "b.exr").unlink()
+    with pytest.raises(InputError, match=r"coc/b\.exr: cannot be packed: No such file"):
+        tar_shards.write(tmp_path, records, LARGE)
+    assert not list(tmp_path.glob("shards/*"))
+
+
+def test_an_output_that_shrinks_while_it_is_packed_leaves_no_shard(tmp_path, monkeypatch) -> None:
+    records = [record(tmp_path, "a")]
+    monkeypatch.setattr(tar_shards, "_size", lambda path: path.stat().st_size + 1)
+    with pytest.raises(InputError, match="changed while it was packed"):
+        tar_shards.write(tmp_path, records, LARGE)
+    assert not list(tmp_path.glob("shards/*"))
+
+
+def test_sizes_are_read_as_people_write_them() -> None:
+    sizes = {"1GB": 10**9, "1.5 MiB": 3 * 2**19, "4096B": 4096, "2kb": 2000}
+    assert {text: byte_count(text) for text in sizes} == sizes
+    for text in ("0B", "-1GB", "1XB", "much", "0.2B"):
+        with pytest.raises(QuantityError):
+            byte_count(text)
+
+
+def test_webdataset_would_find_the_samples(tmp_path: Path) -> None:
+    """Its rule: a key ends at the first dot; neighbours of one key are one sample."""
+    for path in packed(tmp_path, 3):
+        for key, group in groupby(names(path), lambda name: name.split(".", 1)[0]):
+            assert {name.removeprefix(key + ".") for name in group} == {
+                "render.png",
+                "coc.exr",
+                "json",
+            }

@@ -1,0 +1,229 @@
+"""The pictures of a jobs file: patterns, folders, lists and tables, and what is wrong with them."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from jobs_files import FIXED, jobs, names, touch
+
+from defocus_core.batch.jobs.job import Picture
+from defocus_core.errors import InputError, UsageProblem, UserError
+from defocus_core.io.wildcards import matching
+
+
+@pytest.mark.parametrize(
+    ("pattern", "named"),
+    [
+        ("f/*.exr", {"1": "f/1.exr", "2_rgb": "f/2_rgb.exr"}),
+        ("./f//*.exr", {"1": "f/1.exr", "2_rgb": "f/2_rgb.exr"}),
+        ("f/*_rgb.exr", {"2": "f/2_rgb.exr"}),
+        ("f/*", {"1": "f/1.exr", "2_rgb": "f/2_rgb.exr"}),
+        ("s?/rgb.exr", {"1": "s1/rgb.exr", "2": "s2/rgb.exr"}),
+        ("s[13]/*.exr", {"1_rgb": "s1/rgb.exr"}),
+        ("**/rgb.exr", {"s1": "s1/rgb.exr", "s2": "s2/rgb.exr"}),
+    ],
+)
+def test_wildcards_name_what_they_match(
+    tmp_path: Path, pattern: str, named: dict[str, str]
+) -> None:
+    touch(tmp_path, "f/1.exr", "f/2_rgb.exr", "f/notes.txt", "s1/rgb.exr", "s2/rgb.exr")
+    wanted = {name: tmp_path / file for name, file in named.items()}
+    for folder, text in ((tmp_path, pattern), (Path("/"), f"{tmp_path}/{pattern}")):
+        matches = matching(folder, text)
+        assert {name: path for name, path in matches if path.suffix == ".exr"} == wanted
+
+
+@pytest.mark.parametrize("closed", [".", "s1", "s1/rgb"])
+def test_a_folder_that_cannot_be_looked_into_is_not_passed_over(
+    closed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    touch(tmp_path, "s0/rgb/a.exr", "s1/rgb/a.exr")
+    access = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: path != tmp_path / closed)
+    with pytest.raises(InputError, match=f"{tmp_path / closed}: cannot be looked into; check its"):
+        list(matching(tmp_path, "*/rgb/*.exr"))
+    monkeypatch.setattr(os, "access", access)
+    assert len(list(matching(tmp_path, "*/rgb/*.exr"))) == 2
+
+
+def test_patterns_pair_by_what_their_wildcards_stand_for(tmp_path: Path) -> None:
+    touch(tmp_path, "c/2_rgb.png", "c/1_rgb.png", "d/1.npy", "d/2.npy", "h/1.exr", "h/2.exr")
+    inputs = 'color = "c/*_rgb.png"\ndepth = "d/*.npy"\nhidden-color = "h/*.exr"'
+    hidden = Picture("1", tmp_path / "h/1.exr", tmp_path / "h/1.exr")
+    picture = Picture("1", tmp_path / "c/1_rgb.png", tmp_path / "d/1.npy", hidden)
+    found = jobs(tmp_path, FIXED, inputs=inputs)
+    assert found[0].picture == picture
+    assert names(found) == ["1", "2"]
+
+
+@pytest.mark.parametrize(
+    ("color", "depth", "named"),
+    [
+        ("scenes/s*/rgb.exr", None, ["spheres", "street"]),
+        ("scenes/s*/rgb.exr", "scenes/s*/z.exr", ["spheres", "street"]),
+        ("seq/frame.*.exr", "seq/frame.*.npy", ["frame.0001", "frame.0002"]),
+        ("seq/frame.*.exr", "seq/z.*.npy", ["0001", "0002"]),
+        ("seq/frame.00[0-9][0-9].exr", "seq/frame.00??.npy", ["frame.0001", "frame.0002"]),
+    ],
+)
+def test_a_name_has_the_text_before_a_wildcard_that_all_patterns_share(
+    tmp_path: Path, color: str, depth: str | None, named: list[str]
+) -> None:
+    touch(tmp_path, *(f"scenes/{s}/{f}.exr" for s in ("spheres", "street") for f in ("rgb", "z")))
+    touch(tmp_path, *(f"seq/{f}" for i in "12" for f in (f"frame.000{i}.exr", f"frame.000{i}.npy")))
+    touch(tmp_path, "seq/z.0001.npy", "seq/z.0002.npy")
+    inputs = f'color = "{color}"' + (f'\ndepth = "{depth}"' if depth else "")
+    assert names(jobs(tmp_path, FIXED, inputs=inputs)) == named
+
+
+def test_links_that_lead_in_a_circle_are_refused(tmp_path: Path) -> None:
+    """Followed to the 40 links that the system allows, two in each folder are 2**40 paths."""
+    touch(tmp_path, "a/rgb.exr", "b/rgb.exr")
+    for number in (1, 2):
+        (tmp_path / f"a/to_b{number}").symlink_to(tmp_path / "b")
+        (tmp_path / f"b/to_a{number}").symlink_to(tmp_path / "a")
+    with pytest.raises(InputError, match="is a symbolic link to a folder that it is in; remove"):
+        jobs(tmp_path, FIXED, inputs='color = "**/*.exr"')
+
+
+def test_folders_and_single_files_pair_as_on_the_command_line(tmp_path: Path) -> None:
+    touch(tmp_path, "c/1.png", "d/1.npy", "photo.jpg", "z.exr", "b.exr", "bz.exr")
+    found = jobs(tmp_path, FIXED, inputs='color = "c"\ndepth = "d"')
+    assert found[0].picture == Picture("1", tmp_path / "c/1.png", tmp_path / "d/1.npy")
+    inputs = 'color = "photo.jpg"\ndepth = "z.exr"\nhidden-color = "b.exr"\nhidden-depth = "bz.exr"'
+    picture = jobs(tmp_path, FIXED, inputs=inputs)[0].picture
+    assert (picture.stem, picture.depth) == ("photo", tmp_path / "z.exr")
+    assert picture.hidden == Picture("b", tmp_path / "b.exr", tmp_path / "bz.exr")
+
+
+def test_a_pattern_without_depth_is_of_scenes(tmp_path: Path) -> None:
+    touch(tmp_path, "1.exr", "2.exr", "3.png")
+    found = jobs(tmp_path, FIXED, inputs='color = "*.*"')
+    assert [job.picture.depth.name for job in found] == ["1.exr", "2.exr"]
+
+
+def write_list(folder: Path, kind: str, *rows: dict[str, object]) -> None:
+    lines = [json.dumps(row) for row in rows]
+    if kind == "csv":
+        keys = list(dict.fromkeys(key for row in rows for key in row))
+        lines = [",".join(str(row.get(key, "")) for key in keys) for row in rows]
+        lines.insert(0, ",".join(keys))
+    (folder / "lists").mkdir()
+    (folder / "lists" / f"l.{kind}").write_text("\n".join([*lines, "", ""]), encoding="utf-8-sig")
+
+
+@pytest.mark.parametrize("kind", ["csv", "jsonl"])
+def test_a_list_has_a_row_for_each_picture_with_a_lens_of_its_own(
+    tmp_path: Path, kind: str
+) -> None:
+    touch(tmp_path, "a.png", "z.exr")
+    rows: list[dict[str, object]] = [
+        {"color": "../a.png", "depth": "../z.exr", "stem": 7, "focus": "3m", "blades": 6},
+        {"color": "../s.exr", "hidden-color": "../h.exr"},
+    ]
+    write_list(tmp_path, kind, *rows)
+    first, second = jobs(tmp_path, FIXED, inputs=f'list = "lists/l.{kind}"')
+    folder = tmp_path / "lists"
+    assert first.picture == Picture("7", folder / "../a.png", folder / "../z.exr")
+    assert (first.lens.foc_dist, first.lens.blades) == (3000, 6)
+    assert second.picture.hidden == Picture("h", folder / "../h.exr", folder / "../h.exr")
+    assert (second.sample_id, second.lens.foc_dist, second.lens.blades) == ("s", 2000, 0)
+
+
+def test_tables_and_lists_and_patterns_come_one_after_another(tmp_path: Path) -> None:
+    touch(tmp_path, "a.exr", "b.exr")
+    (tmp_path / "l.csv").write_text("color\nb.exr\n")
+    inputs = 'color = "a*.exr"\nlist = ["l.csv"]\n[[inputs.pictures]]\ncolor = "a.exr"\nstem = "c"'
+    assert names(jobs(tmp_path, FIXED, inputs=inputs)) == ["a", "b", "c"]
+
+
+@pytest.mark.parametrize(
+    ("inputs", "words"),
+    [
+        ('colour = "a"', r"jobs\.toml: \[inputs\]: unknown key 'colour'; did you mean color\?"),
+        ("", r"\[inputs\]: names no picture; write"),
+        ('depth = "*.exr"', r"\[inputs\] depth: stands without color"),
+        ('color = "*.png"\nhidden-depth = "h"', "hidden-depth: stands without hidden-color"),
+        ("color = 7", r"\[inputs\] color: 7 is not a text"),
+        ('color = "no.exr"', r"no\.exr: no such file"),
+        (
+            'color = "x*.png"\ndepth = "*.npy"',
+            r"x\*\.png: holds no file of a known type; .* exr, hdr",
+        ),
+        ('color = "*.png"\ndepth = "1.npy"', r"\*\.png: is a pattern but .*1\.npy is a file"),
+        ('color = "*.png"\ndepth = "*.npy"', r"\*\.npy: holds nothing named '2' like .*2\.png"),
+        ('color = "?.jpg"\ndepth = "?.npy"', r"\?\.jpg: holds nothing named '3' like .*3\.npy"),
+        ('color = "[12].*"\ndepth = "*.npy"', r"names both .* '1'"),
+        ('list = "l.txt"', r"l\.txt: is no list of pictures by its name"),
+        ('list = "no.csv"', r"no\.csv: cannot be read: No such file"),
+        ("list = [1]", r"\[inputs\] list: \[1\] does not name files"),
+        ("pictures = 1", r"pictures: is no list of tables; write \[\[inputs\.pictures\]\]"),
+        ('[[inputs.pictures]]\ndepth = "1.npy"', r"pictures\]\] 1: names no color"),
+        ('[[inputs.pictures]]\ncolor = "1.png"', r"pictures\]\] 1: names no depth"),
+        ('[[inputs.pictures]]\ncolor = "9.exr"', r"9\.exr: no such file; paths are relative to"),
+        ('[[inputs.pictures]]\ncolor = "1.png"\ndepht = "1"', r"'depht'; did you mean depth\?"),
+        ('[[inputs.pictures]]\ncolor = "c.exr"\nfokus = "1"', r"'fokus'; did you mean focus\?"),
+        ('[[inputs.pictures]]\ncolor = "c.exr"\nstem = "a/b"', r"stem: 'a/b' cannot name a file"),
+        ('[[inputs.pictures]]\ncolor = "c.exr"\nstem = ""', r"stem: '' cannot name a file"),
+        ('[[inputs.pictures]]\ncolor = "c.exr"\nhidden-depth = "h"', "without hidden-color"),
+        ('[[inputs.pictures]]\ncolor = "c.exr"\nfocus = "2"', r"\]\] 1: focus: '2' has no unit"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_place(tmp_path: Path, inputs: str, words: str) -> None:
+    touch(tmp_path, "1.png", "1.jpg", "2.png", "1.npy", "3.npy", "c.exr", "l.txt")
+    with pytest.raises(UserError, match=words):
+        jobs(tmp_path, FIXED, inputs=inputs or "\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("l.csv", "", "l.csv: is empty"),
+        ("l.csv", "color,depth\n", "l.csv: has no row"),
+        ("l.csv", "color,color\n", "line 1: names 'color' twice"),
+        ("l.csv", "color\nc.exr\nb.exr,x\n", "line 3: has 2 cells, but the header names 1"),
+        ("l.csv", "color\n'c.exr\n\"b", "line 3: is not CSV"),
+        (
+            "l.csv",
+            "color,speed\nc.exr,9\n",
+            "line 2: unknown key 'speed'; a row knows focal-length",
+        ),
+        ("l.csv", "color,fnumber\nc.exr,2\nb.exr,f/x\n", "line 3: fnumber: 'x' is not"),
+        ("l.csv", 'color,focus,focus-at\nc.exr,2m,"1,1"\n', "line 2: focus: contradicts focus-at"),
+        ("l.csv", "color\nc.exr\nd/c.exr\n", "line 3: has the same name as that of .*line 2, 'c'"),
+        ("l.jsonl", '{"color": "c.exr"}\n{"color"\n', "line 2: is not JSON"),
+        ("l.jsonl", "[1]\n", "line 1: is no JSON object"),
+        ("l.jsonl", '{"color": ["c.exr"]}\n', r"line 1: color: \['c\.exr'\] is not a path"),
+        ("l.jsonl", "\xff".encode("latin-1").decode("latin-1"), "line 1: is not JSON"),
+    ],
+)
+def test_what_is_wrong_in_a_list_is_told_with_its_line(
+    tmp_path: Path, name: str, text: str, words: str
+) -> None:
+    touch(tmp_path, "c.exr")
+    (tmp_path / name).write_text(text)
+    with pytest.raises(UserError, match=words):
+        jobs(tmp_path, FIXED, inputs=f'list = "{name}"')
+
+
+def test_a_list_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "l.csv").write_bytes(b"color\n\xff\n")
+    with pytest.raises(InputError, match=r"l\.csv: is not UTF-8 text"):
+        jobs(tmp_path, FIXED, inputs='list = "l.csv"')
+
+
+def test_one_missing_file_of_a_list_is_left_to_its_own_job(tmp_path: Path) -> None:
+    touch(tmp_path, "b.exr")
+    (tmp_path / "l.csv").write_text("color\nmissing.exr\nb.exr\n")
+    assert names(jobs(tmp_path, FIXED, inputs='list = "l.csv"')) == ["missing", "b"]
+
+
+def test_a_picture_may_not_bring_what_is_swept(tmp_path: Path) -> None:
+    touch(tmp_path, "b.exr")
+    (tmp_path / "l.csv").write_text("color,focus-at\nb.exr,3 4\n".replace("3 4", '"3,4"'))
+    sweep = FIXED.replace('focus = "2m"\n', "") + '[sweep]\nfocus = ["1m"]\n'
+    with pytest.raises(UsageProblem, match=r"line 2: focus-at: is in \[sweep\], too"):
+        jobs(tmp_path, sweep, inputs='list = "l.csv"')

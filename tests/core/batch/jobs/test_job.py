@@ -1,0 +1,83 @@
+"""Files pair up by stem, and a job writes nothing that it should not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.batch.jobs.pairing import find_pictures
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.errors import InputError
+
+
+def touch(folder: Path, *names: str) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        (folder / name).touch()
+    return folder
+
+
+def test_two_files_are_one_picture_named_by_its_colour(tmp_path: Path) -> None:
+    folder = touch(tmp_path, "photo.v2.jpg", "anything.png")
+    color, depth = folder / "photo.v2.jpg", folder / "anything.png"
+    assert find_pictures(color, depth) == [Picture("photo.v2", color, depth)]
+
+
+def test_directories_pair_by_stem_in_order(tmp_path: Path) -> None:
+    color = touch(tmp_path / "c", "2.png", "1.JPG", ".1.png", "notes.txt")
+    depth = touch(tmp_path / "d", "1.exr", "2.npy", ".hidden.exr", "readme.md")
+    assert find_pictures(color, depth) == [
+        Picture("1", color / "1.JPG", depth / "1.exr"),
+        Picture("2", color / "2.png", depth / "2.npy"),
+    ]
+
+
+def test_one_exr_is_colour_and_depth(tmp_path: Path) -> None:
+    folder = touch(tmp_path, "b.exr", "a.exr", "c.png")
+    file = folder / "a.exr"
+    assert find_pictures(file, None) == [Picture("a", file, file)]
+    assert [picture.stem for picture in find_pictures(folder, None)] == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("colors", "depths", "words"),
+    [
+        (["1.png", "2.png"], ["1.exr"], r"d: holds nothing named '2' like .*2\.png; name"),
+        (["1.png"], ["1.exr", "3.exr", "4.exr"], r"c: .* '3' like .*3\.exr, nor like 1 more"),
+        (["1.png", "1.jpg"], ["1.exr"], r"names both .*1\.jpg and .*1\.png '1', so"),
+        (["1.png"], ["1.exr", "1.npy"], r"names both .*1\.exr and"),
+        ([], ["1.exr"], "no file of a known type"),
+    ],
+)
+def test_what_does_not_pair_is_named(
+    tmp_path: Path, colors: list[str], depths: list[str], words: str
+) -> None:
+    color, depth = touch(tmp_path / "c", *colors), touch(tmp_path / "d", *depths)
+    with pytest.raises(InputError, match=words):
+        find_pictures(color, depth)
+
+
+def test_a_file_does_not_pair_with_a_directory(tmp_path: Path) -> None:
+    folder = touch(tmp_path / "c", "1.png")
+    for one, other in ((folder, folder / "1.png"), (folder / "1.png", folder)):
+        with pytest.raises(InputError, match="is a directory but"):
+            find_pictures(one, other)
+
+
+def test_a_lone_file_that_holds_no_depth_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="second argument"):
+        find_pictures(touch(tmp_path, "a.png") / "a.png", None)
+
+
+def test_outputs_have_one_file_for_each_kind(tmp_path: Path) -> None:
+    outputs = Outputs(tmp_path, kinds=("render", "coc"), format="jpg", preview=True)
+    picture = Picture("a.b", tmp_path / "a.b.png", tmp_path / "z.exr")
+    job = Job(picture, Lens(50.0, 2.0, 2000.0), Reading(), outputs, Machine())
+    assert job.paths == {
+        "render": tmp_path / "render" / "a.b.jpg",
+        "coc": tmp_path / "coc" / "a.b.exr",
+    }
+    assert job.previews["coc"] == tmp_path / "coc" / "a.b.preview.png"
+    assert set(job.written) == {*job.paths.values(), *job.previews.values()}

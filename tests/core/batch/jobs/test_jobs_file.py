@@ -1,0 +1,156 @@
+"""Jobs files: tables become jobs, and what a file says wrong is told with its key."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from jobs_files import FIXED, LENS, jobs, jobs_file, names, touch
+
+from defocus_core.batch.jobs.job import Machine, Outputs, Reading
+from defocus_core.batch.jobs.jobs_file import read_jobs
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.errors import InputError, UsageProblem, UserError
+
+
+def test_every_table_reaches_the_job(tmp_path: Path) -> None:
+    text = """
+[reading]
+depth-unit = "cm"
+depth-channel = "Z"
+color-layer = "beauty"
+part = 1
+[outputs]
+kinds = ["render", "coc"]
+format = "jpeg"
+preview = true
+[machine]
+quality = "draft"
+depth-repair = "off"
+"""
+    outputs = Outputs(tmp_path / "o", overwrite=True)
+    job = read_jobs(jobs_file(tmp_path, FIXED + text), outputs, Machine(device="cpu", threads=3))[0]
+    assert job.lens == Lens(50.0, 2.0, 2000.0)
+    taken = {"depth_unit": "cm", "depth_channel": "Z", "color_layer": "beauty", "part": 1}
+    assert job.reading == Reading(**taken, depth_repair="off")
+    kinds = ("render", "coc")
+    assert job.outputs == Outputs(tmp_path / "o", kinds, "jpg", preview=True, overwrite=True)
+    assert job.machine == Machine("draft", device="cpu", threads=3)
+    (job,) = jobs(tmp_path, FIXED + '[outputs]\nexr-type = "float"\n')
+    assert job.outputs.exr_type == "float"
+    (job,) = jobs(tmp_path, FIXED + '[outputs]\nformat = "jpg"\njpeg-quality = 80\n')
+    assert job.outputs.jpeg_quality == 80
+
+
+def test_what_a_file_does_not_say_is_as_told(tmp_path: Path) -> None:
+    outputs = Outputs(tmp_path / "o", ("left",), "png16")
+    machine = Machine("high", device="cuda", threads=2)
+    job = read_jobs(jobs_file(tmp_path, FIXED), outputs, machine)[0]
+    assert (job.outputs, job.machine, job.reading) == (outputs, machine, Reading())
+    assert job.sample_id == "a"
+
+
+def test_a_lens_file_lies_below_the_options_of_the_jobs_file(tmp_path: Path) -> None:
+    (tmp_path / "l.toml").write_text(
+        'focal-length = "85mm"\naperture-diameter = "1in"\nfocus = inf\n'
+    )
+    text = '[lens]\nfile = "l.toml"\nfnumber = 4\n'
+    assert jobs(tmp_path, text)[0].lens == Lens(85.0, 4.0, math.inf)
+    text = '[lens]\nfile = "l.toml"\n[sweep]\nfocus = ["2m"]\n'
+    assert jobs(tmp_path, text)[0].lens == Lens(85.0, 85 / 25.4, 2000.0)
+
+
+def test_a_largest_blur_is_a_part_of_the_lens(tmp_path: Path) -> None:
+    assert jobs(tmp_path, FIXED + 'max-coc = "40px"\n')[0].lens.max_coc == 40
+
+
+def test_all_lenses_of_a_picture_follow_one_another(tmp_path: Path) -> None:
+    touch(tmp_path, "1.exr", "2.exr")
+    found = jobs(tmp_path, FIXED + "[sweep]\nblades = [0, 5]\n", inputs='color = "*.exr"')
+    assert names(found) == ["1_blades0", "1_blades5", "2_blades0", "2_blades5"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[len]\n", r"jobs\.toml: unknown table 'len'; did you mean lens\?"),
+        ("lens = 1\n", r"unknown key 'lens'"),
+        ("[lens]\nfocus-length = 1\n", r"\[lens\]: unknown key 'focus-length'"),
+        ("[lens]\nfocal-length = 50\n", r"\[lens\] focal-length: '50' has no unit; write it with"),
+        (
+            "[lens]\nfnumber = 2\nfocus = '2m'\n",
+            r"jobs\.toml: focal-length: is missing; write focal-",
+        ),
+        (
+            LENS + "focus = '2m'\n",
+            r"fnumber: is missing; write fnumber = .* or aperture-diameter below \[lens\]",
+        ),
+        (
+            LENS + "fnumber = 2\n",
+            r"focus: is missing; write focus = \"2m\" or focus-at below \[lens\]",
+        ),
+        (FIXED + "focus-at = [1, 2]\n", r"\[lens\] focus: contradicts focus-at"),
+        (LENS + "fnumber = 2\nfocus = '4cm'\n", r"jobs\.toml: focus: 40mm is not farther than"),
+        (FIXED + "max-coc = '4mm'\n", r"\[lens\] max-coc: '4mm' has an unknown unit"),
+        (FIXED + "[outputs]\nkinds = ['rendre']\n", r"kinds: 'rendre' is not known; did you"),
+        (FIXED + "[outputs]\nkinds = []\n", r"\[outputs\] kinds: \[\] is no list"),
+        (FIXED + "[outputs]\nformat = 'gif'\n", r"\[outputs\] format: 'gif' is not known; choose"),
+        (FIXED + "[outputs]\nformat = [1]\n", r"\[outputs\] format: '\[1\]' is not known"),
+        (FIXED + "[outputs]\nexr-type = 'double'\n", r"exr-type: 'double' is not known"),
+        (FIXED + "[outputs]\nexr-type = 'half'\nformat = 'jpg'\n", r"exr-type: says nothing about"),
+        (FIXED + "[outputs]\njpeg-quality = 101\nformat = 'jpg'\n", r"101 is not .* of 1 to 100"),
+        (FIXED + "[outputs]\njpeg-quality = 80\n", r"jpeg-quality: says nothing about exr"),
+        (FIXED + "[outputs]\npreview = 1\n", r"preview: 1 is neither true nor false"),
+        (FIXED + "[outputs]\nout = 'o'\n", r"\[outputs\]: unknown key 'out'"),
+        (
+            FIXED + "[machine]\nquality = 'hihg'\n",
+            r"quality: 'hihg' is not known; did you mean high",
+        ),
+        (
+            FIXED + "[machine]\nquality = 'high'\ntolerance = '1px'\n",
+            r"\[machine\] tolerance: stands beside quality; keep one of them",
+        ),
+        (FIXED + "[machine]\ntolerance = '1m'\n", r"tolerance: '1m' has an unknown unit"),
+        (FIXED + "[machine]\nthreads = 2\n", r"\[machine\]: unknown key 'threads'; .* quality"),
+        (FIXED + "[reading]\ndepth-unit = 'km'\n", r"\[reading\] depth-unit: 'km' is not known"),
+        (FIXED + "[reading]\npart = -1\n", r"part: '-1' is not a whole number of 0 or more"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_key(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(UsageProblem, match=words):
+        jobs(tmp_path, text)
+
+
+def test_a_table_that_is_none_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "jobs.toml").write_text("inputs = 3\n")
+    with pytest.raises(UsageProblem, match=r"jobs\.toml: inputs: is not a table; write \[inputs\]"):
+        read_jobs(tmp_path / "jobs.toml", Outputs(tmp_path), Machine())
+
+
+def test_a_lens_file_that_is_not_there_is_input(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no\.toml: cannot be read"):
+        jobs(tmp_path, FIXED + "file = 'no.toml'\n")
+
+
+@pytest.mark.parametrize("text", ["[inputs", "\0", "\xff"])
+def test_what_is_no_toml_is_refused_as_input(tmp_path: Path, text: str) -> None:
+    (tmp_path / "jobs.toml").write_bytes(text.encode("latin-1"))
+    with pytest.raises(UserError, match=r"jobs\.toml: is not ") as caught:
+        read_jobs(tmp_path / "jobs.toml", Outputs(tmp_path), Machine())
+    assert caught.value.exit_code == 3
+
+
+def test_more_jobs_than_anybody_means_are_refused_before_they_are_made(tmp_path: Path) -> None:
+    text = (
+        LENS
+        + 'focus = "2m"\n[sweep]\nblades = [5, 6, 7, 8, 9, 10, 11]\nblade-rotation = "0..9 @ 9"\n'
+    )
+    text += '[sample]\nn = 1000000\nseed = 1\nfnumber = "uniform(2, 4)"\n'
+    with pytest.raises(UsageProblem, match="asks for 63000000 pictures; split"):
+        jobs(tmp_path, text)
+
+
+def test_a_tolerance_stands_for_a_quality(tmp_path: Path) -> None:
+    file = jobs_file(tmp_path, FIXED + "[machine]\ntolerance = '0.5px'\n")
+    assert read_jobs(file, Outputs(tmp_path), Machine())[0].machine.tolerance == 0.5

@@ -1,0 +1,92 @@
+"""Each row of the table of kinds is all that the command line needs to write and explain it."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from command_line import header, pair, read_exr, render, run
+
+from defocus_cli.commands.help import text
+from defocus_core import render as rendered
+from defocus_core.batch.jobs.output_kinds import KINDS, Kind
+from defocus_core.io.images.exr_channels import NO_DEPTH
+
+MAPS = [kind for kind in KINDS.values() if not kind.image]
+TOLD = [kind for kind in MAPS if not kind.source]  # others are told as what they are of
+
+
+def name_of(kind: Kind) -> str:
+    return kind.name
+
+
+def written(folder: Path, kind: Kind) -> Path:
+    ran = render(*pair(folder), "-o", folder / "out", "--outputs", kind.name, "--preview")
+    assert ran.code == 0, ran.err
+    return folder / "out" / kind.name / "a.exr"
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=name_of)
+def test_a_kind_is_written_alone_with_its_name(kind: Kind, tmp_path: Path) -> None:
+    file = written(tmp_path, kind)
+    assert header(file)["defocus:kind"] == kind.name
+    channels = read_exr(file)
+    views = ["", *(f"{view}." for view in kind.views[1:])]  # the default view has no name
+    colors = {f"{view}{name}" for view in views for name in "RGB"}
+    assert set(channels) == (colors if kind.image else {kind.channel or kind.name})
+    assert {pixels.dtype for pixels in channels.values()} == {
+        np.dtype(np.float16 if kind.image else np.float32)
+    }
+    assert file.with_suffix(".preview.png").exists()
+
+
+@pytest.mark.parametrize("kind", TOLD, ids=name_of)
+def test_info_tells_what_a_map_shows(kind: Kind, tmp_path: Path) -> None:
+    file = written(tmp_path, kind)
+    values = read_exr(file)[kind.channel or kind.name]
+    least, most = float(values.min()), float(values.max())
+    reach = f"{least:.2f} to {most:.2f} {kind.unit}".rstrip()
+    assert f"  {kind.title}: {reach}\n" in run("info", file).out
+    shown: dict[str, Any] = json.loads(run("info", file, "--json").out)["files"][0]["maps"][0]
+    assert shown["kind"] == kind.name
+    assert shown[f"range_{kind.unit}" if kind.unit else "range"] == [least, most]
+
+
+def test_help_has_a_line_for_each_kind() -> None:
+    shown = run("render", "--help").out
+    assert all(f"    {kind.name:<13} {kind.help}\n" in shown for kind in KINDS.values())
+    assert f"maps ({', '.join(kind.name for kind in MAPS)})" in " ".join(shown.split())
+
+
+def test_the_topic_on_conventions_lists_each_kind() -> None:
+    table = text("conventions").partition("| kind | picture | file |")[2].partition("\n\n")[0]
+    listed = re.findall("`(\\w+)`", " ".join(row.split("|")[0] for row in table.split("\n|")[1:]))
+    assert listed == list(KINDS)
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=name_of)
+def test_a_kind_computes_pixels_of_its_shape(kind: Kind) -> None:
+    radius = torch.linspace(-3, 3, 48).reshape(6, 8)
+    if kind.of_radius:
+        assert kind.of_radius(radius.numpy(), 0.85).shape == radius.shape
+        return
+    if kind.source or kind.turned:  # tests of its own
+        return
+    views = rendered(torch.rand(3, 6, 8), radius, left_right=kind.halves)
+    for view in kind.rendered_as:
+        assert getattr(views, view).shape[-3:] == (3 if kind.image else 1, 6, 8)
+
+
+def test_memory_is_counted_for_what_is_held_until_it_is_written() -> None:
+    expected = {"render": 8, "left": 8, "coc": 0, "disparity": 0, "trust": 4, "multiview": 16}
+    assert {name: KINDS[name].memory_bytes(4, 2) for name in expected} == expected
+
+
+def test_maps_but_that_of_depth_are_no_depth() -> None:
+    maps = {kind.name for kind in KINDS.values() if not kind.image}
+    assert maps - {"depth"} == {*NO_DEPTH}

@@ -1,0 +1,272 @@
+"""Sweeps and random lenses: which lenses there are, what they are named, and that they stay."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from statistics import mean
+from typing import Any
+
+import pytest
+from jobs_files import FIXED, LENS, jobs, names, touch
+
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.jobs.lens_options import checked
+from defocus_core.batch.jobs.random_lenses import drawn_lens
+from defocus_core.errors import UsageProblem
+
+
+def swept(folder: Path, text: str, lens: str = "") -> list[Job]:
+    return jobs(folder, f"{LENS}{lens}\n[sweep]\n{text}\n")
+
+
+def sampled(folder: Path, sample: str, lens: str = "", *, inputs: str = "") -> list[Job]:
+    return jobs(folder, f"{LENS}{lens}\n[sample]\n{sample}\n", inputs=inputs)
+
+
+def test_lists_make_a_grid_whose_names_say_what_is_swept(tmp_path: Path) -> None:
+    found = swept(tmp_path, 'fnumber = [1.4, 2.8]\nfocus = ["50cm", "2m", "inf", "percentile(5)"]')
+    assert names(found)[:5] == [
+        "a_f1.4_focus500mm",
+        "a_f1.4_focus2m",
+        "a_f1.4_focusinf",
+        "a_f1.4_focusp5",
+        "a_f2.8_focus500mm",
+    ]
+    assert [job.lens.fnum for job in found] == [1.4] * 4 + [2.8] * 4
+    assert [job.lens.foc_dist for job in found[:4]] == [500, 2000, math.inf, None]
+    assert found[3].lens.focus_percentile == 5
+
+
+def test_blades_are_turned_where_there_are_any(tmp_path: Path) -> None:
+    turn = "blade-rotation = 10\n"
+    found = swept(tmp_path, "blades = [0, 6]", f'fnumber = 2\nfocus = "2m"\n{turn}')
+    assert [job.lens.blade_rotation for job in found] == [0, 10]
+    for sweep in ("blades = [0, 6]\nblade-rotation = [0, 10]", "blade-rotation = [10]"):
+        with pytest.raises(UsageProblem, match=r"jobs\.toml: blade-rotation: turns blades"):
+            swept(tmp_path, sweep, 'fnumber = 2\nfocus = "2m"\n')
+
+
+@pytest.mark.parametrize(
+    ("sweep", "name"),
+    [
+        ('focal-length = ["35mm"]', "a_fl35mm"),
+        ("fnumber = [4]", "a_f4"),
+        ('aperture-diameter = ["20mm"]', "a_d20mm"),
+        ('sensor-width = ["1in"]', "a_sensor25.4mm"),
+        ("focus-at = [[3, 4]]", "a_at3x4"),
+        ("blades = [6]", "a_blades6"),
+        ("blade-rotation = [-7.5]", "a_turn-7.5"),
+    ],
+)
+def test_every_option_of_a_lens_can_be_swept(tmp_path: Path, sweep: str, name: str) -> None:
+    fixed = {"focal-length": '"50mm"', "fnumber": "2", "focus": '"2m"', "blades": "6"}
+    key = {"aperture-diameter": "fnumber", "focus-at": "focus"}.get(
+        sweep.split()[0], sweep.split()[0]
+    )
+    lens = "".join(f"{name} = {value}\n" for name, value in fixed.items() if name != key)
+    assert names(jobs(tmp_path, f"[lens]\n{lens}[sweep]\n{sweep}\n")) == [name]
+
+
+def test_a_name_stays_when_the_list_grows(tmp_path: Path) -> None:
+    few = {job.sample_id: job.lens for job in swept(tmp_path, 'focus = ["2m"]', "fnumber = 2")}
+    more = swept(tmp_path, 'focus = ["1m", "2m", "3m"]', "fnumber = 2")
+    assert few.items() <= {job.sample_id: job.lens for job in more}.items()
+
+
+def test_lenses_that_belong_together_are_no_grid(tmp_path: Path) -> None:
+    sets = 'lenses = [{focus = "1m", fnumber = 2}, {focus = "2m", fnumber = 4}]\nblades = [0, 6]'
+    assert names(swept(tmp_path, sets)) == [
+        "a_f2_focus1m_blades0",
+        "a_f2_focus1m_blades6",
+        "a_f4_focus2m_blades0",
+        "a_f4_focus2m_blades6",
+    ]
+
+
+def steps(values: Sequence[float]) -> list[float]:
+    return [b - a for a, b in pairwise(values)]
+
+
+@pytest.mark.parametrize(
+    ("scale", "law"),
+    [("disparity", lambda z: 1 / z), ("depth", lambda z: z), ("log", math.log)],
+)
+def test_a_focal_stack_has_equal_steps_in_what_it_says(tmp_path, scale, law) -> None:
+    found = swept(tmp_path, f'focus = "0.5m..8m @ 12 in {scale}"', "fnumber = 2")
+    distances = [job.lens.foc_dist for job in found]
+    assert len(found) == 12
+    assert (distances[0], distances[-1]) == (500, 8000)
+    between = steps([law(z) for z in distances])
+    assert between == pytest.approx([mean(between)] * 11, rel=1e-4)
+
+
+def test_a_focal_stack_in_disparity_reaches_infinity(tmp_path: Path) -> None:
+    found = swept(tmp_path, 'focus = "2m..inf @ 3"', "fnumber = 2")
+    assert [job.lens.foc_dist for job in found] == [2000, 4000, math.inf]
+
+
+def test_ranges_are_of_any_number(tmp_path: Path) -> None:
+    sweep = 'fnumber = "1..16 @ 5 in log"\nblades = "5..7 @ 3"\nblade-rotation = "-10..10 @ 3"'
+    found = swept(tmp_path, sweep, 'focus = "2m"')
+    assert sorted({job.lens.fnum for job in found}) == [1, 2, 4, 8, 16]
+    assert sorted({job.lens.blades for job in found}) == [5, 6, 7]
+    assert sorted({job.lens.blade_rotation for job in found}) == [-10, 0, 10]
+
+
+@pytest.mark.parametrize(
+    ("sweep", "words"),
+    [
+        ("fnumbr = [2]", r"\[sweep\]: unknown key 'fnumbr'; did you mean fnumber\?"),
+        ("fnumber = 2", r"\[sweep\] fnumber: 2 is no list of values; write a list, or a range: "),
+        ("fnumber = []", r"fnumber: \[\] is no list"),
+        ("fnumber = [2, 'x']", r"fnumber: 'x' is not an f-number"),
+        ("fnumber = [2, 2.0]", r"\[sweep\]: has two lenses named 'f2'"),
+        ("fnumber = [2]\naperture-diameter = ['5mm']", r"fnumber: contradicts aperture-diameter"),
+        ("focus = '1m..2m'", r"'1m\.\.2m' is no range; write it like 0\.5m\.\.8m @ 12 in disp"),
+        ("focus = '1m..2m @ 1'", "1 is no number of steps"),
+        ("focus = '1m..2m @ 3 in steps'", "focus has no steps in steps; write in disparity or in"),
+        ("focus = '1..2m @ 3'", r"focus: '1' has no unit"),
+        ("focus = '1m..inf @ 3 in log'", "cannot reach inf in log"),
+        ("focus = 'percentile(5)..2m @ 3'", r"'percentile\(5\)' is no end of a range"),
+        ("blade-rotation = '0..9 @ 3 in log'", "needs ends above 0"),
+        ("blades = '5..6 @ 3'", r"blades: '5\.5' is not a whole number"),
+        ("focus-at = '1,1..2,2 @ 2'", "'1,1' is no end of a range"),
+        ("lenses = [1]", r"lenses: is no list of lenses; write lenses = \["),
+        ("lenses = [{fokus = 1}]", "unknown key 'fokus'; did you mean focus"),
+        ("lenses = [{focus = 1}]", "lenses: focus: '1' has no unit"),
+        ("lenses = [{fnumber = 2}]\nfnumber = [2]", "fnumber: is in lenses, too"),
+        ("focus = ['4cm']", "focus: 40mm is not farther than the focal length 50mm"),
+        ("focal-length = ['35mm']", r"\[lens\] focal-length: is in \[sweep\], too; remove one"),
+        ("fnumber = '1..2 @ 400'\nfocus = '1m..2m @ 400'", "makes 160000 lenses for each picture"),
+    ],
+)
+def test_what_is_wrong_in_a_sweep_is_told_with_its_key(tmp_path, sweep, words) -> None:
+    with pytest.raises(UsageProblem, match=words):
+        swept(tmp_path, sweep, "fnumber = 2" if sweep.startswith("focus") else 'focus = "2m"')
+
+
+@pytest.mark.parametrize("values", ["'1..2 @ 100001'", str([2] * 100_001)])
+def test_a_sweep_that_is_too_long_is_refused_before_its_values_are_read(
+    values: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[object] = []
+
+    def counted(*args: Any) -> str:
+        read.append(args)
+        return checked(*args)
+
+    monkeypatch.setattr("defocus_core.batch.jobs.sweep.checked", counted)
+    with pytest.raises(UsageProblem, match=r"fnumber: makes 100001 lenses .* at most 100000"):
+        swept(tmp_path, f"fnumber = {values}", 'focus = "2m"')
+    assert len(read) <= 2, "the ends of a range"
+
+
+SAMPLE = 'n = 200\nseed = 7\nfnumber = "loguniform(1.4, 16)"\nfocus = "percentile(5, 95)"\n'
+
+
+def test_draws_are_of_their_distributions(tmp_path: Path) -> None:
+    more = 'blades = "choice(0, 6)"\nblade-rotation = "uniform(-10, 20)"\n'
+    lenses = [job.lens for job in sampled(tmp_path, SAMPLE + more)]
+    stops = [math.log(lens.fnum / 1.4) / math.log(16 / 1.4) for lens in lenses]
+    percents = [(lens.focus_percentile or 0) / 90 - 5 / 90 for lens in lenses]
+    turns = [(lens.blade_rotation + 10) / 30 for lens in lenses]
+    deviation = 1 / math.sqrt(12 * len(lenses))
+    for shares in (stops, percents, turns):
+        assert min(shares) >= 0
+        assert max(shares) <= 1
+        assert abs(mean(shares) - 0.5) < 3 * deviation
+    assert 70 < [lens.blades for lens in lenses].count(6) < 130
+    assert {lens.blades for lens in lenses} == {0, 6}
+
+
+def test_a_focus_drawn_in_disparity_is_uniform_in_it(tmp_path: Path) -> None:
+    text = 'n = 200\nseed = 1\nfocus = "disparity(2m, inf)"\n'
+    shares = [2000 / (job.lens.foc_dist or 0) for job in sampled(tmp_path, text, "fnumber = 2")]
+    assert 0 <= min(shares) <= max(shares) <= 1
+    assert abs(mean(shares) - 0.5) < 3 / math.sqrt(12 * 200)
+
+
+def test_draws_of_an_option_do_not_follow_those_of_another(tmp_path: Path) -> None:
+    text = 'n = 200\nseed = 7\nfnumber = "uniform(1, 2)"\nfocus = "uniform(1m, 2m)"\n'
+    pairs = [
+        (job.lens.fnum - 1.5, (job.lens.foc_dist or 0) / 1000 - 1.5)
+        for job in sampled(tmp_path, text)
+    ]
+    assert abs(mean(a * b * 12 for a, b in pairs)) < 3 / math.sqrt(200)
+
+
+def test_a_draw_depends_on_seed_name_and_index_alone(tmp_path: Path) -> None:
+    touch(tmp_path, "1.exr", "2.exr", "3.exr")
+    all_three = sampled(tmp_path, SAMPLE, inputs='color = "*.exr"')
+    one = sampled(tmp_path, SAMPLE.replace("200", "9"), "blades = 0", inputs='color = "2.exr"')
+    alike = {job.sample_id: job.lens.fnum for job in all_three}
+    assert {job.sample_id: job.lens.fnum for job in one}.items() <= alike.items()
+    assert len(set(alike.values())) > 590
+    other = sampled(tmp_path, SAMPLE.replace("7", "8"), inputs='color = "*.exr"')
+    assert sum(job.lens.fnum == alike[job.sample_id] for job in other) < 5
+
+
+def test_the_numbers_drawn_are_these_for_ever(tmp_path: Path) -> None:
+    """A published data set must come out of its jobs file again."""
+    found = sampled(tmp_path, SAMPLE.replace("200", "2"))
+    assert names(found) == ["a_s000", "a_s001"]
+    drawn = [(job.lens.fnum, job.lens.focus_percentile) for job in found]
+    assert drawn == [(1.72343, 67.126), (1.94229, 33.485)]
+
+
+def test_draws_are_taken_for_each_lens_of_a_sweep(tmp_path: Path) -> None:
+    text = f"{LENS}[sweep]\nblades = [0, 6]\n[sample]\n{SAMPLE.replace('200', '2')}"
+    found = jobs(tmp_path, text)
+    assert names(found) == ["a_blades0_s000", "a_blades0_s001", "a_blades6_s000", "a_blades6_s001"]
+    assert found[0].lens.fnum == found[2].lens.fnum
+
+
+def test_a_lens_knows_what_it_was_drawn_from(tmp_path: Path) -> None:
+    fixed = 'n = 1\nseed = 7\nfnumber = "uniform(2, 4)"\n'
+    for more in ('max-coc = "40px"\nfocus = "uniform(1m, 2m)"', 'focus = "percentile(5, 95)"'):
+        lens = sampled(tmp_path, fixed + more)[0].lens
+        assert lens.draw is not None
+        assert lens.max_coc == (40 if "max" in more else None)
+        assert drawn_lens(lens.draw, lens.focus_source, lens.max_coc) == lens
+
+
+@pytest.mark.parametrize(
+    ("sample", "words"),
+    [
+        ("seed = 7", r"\[sample\] n: is missing"),
+        ("n = 5", r"\[sample\] seed: is missing"),
+        ("n = 0\nseed = 7", "n: 0 is not a whole number of 1 or more"),
+        ("n = 20000000\nseed = 7\nfnumber = 'uniform(1, 2)'", "asks for 20000000 pictures; split"),
+        ("n = 5\nseed = 7\nfnumbr = 'uniform(1, 2)'", "'fnumbr'; did you mean fnumber"),
+        ("n = 5\nseed = 7", r"\[sample\]: draws no option of the lens"),
+        ("n = 5\nseed = 7\nfnumber = 2", "fnumber: '2' is nothing to draw from"),
+        ("n = 5\nseed = 7\nfocus = 'percentile(5)'", "is nothing to draw from"),
+        ("n = 5\nseed = 7\nfnumber = 'normal(1, 2)'", "must be one of uniform, .*, got 'normal'"),
+        ("n = 5\nseed = 7\nfnumber = 'uniform(1)'", "uniform must have two numbers as ends, got 1"),
+        ("n = 5\nseed = 7\nfnumber = 'uniform(4, 2)'", "must begin at the lower end, got 4 and 2"),
+        ("n = 5\nseed = 7\nfnumber = 'percentile(4, 5)'", "percentile is for the focus only"),
+        ("n = 5\nseed = 7\nfocus = 'uniform(1m, inf)'", "uniform must have finite ends; only disp"),
+        ("n = 5\nseed = 7\nfocus = 'uniform(1, 2m)'", "focus: '1' has no unit"),
+        ("n = 5\nseed = 7\nfocus = 'percentile(5, 101)'", "'101' is not a percentage"),
+        ("n = 5\nseed = 7\nfocus = 'uniform(percentile(5), 2m)'", "a percentile is no end"),
+        ("n = 5\nseed = 7\nfocus = 'uniform(4cm, 2m)'", "focus: 40mm is not farther than"),
+        ("n = 5\nseed = 7\nblades = 'uniform(5, 9)'", "blades is not drawn from a range; write ch"),
+        ("n = 5\nseed = 7\nblade-rotation = 'loguniform(-5, 9)'", "must have ends above 0, got -5"),
+        ("n = 5\nseed = 7\nfocal-length = 'uniform(20mm, 50mm)'", r"is in \[sample\], too"),
+        ("n = 5\nseed = 7\nmax-coc = '4mm'\nblades = 'choice(5, 6)'", r"\[sample\] max-coc: '4mm'"),
+    ],
+)
+def test_what_is_wrong_in_a_sample_is_told_with_its_key(tmp_path, sample, words) -> None:
+    lens = "fnumber = 2\n" if "focus" in sample else 'focus = "2m"\n'
+    with pytest.raises(UsageProblem, match=words):
+        sampled(tmp_path, sample, lens)
+
+
+def test_what_is_swept_is_not_drawn(tmp_path: Path) -> None:
+    text = FIXED.replace("fnumber = 2\n", "") + "[sweep]\nfnumber = [2]\n"
+    text += '[sample]\nn = 1\nseed = 1\naperture-diameter = "uniform(1mm, 2mm)"\n'
+    with pytest.raises(UsageProblem, match=r"\[sample\] aperture-diameter: is in \[sweep\], too"):
+        jobs(tmp_path, text)

@@ -1,0 +1,127 @@
+"""A job is known by what decides its outputs, and by nothing else."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading, Shot, Taken
+from defocus_core.batch.journal import identity
+from defocus_core.batch.journal.plain_values import plain, typed
+from defocus_core.batch.lenses.lens import Draw, Lens
+from defocus_core.renderer.renderer_version import RENDERER_VERSION
+
+PICTURE = Picture("a", Path("in/a.exr"), Path("in/z.exr"))
+JOB = Job(PICTURE, Lens(50.0, 2.0, 2000.0), Reading(), Outputs(Path("out")), Machine())
+DRAW = Draw(7, "a", 3, (("fnumber", "uniform(1, 2)"), ("focus", "inf")), attempt=2)
+HIDDEN = replace(PICTURE, hidden=Picture("b", Path("b.exr"), Path("c.exr")))
+LENS = Lens(50.0, 2.0, math.inf, (3, 4), 24.0, 6, 15.0, None, 40.0, draw=DRAW)
+
+FRAME = Taken(replace(PICTURE, frame=3), LENS)
+SHOT = Shot((FRAME,), (FRAME.picture,), (FRAME, FRAME), "forward")
+
+
+def test_where_and_by_whom_it_is_done_is_no_part_of_a_job() -> None:
+    elsewhere = replace(
+        JOB,
+        picture=replace(PICTURE, color=Path("/far/a.exr"), depth=Path("/far/z.exr")),
+        outputs=Outputs(Path("/elsewhere"), overwrite=True),
+        machine=Machine(device="cpu", threads=8),
+        lens=replace(JOB.lens, focus_source="lens.toml: "),
+    )
+    assert identity.recipe(elsewhere) == identity.recipe(JOB)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"lens": replace(JOB.lens, fnum=2.1)},
+        {"lens": replace(JOB.lens, draw=DRAW)},
+        {"reading": Reading(depth_unit="cm")},
+        {"outputs": Outputs(Path("out"), kinds=("render", "coc"))},
+        {"outputs": Outputs(Path("out"), exr_type="float")},
+        {"machine": Machine(quality="draft")},
+        {"reading": Reading(depth_repair="off")},
+        {"reading": Reading(edge_width=4.0)},
+        {"suffix": "_f2"},
+        {"picture": replace(PICTURE, depth=Path("in/other.exr"))},
+        {"picture": HIDDEN},
+    ],
+)
+def test_what_decides_the_outputs_is(change: dict[str, object]) -> None:
+    assert identity.recipe(replace(JOB, **change)) != identity.recipe(JOB)  # type: ignore[arg-type]
+
+
+def test_another_renderer_is_another_recipe_and_another_release_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    before = identity.recipe(JOB)
+    monkeypatch.setattr(identity, "version", lambda: "99.0")
+    assert identity.recipe(JOB) == before
+    monkeypatch.setattr(identity, "renderer_version", lambda: 99)
+    assert identity.recipe(JOB) != before
+
+
+def test_the_version_of_the_renderer_is_that_of_the_core_and_is_read_without_torch() -> None:
+    code = (
+        "import sys; from defocus_core.batch.journal.identity import renderer_version as read;"
+        "print(read(), 'torch' in sys.modules or 'defocus_core' in sys.modules)"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.split() == [str(RENDERER_VERSION), "False"]
+
+
+def test_a_job_is_named_by_its_recipe_and_the_bytes_of_its_inputs() -> None:
+    inputs = {"color": {"blake2b": "1", "mtime_ns": 5}, "depth": {"blake2b": "2"}}
+    name = identity.name("r", inputs)
+    assert name == identity.name("r", inputs | {"color": {"blake2b": "1", "mtime_ns": 6}})
+    assert name != identity.name("r", inputs | {"color": {"blake2b": "3"}})
+    assert name != identity.name("s", inputs)
+
+
+def test_a_file_is_unchanged_by_size_and_time_or_else_by_its_bytes(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(b"abc")
+    stamp = identity.stamp(path)
+    assert identity.unchanged(path, stamp)
+    os.utime(path)
+    assert identity.unchanged(path, stamp), "touched, not changed"
+    path.write_bytes(b"abd")
+    assert not identity.unchanged(path, stamp)
+    os.utime(path, ns=(0, stamp["mtime_ns"]))
+    assert identity.unchanged(path, stamp), "cannot be seen from outside"
+    assert not identity.unchanged(path, stamp, read=True)
+    path.write_bytes(b"abcd")
+    assert not identity.unchanged(path, stamp)
+    assert not identity.unchanged(tmp_path / "none", stamp)
+
+
+def test_a_time_that_is_only_just_past_is_not_relied_on(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(b"abc")
+    fresh = identity.settled_stamp(path)
+    assert "mtime_ns" not in fresh
+    assert identity.unchanged(path, fresh)
+    path.write_bytes(b"abd")
+    assert not identity.unchanged(path, fresh)
+    os.utime(path, (0, 0))
+    assert identity.settled_stamp(path)["mtime_ns"] == 0
+
+
+@pytest.mark.parametrize(
+    "job", [JOB, replace(JOB, shot=SHOT), replace(JOB, picture=HIDDEN, lens=LENS, suffix="_x")]
+)
+def test_a_job_survives_being_made_plain(job: Job) -> None:
+    assert typed(Job, plain(job)) == job
+
+
+@pytest.mark.parametrize("bad", [{"stem": 1, "colour": "a"}, 3, {"picture": {}}])
+def test_what_is_no_job_is_refused(bad: object) -> None:
+    with pytest.raises(ValueError, match="is no Job"):
+        typed(Job, bad)

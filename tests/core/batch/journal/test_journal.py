@@ -1,0 +1,238 @@
+"""What the journal has is durable; what was being written when its writer died is not there."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from defocus_core.batch.journal.journal import (
+    Journal,
+    Shard,
+    input_path,
+    journal_path,
+    merged,
+    read,
+    read_all,
+)
+from defocus_core.batch.journal.ledger import Ledger
+from defocus_core.errors import InputError
+
+WHOLE = {
+    "recipe": "r",
+    "reason": None,
+    "message": None,
+    "settings": {},
+    "inputs": {"color": {"path": "a.exr"}},
+    "quality": "draft",
+    "version": "1",
+    "warnings": [],
+    "seconds": {"render": 1.0},
+    "finished": "2026-01-01T00:00:00+00:00",
+    "lens": {
+        "focal_length_mm": 50,
+        "fnumber": 2.0,
+        "sensor_width_mm": 36.0,
+        "focus_mm": "inf",
+        "blades": 0,
+        "blade_rotation_deg": 0.0,
+    },
+    "size": [4, 3],
+    "coc_px": [-1.0, 2.5],
+    "device": "cpu",
+    "depth_note": "",
+}
+
+
+def record(name: str, status: str = "ok", *kinds: str, **more: Any) -> dict[str, Any]:
+    outputs = {kind: {"path": f"{kind}/{name}.exr"} for kind in kinds or ("render",)}
+    return {**WHOLE, "sample_id": name, "status": status, "outputs": outputs, **more}
+
+
+def write(path: Path, *records: dict[str, Any]) -> None:
+    with Journal(path) as journal:
+        for each in records:
+            journal.append(each)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "journal.jsonl"
+
+
+def test_what_is_written_is_read(path: Path) -> None:
+    records = [record("a"), record("ü\n\udcff", "failed")]
+    write(path, *records)
+    assert read(path) == records
+    write(path, record("c"))
+    assert read(path) == [*records, record("c")]
+
+
+def test_a_journal_is_a_line_of_json_for_each_record(path: Path) -> None:
+    write(path, record("a"), record("b"))
+    write(path, record("c"))
+    lines = path.read_text().splitlines(keepends=True)
+    assert [json.loads(line)["sample_id"] for line in lines] == ["a", "b", "c"]
+    assert all(line.endswith("\n") for line in lines)
+    assert merged([record("a"), record("b"), record("c")]) == path.read_bytes()
+
+
+def test_a_record_that_lacks_its_newline_alone_is_whole(path: Path) -> None:
+    write(path, record("a"))
+    os.truncate(path, path.stat().st_size - 1)
+    assert read(path) == [record("a")]
+    write(path, record("b"))
+    assert read(path) == [record("a"), record("b")]
+
+
+def test_no_journal_is_an_empty_one_and_nothing_to_tell_leaves_none(path: Path) -> None:
+    assert read(path) == []
+    write(path)
+    assert not path.exists()
+
+
+TORN = [b"\n", b'{"sample_id": "b", "sta', b"\0\0\0\0", b'\0\0"status": "ok"}\n']
+
+
+@pytest.mark.parametrize("torn", TORN)
+def test_a_torn_tail_costs_itself_alone(torn: bytes, path: Path) -> None:
+    write(path, record("a"))
+    with path.open("ab") as file:
+        file.write(torn)
+    assert read(path) == [record("a")]
+    write(path, record("c"))
+    assert read(path) == [record("a"), record("c")]
+
+
+def test_a_torn_first_record_is_ignored(path: Path) -> None:
+    path.write_bytes(b'{"sample')
+    assert read(path) == []
+    write(path, record("a"))
+    assert read(path) == [record("a")]
+
+
+def test_a_long_torn_tail_is_found_whole(path: Path) -> None:
+    write(path, record("a"))
+    with path.open("ab") as file:
+        file.write(b'{"x": "' + b"y" * 200_000)
+    write(path, record("c"))
+    assert read(path) == [record("a"), record("c")]
+
+
+def test_a_broken_line_elsewhere_is_named_by_its_number(path: Path) -> None:
+    write(path, record("a"), record("b"))
+    first, last = path.read_bytes().splitlines()
+    path.write_bytes(b"\n".join([first, b"{broken}", last, b""]))
+    with pytest.raises(InputError, match=r"journal\.jsonl: line 2 is broken"):
+        read(path)
+
+
+def test_a_line_that_was_broken_in_two_is_no_record(path: Path) -> None:
+    write(path, record("a"), record("b"))
+    path.write_bytes(path.read_bytes().replace(b'"recipe": "r"', b'"recipe": "\n"', 1))
+    with pytest.raises(InputError, match="line 1 is broken"):
+        read(path)
+
+
+def test_a_broken_line_is_named_by_its_sample_where_that_can_be_read(path: Path) -> None:
+    write(path, record('ü "1"'), record("b"))
+    first, last = path.read_bytes().splitlines()
+    path.write_bytes(b"\n".join([first[:-9], last, b""]))
+    with pytest.raises(InputError, match=r'line 1, of ü "1", is broken; remove .* the outputs of'):
+        read(path)
+
+
+def test_a_full_disk_leaves_the_journal_as_it_was(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(number: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    write(path, record("a"))
+    before = path.read_bytes()
+    with Journal(path) as journal:
+        monkeypatch.setattr(os, "fdatasync", full)
+        with pytest.raises(InputError, match="No space left"):
+            journal.append(record("b"))
+        monkeypatch.undo()
+        assert path.read_bytes() == before
+        journal.append(record("c"))
+    assert read(path) == [record("a"), record("c")]
+
+
+def test_the_records_of_shards_are_read_in_the_order_of_their_ends(tmp_path: Path) -> None:
+    for shard, names in ((None, "ad"), (Shard(2, 2), "bc")):
+        ends = {name: f"2026-01-01T00:00:0{ord(name) - ord('a')}+00:00" for name in names}
+        records = [record(name, finished=end) for name, end in ends.items()]
+        write(journal_path(tmp_path, shard), *records)
+    assert [each["sample_id"] for each in read_all(tmp_path)] == list("abcd")
+
+
+def test_paths_of_inputs_lead_to_them_through_linked_folders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("deep/jobs", "deep/rgb", "rgb", "disk", "out"):
+        Path(folder).mkdir(parents=True)
+    Path("jobs").symlink_to("deep/jobs")
+    Path("linked").symlink_to("disk")
+    assert input_path(Path("jobs/../rgb/a.exr"), Path("out")) == "../deep/rgb/a.exr"
+    assert input_path(Path("rgb/../rgb/a.exr"), Path("out")) == "../rgb/a.exr"
+    assert input_path(Path("linked/a.exr"), Path("out")) == "../linked/a.exr", "as given"
+    assert input_path(Path("a.exr"), Path("jobs")) == "../../a.exr"
+
+
+def test_merging_keeps_each_record_once(tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(merged([record("a"), record("b"), record("a")]))
+    assert read(path) == [record("a"), record("b")]
+
+
+def test_the_last_record_of_a_file_holds(tmp_path: Path) -> None:
+    records = [record("a", "failed"), record("b"), record("a"), record("b", "failed")]
+    live = Ledger(tmp_path, records).live
+    assert {each["sample_id"]: each["status"] for each in live} == {"a": "ok", "b": "failed"}
+
+
+def test_a_record_holds_until_all_its_files_are_another_s(tmp_path: Path) -> None:
+    records = [record("a", "ok", "render", "coc"), record("a", "ok", "coc")]
+    rest, last = Ledger(tmp_path, records).live
+    assert set(rest["outputs"]) == {"render"}
+    assert last is records[1]
+    assert len(Ledger(tmp_path, [*records, record("a", "ok", "render")]).live) == 2
+    assert len(Ledger(tmp_path, [*records, record("a", "ok", "render", "coc")]).live) == 1
+
+
+def test_a_preview_that_alone_is_left_of_a_picture_is_no_record(tmp_path: Path) -> None:
+    records = [record("a", "ok", "render", "render.preview"), record("a")]
+    assert Ledger(tmp_path, records).live == records[1:]
+
+
+@pytest.mark.parametrize("status", ["failed", "rejected"])
+def test_what_made_nothing_is_superseded_by_whoever_speaks_of_one_of_its_files(
+    status: str, tmp_path: Path
+) -> None:
+    records = [record("a", status, "render", "coc"), record("a", "failed", "coc", "disparity")]
+    assert Ledger(tmp_path, records).live == records[1:]
+
+
+def test_files_of_a_job_that_failed_later_stay_known(tmp_path: Path) -> None:
+    ledger = Ledger(tmp_path, [record("a"), record("a", "failed")])
+    assert ledger.files == {"render/a.exr"}
+
+
+def test_a_hundred_thousand_records_are_read_in_seconds(tmp_path: Path) -> None:
+    stamp = {"size": 12345, "mtime_ns": 1795253203760916575, "blake2b": "6e1e6abe453ed82f" * 2}
+    files = {kind: {"path": f"{kind}/%d.exr", **stamp} for kind in ("render", "coc")}
+    text = json.dumps(record("%d", inputs={"color": stamp | {"path": "%d.exr"}}, outputs=files))
+    path = tmp_path / "journal.jsonl"
+    path.write_text("".join(text.replace("%d", str(i)) + "\n" for i in range(100_000)))
+    start = time.process_time()
+    ledger = Ledger(tmp_path, read_all(tmp_path))
+    assert time.process_time() - start < 5  # 1.2 s where nothing else is done
+    assert len(ledger.live) == 100_000

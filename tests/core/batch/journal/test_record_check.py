@@ -1,0 +1,172 @@
+"""A journal may come from anywhere: each line is checked, and no file outside OUT is reached."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from records import record
+
+from defocus_core.batch.datasets import tar_shards, update
+from defocus_core.batch.journal import run_file
+from defocus_core.batch.journal.journal import journal_path, read, read_all
+from defocus_core.batch.journal.ledger import Ledger
+from defocus_core.batch.journal.progress import progress
+from defocus_core.batch.journal.record_check import fault_of
+from defocus_core.batch.journal.revived_jobs import failed_jobs
+from defocus_core.errors import InputError
+
+NEEDED = (
+    *("sample_id", "recipe", "status", "reason", "message", "settings", "inputs", "outputs"),
+    *("quality", "version", "warnings", "seconds", "finished", "lens", "size", "coc_px", "device"),
+)
+WRONG: list[tuple[dict[str, Any], str]] = [
+    ({"status": "done"}, "has the status 'done', not one of ok, rejected, failed"),
+    ({"status": []}, r"has the status \[\], which is of a wrong type"),
+    ({"finished": "yesterday"}, "finished at 'yesterday', which is no time with a zone"),
+    ({"finished": "2026-01-01T00:00:00"}, "which is no time with a zone"),
+    ({"outputs": {"render": "a.png"}}, "has no path of render"),
+    ({"inputs": {"depth": {"path": "z.exr"}}}, "has no colour among its inputs"),
+    ({"size": [4]}, r"has the size \[4\], not two numbers"),
+    ({"coc_px": ["a", "b"]}, "not two numbers"),
+    ({"seconds": {}}, "has no render"),
+    ({"lens": {"fnumber": 2.0}}, "has no focal_length_mm"),
+    ({"warnings": [[]]}, "has a warning that is no text"),
+    ({"sample_id": "../a"}, "has a sample_id with a slash"),
+]
+OUTSIDE = (
+    *("../../etc/passwd", "/etc/passwd", "render/../../secret", "render/..", "render", "secret"),
+    *("render/", "render/sub/a.png", "./render/a.png", "secrets/a.png", "render/a\0.png", ""),
+)
+
+
+def journal_of(out: Path, *lines: object) -> Path:
+    path = journal_path(out)
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    return path
+
+
+def output(path: str) -> dict[str, Any]:
+    return {"outputs": {"render": {"path": path}}}
+
+
+def test_what_a_batch_writes_is_a_record(tmp_path: Path) -> None:
+    assert fault_of(record(tmp_path, "a")) is None
+
+
+@pytest.mark.parametrize("key", NEEDED)
+def test_a_line_that_lacks_a_key_is_named_by_its_number(key: str, tmp_path: Path) -> None:
+    whole = record(tmp_path, "a")
+    lacking = {name: value for name, value in whole.items() if name != key}
+    journal_of(tmp_path, whole, lacking)
+    for command in (read_all, progress):
+        with pytest.raises(InputError, match=rf"journal\.jsonl: line 2.* has no {key}; remove"):
+            command(tmp_path)
+
+
+@pytest.mark.parametrize("line", [None, 3, "ok", [], [{}], {}])
+def test_json_that_is_no_record_is_refused_even_as_the_last_line(
+    line: object, tmp_path: Path
+) -> None:
+    path = journal_of(tmp_path, record(tmp_path, "a"), line)
+    with pytest.raises(
+        InputError, match=r"line 2 (is broken|is no record of a job|has no sample_id)"
+    ):
+        read(path)
+
+
+@pytest.mark.parametrize(("change", "message"), WRONG)
+def test_a_value_that_is_wrong_is_told(
+    change: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    path = journal_of(tmp_path, record(tmp_path, "a", **change))
+    with pytest.raises(InputError, match=f"line 1.*{message}"):
+        read(path)
+
+
+@pytest.mark.parametrize("key", ["coc_px", "size", "seconds"])
+def test_numbers_that_are_no_json_are_refused(key: str, tmp_path: Path) -> None:
+    bad = record(tmp_path, "a", **{key: [float("nan"), 1]})
+    path = journal_of(tmp_path, bad, record(tmp_path, "b"))
+    with pytest.raises(InputError, match="line 1, of a, is broken"):
+        read(path)
+
+
+@pytest.mark.parametrize("path", OUTSIDE)
+def test_an_output_that_is_no_file_of_out_is_refused(path: str, tmp_path: Path) -> None:
+    journal = journal_of(tmp_path, record(tmp_path, "b"), record(tmp_path, "a", **output(path)))
+    with pytest.raises(InputError, match=r"line 2, of a, names the output .* no file of a kind"):
+        read(journal)
+
+
+def test_a_folder_that_leads_out_of_out_is_refused(tmp_path: Path) -> None:
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    out.mkdir()
+    elsewhere.mkdir()
+    journal_of(out, record(tmp_path / "made", "a", ["render"]))
+    (out / "render").symlink_to(elsewhere)
+    with pytest.raises(InputError, match=r"line 1.*render is a link that leads out of OUT"):
+        update.index(out, 1000)
+    (out / "render").unlink()
+    (out / "here").mkdir()
+    (out / "render").symlink_to("here")
+    assert len(read_all(out)) == 1
+
+
+def test_a_link_in_place_of_an_output_is_not_packed(tmp_path: Path) -> None:
+    sample = record(tmp_path, "a", ["render"])
+    secret = tmp_path / "secret"
+    (tmp_path / "render" / "a.png").replace(secret)
+    (tmp_path / "render" / "a.png").symlink_to(secret)
+    with pytest.raises(InputError, match=r"a\.png: is a symbolic link, not an output"):
+        tar_shards.write(tmp_path, [sample], 1000)
+    assert not list(tmp_path.glob("shards/*.tar"))
+
+
+@pytest.mark.parametrize("stem", ["../a", "b"])
+def test_settings_that_name_other_files_than_the_outputs_are_not_tried_again(
+    stem: str, tmp_path: Path
+) -> None:
+    settings = {
+        "stem": "a",
+        "suffix": "",
+        "lens": {"foclen": 50, "fnum": 2, "foc_dist": 1000},
+        "reading": {},
+        "outputs": {},
+        "quality": "draft",
+    }
+    failed = record(tmp_path, "a", settings=settings, status="failed", **output("render/a.exr"))
+    (job,) = failed_jobs(Ledger(tmp_path, [failed]), ())
+    assert job.names == {"render": "render/a.exr"}
+    odd = {**failed, "settings": {**settings, "stem": stem}}
+    with pytest.raises(InputError, match="its settings name other files than its outputs"):
+        failed_jobs(Ledger(tmp_path, [odd]), ())
+
+
+PLAN = {"begun": "2026-01-01T00:00:00+00:00", "jobs": [["coc/a.exr"]], "unknown": ["coc/b.exr"]}
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [
+        "",
+        "[]",
+        json.dumps({"begun": PLAN["begun"]}),
+        json.dumps({**PLAN, "begun": ""}),
+        json.dumps({**PLAN, "begun": 5}),
+        json.dumps({**PLAN, "jobs": ["coc/a.exr"]}),
+        json.dumps({**PLAN, "unknown": [1]}),
+        json.dumps({**PLAN, "more": 1}),
+    ],
+)
+def test_a_broken_plan_of_a_run_is_refused(plan: str, tmp_path: Path) -> None:
+    run_file.run_path(tmp_path).write_text(plan)
+    with pytest.raises(InputError, match=r"\.journal\.run: is no plan of a run; remove the file"):
+        run_file.planned_files(tmp_path)
+
+
+def test_a_run_owns_the_files_of_its_jobs_and_what_earlier_runs_left(tmp_path: Path) -> None:
+    run_file.run_path(tmp_path).write_text(json.dumps(PLAN))
+    assert run_file.planned_files(tmp_path) == {"coc/a.exr", "coc/b.exr"}

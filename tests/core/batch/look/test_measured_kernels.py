@@ -1,0 +1,146 @@
+"""Kernels that were measured: over the frame, and of the photodiodes of a dual pixel."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import LENS, color_exr, depth_exr, header, read_exr, refused, run
+
+from defocus_core.batch.datasets.finished import samples
+
+SIZE = (48, 72)
+WIDE = ("--focal-length", "50mm", "--fnumber", "1.6", "--focus", "2m", "--sensor-width", "3mm")
+
+
+@pytest.fixture
+def lights(tmp_path: Path) -> tuple[Path, Path]:
+    """Two lights on black beyond the focus, one on each side."""
+    pixels = np.zeros((*SIZE, 3), np.float32)
+    pixels[24, 14] = pixels[24, 57] = 1000.0
+    depth = np.full(SIZE, 50.0, np.float32)
+    return color_exr(tmp_path / "a.exr", pixels), depth_exr(tmp_path / "d.exr", depth)
+
+
+def field() -> np.ndarray:  # type: ignore[type-arg]
+    """Kernels of 1 x 2 places: discs without their right or without their left side."""
+    k = np.arange(-10, 11)
+    disc = (k[None] ** 2 + k[:, None] ** 2 <= 100).astype(np.float32)
+    return np.stack([disc * (k < 4), disc * (k > -4)])[None]
+
+
+def pair() -> np.ndarray:  # type: ignore[type-arg]
+    """Left and right of a sensor that splits light less than half discs do."""
+    v = np.linspace(-1, 1, 21)
+    disc = (v[None] ** 2 + v[:, None] ** 2 <= 1).astype(np.float32)
+    left = disc * (0.5 - 0.3 * v)
+    return np.stack([left, disc - left])
+
+
+def shown(folder: Path, *args: str | Path) -> dict[str, np.ndarray]:  # type: ignore[type-arg]
+    ran = run("render", *args, "-o", folder, *WIDE, "--exr-type", "float")
+    assert ran.code == 0, ran.err
+    return {file.parent.name: read_exr(file) for file in folder.glob("*/a.exr")}
+
+
+def test_lights_are_the_kernels_of_their_side(lights: tuple[Path, Path], tmp_path: Path) -> None:
+    np.save(tmp_path / "field.npy", field())
+    render = shown(tmp_path / "o", *lights, "--aperture-image", tmp_path / "field.npy")["render"]
+    light = render["G"]
+    assert light[:, :36].sum() == pytest.approx(1000, rel=1e-3)
+    assert light[:, 36:].sum() == pytest.approx(1000, rel=1e-3)
+    columns = np.flatnonzero(light.max(0) > 0.1)
+    left, right = columns[columns < 36] - 14, columns[columns >= 36] - 57
+    assert abs(left.min()) > 1.5 * left.max()
+    assert right.max() > 1.5 * abs(right.min())
+    np.testing.assert_allclose(light[:, ::-1], light, atol=0.02 * light.max())
+    assert header(tmp_path / "o/render/a.exr")["defocus:aperture_image"] == "field.npy"
+    np.save(tmp_path / "drawn.npy", field()[:, :, None])  # as psf_map of DeepLens has a channel
+    again = shown(tmp_path / "p", *lights, "--aperture-image", tmp_path / "drawn.npy")["render"]
+    np.testing.assert_array_equal(again["G"], light)
+
+
+def test_photodiodes_see_what_their_kernels_say(lights: tuple[Path, Path], tmp_path: Path) -> None:
+    np.save(tmp_path / "pair.npy", pair())
+    (tmp_path / "sensor.toml").write_text('dp-model = "pair.npy"\n')
+    options = (*lights, "--outputs", "render,left,right,disparity,coc")
+    views = shown(tmp_path / "o", *options, "--lens", tmp_path / "sensor.toml")
+    plain = shown(tmp_path / "p", *options)
+    np.testing.assert_array_equal(views["render"]["G"], plain["render"]["G"])
+    at = np.arange(36)
+    left, right = (
+        (views[name]["G"][:, :36].sum(0) @ at) / views[name]["G"][:, :36].sum()
+        for name in ("left", "right")
+    )
+    said = views["disparity"]["disparity"][24, 14]
+    assert right - left == pytest.approx(said, abs=0.1)
+    # a share of 0.5 - 0.3 u.x: each half is off by 0.6 of the mean square of u.x, a quarter
+    assert said / views["coc"]["coc"][24, 14] == pytest.approx(2 * 0.6 / 4, rel=0.05)
+    assert header(tmp_path / "o/left/a.exr")["defocus:dp_kernels"] == "pair.npy"
+
+
+def test_kernels_are_inputs_of_a_batch_and_are_found_again(
+    lights: tuple[Path, Path], tmp_path: Path
+) -> None:
+    np.save(tmp_path / "pair.npy", pair())
+    np.save(tmp_path / "field.npy", field())
+    jobs = tmp_path / "jobs.toml"
+    jobs.write_text(
+        f'[inputs]\ncolor = "{lights[0]}"\ndepth = "{lights[1]}"\n[outputs]\nkinds = ["left"]\n'
+        '[lens]\nfocal-length = "50mm"\nfnumber = 2\nfocus = "2m"\naperture-image = "field.npy"\n'
+        '[sweep]\ndp-model = ["smooth", "pair.npy"]\n'
+    )
+    ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
+    assert ran.code == 0, ran.err
+    found = {sample.sample_id: sample for sample in samples(tmp_path / "out")}
+    assert set(found) == {"a_dpsmooth", "a_dppair"}
+    assert found["a_dppair"].lens.dp_kernels is not None
+    assert found["a_dppair"].lens.aperture_image is not None
+    record = json.loads((tmp_path / "out/journal.jsonl").read_text().splitlines()[-1])
+    assert {"aperture_image", "dp_kernels"} <= record["inputs"].keys()
+
+    def done() -> int:
+        return len((tmp_path / "out/journal.jsonl").read_text().splitlines())
+
+    before = done()
+    for changed in (False, True):
+        if changed:
+            np.save(tmp_path / "pair.npy", pair() + 0.01)
+        ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
+        assert ran.code == 0, ran.err
+        assert done() == before + changed
+
+
+@pytest.mark.parametrize(
+    ("option", "values", "words"),
+    [
+        ("--aperture-image", np.ones((2, 2, 3, 5, 5)), "no field of kernels"),
+        ("--aperture-image", np.zeros((1, 2, 5, 5)), "black"),
+        ("--dp-model", np.ones((3, 5, 5)), "not two kernels"),
+        ("--dp-model", np.ones((2, 5, 5)), "left must lie left"),
+    ],
+)
+def test_kernels_that_make_no_sense_are_refused(
+    lights: tuple[Path, Path],
+    tmp_path: Path,
+    option: str,
+    values: np.ndarray,  # type: ignore[type-arg]
+    words: str,
+) -> None:
+    np.save(tmp_path / "k.npy", values)
+    out = ("-o", tmp_path / "out", "--outputs", "left")
+    ran = run("render", *lights, *out, *LENS, option, tmp_path / "k.npy")
+    refused(ran, 3, str(tmp_path / "k.npy"), words)
+    assert not list((tmp_path / "out").glob("left/*"))
+
+
+def test_a_rim_does_not_clip_kernels_twice(lights: tuple[Path, Path], tmp_path: Path) -> None:
+    np.save(tmp_path / "field.npy", field())
+    options = ("--aperture-image", tmp_path / "field.npy", "--cat-eye", "1.05:1.5")
+    ran = run("render", *lights, "-o", tmp_path / "out", *LENS, *options)
+    refused(ran, 2, "--cat-eye", "leave it out")
+    missing = run("render", *lights, "-o", tmp_path / "out", *LENS, "--dp-model", "no.npy")
+    assert missing.code == 3
+    assert "no.npy" in missing.err

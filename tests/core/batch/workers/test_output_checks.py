@@ -1,0 +1,107 @@
+"""A job writes nothing that it should not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.workers.output_checks import refuse_misplaced, refuse_unknown
+from defocus_core.errors import InputError
+from defocus_core.io.safe_files import written_whole
+
+LENS = Lens(50.0, 2.0, 2000.0)
+
+
+def touch(folder: Path, *names: str) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        (folder / name).touch()
+    return folder
+
+
+def jobs_for(pictures: list[Picture], outputs: Outputs) -> list[Job]:
+    return [Job(picture, LENS, Reading(), outputs, Machine()) for picture in pictures]
+
+
+def test_what_exists_is_refused_unless_it_is_known_or_told(tmp_path: Path) -> None:
+    pictures = [Picture(stem, tmp_path / f"{stem}.exr", tmp_path / "z.exr") for stem in "abc"]
+    touch(tmp_path / "out" / "render", "b.exr", "c.exr")
+    jobs = jobs_for(pictures, Outputs(tmp_path / "out"))
+    with pytest.raises(InputError, match=r"b\.exr: exists already \(and 1 more\).*--overwrite"):
+        refuse_unknown(jobs, set())
+    with pytest.raises(InputError, match=r"c\.exr: exists already,"):
+        refuse_unknown(jobs, {"render/b.exr"})
+    refuse_unknown(jobs, {"render/b.exr", "render/c.exr"})
+    refuse_unknown(jobs_for(pictures, Outputs(tmp_path / "out", overwrite=True)), set())
+
+
+def test_a_directory_is_never_replaced(tmp_path: Path) -> None:
+    jobs = jobs_for(
+        [Picture("a", tmp_path / "a", tmp_path / "z")], Outputs(tmp_path, overwrite=True)
+    )
+    (tmp_path / "render" / "a.exr").mkdir(parents=True)
+    with pytest.raises(InputError, match="is a directory"):
+        refuse_unknown(jobs, {"render/a.exr"})
+
+
+def test_an_input_is_never_overwritten(tmp_path: Path) -> None:
+    file = touch(tmp_path / "render", "a.exr") / "a.exr"
+    with pytest.raises(InputError, match="is an input"):
+        refuse_misplaced(jobs_for([Picture("a", file, file)], Outputs(tmp_path, overwrite=True)))
+
+
+def test_an_input_is_never_overwritten_by_another_name_of_it(tmp_path: Path) -> None:
+    file = touch(tmp_path / "out" / "render", "a.exr") / "a.exr"
+    (tmp_path / "linked").symlink_to(tmp_path / "out")
+    (tmp_path / "a.exr").symlink_to(file)
+    for root, color in (("linked", file), ("out", tmp_path / "a.exr")):
+        outputs = Outputs(tmp_path / root, overwrite=True)
+        with pytest.raises(InputError, match="is an input"):
+            refuse_misplaced(jobs_for([Picture("a", color, color)], outputs))
+
+
+def test_no_file_is_written_twice(tmp_path: Path) -> None:
+    pictures = [Picture(stem, tmp_path / stem, tmp_path / "z") for stem in ("a", "a.preview")]
+    with pytest.raises(InputError, match="written twice"):
+        refuse_misplaced(jobs_for(pictures, Outputs(tmp_path / "out", format="png", preview=True)))
+
+
+def test_a_folder_of_outputs_that_leads_elsewhere_is_refused(tmp_path: Path) -> None:
+    """The next run would find records of files that do not lie in OUT."""
+    pictures, out = [Picture("a", tmp_path / "a", tmp_path / "z")], tmp_path / "out"
+    for folder in ("elsewhere", "out/here"):
+        (tmp_path / folder).mkdir(parents=True)
+    (out / "render").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="render: is a link that leads out of the output directo"):
+        refuse_misplaced(jobs_for(pictures, Outputs(out)))
+    (out / "render").unlink()
+    (out / "render").symlink_to("here")
+    refuse_misplaced(jobs_for(pictures, Outputs(out)))
+
+
+def test_a_file_in_place_of_a_directory_is_refused(tmp_path: Path) -> None:
+    pictures = [Picture("a", tmp_path / "a", tmp_path / "z")]
+    file = touch(tmp_path, "out") / "out"
+    for root in (file, file / "deeper"):
+        with pytest.raises(InputError, match="out: is a file"):
+            refuse_misplaced(jobs_for(pictures, Outputs(root)))
+
+
+def test_names_that_no_file_can_have_are_refused(tmp_path: Path) -> None:
+    outputs = Outputs(tmp_path, preview=True)
+    fits = "é" * 121  # 242 bytes, and .preview.png
+    refuse_misplaced(jobs_for([Picture(fits, tmp_path / "a", tmp_path / "z")], outputs))
+    with written_whole(tmp_path / f"{fits}.preview.png") as file:
+        file.write(b"whole")
+    with pytest.raises(InputError, match="has a name of 256 bytes, more than 255; give"):
+        refuse_misplaced(jobs_for([Picture(fits + "é", tmp_path / "a", tmp_path / "z")], outputs))
+
+
+def test_names_of_wide_characters_can_be_written_whole(tmp_path: Path) -> None:
+    path = tmp_path / f"{'𝄞' * 62}.exr"
+    with written_whole(path) as file:
+        file.write(b"whole")
+    assert path.read_bytes() == b"whole"

@@ -1,0 +1,162 @@
+"""Reading, rendering and writing overlap, within bounds."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.workers import job_result, pipeline
+
+STEP = 0.03  # seconds
+LENS = Lens(50.0, 2.0, 2000.0)
+
+
+class Steps:
+    """Stands for the steps of jobs, and notes when they begin and end."""
+
+    def __init__(self) -> None:
+        self.events: list[tuple[str, str]] = []
+        self.fails: tuple[str, str] = ("", "")
+        self.interrupted: tuple[str, str] = ("", "")
+        self.waits = threading.get_ident()
+
+    def step(self, name: str, job: Job) -> None:
+        self.events.append((f"{name}", job.sample_id))
+        if self.interrupted == (name, job.sample_id):  # Ctrl-C, at the thread that waits
+            signal.pthread_kill(self.waits, signal.SIGINT)
+        time.sleep(STEP)
+        self.events.append((f"{name}.", job.sample_id))
+
+    def read(self, job: Job) -> Any:
+        self.step("read", job)
+        failed = {"status": "failed"} if self.fails == ("read", job.sample_id) else None
+        return SimpleNamespace(job=job, result=failed)
+
+    def compute(self, ready: Any, progress: Any) -> Any:
+        self.step("compute", ready.job)
+        if self.fails == ("compute", ready.job.sample_id):
+            return {"status": "failed"}
+        return job_result.Computed(ready, None, 0.0)  # type: ignore[arg-type]
+
+    def write(self, computed: job_result.Computed) -> Any:
+        self.step("write", computed.ready.job)
+        return {"status": "ok"}
+
+    def at(self, event: str, name: str) -> int:
+        return self.events.index((event, name))
+
+
+@pytest.fixture
+def steps(monkeypatch: pytest.MonkeyPatch) -> Steps:
+    made = Steps()
+    monkeypatch.setattr(job_result, "Reader", lambda: made)
+    monkeypatch.setattr(job_result, "compute", made.compute)
+    monkeypatch.setattr(job_result, "write", made.write)
+    return made
+
+
+def jobs(names: str) -> Iterator[tuple[int, Job]]:
+    for number, name in enumerate(names):
+        picture = Picture(name, Path(name), Path(name))
+        yield number, Job(picture, LENS, Reading(), Outputs(Path("out")), Machine())
+
+
+def test_the_next_is_read_and_the_last_is_written_while_one_is_computed(steps: Steps) -> None:
+    done: list[int] = []
+    start = time.perf_counter()
+    pipeline.run(jobs("abcdefgh"), lambda number, result: done.append(number))
+    seconds = time.perf_counter() - start
+    assert done == list(range(8))
+    for before, now, after in ("abc", "bcd", "cde", "def"):
+        assert steps.at("read", after) < steps.at("compute.", now)
+        assert steps.at("write", before) < steps.at("compute.", now)
+    assert seconds < 0.75 * 3 * 8 * STEP, "10 steps if all overlap, 24 if none does"
+
+
+def test_one_picture_waits_at_most_before_and_behind(steps: Steps) -> None:
+    pipeline.run(jobs("abcdefgh"), lambda number, result: None)
+    for before, now, after in ("abc", "bcd", "cde", "def", "efg", "fgh"):
+        assert steps.at("read", after) > steps.at("read.", now)
+        assert steps.at("read", after) > steps.at("compute", before) - 1
+        assert steps.at("compute.", after) > steps.at("write.", before)
+
+
+@pytest.mark.parametrize("step", ["read", "compute"])
+def test_what_fails_skips_the_steps_that_follow(step: str, steps: Steps) -> None:
+    steps.fails = (step, "b")
+    done: dict[int, str] = {}
+    pipeline.run(jobs("abc"), lambda number, result: done.update({number: result["status"]}))
+    assert done == {0: "ok", 1: "failed", 2: "ok"}
+    assert ("write", "b") not in steps.events
+
+
+def test_what_done_raises_ends_the_run(steps: Steps) -> None:
+    def done(number: int, result: Any) -> None:
+        raise OSError("the disk is full")
+
+    with pytest.raises(OSError, match="full"):
+        pipeline.run(jobs("abcdefgh"), done)
+    assert ("compute", "g") not in steps.events
+
+
+def test_what_the_jobs_raise_ends_the_run_after_those_before(steps: Steps) -> None:
+    def broken() -> Iterator[tuple[int, Job]]:
+        yield from jobs("ab")
+        raise OSError("no note can be made")
+
+    done: list[int] = []
+    with pytest.raises(OSError, match="note"):
+        pipeline.run(broken(), lambda number, result: done.append(number))
+    assert done == [0, 1]
+    assert threading.active_count() < 20
+
+
+def test_what_was_read_ahead_when_it_is_stopped_is_let_go(steps: Steps) -> None:
+    done: list[int] = []
+
+    def stopped() -> bool:  # asked before b is computed: a is written, c is read
+        return ("compute.", "a") in steps.events
+
+    pipeline.run(jobs("abcdefgh"), lambda number, result: done.append(number), stopped=stopped)
+    assert done == [0]
+    assert ("compute", "b") not in steps.events
+    assert ("read", "d") not in steps.events
+
+
+def test_ctrl_c_during_the_last_write_comes_after_it(steps: Steps) -> None:
+    done: list[int] = []
+    steps.interrupted = ("write", "a")
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.run(jobs("a"), lambda number, result: done.append(number))
+    assert done == [0]
+
+
+def test_what_is_being_decoded_ends_before_the_run_does(steps: Steps) -> None:
+    steps.interrupted = ("read", "b")  # while a is computed
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.run(jobs("abc"), lambda number, result: None)
+    begun = {name for event, name in steps.events if event == "read"}
+    assert begun == {name for event, name in steps.events if event == "read."}
+
+
+def test_jobs_of_one_picture_are_decoded_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from defocus_core.batch.rendering import job_steps
+
+    decoded: list[str] = []
+    monkeypatch.setattr(job_steps, "load_inputs", lambda job: decoded.append(job.picture.stem))
+    reader = job_result.Reader()
+    for name in "aaabba":
+        picture = Picture(name, tmp_path / name, tmp_path / name)
+        reader.read(Job(picture, LENS, Reading(), Outputs(tmp_path), Machine()))
+    assert decoded == ["a", "b", "a"]

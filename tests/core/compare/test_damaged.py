@@ -1,0 +1,79 @@
+"""Damaged files: none crashes the comparison, and none is the same unless its pixels are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import fuzzing
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+import pytest
+
+from defocus_core.compare.comparison import compare_pair
+from defocus_core.compare.pairing import Pair
+from defocus_core.compare.record import UNREADABLE, Settings
+from defocus_core.compare.thresholds import Rules
+from defocus_core.io.safe_files import quiet
+
+SEED, CASES = 20, 3000
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, bytes]]:
+    folder = tmp_path_factory.mktemp("sound")
+    return folder, fuzzing.sound_files(folder)
+
+
+def status(a: Path, b: Path) -> str:
+    record, _ = compare_pair(Pair(b.name, a, b), Rules(), Settings())
+    return record.status
+
+
+def decoded(path: Path) -> list[Any]:
+    """All images of a file, decoded without the code under test."""
+    if path.suffix == ".npy":
+        return [np.load(path)]
+    config = oiio.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)
+    with quiet():
+        first = oiio.ImageBuf(str(path), 0, 0, config)
+        return [
+            np.nan_to_num(oiio.ImageBuf(str(path), k, 0, config).get_pixels(oiio.FLOAT))
+            for k in range(first.nsubimages)
+        ]
+
+
+def test_a_damaged_file_is_the_same_only_if_its_pixels_are(
+    sound: tuple[Path, dict[str, bytes]], tmp_path: Path
+) -> None:
+    folder, files = sound
+    passed = 0
+    for index in range(CASES):
+        name, data = fuzzing.case(files, SEED, index)
+        bad = tmp_path / f"bad{Path(name).suffix}"
+        bad.write_bytes(data)
+        if status(folder / name, bad) == "same":
+            passed += 1
+            old, new = decoded(folder / name), decoded(bad)
+            assert len(old) == len(new), (index, name)
+            assert all(map(np.array_equal, old, new)), (index, name)
+    assert passed < 0.1 * CASES
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.99])
+def test_a_file_that_was_cut_off_is_unreadable(
+    share: float, sound: tuple[Path, dict[str, bytes]], tmp_path: Path
+) -> None:
+    folder, files = sound
+    for name, data in files.items():
+        bad = tmp_path / name
+        bad.write_bytes(data[: int(share * len(data))])
+        assert status(folder / name, bad) == UNREADABLE, name
+
+
+def test_each_sound_file_is_the_same_as_itself(sound: tuple[Path, dict[str, bytes]]) -> None:
+    folder, files = sound
+    for name in files:
+        expected = UNREADABLE if name == "deep.exr" else "same"
+        assert status(folder / name, folder / name) == expected

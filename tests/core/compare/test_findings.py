@@ -1,0 +1,285 @@
+"""What happened to a picture is named, and what changes no value is not taken for a difference."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import run, write_exr
+from image_files import save
+from planted_faults import (
+    BENIGN,
+    FAULTS,
+    HEIGHT,
+    WIDTH,
+    blurred,
+    dark_border,
+    narrow,
+    planes,
+    scene,
+    write_planes,
+)
+
+from defocus_core.compare.comparison import compare_pair
+from defocus_core.compare.pairing import Pair
+from defocus_core.compare.record import Settings
+from defocus_core.compare.thresholds import Rules
+from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
+
+
+def compared(a: Path, b: Path, rules: Rules | None = None, settings: Settings | None = None) -> Any:
+    record, _ = compare_pair(Pair(b.name, a, b), rules or Rules(), settings or Settings())
+    return record
+
+
+def names(record: Any) -> list[str]:
+    return [finding.name for finding in record.findings]
+
+
+@pytest.fixture
+def a(tmp_path: Path) -> Path:
+    return write_planes(tmp_path / "a.exr", planes(scene()))
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_planted_fault_fails_and_is_named(fault: str, dtype: Any, tmp_path: Path) -> None:
+    change, name, words = FAULTS[fault]
+    a = write_planes(tmp_path / "a.exr", planes(scene(), dtype))
+    b = write_planes(tmp_path / "b.exr", planes(change(scene()), dtype))
+    ran = run("compare", a, b)
+    assert (ran.code, ran.err) == (1, "")
+    assert words in f"{ran.out.strip()},"
+    assert name in names(compared(a, b))
+
+
+def test_a_smaller_coc_is_told_from_a_larger_one(a: Path, tmp_path: Path) -> None:
+    b = write_planes(tmp_path / "b.exr", planes(blurred(scene(), 2)))
+    assert [f.text for f in compared(b, a).findings] == ["another CoC: blurred less"]
+
+
+_OF_INTEGERS = ["right", "left and down", "mirrored", "upside down", "turned", "BGR", "cut"]
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("fault", [*_OF_INTEGERS, "gamma 2 %", "a stop", "2 % darker"])
+def test_faults_of_integers_are_named(fault: str, dtype: Any, tmp_path: Path) -> None:
+    change, name, words = FAULTS[fault]
+    top = np.iinfo(dtype).max
+    stored = np.rint(linear_to_srgb(scene().clip(0, 1)) * top).astype(dtype)
+    if "stop" in fault or "darker" in fault:  # exposure is of light
+        spoiled = linear_to_srgb(np.clip(change(srgb_to_linear(stored / top)), 0, 1))
+    else:
+        spoiled = change((stored / top).astype(np.float32))
+    a = save(tmp_path / "a.png", stored)
+    b = save(tmp_path / "b.png", np.rint(spoiled * top).astype(dtype))
+    ran = run("compare", a, b)
+    assert ran.code == 1
+    assert name in names(compared(a, b))
+    if fault in _OF_INTEGERS:  # factors and powers are as exact as the integers
+        assert words in ran.out
+
+
+def test_a_picture_of_16_bits_is_quantised_to_8_in_a_file_of_8_bits(tmp_path: Path) -> None:
+    encoded = linear_to_srgb(scene().clip(0, 1))
+    a = save(tmp_path / "a.png", np.rint(encoded * 65535).astype(np.uint16))
+    b = save(tmp_path / "b.png", np.rint(encoded * 255).astype(np.uint8))
+    record = compared(a, b)
+    assert names(record) == ["quantised to 8 bits"]
+    assert record.notes == ("R, G, B uint8 instead of uint16",)
+
+
+def test_light_in_an_exr_and_in_a_png_are_compared_as_light(a: Path, tmp_path: Path) -> None:
+    encoded = linear_to_srgb(scene().clip(0, 1))
+    b = save(tmp_path / "b.png", np.rint(encoded * 255).astype(np.uint8))
+    record = compared(a, b)
+    assert [finding.text for finding in record.findings] == [
+        "clipped at 1 and quantised to 8 bits (sRGB-encoded)"
+    ]
+    assert record.encoding == "linear"
+
+
+def test_views_that_were_swapped_are_named(tmp_path: Path) -> None:
+    left, right = planes(scene()), planes(np.roll(scene(), 3, 1) ** 1.3)
+    for folder, first, second in (("a", left, right), ("b", right, left)):
+        write_planes(tmp_path / folder / "left" / "x.exr", first)
+        write_planes(tmp_path / folder / "right" / "x.exr", second)
+        write_planes(tmp_path / folder / "y_left.exr", first)
+        write_planes(tmp_path / folder / "y_right.exr", second)
+        views = {f"left.{n}": p for n, p in first.items()}
+        write_planes(
+            tmp_path / folder / "z.exr", views | {f"right.{n}": p for n, p in second.items()}
+        )
+    ran = run("compare", tmp_path / "a", tmp_path / "b")
+    assert ran.out.count("DIFFERENT: left and right swapped,") == 5
+
+
+def test_a_missing_and_a_further_channel_are_named(tmp_path: Path) -> None:
+    whole = {**planes(scene()), "A": np.ones((HEIGHT, WIDTH), np.float16)}
+    part = {name: plane for name, plane in whole.items() if name != "B"}
+    a, b = write_planes(tmp_path / "a.exr", whole), write_planes(tmp_path / "b.exr", part)
+    assert "DIFFERENT: missing channel B" in run("compare", a, b).out
+    assert "DIFFERENT: further channel B" in run("compare", b, a).out
+    loose = run("compare", a, b, "--fail", "max>100")
+    assert loose.code == 1
+
+
+def test_rounding_to_half_is_named(tmp_path: Path) -> None:
+    values = {
+        name: plane * np.float32(1.0001) for name, plane in planes(scene(), np.float32).items()
+    }
+    a = write_planes(tmp_path / "a.exr", values)
+    b = write_planes(tmp_path / "b.exr", {n: p.astype(np.float16) for n, p in values.items()})
+    assert names(compared(a, b)) == ["rounded to half"]
+
+
+def test_maps_of_another_coc_are_named_with_their_ranges(tmp_path: Path) -> None:
+    radius = np.linspace(-4, 6, 48 * 64, dtype=np.float32).reshape(48, 64)
+    a = write_exr(tmp_path / "a.exr", coc=radius)
+    b = write_exr(tmp_path / "b.exr", coc=radius * radius / 6)
+    record = compared(a, b)
+    assert [f.text for f in record.findings] == [
+        "another CoC: coc 0.00 to 6.00 px instead of -4.00 to 6.00 px"
+    ]
+    assert "psnr" not in record.metrics  # a map has no colour
+
+
+@pytest.mark.parametrize("change", ["another picture", "a patch"])
+def test_what_is_not_understood_gets_no_name(change: str, a: Path, tmp_path: Path) -> None:
+    spoiled = scene()
+    if change == "a patch":
+        spoiled[20:30, 50:61] = 0.5
+    else:
+        spoiled = np.random.default_rng(3).random(spoiled.shape)
+    b = write_planes(tmp_path / "b.exr", planes(spoiled))
+    record = compared(a, b)
+    assert record.status == "different"
+    assert names(record) == []
+    if change == "a patch":
+        assert record.window == (50, 20, 11, 10)
+        assert "110 pixels within 11x10 at 50,20" in run("compare", a, b).out
+
+
+@pytest.mark.parametrize("how", BENIGN)
+def test_the_same_values_written_in_another_way_are_the_same(
+    how: str, a: Path, tmp_path: Path
+) -> None:
+    BENIGN[how](tmp_path / "b.exr", scene())
+    ran = run("compare", a, tmp_path / "b.exr")
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.startswith("b.exr: same")
+    assert run("compare", tmp_path / "b.exr", a).code == 0
+    assert compared(a, tmp_path / "b.exr").findings == ()
+
+
+def test_what_differs_without_changing_a_value_is_noted(a: Path, tmp_path: Path) -> None:
+    BENIGN["codec PIZ"](tmp_path / "b.exr", scene())
+    assert compared(a, tmp_path / "b.exr").notes == ("compression PIZ instead of ZIP",)
+    BENIGN["float of half"](tmp_path / "b.exr", scene())
+    assert compared(a, tmp_path / "b.exr").notes == ("R, G, B float instead of half",)
+    BENIGN["more data than is shown"](tmp_path / "b.exr", scene())
+    (note,) = compared(a, tmp_path / "b.exr").notes
+    assert note == "data window 144x98 at -8,-4 instead of 128x90 at 0,0"
+
+
+def test_zero_outside_of_a_smaller_data_window_is_the_same(tmp_path: Path) -> None:
+    a = write_planes(tmp_path / "a.exr", planes(dark_border(scene())))
+    narrow(tmp_path / "b.exr", scene())
+    assert compared(a, tmp_path / "b.exr").status == "same"
+    narrow(tmp_path / "c.exr", 2 * scene())
+    assert compared(a, tmp_path / "c.exr").status == "different"
+
+
+def test_minus_zero_is_zero_and_nan_is_nan(tmp_path: Path) -> None:
+    image = scene()
+    image[:4] = 0.0
+    image[5, 6], image[7, 8], image[9, 9] = np.nan, np.inf, -np.inf
+    a = write_planes(tmp_path / "a.exr", planes(image))
+    image[:4] = -0.0
+    b = write_planes(tmp_path / "b.exr", planes(image))
+    record = compared(a, b)
+    assert record.status == "same"
+    assert record.notes == ("NaN in 1 pixel of both", "Inf in 2 pixels of both")
+
+
+def test_metadata_counts_only_if_asked_for(a: Path, tmp_path: Path) -> None:
+    b = tmp_path / "b.exr"
+    BENIGN["metadata"](b, scene())
+    assert "metadata: comments another day instead of nothing" in run("compare", a, b).out
+    ran = run("compare", a, b, "--metadata")
+    assert ran.code == 1
+    assert "DIFFERENT" in ran.out
+
+
+@pytest.mark.parametrize(
+    ("samples", "other"),
+    [
+        ("png", "tif"),
+        ("png", "png16"),
+        ("tif", "tiles"),
+    ],
+)
+def test_integers_written_in_another_way_are_the_same(
+    samples: str, other: str, tmp_path: Path
+) -> None:
+    values = (linear_to_srgb(scene().clip(0, 1)) * 255).astype(np.uint8)
+    a = save(tmp_path / f"a.{samples}", values)
+    ways = {
+        "tif": lambda: save(tmp_path / "b.tif", values, Compression="lzw"),
+        "png16": lambda: save(tmp_path / "b.png", values.astype(np.uint16) * 257),
+        "tiles": lambda: save(tmp_path / "b.tif", values, tile=(16, 16)),
+    }
+    assert compared(a, ways[other]()).status == "same"
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("swap", [False, True])
+def test_nan_and_inf_on_one_side_fail_whatever_the_thresholds(
+    value: float, swap: bool, a: Path, tmp_path: Path
+) -> None:
+    image = scene()
+    image[40, 60] = value
+    b = write_planes(tmp_path / "b.exr", planes(image))
+    sides = (b, a) if swap else (a, b)
+    ran = run("compare", *sides, "--fail", "max>1e9", "--fail", "psnr<0")
+    assert ran.code == 1
+    assert ("NaN in 1 pixel" if np.isnan(value) else "Inf in 1 pixel") in ran.out
+    assert "worst at 60,40" in ran.out
+
+
+def test_infinities_of_another_sign_differ(tmp_path: Path) -> None:
+    image = scene()
+    image[40, 60] = np.inf
+    a = write_planes(tmp_path / "a.exr", planes(image))
+    image[40, 60] = -np.inf
+    b = write_planes(tmp_path / "b.exr", planes(image))
+    assert compared(a, b).status == "different"
+
+
+@pytest.mark.parametrize("name", ["spheres", "lights", "leaves"])
+def test_renders_by_another_fnumber_have_another_coc(name: str, tmp_path: Path) -> None:
+    folder = Path(__file__).parents[3] / "sample_scenes" / name
+    for fnumber in ("2", "2.4"):
+        lens = ["--focal-length", "75mm", "--sensor-width", "54mm", "--focus", "1.6m"]
+        words = ["--fnumber", fnumber, "-o", tmp_path / fnumber, "--quality", "draft"]
+        ran = run("render", folder / "rgb.exr", folder / "depth.exr", *lens, *words)
+        assert ran.code == 0, ran.err
+    files = [tmp_path / fnumber / "render" / "rgb.exr" for fnumber in ("2", "2.4")]
+    (finding,) = compared(*files).findings
+    assert finding.name == "another CoC"
+    assert "headers" not in finding.text
+    assert finding.values["blurred_less"] > 2 * finding.values["blurred_more"]
+
+
+def test_a_blur_that_keeps_what_is_sharp_is_another_coc(a: Path, tmp_path: Path) -> None:
+    """The left half gets blurrier and the right half, blurred in A, gets sharper."""
+    half = np.arange(WIDTH)[None, :, None] < WIDTH // 2
+    one = np.where(half, scene(), blurred(scene(), 3))
+    other = np.where(half, blurred(scene(), 3), scene())
+    a = write_planes(tmp_path / "one.exr", planes(one))
+    b = write_planes(tmp_path / "other.exr", planes(other))
+    assert [f.text for f in compared(a, b).findings] == [
+        "another CoC: blurred more in places, less in others"
+    ]

@@ -1,0 +1,107 @@
+"""Metrics are those of the renderer's own evaluation, and mean what their names say."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from planted_faults import HEIGHT, WIDTH, scene
+
+from defocus_core.compare.metrics import METRICS, measure, measure_edges
+from defocus_core.compare.pixels import Pixels
+from defocus_core.compare.selection import widened
+from defocus_core.evaluation import metrics as core
+
+
+def pixels(a: Any, b: Any, selected: Any = None, gamma: float | None = 1.0) -> Pixels:
+    split = [tuple(side[..., index] for index in range(3)) for side in (a, b)]
+    return Pixels(("R", "G", "B"), *split, gamma, selected)
+
+
+def spoiled(seed: int = 0) -> Any:
+    noise = np.random.default_rng(seed).standard_normal((HEIGHT, WIDTH, 3))
+    return (scene() + 0.03 * noise).astype(np.float32)
+
+
+def tensor(image: Any) -> torch.Tensor:
+    return torch.from_numpy(np.ascontiguousarray(image)).permute(2, 0, 1).double()
+
+
+def test_psnr_and_ssim_are_those_of_the_core() -> None:
+    a, b = scene(), spoiled()
+    shown, aim = core.encoded(tensor(b)), core.encoded(tensor(a))
+    metrics = measure(pixels(a, b), over=0.0)
+    assert metrics["psnr"] == pytest.approx(core.decibels((shown - aim).square().mean(0)), abs=1e-3)
+    assert metrics["ssim"] == pytest.approx(core.ssim(core.luma(shown), core.luma(aim)), abs=1e-5)
+
+
+def test_the_others_are_their_formulas() -> None:
+    a, b = scene(), spoiled()
+    error = np.abs(b.astype(np.float64) - a)
+    metrics = measure(pixels(a, b), over=0.05)
+    assert metrics["max"] == error.max()
+    assert metrics["mean"] == pytest.approx(error.mean(), rel=1e-12)
+    assert metrics["rmse"] == pytest.approx(math.sqrt((error**2).mean()), rel=1e-12)
+    assert metrics["rel-rmse"] == pytest.approx(metrics["rmse"] / np.abs(a).mean(), rel=1e-6)
+    greatest = error.max(axis=2)
+    assert metrics["p99.9"] == pytest.approx(np.percentile(greatest, 99.9), rel=1e-9)
+    assert metrics["share"] == (greatest > 0.05).mean()
+
+
+def test_equal_half_floats_and_floats_measure_alike() -> None:
+    a, b = scene(), spoiled().astype(np.float16)
+    halves = measure(pixels(a.astype(np.float16), b), over=0.01)
+    floats = measure(pixels(a, b.astype(np.float32)), over=0.01)
+    assert halves == pytest.approx(floats, rel=1e-6)
+
+
+def test_pixels_that_are_not_selected_change_nothing() -> None:
+    a, b = scene(), spoiled()
+    selected = np.zeros((HEIGHT, WIDTH), bool)
+    selected[20:60, 10:80] = True
+    within = measure(pixels(a, b, selected), over=0.01, ssim=False)
+    elsewhere = np.where(selected[..., None], b, 100.0)
+    assert measure(pixels(a, elsewhere, selected), over=0.01, ssim=False) == within
+    cut = measure(pixels(a[20:60, 10:80], b[20:60, 10:80]), over=0.01, ssim=False)
+    assert within == pytest.approx(cut, rel=1e-7)
+
+
+def test_nan_is_left_out_of_the_numbers() -> None:
+    a, b = scene(), spoiled()
+    hole = np.ones((HEIGHT, WIDTH), bool)
+    hole[30, 40] = False
+    punched = np.where(hole[..., None], b, np.nan).astype(np.float32)
+    numbers = measure(pixels(a, punched), over=0.01, ssim=False)
+    assert numbers == measure(pixels(a, b, hole), over=0.01, ssim=False)
+    assert all(math.isfinite(value) for value in numbers.values())
+
+
+def test_stored_srgb_is_not_encoded_again() -> None:
+    a, b = scene().clip(0, 1), spoiled().clip(0, 1)
+    metrics = measure(pixels(a, b, gamma=None), over=0.0)
+    squares = tensor(b - a).square().mean(0)
+    assert metrics["psnr"] == pytest.approx(core.decibels(squares), abs=1e-3)
+
+
+def test_near_and_away_from_edges_make_the_whole() -> None:
+    a, b = scene(), spoiled()
+    near = np.zeros((HEIGHT, WIDTH), bool)
+    near[:, 30:50] = True
+    parts, share = measure_edges(pixels(a, b), near), near.mean()
+    whole = share * parts["edges-rmse"] ** 2 + (1 - share) * parts["elsewhere-rmse"] ** 2
+    assert math.sqrt(whole) == pytest.approx(measure(pixels(a, b), over=0)["rmse"], rel=1e-9)
+    assert set(parts) <= set(METRICS)
+
+
+@pytest.mark.parametrize("reach", [0, 1, 7, 500])
+def test_widening_reaches_as_far_as_it_says(reach: int) -> None:
+    edges = np.zeros((30, 40), bool)
+    edges[11:13, 17:] = edges[12:, 16:18] = True
+    wide = widened(edges, reach)
+    rows, columns = np.nonzero(edges)
+    y, x = np.mgrid[0:30, 0:40]
+    apart = np.maximum(abs(y[..., None] - rows), abs(x[..., None] - columns)).min(axis=2)
+    assert np.array_equal(wide, apart <= reach)

@@ -1,0 +1,99 @@
+"""Rules of flags and of a file, and which of them a picture is judged by."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from defocus_core.batch.lenses.quantities import QuantityError
+from defocus_core.compare.metrics import METRICS
+from defocus_core.compare.thresholds import Rule, matches, read_thresholds, rule
+from defocus_core.errors import UsageProblem
+
+
+@pytest.mark.parametrize(
+    ("text", "bad", "good"),
+    [
+        ("psnr<45", 44.9, 45.0),
+        ("psnr <= 45 dB", 45.0, 45.1),
+        ("max>0.02", 0.021, 0.02),
+        ("max>=0.02", 0.02, 0.0199),
+        ("share>0.1%", 0.0011, 0.001),
+        ("ssim<0.99", 0.98, 0.99),
+        ("p99.9>1e-3", 0.002, 0.001),
+    ],
+)
+def test_a_rule_says_when_a_picture_is_bad(text: str, bad: float, good: float) -> None:
+    assert rule(text).meets(bad)
+    assert not rule(text).meets(good)
+    assert rule(text).meets(float("nan"))
+
+
+@pytest.mark.parametrize("name", METRICS)
+def test_a_rule_that_lets_everything_through_is_refused(name: str) -> None:
+    right, wrong = "><" if METRICS[name].better == "low" else "<>"
+    assert rule(f"{name}{right}1").metric == name
+    with pytest.raises(QuantityError, match="met by the better pictures"):
+        rule(f"{name}{wrong}1")
+
+
+@pytest.mark.parametrize(
+    "text", ["psnr", "psnr<", "psnr=45", "psrn<45", "max>1.2.3", "", "45<psnr"]
+)
+def test_what_is_no_rule_is_refused(text: str) -> None:
+    with pytest.raises(QuantityError):
+        rule(text)
+
+
+def write(folder: Path, text: str) -> Path:
+    file = folder / "compare.toml"
+    file.write_text(text)
+    return file
+
+
+def texts(rules: tuple[Rule, ...]) -> list[str]:
+    return [each.text for each in rules]
+
+
+def test_the_last_pattern_that_matches_wins_and_flags_win_over_all(tmp_path: Path) -> None:
+    file = write(
+        tmp_path,
+        "fail = ['psnr<45']\nwarn = 'max>0.02'\nover = 0.5\n"
+        "[[override]]\nfiles = 'left/*'\nfail = ['psnr<40']\n"
+        "[[override]]\nfiles = '*.png'\nfail = ['max>0.01', 'ssim<0.9']\nover = 0.25\n",
+    )
+    thresholds = read_thresholds(file)
+    assert texts(thresholds.of("render/a.exr").fail) == ["psnr<45"]
+    assert texts(thresholds.of("left/a.exr").fail) == ["psnr<40"]
+    assert texts(thresholds.of("left/a.png").fail) == ["max>0.01", "ssim<0.9"]
+    assert texts(thresholds.of("left/a.png").warn) == ["max>0.02"]
+    assert thresholds.of("left/a.png").over == 0.25
+    flagged = read_thresholds(file, fail=[rule("max>1")], over=0.125).of("left/a.png")
+    assert (texts(flagged.fail), flagged.over) == (["max>1"], 0.125)
+    assert thresholds.idle(["render/a.exr", "x.png"]) == ["left/*"]
+
+
+def test_a_pattern_without_a_slash_means_names_in_any_folder() -> None:
+    assert matches("left/deep/a.exr", "left/*")
+    assert matches("left/a.exr", "a.*")
+    assert not matches("left/a.exr", "lef")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("fial = ['psnr<45']", "did you mean fail?"),
+        ("fail = ['psnr>45']", "write psnr<45"),
+        ("fail = [45]", "is no list of rules"),
+        ("over = -1", "no difference of 0 or more"),
+        ("over = true", "no difference of 0 or more"),
+        ("[override]\nfiles = '*'", "write [[override]]"),
+        ("[[override]]\nfail = ['psnr<45']", "[override 1] files: is missing"),
+        ("[[override]]\nfiles = '*'\nfails = []", "did you mean fail?"),
+    ],
+)
+def test_a_file_that_makes_no_sense_is_refused(text: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageProblem) as caught:
+        read_thresholds(write(tmp_path, text))
+    assert words in caught.value.format_message()

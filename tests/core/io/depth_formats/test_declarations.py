@@ -1,0 +1,260 @@
+"""What a user says of a depth file decides its depth; what nobody says is asked for by name."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import write_exr
+from depth_files import matlab, npy, pfm, png
+from image_files import save
+from optional_libraries import HDF5_MAGIC, HEIC_MAGIC, with_heic
+
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.depth_formats.depth import Depth, read_depth
+from defocus_core.io.depth_formats.reading import DepthReading
+from defocus_core.io.depth_formats.table import FORMATS, NAMES
+
+RAMP = np.array([[0, 51, 102], [153, 204, 255]])
+
+
+def read(path: Path, lens_focal: float | None = None, **said: Any) -> Depth:
+    return read_depth(path, DepthReading(**said), lens_focal=lens_focal)
+
+
+def test_names_and_aliases_are_unlike() -> None:
+    names = [name for row in FORMATS.values() for name in (row.name, *row.aliases)]
+    assert len(names) == len(set(names)) == len(NAMES)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_the_ends_of_a_range_are_those_of_the_type(dtype: type, tmp_path: Path) -> None:
+    top = 1 if dtype is np.float32 else np.iinfo(dtype).max
+    share = RAMP / 255 * 0.8  # the file itself has neither end
+    path = npy(tmp_path / "a.npy", (share * top).round(6), dtype)
+    share = np.load(path).astype(float) / top
+    near_far = (2000.0, 50000.0)
+    disparity = read(path, depth_kind="disparity", depth_range=near_far).metres
+    expected = 1 / (1 / 50 + share * (1 / 2 - 1 / 50))
+    np.testing.assert_allclose(disparity, expected, rtol=1e-6)
+    depth = read(path, depth_kind="depth", depth_range=near_far).metres
+    np.testing.assert_allclose(depth, 2 + share * 48, rtol=1e-6)
+
+
+def test_a_range_may_end_at_infinity_and_be_swapped(tmp_path: Path) -> None:
+    path = png(tmp_path / "a.png", RAMP, np.uint8)
+    metres = read(path, depth_kind="disparity", depth_range=(2000.0, math.inf)).metres
+    assert metres[0, 0] == np.inf
+    assert metres[1, 2] == 2
+    dark_is_near = read(path, depth_kind="disparity", depth_range=(50000.0, 2000.0)).metres
+    assert dark_is_near[0, 0] == 2
+    assert dark_is_near[1, 2] == 50
+
+
+def test_grey_pictures_of_three_channels_are_depth_if_a_range_says_so(tmp_path: Path) -> None:
+    grey = np.repeat(RAMP[:, :, None], 3, axis=2).astype(np.uint8)
+    said = {"depth_format": "depth-anything", "depth_range": (1000.0, 9000.0)}
+    assert read(save(tmp_path / "a.png", grey), **said).metres[1, 2] == 1
+    grey[0, 0, 2] = 9
+    with pytest.raises(InputError, match="has channels R, G, B; depth is one channel"):
+        read(save(tmp_path / "b.png", grey), **said)
+
+
+def test_a_scale_and_a_shift_of_disparity(tmp_path: Path) -> None:
+    path = npy(tmp_path / "a.npy", [[1.0, 4.0], [0.0, 9.0]])
+    metres = read(path, depth_kind="disparity", depth_scale=0.5, doffs=0.25).metres
+    np.testing.assert_allclose(metres, 1 / (np.load(path) * 0.5 + 0.25))
+
+
+def test_disparity_in_steps_of_a_scale_by_a_calibration(tmp_path: Path) -> None:
+    path = png(tmp_path / "a.png", [[256, 2560]])  # KITTI's stereo disparity: px · 256
+    said = {"depth_scale": 1 / 256, "focal_px": 700.0, "baseline": 500.0}
+    metres = read(path, depth_kind="disparity", **said).metres
+    np.testing.assert_allclose(metres, [[350.0, 35.0]])
+
+
+def test_a_unit_and_a_scale_multiply(tmp_path: Path) -> None:
+    path = npy(tmp_path / "a.npy", [[100.0, 200.0]])
+    np.testing.assert_allclose(read(path, depth_unit="cm", depth_scale=3).metres, [[3.0, 6.0]])
+    np.testing.assert_allclose(read(path, depth_scale=0.5).metres, [[50.0, 100.0]])
+
+
+def test_the_field_of_view_of_distances_to_the_point(tmp_path: Path) -> None:
+    height, width, focal = 3, 4, 2.0  # a field of view of 90°
+    y, x = np.mgrid[:height, :width] - np.array([1.0, 1.5])[:, None, None]
+    path = npy(tmp_path / "a.npy", 6 * np.sqrt(x**2 + y**2 + focal**2) / focal)
+    for said, lens_focal in (
+        ({"fov": 90.0}, None),
+        ({"focal_px": 2.0}, None),
+        ({}, 0.5),  # of a lens: 18 mm before a sensor of 36 mm
+    ):
+        depth = read(path, lens_focal, geometry="radial", **said)
+        np.testing.assert_allclose(depth.metres, 6, rtol=1e-6)
+    with pytest.raises(UsageProblem, match=r"--radial: .*field of view.*--fov .* or --focal-px"):
+        read(path, geometry="radial")
+
+
+def test_from_a_number_on_is_sky(tmp_path: Path) -> None:
+    path = npy(tmp_path / "a.npy", [[1.0, 99.0, 100.0]])
+    assert np.isposinf(read(path, sky=100).metres).tolist() == [[False, False, True]]
+    said = {"depth_kind": "disparity", "depth_scale": 1.0, "sky": 1.0}
+    assert np.isposinf(read(path, **said).metres).tolist() == [[True, False, False]]
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        ({"depth_format": "kitti", "depth_unit": "cm"}, "--depth-unit: means nothing for kitti"),
+        ({"depth_format": "kitti", "depth_range": (1, 2)}, "--depth-range: means nothing for"),
+        ({"depth_format": "kitti", "baseline": 65.0}, "--baseline: means nothing for kitti"),
+        ({"depth_format": "kitti", "doffs": 1.0}, "--doffs: means nothing for kitti"),
+        ({"depth_format": "kitti", "depth_kind": "disparity"}, "--depth-kind: contradicts"),
+        ({"fov": 60.0}, "--fov: means nothing for planar depth"),
+        ({"focal_px": 60.0}, "--focal-px: means nothing for planar depth"),
+        (
+            {"geometry": "radial", "depth_kind": "disparity"},
+            "--radial: means nothing for disparity",
+        ),
+        ({"geometry": "radial", "fov": 60.0, "focal_px": 9.0}, "--fov: stands beside --focal-px"),
+        ({"depth_range": (1, 2)}, "--depth-range: does not say whether .* add --depth-kind"),
+        ({"depth_range": (1, 1), "depth_kind": "depth"}, "has the same distance twice"),
+        ({"depth_range": (1, 2), "depth_kind": "depth", "depth_scale": 2.0}, "stands beside"),
+        (
+            {"depth_range": (1, 2), "depth_kind": "disparity", "doffs": 2.0},
+            "--doffs: stands beside",
+        ),
+        ({"depth_kind": "disparity", "depth_unit": "cm"}, "--depth-unit: means nothing for disp"),
+    ],
+)
+def test_what_means_nothing_or_contradicts_is_refused(
+    said: dict[str, Any], words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(UsageProblem, match=words):
+        read(png(tmp_path / "a.png", RAMP), **said)
+
+
+def test_floats_beyond_0_and_1_have_no_range(tmp_path: Path) -> None:
+    path = pfm(tmp_path / "a.pfm", np.array([[0.0, 4523.0]]))  # as MiDaS writes
+    words = "has floats from 0 to 4523, and --depth-range is of 0 and 1; give --depth-scale"
+    with pytest.raises(InputError, match=words):
+        read(path, depth_format="midas", depth_range=(1000.0, 9000.0))
+    metres = read(path, depth_format="midas", depth_scale=1e-4, doffs=0.05).metres
+    np.testing.assert_allclose(metres, [[1 / 0.05, 1 / 0.5023]])
+
+
+def test_relative_disparity_of_a_video_needs_a_range(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", depths=np.full((3, 4), 0.5))
+    said = {"depth_format": "video-depth-anything", "depth_kind": "disparity"}
+    with pytest.raises(
+        UsageProblem, match=r"leaves --depth-range open.* or --depth-scale and --do"
+    ):
+        read(tmp_path / "a.npz", **said)
+    metres = read(tmp_path / "a.npz", **said, depth_range=(1000.0, math.inf)).metres
+    assert metres[0, 0] == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "magic", "library"),
+    [("a.h5", HDF5_MAGIC, "h5py"), ("a.heic", HEIC_MAGIC, "pillow_heif")],
+)
+def test_a_library_that_is_not_there_is_named_with_its_extra(
+    name: str, magic: bytes, library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    (tmp_path / name).write_bytes(magic + bytes(64))
+    extra = "hdf5" if library == "h5py" else "heif"
+    with pytest.raises(InputError, match=rf"pip install 'defocus\[{extra}\]'"):
+        read(tmp_path / name)
+
+
+def test_another_type_of_file_than_the_format_comes_in(tmp_path: Path) -> None:
+    path = npy(tmp_path / "a.npy", [[1.0]])
+    with pytest.raises(InputError, match="is read as an NPY, and kitti comes as 16-bit PNG"):
+        read(path, depth_format="kitti")
+
+
+def test_integers_of_ros_are_millimetres_and_floats_metres(tmp_path: Path) -> None:
+    assert read(npy(tmp_path / "a.npy", [[2.5]]), depth_format="ros").metres[0, 0] == 2.5
+    path = npy(tmp_path / "b.npy", [[2500]], np.uint16)
+    assert read(path, depth_format="ros").metres[0, 0] == 2.5
+
+
+def test_matlab_files_are_read_column_by_column(tmp_path: Path) -> None:
+    values = np.arange(1.0, 13).reshape(3, 4)
+    for compressed in (False, True):
+        path = matlab(tmp_path / "a.mat", "Depth", values, compressed=compressed)
+        np.testing.assert_array_equal(read(path).metres, values)
+    data = path.read_bytes()
+    for cut in (130, 150, len(data) - 9):
+        path.write_bytes(data[:cut])
+        with pytest.raises(InputError, match=r"MATLAB file"):
+            read(path)
+
+
+def test_an_array_of_a_container_is_chosen_by_name(tmp_path: Path) -> None:
+    near, far = np.full((2, 3), 1.0), np.full((2, 3), 2.0)
+    np.savez(tmp_path / "a.npz", near=near, far=far, names=np.array(["a"]))
+    with pytest.raises(InputError, match="holds the arrays near, far; choose one with --depth-ch"):
+        read(tmp_path / "a.npz")
+    assert read(tmp_path / "a.npz", depth_channel="far").metres[0, 0] == 2
+    with pytest.raises(InputError, match="has no array z; it has near, far"):
+        read(tmp_path / "a.npz", depth_channel="z")
+
+
+def test_a_frame_of_several_is_chosen_by_its_number(tmp_path: Path) -> None:
+    frames = np.stack([np.full((5, 6), number) for number in (1.0, 2.0, 3.0)])
+    np.savez(tmp_path / "a.npz", depth=frames)
+    with pytest.raises(InputError, match="holds 3 frames; choose one with --part"):
+        read(tmp_path / "a.npz")
+    assert read(tmp_path / "a.npz", part=2).metres[0, 0] == 3
+    with pytest.raises(InputError, match="has no part 3"):
+        read(tmp_path / "a.npz", part=3)
+
+
+def test_a_compressed_array_that_claims_more_than_its_file_is_refused(tmp_path: Path) -> None:
+    np.savez_compressed(tmp_path / "a.npz", depth=np.zeros((40000, 40000), np.uint8))
+    with pytest.raises(InputError, match="claims 40000×40000 px"):
+        read(tmp_path / "a.npz", depth_unit="m")
+
+
+def test_a_sidecar_that_makes_no_sense_is_named(tmp_path: Path) -> None:
+    (tmp_path / "calib.txt").write_text("cam0=[0 0 1; 0 1 1; 0 0 1]\nbaseline=1\n")
+    path = pfm(tmp_path / "a.pfm", np.ones((2, 3)))
+    with pytest.raises(InputError, match=r"calib\.txt: does not say what calib\.txt of a\.pfm"):
+        read(path, depth_format="middlebury")
+
+
+def test_what_the_user_says_wins_over_the_sidecar(tmp_path: Path) -> None:
+    (tmp_path / "calib.txt").write_text("cam0=[10 0 1; 0 1 1; 0 0 1]\nbaseline=1000\ndoffs=0\n")
+    path = pfm(tmp_path / "a.pfm", np.ones((2, 3)))
+    assert read(path, depth_format="middlebury").metres[0, 0] == 10
+    said = {"focal_px": 20.0, "baseline": 500.0, "doffs": 1.0}
+    assert read(path, depth_format="middlebury", **said).metres[0, 0] == 5
+
+
+def test_a_mask_of_another_size_is_refused(tmp_path: Path) -> None:
+    npy(tmp_path / "a_mask.npy", np.ones((2, 2)))
+    with pytest.raises(InputError, match=r"a_mask\.npy: is 2x2 px and .*a\.npy is 3x2 px"):
+        read(npy(tmp_path / "a.npy", np.ones((2, 3))), depth_format="diode")
+
+
+@pytest.mark.parametrize("option", ["baseline", "doffs", "focal_px"])
+def test_disparity_in_1_over_metres_has_no_calibration(option: str, tmp_path: Path) -> None:
+    path = write_exr(tmp_path / "a.exr", Z=np.ones((2, 3), np.float32))
+    name = option.replace("_", "-")
+    with pytest.raises(UsageProblem, match=f"--{name}: means nothing for disparity"):
+        read(path, depth_format="nuke-scanline", **{option: 1.0})
+    assert read(path, depth_format="nuke-scanline", depth_unit="cm").metres[0, 0] == 0.01 / 1
+
+
+def test_a_scale_means_nothing_where_the_file_says_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_heic(monkeypatch, np.array([[0, 255]], np.uint8), d_min=0.1, d_max=2.0)
+    (tmp_path / "a.heic").write_bytes(HEIC_MAGIC)
+    with pytest.raises(UsageProblem, match="--depth-scale: means nothing"):
+        read(tmp_path / "a.heic", depth_format="apple-heic", depth_scale=2.0)

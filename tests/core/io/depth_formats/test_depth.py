@@ -1,0 +1,291 @@
+"""Depth files: which channel, in which unit, where is sky, where is nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from image_files import box, multi_part, random_planes, save, write_deep, write_window
+
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.depth_formats.depth import Depth, require_valid
+from defocus_core.io.depth_formats.depth import read_depth as read_any
+from defocus_core.io.depth_formats.reading import DepthReading
+from defocus_core.io.exr.writing import write_exr
+from defocus_core.io.images.color import read_color
+from defocus_core.io.images.exr_channels import NoDepthChannel
+
+INF = np.float32(np.inf)
+
+
+def read_depth(
+    path: Path, *, channel: str | None = None, part: int | None = None, unit: str | None = None
+) -> Depth:
+    return read_any(path, DepthReading(depth_channel=channel, part=part, depth_unit=unit))
+
+
+def plane(seed: int = 0, shape: tuple[int, int] = (5, 6)) -> Any:
+    return np.random.default_rng(seed).random(shape, np.float32) + 1
+
+
+def exr(path: Path, *names: str) -> Path:
+    """An EXR file whose every channel differs."""
+    write_exr(path, {name: plane(seed) for seed, name in enumerate(names)}, {})
+    return path
+
+
+@pytest.mark.parametrize(
+    ("names", "depth"),
+    [
+        (["Z"], "Z"),
+        (["R", "G", "B", "Z"], "Z"),
+        (["depth.Z", "R", "G", "B"], "depth.Z"),
+        (["ViewLayer.Combined.R", "ViewLayer.Depth.Z", "ViewLayer.Mist.Z"], "ViewLayer.Depth.Z"),
+        (["N.X", "N.Y", "N.Z", "Depth.Z"], "Depth.Z"),
+        (["R", "G", "B", "V"], "V"),
+        (["R", "G", "B", "depth.v"], "depth.v"),
+        (["R", "G", "B", "Depth"], "Depth"),
+        (["anything"], "anything"),
+        (["R"], "R"),
+    ],
+)
+def test_the_depth_channel_is_found_by_its_name(
+    tmp_path: Path, names: list[str], depth: str
+) -> None:
+    read = read_depth(exr(tmp_path / "a.exr", *names))
+    assert read.channel == depth
+    np.testing.assert_array_equal(read.metres, plane(names.index(depth)))
+    assert read.note == f"EXR float channel {depth}, metres"
+
+
+def test_several_candidates_are_listed_and_chosen(tmp_path: Path) -> None:
+    path = exr(tmp_path / "a.exr", "Z", "depth.Z", "R")
+    with pytest.raises(InputError, match=r"2 candidates.*: Z, depth.Z; .*--depth-channel Z"):
+        read_depth(path)
+    for name in ("depth.Z", "DEPTH.z", "0/depth.Z"):
+        np.testing.assert_array_equal(read_depth(path, channel=name).metres, plane(1))
+    with pytest.raises(InputError, match=r"no channel W; it has R, Z, depth.Z; .*--depth-channel"):
+        read_depth(path, channel="W")
+
+
+def test_names_are_compared_exactly_first(tmp_path: Path) -> None:
+    path = exr(tmp_path / "a.exr", "a", "A", "b")
+    np.testing.assert_array_equal(read_depth(path, channel="A").metres, plane(1))
+    np.testing.assert_array_equal(read_depth(path, channel="B").metres, plane(2))
+
+
+def test_all_parts_are_searched(tmp_path: Path) -> None:
+    z = plane(7, (24, 32))
+    path = multi_part(tmp_path / "a.exr", rgba=random_planes("RGBA"), depth={"Z": z})
+    read = read_depth(path)
+    np.testing.assert_array_equal(read.metres, z)
+    assert read.note == "EXR float channel Z of part depth, metres"
+    color = read_color(path)
+    assert color.channels == ("R", "G", "B", "A")
+    np.testing.assert_array_equal(color.extras["Z"], z)
+
+
+def test_depth_in_two_parts_is_listed_and_chosen(tmp_path: Path) -> None:
+    near, far = plane(1, (24, 32)), plane(2, (24, 32))
+    path = multi_part(tmp_path / "a.exr", left={"Z": near}, right={"Z": far})
+    with pytest.raises(InputError, match=r"left/Z, right/Z; .*--depth-channel left/Z.*--part"):
+        read_depth(path)
+    for found in (read_depth(path, part=1), read_depth(path, channel="right/Z")):
+        np.testing.assert_array_equal(found.metres, far)
+
+
+def test_a_part_called_depth_wins_over_one_called_mist(tmp_path: Path) -> None:
+    z, mist = plane(1, (24, 32)), plane(2, (24, 32))
+    parts: dict[str, Any] = {"ViewLayer.Mist": {"Z": mist}, "ViewLayer.Depth": {"Z": z}}
+    np.testing.assert_array_equal(read_depth(multi_part(tmp_path / "a.exr", **parts)).metres, z)
+
+
+def test_no_depth_names_the_channels_there_are(tmp_path: Path) -> None:
+    words = r"no depth channel, only B, G, R; .*--depth-channel NAME"
+    with pytest.raises(NoDepthChannel, match=words):
+        read_depth(exr(tmp_path / "a.exr", "R", "G", "B"))
+    grey = {name: plane() for name in "RGB"}
+    write_exr(tmp_path / "b.exr", grey, {})
+    with pytest.raises(NoDepthChannel, match=r"no depth channel.*equal.*--depth-channel R"):
+        read_depth(tmp_path / "b.exr")
+    with pytest.raises(InputError) as caught:  # a channel that was asked for and is not there
+        read_depth(tmp_path / "b.exr", channel="Z")
+    assert not isinstance(caught.value, NoDepthChannel)
+    assert "are equal" not in caught.value.remedy
+    read = read_depth(tmp_path / "b.exr", channel="R")
+    np.testing.assert_array_equal(read.metres, plane())
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1), ("ft", 0.3048)])
+def test_units(tmp_path: Path, unit: str, metres: float) -> None:
+    path = exr(tmp_path / "a.exr", "Z")
+    read = read_depth(path, unit=unit)
+    np.testing.assert_array_equal(read.metres, (plane().astype(np.float64) * metres).astype("f"))
+
+
+def test_sky_and_holes(tmp_path: Path) -> None:
+    values = np.array([[np.inf, 1e10, 9.9e9, 65504, np.nan, 0, -1, -np.inf, 2]], np.float32)
+    write_exr(tmp_path / "a.exr", {"Z": values}, {})
+    read = read_depth(tmp_path / "a.exr")
+    assert np.isposinf(read.metres[0]).tolist() == [True, True] + [False] * 7
+    assert read.invalid[0].tolist() == [False] * 4 + [True] * 4 + [False]
+    assert read.metres[0, 3] == 65504
+    # Sky is said in the file's unit.
+    assert np.isposinf(read_depth(tmp_path / "a.exr", unit="mm").metres[0]).sum() == 2
+
+
+def test_the_largest_half_is_sky_in_half_channels_only(tmp_path: Path) -> None:
+    write_exr(tmp_path / "a.exr", {"Z": np.array([[65504, 65472, np.inf]], np.float16)}, {})
+    read = read_depth(tmp_path / "a.exr")
+    assert read.metres.tolist() == [[INF, 65472, INF]]
+    assert read.note == "EXR half channel Z, metres, 65504 taken as sky"
+    for dtype, metres in ((np.float16, np.inf), (np.float32, 65504)):
+        path = save(tmp_path / "a.tif", np.array([[[65504], [65472], [2]]], dtype))
+        read = read_depth(path)
+        assert read.metres.tolist() == [[metres, 65472, 2]]
+        assert ("taken as sky" in read.note) == (dtype is np.float16)
+    for order in "<>":
+        np.save(tmp_path / "a.npy", np.array([[65504, 65472, np.inf]], f"{order}f2"))
+        assert read_depth(tmp_path / "a.npy").metres.tolist() == [[INF, 65472, INF]]
+
+
+def test_require_valid_names_count_and_first_pixel(tmp_path: Path) -> None:
+    values = plane()
+    write_exr(tmp_path / "a.exr", {"Z": values}, {})
+    require_valid(read_depth(tmp_path / "a.exr"))
+    values[2, 4], values[3, 1] = np.nan, 0
+    write_exr(tmp_path / "a.exr", {"Z": values}, {})
+    with pytest.raises(InputError, match=r"is NaN or ≤ 0 in 2 pixels, the first at 4,2; "):
+        require_valid(read_depth(tmp_path / "a.exr"))
+
+
+def test_depth_must_cover_the_picture(tmp_path: Path) -> None:
+    write_window(tmp_path / "a.exr", {"Z": plane(0, (3, 4))}, box(1, 1, 4, 3), box(0, 0, 5, 5))
+    with pytest.raises(InputError, match=r"in 24 pixels.* data window is 4x3 at 1,1 only"):
+        require_valid(read_depth(tmp_path / "a.exr"))
+    overscan = plane(0, (8, 9))
+    write_window(tmp_path / "b.exr", {"Z": overscan}, box(-1, -2, 7, 5), box(0, 0, 5, 3))
+    np.testing.assert_array_equal(read_depth(tmp_path / "b.exr").metres, overscan[2:6, 1:7])
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_pfm_rows_run_from_bottom_to_top(tmp_path: Path, order: str) -> None:
+    values = plane()
+    scale = -1.0 if order == "<" else 1.0
+    body = values[::-1].astype(f"{order}f4").tobytes()
+    (tmp_path / "a.pfm").write_bytes(b"Pf\n6 5\n%.1f\n" % scale + body)
+    read = read_depth(tmp_path / "a.pfm")
+    np.testing.assert_array_equal(read.metres, values)
+    assert read.metres.dtype == np.dtype("=f4")
+    assert read.note == "PFM, metres"
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r\n", b" \n", b" "])
+def test_the_header_of_a_pfm_ends_with_its_line(tmp_path: Path, end: bytes) -> None:
+    values = plane()
+    values[-1, 0] = np.frombuffer(b"\n\r A", "<f4")[0]  # pixels may look like an end of a line
+    body = b"" if end == b" " else values[::-1].astype("<f4").tobytes()
+    body = body or plane()[::-1].astype("<f4").tobytes()
+    (tmp_path / "a.pfm").write_bytes(b"Pf\n6 5\n-1.0" + end + body)
+    expected = plane() if end == b" " else values
+    np.testing.assert_array_equal(read_depth(tmp_path / "a.pfm").metres, expected)
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (b"Pf\n6 5\n-1\n" + bytes(121), "1 bytes more than the 120 of pixels"),
+        (b"Pf\n6 5\n-1\n" + bytes(119), "truncated: 119 bytes of pixels, 120 expected"),
+        (b"Pf\n6 5\n0\n" + bytes(120), "damaged PFM header"),
+        (b"Pf\n6", "damaged PFM header"),
+        (b"Pf\n-6 5\n-1\n" + bytes(120), "claims -6×5 px"),
+        (b"Pf\n9999999 9999999\n-1\n", "claims 9999999×9999999 px"),
+        (b"PF\n6 5\n-1\n" + bytes(360), "colour PFM"),
+    ],
+)
+def test_a_bad_pfm_is_refused(tmp_path: Path, content: bytes, problem: str) -> None:
+    (tmp_path / "a.pfm").write_bytes(content)
+    with pytest.raises(InputError, match=problem):
+        read_depth(tmp_path / "a.pfm")
+
+
+@pytest.mark.parametrize("dtype", ["f2", "<f4", ">f4", "f8"])
+def test_npy_is_read_in_any_float(tmp_path: Path, dtype: str) -> None:
+    values = plane().astype(dtype)
+    for name, saved in (("a.npy", values), ("b.npy", values[:, :, None])):
+        np.save(tmp_path / name, saved)
+        read = read_depth(tmp_path / name)
+        np.testing.assert_array_equal(read.metres, values.astype("f4"))
+        assert read.metres.dtype == np.dtype("=f4")
+
+
+def test_a_bad_npy_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    bad: list[tuple[Any, str]] = [
+        (np.ones((2, 3), np.uint16), "uint16 numbers, whose unit is unknown"),
+        (np.ones((2, 3, 3), np.float32), "2 × 3 × 3 numbers, not height × width"),
+        (
+            np.array([{"pickled": 1}], dtype=object),
+            "Python objects, not numbers; save",
+        ),
+    ]
+    for values, problem in bad:
+        np.save(path, values, allow_pickle=True)
+        with pytest.raises(InputError, match=problem):
+            read_depth(path)
+    np.save(path, np.ones((50, 60), np.float32))
+    path.write_bytes(path.read_bytes()[:-8])
+    with pytest.raises(InputError, match=r"truncated or damaged NPY"):
+        read_depth(path)
+
+
+def test_16_bit_integers_are_millimetres_and_0_is_a_hole(tmp_path: Path) -> None:
+    values = np.array([[0, 1, 1000, 65535]], np.uint16)
+    for name, said in (("a.png", "16-bit PNG"), ("a.tif", "16-bit TIF")):
+        read = read_depth(save(tmp_path / name, values[:, :, None]))
+        np.testing.assert_array_equal(read.metres, np.array([[0, 0.001, 1, 65.535]], "f"))
+        assert read.invalid.tolist() == [[True, False, False, False]]
+        assert read.note == f"{said}, millimetres"
+        assert read_depth(tmp_path / name, unit="cm").metres[0, 2] == 10
+
+
+def test_whole_numbers_in_exr_have_no_unit_but_the_one_given(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    write_exr(path, {"Z": np.array([[0, 1000, 70_000]], np.uint32)}, {})
+    with pytest.raises(InputError, match=r"Z in whole numbers, whose unit is unknown; .*-unit mm"):
+        read_depth(path)
+    read = read_depth(path, unit="mm")
+    np.testing.assert_array_equal(read.metres, np.array([[0, 1, 70]], "f"))
+    assert read.note == "EXR uint32 channel Z, millimetres"
+
+
+def test_float_tiff_is_metres(tmp_path: Path) -> None:
+    read = read_depth(save(tmp_path / "a.tif", plane()[:, :, None]))
+    np.testing.assert_array_equal(read.metres, plane())
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg"])
+def test_8_bit_depth_is_refused_with_the_reason(tmp_path: Path, suffix: str) -> None:
+    path = save(tmp_path / f"a.{suffix}", np.full((4, 5, 1), 9, np.uint8))
+    with pytest.raises(InputError, match=r"without a metric scale; .*16-bit PNG in millimetres"):
+        read_depth(path)
+
+
+def test_depth_has_one_channel(tmp_path: Path) -> None:
+    path = save(tmp_path / "a.png", np.ones((4, 5, 3), np.uint16))
+    with pytest.raises(InputError, match=r"channels R, G, B; depth is one channel"):
+        read_depth(path)
+    with pytest.raises(UsageProblem, match=r"--depth-channel"):
+        read_depth(path, channel="R")
+
+
+def test_of_deep_data_depth_is_that_of_the_first_surface(tmp_path: Path) -> None:
+    write_deep(tmp_path / "a.exr")
+    assert (read_depth(tmp_path / "a.exr").metres == 1).all()
+
+
+def test_depth_is_plain_data() -> None:
+    depth = Depth(plane(), Path("a.exr"), "Z", "note")
+    require_valid(depth)

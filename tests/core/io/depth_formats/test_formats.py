@@ -1,0 +1,516 @@
+"""Each depth format decodes a file that its own rules wrote: no flip, sky far, holes invalid."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+from command_line import read_exr, refused, run, write_exr
+from depth_files import colmap, dpt, gdepth, matlab, npy, pfm, png, with_text
+from optional_libraries import HEIC_MAGIC, with_hdf5, with_heic, write_hdf5
+
+from defocus_core.batch.jobs.reading_options import PARSERS, make_reading
+from defocus_core.errors import InputError
+from defocus_core.io.depth_formats.depth import read_depth, require_valid
+from defocus_core.io.depth_formats.table import FORMATS
+
+INF, NAN = np.inf, np.nan
+# Metres, unlike their own flips and turns.
+DEPTH = np.array([[1.0, 2.5, 4.0, 5.5], [8.0, 9.0, 10.5, 12.0], [15.0, 16.0, 18.0, 20.0]])
+HOLE = (2, 0)
+SKY = (0, 3)
+
+
+@dataclass(frozen=True)
+class Example:
+    """A file of a format.
+
+    Attributes:
+        path: the file.
+        metres: planar depth; inf is sky, NaN invalid.
+        options: options of the command line beside the format.
+        rtol: half of the relative step of the file's numbers, more or less.
+    """
+
+    path: Path
+    metres: Any
+    options: tuple[str, ...] = ()
+    rtol: float = 1e-6
+
+
+def marked(values: Any = DEPTH, *, hole: float | None = None, sky: float | None = None) -> Any:
+    """Numbers with one that stands for a hole, and one that stands for sky."""
+    numbers = np.array(values, np.float64)
+    if hole is not None:
+        numbers[HOLE] = hole
+    if sky is not None:
+        numbers[SKY] = sky
+    return numbers
+
+
+def metres(*, hole: bool = False, sky: bool = False) -> Any:
+    return marked(hole=NAN if hole else None, sky=INF if sky else None)
+
+
+def png_of(
+    folder: Path, *, scale: float, hole: float | None = None, sky: float | None = None
+) -> Example:
+    """A 16-bit PNG of depth · scale."""
+    numbers = np.round(marked(DEPTH * scale, hole=hole, sky=sky))
+    expected = np.round(DEPTH * scale) / scale
+    expected = marked(
+        expected, hole=None if hole is None else NAN, sky=None if sky is None else INF
+    )
+    return Example(png(folder / "a.png", numbers), expected)
+
+
+def exr(folder: Path, name: str, numbers: Any, **others: Any) -> Path:
+    planes = {name: numbers, **others}
+    return write_exr(folder / "a.exr", **{key: np.float32(v) for key, v in planes.items()})
+
+
+def radial(focal: float, depth: Any = DEPTH) -> Any:
+    """Distance to the points of a picture of a focal length in px."""
+    height, width = depth.shape
+    y, x = np.mgrid[:height, :width] - np.array([(height - 1) / 2, (width - 1) / 2])[:, None, None]
+    return depth * np.sqrt(x**2 + y**2 + focal**2) / focal
+
+
+def of_hdf5(folder: Path, **arrays: Any) -> Path:
+    path = folder / "a.hdf5"
+    return write_hdf5(path, {name: np.asarray(v, np.float32) for name, v in arrays.items()})
+
+
+def _hypersim(folder: Path) -> Example:
+    focal = 886.81 * 4 / 1024
+    return Example(of_hdf5(folder, dataset=marked(radial(focal), hole=NAN)), metres(hole=True))
+
+
+def _tartanair2(folder: Path) -> Example:
+    floats = marked(sky=10000.0).astype("<f4")
+    blue_first = floats.view(np.uint8).reshape(3, 4, 4)
+    path = png(folder / "a.png", blue_first[..., [2, 1, 0, 3]], np.uint8)
+    return Example(path, metres(sky=True))
+
+
+def _sintel(folder: Path) -> Example:
+    (folder / "invalid").mkdir()
+    png(folder / "invalid" / "a.png", marked(np.zeros((3, 4)), hole=255), np.uint8)
+    return Example(dpt(folder / "a.dpt", marked(sky=1e6)), metres(hole=True, sky=True))
+
+
+def _nyu_mat(folder: Path) -> Example:
+    frames = np.stack([DEPTH.T + 100, DEPTH.T])  # N, W, H
+    raw = np.stack([DEPTH.T, marked(hole=0).T])
+    path = of_hdf5(folder, depths=frames, rawDepths=raw)
+    return Example(path, metres(hole=True), ("--part", "1"))
+
+
+def _diode(folder: Path) -> Example:
+    npy(folder / "a_depth_mask.npy", marked(np.ones((3, 4)), hole=0))
+    return Example(npy(folder / "a_depth.npy", DEPTH[:, :, None]), metres(hole=True))
+
+
+def _eth3d(folder: Path) -> Example:
+    values = np.broadcast_to(np.arange(1, 6049, dtype="<f4"), (4032, 6048)).copy()
+    values[1:, :] += 1
+    values[0, 0] = INF
+    (folder / "a.JPG").write_bytes(values.tobytes())
+    values[0, 0] = NAN
+    return Example(folder / "a.JPG", values)
+
+
+def _float16(folder: Path, *options: str, factor: float = 1.0) -> Example:
+    halves = marked(hole=0).astype(np.float16)
+    path = png(folder / "a.png", halves.view(np.uint16))
+    return Example(path, metres(hole=True) * factor, options)
+
+
+def _class_mask(folder: Path, name: str, number: int, scale: float) -> Example:
+    (folder / "depth").mkdir()
+    classes = marked(np.full((3, 4), 7), sky=number)
+    place = folder / name.format(stem="a_0003", number="0003")
+    place.parent.mkdir(exist_ok=True)
+    png(place, classes, np.uint8)
+    path = write_exr(folder / "depth" / "a_0003.exr", Z=np.float32(DEPTH / scale))
+    return Example(path, metres(sky=True), rtol=1e-5)
+
+
+def _omniobject3d(folder: Path) -> Example:
+    return Example(exr(folder, "X", DEPTH * 3, B=DEPTH * 2, Y=marked(sky=65504)), metres(sky=True))
+
+
+def _ibims1(folder: Path) -> Example:
+    example = png_of(folder, scale=65535 / 50, hole=0, sky=65535)
+    (folder / "mask_invalid").mkdir()
+    mask = np.full((3, 4), 255)
+    mask[1, 1] = 0  # true is valid
+    png(folder / "mask_invalid" / "a.png", mask, np.uint8)
+    example.metres[1, 1] = NAN
+    return example
+
+
+def _scenenet(folder: Path) -> Example:
+    numbers = np.round(radial(5.0) * 1000)
+    numbers[HOLE] = 0
+    path, options = png(folder / "a.png", numbers), ("--focal-px", "5")
+    return Example(path, metres(hole=True), options, rtol=1e-3)
+
+
+def _ros(folder: Path) -> Example:
+    return png_of(folder, scale=1000, hole=0)
+
+
+def _middlebury(folder: Path) -> Example:
+    text = "cam0=[3979.911 0 1244.772; 0 3979.911 1019.507; 0 0 1]\ncam1=[1 0 0; 0 1 0; 0 0 1]\n"
+    (folder / "calib.txt").write_text(f"{text}doffs=124.343\nbaseline=193.001\nwidth=2964\n")
+    disparity = 3979.911 * 0.193001 / DEPTH - 124.343 / 1
+    return Example(
+        pfm(folder / "disp0.pfm", marked(disparity, hole=INF)), metres(hole=True), rtol=2e-5
+    )
+
+
+def _unrealstereo4k(folder: Path) -> Example:
+    for number, x in (("0", 1.0), ("1", 0.5)):  # world to camera: the second is 0.5 to the right
+        pose = f"1 0 0 {x} 0 1 0 2 0 0 1 3"
+        path = folder / f"Extrinsics{number}" / "00007.txt"
+        path.parent.mkdir()
+        path.write_text(f"1000 0 1920 0 1000 1080 0 0 1\n{pose}\n")
+    disparity = marked(1000 * 0.5 / DEPTH, hole=0)
+    return Example(npy(folder / "Disp0" / "00007.npy", disparity), metres(hole=True))
+
+
+def _spring(folder: Path) -> Example:
+    (folder / "cam_data").mkdir()
+    (folder / "cam_data" / "intrinsics.txt").write_text("900 900 4 3\n1000 1000 4 3\n")
+    (folder / "disp1_left").mkdir()
+    twice = np.full((6, 8), 77.0)
+    twice[::2, ::2] = marked(1000 * 0.065 / DEPTH, hole=-1)
+    path = write_hdf5(folder / "disp1_left" / "disp1_left_0002.dsp5", {"disparity": twice})
+    return Example(path, metres(hole=True))
+
+
+def _hci(folder: Path) -> Example:
+    lines = ["[intrinsics]", "focal_length_mm = 100.0", "image_resolution_x_px = 512"]
+    lines += ["image_resolution_y_px = 512", "sensor_size_mm = 35.0", "[extrinsics]"]
+    lines += ["baseline_mm = 90.0", "focus_distance_m = 9.0"]
+    (folder / "parameters.cfg").write_text("\n".join(lines))
+    beta = 100.0 * 90.0 * 512  # as the benchmark's own tools have it
+    disparity = (beta / (DEPTH * 1000) - beta / 9000) / 35.0
+    assert disparity.min() < 0 < disparity.max()
+    return Example(pfm(folder / "gt_disp_lowres.pfm", disparity), metres(), rtol=1e-5)
+
+
+def _ffs(folder: Path) -> Example:
+    packed = np.round(1000 * 500 * 0.1 / DEPTH).astype(int)
+    red, rest = np.divmod(packed, 255**2)
+    path = png(folder / "a.png", np.stack([red, rest // 255, rest % 255], axis=2), np.uint8)
+    options = ("--focal-px", "500", "--baseline", "100mm")
+    return Example(path, 500 * 0.1 / (packed / 1000), options)
+
+
+def _carla(folder: Path) -> Example:
+    packed = np.round(marked(sky=1000.0) / 1000 * (2**24 - 1)).astype(int)
+    planes = [packed % 256, packed // 256 % 256, packed // 65536]
+    path = png(folder / "a.png", np.stack([*planes, packed * 0 + 255], axis=2), np.uint8)
+    return Example(path, metres(sky=True), rtol=1e-4)
+
+
+def _moge_png(folder: Path) -> Example:
+    share = np.log(DEPTH / 0.5) / np.log(50 / 0.5)
+    numbers = marked(1 + np.round(share * 65533), hole=0, sky=65535)
+    path = with_text(png(folder / "a.png", numbers), near="0.5", far="50.0")
+    return Example(path, metres(hole=True, sky=True), rtol=1e-4)
+
+
+def _moge(folder: Path) -> Example:
+    mask = marked(np.full((3, 4), 255), hole=0)
+    png(folder / "mask.png", mask, np.uint8)
+    numbers = marked(hole=INF)
+    numbers[0, 1] = INF
+    expected = metres(hole=True)
+    expected[0, 1] = NAN
+    return Example(write_exr(folder / "depth.exr", Y=np.float32(numbers)), expected)
+
+
+def _affine(folder: Path) -> Example:
+    share = (DEPTH - 1) / 19
+    return Example(
+        npy(folder / "a.npy", share), metres(), ("--depth-range", "1m", "20m"), rtol=1e-5
+    )
+
+
+def _relative(folder: Path) -> Example:
+    numbers = np.round(255 * (1 / DEPTH - 1 / 20) / (1 - 1 / 20))
+    expected = 1 / (1 / 20 + numbers / 255 * (1 - 1 / 20))
+    path = png(folder / "a.png", numbers, np.uint8)
+    return Example(path, expected, ("--depth-range", "1m", "20m"))
+
+
+def _video(folder: Path) -> Example:
+    np.savez(folder / "a.npz", depths=np.stack([DEPTH + 1, DEPTH]).astype(np.float32))
+    return Example(folder / "a.npz", metres(), ("--depth-kind", "depth", "--part", "1"))
+
+
+def _heic(folder: Path) -> Example:
+    (folder / "a.heic").write_bytes(HEIC_MAGIC)
+    return Example(folder / "a.heic", 1 / (0.15 + HEIC_NUMBERS / 255 * (3.22 - 0.15)))
+
+
+HEIC_NUMBERS = np.arange(12).reshape(3, 4) * 20
+
+
+def _gdepth(folder: Path) -> Example:
+    numbers = np.arange(12).reshape(3, 4) * 20
+    image = png(folder / "depth.png", numbers, np.uint8).read_bytes()
+    properties = {"Format": "RangeInverse", "Near": 0.5, "Far": 25.0, "Mime": "image/png"}
+    path = gdepth(folder / "a.jpg", image, **properties, Units="m", MeasureType="OpticalAxis")
+    near, far = 0.5, 25.0
+    return Example(path, far * near / (far - numbers / 255 * (far - near)))
+
+
+def _npz(folder: Path, *options: str, **arrays: Any) -> Example:
+    np.savez(folder / "a.npz", **{k: v.astype(np.float32) for k, v in arrays.items()})
+    return Example(folder / "a.npz", metres(sky=True), options)
+
+
+def _blenderproc(folder: Path) -> Example:
+    path = of_hdf5(folder, colors=DEPTH * 2, depth=marked(sky=1e10), distance=DEPTH * 3)
+    return Example(path, metres(sky=True))
+
+
+def _exr_of(
+    folder: Path,
+    name: str,
+    *options: str,
+    hole: Any = None,
+    sky: Any = None,
+    factor: float = 1.0,
+    **others: Any,
+) -> Example:
+    numbers = marked(DEPTH * factor, hole=hole, sky=sky)
+    expected = metres(hole=hole is not None, sky=sky is not None)
+    return Example(exr(folder, name, numbers, **others), expected, options)
+
+
+def _radial_exr(folder: Path, name: str, *options: str) -> Example:
+    numbers = marked(radial(5.0), hole=0)
+    return Example(
+        exr(folder, name, numbers), metres(hole=True), ("--focal-px", "5", *options), 1e-5
+    )
+
+
+def _npy_of(folder: Path, *options: str, hole: Any = None, sky: Any = None) -> Example:
+    path = npy(folder / "a.npy", marked(hole=hole, sky=sky))
+    return Example(path, metres(hole=hole is not None, sky=sky is not None), options)
+
+
+def _irs(folder: Path) -> Example:
+    return Example(exr(folder, "G", marked(48 / DEPTH, hole=0)), metres(hole=True))
+
+
+def _nuke(folder: Path) -> Example:
+    path = exr(folder, "depth.Z", marked(1 / DEPTH, sky=0), R=DEPTH, G=DEPTH, B=DEPTH)
+    return Example(path, metres(sky=True))
+
+
+def _arnold(folder: Path) -> Example:
+    alpha = marked(np.ones((3, 4)), sky=0)
+    return _exr_of(folder, "Z", hole=0, sky=3.0, R=DEPTH, G=DEPTH, B=DEPTH, A=alpha)
+
+
+def _sceneflow(folder: Path) -> Example:
+    return Example(pfm(folder / "a.pfm", marked(1050 / DEPTH, sky=0)), metres(sky=True))
+
+
+EXAMPLES: dict[str, Callable[[Path], Example]] = {
+    "metres": partial(_exr_of, name="Z", sky=INF, hole=NAN),
+    "disparity": lambda f: Example(
+        npy(f / "a.npy", marked(500 * 0.1 / DEPTH - 2, hole=NAN)),
+        metres(hole=True),
+        ("--focal-px", "500px", "--baseline", "0.1m", "--doffs", "2"),
+    ),
+    "coc": lambda f: Example(exr(f, "coc", DEPTH - 9), DEPTH - 9),
+    "blender": lambda f: _exr_of(
+        f, "ViewLayer.Depth.Z", sky=1e10, **{"ViewLayer.Mist.Z": DEPTH * 2, "ViewLayer.A": DEPTH}
+    ),
+    "blenderproc": _blenderproc,
+    "vision-blender": lambda f: _npz(f, depth_map=marked(sky=1e10), normal_map=np.ones((3, 4, 3))),
+    "kubric": lambda f: _npz(f, "--planar", depth=marked(sky=INF)),
+    "mitsuba": lambda f: _radial_exr(f, "depth"),
+    "unreal-mrq": lambda f: _unreal(f),
+    "unity-perception": lambda f: _radial_exr(f, "R", "--radial"),
+    "carla": _carla,
+    "habitat": lambda f: _npy_of(f, hole=0),
+    "mujoco-warp": lambda f: _npy_of(f, "--planar"),
+    "nuke-scanline": _nuke,
+    "arnold": _arnold,
+    "vray-zdepth": lambda f: Example(
+        exr(f, "Z", (20 - DEPTH) / 19), metres(), ("--depth-range", "20", "1"), 1e-5
+    ),
+    "colmap": lambda f: Example(colmap(f / "a.bin", marked(hole=0)), metres(hole=True)),
+    "hypersim": _hypersim,
+    "hypersim-marigold": partial(png_of, scale=1000, hole=0),
+    "tartanair": partial(_npy_of, sky=10000.0),
+    "tartanair2": _tartanair2,
+    "sintel": _sintel,
+    "kitti": partial(png_of, scale=256, hole=0),
+    "vkitti2": partial(png_of, scale=100, sky=65535),
+    "nyu-png": partial(png_of, scale=1000, hole=0),
+    "nyu-mat": _nyu_mat,
+    "scannet": partial(png_of, scale=1000, hole=0),
+    "scannetpp": partial(png_of, scale=1000, hole=0),
+    "matterport": lambda f: _quarter(f),
+    "diode": _diode,
+    "eth3d": _eth3d,
+    "pointodyssey": partial(png_of, scale=65.535, hole=0, sky=65535),
+    "dynamicreplica": _float16,
+    "co3d": lambda f: _float16(f, "--depth-scale", "0.5", factor=0.5),
+    "mvs-synth": lambda f: _exr_of(f, "Z", sky=INF),
+    "bedlam": lambda f: _exr_of(f, "Depth", sky=30000.0, factor=100, R=DEPTH, G=DEPTH, B=DEPTH * 2),
+    "urbansyn": lambda f: _class_mask(f, "ss/ss_{number}.png", 10, 1e5),
+    "synscapes": lambda f: _class_mask(f, "class/{stem}.png", 23, 1),
+    "3dkenburns": lambda f: _exr_of(f, "Z", sky=30000.0, factor=1000),
+    "omniobject3d": _omniobject3d,
+    "blendedmvs": lambda f: Example(pfm(f / "a.pfm", marked(hole=0), big=True), metres(hole=True)),
+    "megadepth": lambda f: Example(
+        of_hdf5(f, depth=marked(hole=0)), metres(hole=True) * 3, ("--depth-scale", "3")
+    ),
+    "eden": lambda f: Example(
+        matlab(f / "a.mat", "Depth", np.stack([DEPTH, DEPTH * 2, DEPTH * 3], axis=2)), metres()
+    ),
+    "arkitscenes": partial(png_of, scale=1000, hole=0),
+    "tum": lambda f: _fifth(f),
+    "ibims1": _ibims1,
+    "infinigen": lambda f: Example(
+        npy(f / "a.npy", np.stack([marked(hole=NAN, sky=INF), DEPTH, DEPTH], axis=2)),
+        metres(hole=True, sky=True),
+    ),
+    "scenenet-rgbd": _scenenet,
+    "ros": _ros,
+    "middlebury": _middlebury,
+    "sceneflow": _sceneflow,
+    "irs": _irs,
+    "unrealstereo4k": _unrealstereo4k,
+    "spring": _spring,
+    "hci-lightfield": _hci,
+    "ffs-stereo4d": _ffs,
+    "moge-png": _moge_png,
+    "moge": _moge,
+    "depth-pro": lambda f: _npz(f, depth=marked(sky=1e10)),
+    "depth-anything-v2-metric": _npy_of,
+    "depth-anything": _relative,
+    "video-depth-anything": _video,
+    "depth-anything-3": lambda f: _npz(f, "--planar", depth=marked(sky=INF)[None]),
+    "marigold": _affine,
+    "apple-heic": _heic,
+    "android-gdepth": _gdepth,
+}
+
+
+def _unreal(folder: Path) -> Example:
+    numbers = marked(DEPTH * 100, sky=65504 * 3e3)
+    depth = {f"FinalImageMovieRenderQueue_WorldDepth.{c}": numbers for c in "RGB"}
+    depth["FinalImageMovieRenderQueue_WorldDepth.A"] = numbers * 0 + 1
+    color = {"R": DEPTH, "G": DEPTH * 2, "B": DEPTH, "A": DEPTH * 0 + 1}
+    path = folder / "a.exr"
+    planes = {name: np.float32(values) for name, values in (depth | color).items()}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, planes).write(str(path))
+    return Example(path, metres(sky=True))
+
+
+def _quarter(folder: Path) -> Example:
+    numbers = marked(np.round(DEPTH * 0.8 * 4000), hole=0)
+    return Example(png(folder / "a.png", numbers), metres(hole=True) * 0.8)
+
+
+def _fifth(folder: Path) -> Example:
+    numbers = marked(np.round(DEPTH * 0.5 * 5000), hole=0)
+    return Example(png(folder / "a.png", numbers), metres(hole=True) * 0.5)
+
+
+@pytest.fixture(autouse=True)
+def libraries(monkeypatch: pytest.MonkeyPatch) -> None:
+    with_hdf5(monkeypatch)
+    with_heic(monkeypatch, HEIC_NUMBERS.astype(np.uint8), d_min=0.15, d_max=3.22)
+
+
+def test_every_format_has_an_example() -> None:
+    assert EXAMPLES.keys() == FORMATS.keys()
+
+
+@pytest.mark.parametrize("name", sorted(FORMATS.keys() - {"coc"}))  # which holds no depth
+def test_a_file_of_the_format_becomes_planar_metres(name: str, tmp_path: Path) -> None:
+    example = EXAMPLES[name](tmp_path)
+    out = tmp_path / "out.exr"
+    ran = run(
+        *("depth", example.path, "--depth-format", name, "--invalid", "far", "-o", out),
+        *example.options,
+    )
+    assert ran.code == 0, ran.err
+    written = read_exr(out)["Z"]
+    expected = np.where(np.isnan(example.metres), INF, example.metres)
+    assert written.dtype == np.float32
+    np.testing.assert_allclose(written, expected, rtol=example.rtol)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_invalid_pixels_are_told_from_sky_and_refused(name: str, tmp_path: Path) -> None:
+    example = EXAMPLES[name](tmp_path)
+    words = list(example.options)
+    fields: dict[str, Any] = {"depth_format": name}
+    while words:
+        option = words.pop(0).removeprefix("--")
+        if option in ("planar", "radial"):
+            fields["geometry"] = option
+            continue
+        text = f"{words.pop(0)} {words.pop(0)}" if option == "depth-range" else words.pop(0)
+        fields[option.replace("-", "_")] = PARSERS[option](text)
+    depth = read_depth(example.path, make_reading(fields, {}))
+    np.testing.assert_array_equal(depth.invalid, np.isnan(example.metres))
+    np.testing.assert_array_equal(np.isposinf(depth.metres), np.isposinf(example.metres))
+    if depth.invalid.any():
+        with pytest.raises(InputError, match=r"is NaN or ≤ 0 in .* pixel.*--invalid far"):
+            require_valid(depth)
+    else:
+        require_valid(depth)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("vray-zdepth", "leaves --depth-range open"),
+        ("marigold", "leaves --depth-range open"),
+        ("depth-anything", "leaves --depth-range open"),
+        ("video-depth-anything", "leaves --depth-kind open"),
+        ("megadepth", "leaves --depth-scale open"),
+        ("co3d", "leaves --depth-scale open: .*scale_adjustment"),
+        ("unity-perception", "add --planar or --radial"),
+        ("kubric", "add --planar or --radial"),
+        ("mujoco-warp", "before March 2026.* add --planar or --radial"),
+        ("depth-anything-3", "add --planar or --radial"),
+        ("mitsuba", "--fov 60deg or --focal-px PX"),
+        ("scenenet-rgbd", "--fov 60deg or --focal-px PX"),
+        ("middlebury", r"leaves --focal-px and --baseline open: there is no calib\.txt beside"),
+        ("hci-lightfield", r"there is no parameters\.cfg beside"),
+        ("spring", r"leaves --focal-px open: there is no intrinsics\.txt beside"),
+        ("unrealstereo4k", "there is no Extrinsics beside"),
+        ("ffs-stereo4d", "leaves --focal-px and --baseline open"),
+        ("disparity", "--focal-px PX and --baseline 65mm, or --depth-range NEAR FAR, or"),
+    ],
+)
+def test_what_no_format_may_guess_is_asked_for(name: str, words: str, tmp_path: Path) -> None:
+    example = EXAMPLES[name](tmp_path)
+    for sidecar in (p for p in tmp_path.rglob("*") if p.suffix in (".txt", ".cfg")):
+        sidecar.unlink()
+    part = ("--part", "0") if "--part" in example.options else ()
+    ran = run("depth", example.path, "--depth-format", name, *part, "-o", tmp_path / "o.exr")
+    refused(ran, 2, f"--depth-format {name}: ")
+    assert re.search(words, ran.err)

@@ -1,0 +1,75 @@
+"""Pixels without depth are filled from the farther neighbour, or become sky."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from depth_files import npy
+
+from defocus_core.errors import InputError
+from defocus_core.io.arrays import Keeping
+from defocus_core.io.depth_formats.depth import read_depth, require_valid
+from defocus_core.io.depth_formats.holes import fill_from_farther
+from defocus_core.io.depth_formats.reading import DepthReading
+
+INF, NAN = np.inf, np.nan
+
+
+def filled(rows: list[list[float]]) -> list[list[float]]:
+    metres = np.array(rows, np.float32)
+    assert fill_from_farther(metres)
+    found: list[list[float]] = metres.tolist()
+    return found
+
+
+def test_a_hole_takes_the_farther_of_its_neighbours_in_the_row() -> None:
+    assert filled([[1, NAN, 0, 5, -1]]) == [[1, 5, 5, 5, 5]]
+    assert filled([[NAN, 3, NAN, 2]]) == [[3, 3, 3, 2]]
+
+
+def test_sky_is_the_farthest_neighbour() -> None:
+    assert filled([[2, NAN, INF]]) == [[2, INF, INF]]
+
+
+def test_a_row_without_depth_takes_the_farther_of_the_rows_beside_it() -> None:
+    assert filled([[0, 0], [1, 9], [0, 0], [0, 0], [5, 2]]) == [
+        *([[1, 9]] * 2),
+        *([[5, 9]] * 2),
+        [5, 2],
+    ]
+
+
+def test_depth_stays_as_it_is() -> None:
+    assert filled([[1, 2], [3, 4]]) == [[1, 2], [3, 4]]
+
+
+def test_nothing_can_be_filled_from_nothing(tmp_path: Path) -> None:
+    path = npy(tmp_path / "a.npy", [[0.0, NAN]])
+    with pytest.raises(InputError, match="has no pixel with a depth"):
+        read_depth(path, DepthReading(invalid="fill"))
+
+
+@pytest.mark.parametrize("keeping", [Keeping(), Keeping(scratch=True)])
+@pytest.mark.parametrize(("how", "value"), [("far", INF), ("fill", 3.0)])
+def test_replaced_pixels_are_counted_and_told(
+    how: str, value: float, keeping: Keeping, tmp_path: Path
+) -> None:
+    path = npy(tmp_path / "a.npy", [[3.0, 0.0], [NAN, 2.0]])
+    depth = read_depth(path, DepthReading(invalid=how), keeping=keeping)
+    require_valid(depth)
+    replaced = depth.metres[:][[0, 1], [1, 0]]
+    assert replaced.tolist() == [value, 2.0 if how == "fill" else value]
+    assert depth.replaced == 2
+    words = {"far": "taken as infinitely far", "fill": "filled from the farther neighbour"}[how]
+    assert f"2 invalid pixels {words}" in depth.note
+    assert f"a.npy: 2 invalid pixels {words}" in depth.warnings
+
+
+def test_16_bits_with_holes_are_asked_for_their_format(tmp_path: Path) -> None:
+    from depth_files import png
+
+    path = png(tmp_path / "a.png", [[0, 1000]])
+    with pytest.raises(InputError, match=r"in 1 pixel.*say --depth-format, since 0 is a hole for"):
+        require_valid(read_depth(path))

@@ -1,0 +1,324 @@
+"""OpenEXR files: native in, native out, and nothing damaged gets through unnoticed."""
+
+from __future__ import annotations
+
+import struct
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+import pytest
+from command_line import header
+from image_files import SCANLINE, box, random_planes, write_deep, write_window
+
+from defocus_core.errors import InputError
+from defocus_core.io.arrays import Keeping
+from defocus_core.io.exr import reading, writing
+from defocus_core.io.exr.header import read_headers
+from defocus_core.io.exr.reading import read_parts
+from defocus_core.io.exr.windows import Layout
+from defocus_core.io.exr.writing import clamped_half, write_exr
+from defocus_core.io.images.exr_channels import choose_color
+
+
+def test_every_pixel_type_comes_back_bit_for_bit(tmp_path: Path) -> None:
+    planes: dict[str, Any] = {
+        "half": np.array([[0.1, 65504.0, -np.inf]], np.float16),
+        "float": np.array([[0.1, 1e30, np.nan]], np.float32),
+        "id": np.array([[0, 7, 2**32 - 1]], np.uint32),
+    }
+    write_exr(tmp_path / "a.exr", planes, {})
+    (part,) = read_parts(tmp_path / "a.exr")
+    assert {c.name: c.type for c in part.header.channels} == {
+        "half": "half",
+        "float": "float",
+        "id": "uint",
+    }
+    for name, plane in planes.items():
+        assert part.channels[name].tobytes() == plane.tobytes()
+
+
+def test_metadata_goes_through_and_structure_does_not(tmp_path: Path) -> None:
+    said = {"owner": "ünï", "isoSpeed": 100.0, "frame": 3, "worldToCamera": np.eye(4, dtype="f")}
+    structure = {"compression": OpenEXR.PIZ_COMPRESSION, "name": "x", "chunkCount": 9}
+    write_exr(tmp_path / "a.exr", random_planes("Y"), {**said, **structure})
+    (part,) = read_parts(tmp_path / "a.exr")
+    assert not structure.keys() & part.header.attributes.keys()
+    write_exr(tmp_path / "b.exr", random_planes("Y"), part.header.attributes)
+    assert (tmp_path / "b.exr").read_bytes() == (tmp_path / "a.exr").read_bytes()
+    for name, value in said.items():
+        np.testing.assert_array_equal(header(tmp_path / "b.exr")[name], value)
+
+
+def test_writing_leaves_the_callers_arguments_alone(tmp_path: Path) -> None:
+    attributes: dict[str, object] = {"defocus:focus": "2m"}
+    planes = random_planes("RGB")
+    write_exr(tmp_path / "a.exr", planes, attributes)
+    assert attributes == {"defocus:focus": "2m"}
+    assert set(planes) == set("RGB")
+
+
+@pytest.mark.parametrize(
+    "data",
+    [(-2, -3, 14, 12), (3, 2, 7, 6), (5, 5, 20, 20), (40, 40, 50, 50)],
+    ids=["overscan", "inside", "overlap", "outside"],
+)
+def test_the_display_window_is_what_comes_back(tmp_path: Path, data: tuple[int, ...]) -> None:
+    x0, y0, x1, y1 = data
+    everywhere = np.zeros((100, 100), np.float32)  # scene whose (0, 0) is at (-20, -20)
+    written = np.random.default_rng(1).random((y1 - y0 + 1, x1 - x0 + 1), np.float32)
+    everywhere[y0 + 20 : y1 + 21, x0 + 20 : x1 + 21] = written
+    write_window(tmp_path / "a.exr", {"Z": written}, box(*data), box(0, 0, 9, 7))
+    (part,) = read_parts(tmp_path / "a.exr")
+    np.testing.assert_array_equal(part.channels["Z"], everywhere[20:28, 20:30])
+
+
+def test_headers_name_parts_types_and_depth_of_data(tmp_path: Path) -> None:
+    parts = [
+        OpenEXR.Part({"name": "rgba", **SCANLINE}, random_planes("RGBA")),
+        OpenEXR.Part({"name": "ids", **SCANLINE}, {"id": np.zeros((24, 32), np.uint32)}),
+    ]
+    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
+    rgba, ids = read_headers(tmp_path / "a.exr")
+    assert (rgba.name, ids.name) == ("rgba", "ids")
+    assert [c.name for c in rgba.channels] == ["A", "B", "G", "R"]
+    assert ids.channels[0].type == "uint"
+    assert not rgba.deep
+    write_deep(tmp_path / "deep.exr")
+    assert read_headers(tmp_path / "deep.exr")[0].deep
+
+
+def test_clamping_to_half_counts_pixels_and_keeps_the_rest() -> None:
+    values = np.array([1.0, 65504.0, 65510.0, -1e9, np.inf, np.nan], np.float32)
+    half, beyond = clamped_half(values)
+    np.testing.assert_array_equal(half, np.array([1, 65504, 65504, -65504, 65504, np.nan], "e"))
+    assert beyond.tolist() == [False, False, True, True, True, False]
+
+
+def test_a_claimed_size_is_checked_before_allocation(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    write_exr(path, random_planes("Y"), {})
+    honest = path.read_bytes()
+    window = struct.pack("<4i", 0, 0, 31, 23)
+    for claim in [(999_999, 999_999), (29_999, 29_999)]:
+        path.write_bytes(honest.replace(window, struct.pack("<4i", 0, 0, *claim)))
+        with pytest.raises(InputError, match=r"claims \d+×\d+ px"):
+            read_parts(path)
+
+
+def test_a_part_lost_to_damage_is_an_error(tmp_path: Path) -> None:
+    # OpenEXR drops such a part with a print and shifts the others.
+    path = tmp_path / "a.exr"
+    parts = [
+        OpenEXR.Part({"name": name, **SCANLINE}, random_planes("Y", seed=seed))
+        for seed, name in enumerate(("first", "second"))
+    ]
+    OpenEXR.File(parts).write(str(path))
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(InputError, match="truncated or damaged"):
+        read_parts(path)
+
+
+def test_damage_is_an_input_error_or_unseen_never_a_crash(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.exr"
+    write_exr(path, random_planes("RGBZ", (40, 50)), {"owner": "someone"})
+    sound = path.read_bytes()
+    rng = np.random.default_rng(2)
+    refused = 0
+    for trial in range(100):
+        damaged = bytearray(sound)
+        if trial % 4 == 0:
+            del damaged[int(rng.integers(1, len(sound))) :]
+        else:
+            damaged[int(rng.integers(len(sound)))] ^= 1 << int(rng.integers(8))
+        path.write_bytes(damaged)
+        with suppress(InputError):
+            read_parts(path)
+            continue
+        refused += 1
+    assert refused >= 50  # every truncation and most flips
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    "content", [b"this is text\n" * 9, b"\x76\x2f\x31\x01", b"\x89PNG\r\n\x1a\n"]
+)
+def test_not_an_exr_file_says_so(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.exr"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"not an OpenEXR file|damaged OpenEXR header"):
+        read_headers(path)
+
+
+COMPRESSIONS = [name for name in dir(OpenEXR) if name.endswith("_COMPRESSION")]
+
+
+def tiles(width: int, height: int) -> dict[str, Any]:
+    described = OpenEXR.TileDescription()
+    described.xSize, described.ySize = width, height
+    return {"type": OpenEXR.tiledimage, "tiles": described, "compression": OpenEXR.ZIP_COMPRESSION}
+
+
+def whole_by_openexr(path: Path) -> list[dict[str, Any]]:
+    """Every channel of every part as OpenEXR decodes it at once, put into the display window."""
+    parts = []
+    for part in OpenEXR.File(str(path), separate_channels=True).parts:
+        (x0, y0), _ = part.header["dataWindow"]
+        first, last = part.header["displayWindow"]
+        planes = {}
+        for name, channel in part.channels.items():
+            held = np.zeros((2000, 2000), channel.pixels.dtype)  # its (0, 0) is at (-1000, -1000)
+            height, width = channel.pixels.shape
+            held[y0 + 1000 : y0 + 1000 + height, x0 + 1000 : x0 + 1000 + width] = channel.pixels
+            planes[name] = held[first[1] + 1000 : last[1] + 1001, first[0] + 1000 : last[0] + 1001]
+        parts.append(planes)
+    return parts
+
+
+def same_in_pieces(path: Path, monkeypatch: pytest.MonkeyPatch, piece_bytes: int = 3000) -> None:
+    for pieces in (piece_bytes, 1 << 25):
+        monkeypatch.setattr(reading, "_STRIP_BYTES", pieces)
+        for scratch in (False, True):
+            parts = read_parts(path, keeping=Keeping(scratch=scratch))
+            for part, planes in zip(parts, whole_by_openexr(path), strict=True):
+                assert part.channels.keys() == planes.keys()
+                for name, plane in planes.items():
+                    pixels = part.channels[name][:]
+                    assert pixels.dtype == plane.dtype
+                    np.testing.assert_array_equal(pixels, plane)
+
+
+def mixed_planes(shape: tuple[int, int]) -> dict[str, Any]:
+    """Types in an order that no two neighbours share, whole numbers beyond what float holds."""
+    rng = np.random.default_rng(7)
+    return {
+        **random_planes("RGBA", shape),
+        "S": rng.integers(0, 2**32, shape, dtype=np.uint32),
+        "T": rng.random(shape, np.float32),
+        "U": rng.random(shape, np.float32).astype(np.float16),
+    }
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_scan_lines_of_all_compressions_are_the_same_in_pieces(
+    compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    header = {"type": OpenEXR.scanlineimage, "compression": getattr(OpenEXR, compression)}
+    OpenEXR.File(header, mixed_planes((600, 20))).write(str(tmp_path / "a.exr"))
+    same_in_pieces(tmp_path / "a.exr", monkeypatch)
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_tiles_of_all_compressions_are_the_same_in_pieces(
+    compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    header = {**tiles(16, 24), "compression": getattr(OpenEXR, compression)}
+    OpenEXR.File(header, mixed_planes((70, 50))).write(str(tmp_path / "a.exr"))
+    same_in_pieces(tmp_path / "a.exr", monkeypatch)
+
+
+@pytest.mark.parametrize("piece_bytes", [1, 20_000, 10**6])
+def test_a_texture_with_its_smaller_copies_is_the_same_in_pieces_of_any_size(
+    piece_bytes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    texture = oiio.ImageBuf(oiio.ImageSpec(50, 70, 3, "float"))
+    texture.set_pixels(oiio.ROI(), np.random.default_rng(4).random((70, 50, 3), np.float32))
+    tiled = oiio.ImageSpec()
+    tiled.tile_width, tiled.tile_height = 32, 16
+    assert oiio.ImageBufAlgo.make_texture(oiio.MakeTxTexture, texture, f"{tmp_path}/a.exr", tiled)
+    same_in_pieces(tmp_path / "a.exr", monkeypatch, piece_bytes)
+
+
+def test_tiled_parts_and_windows_are_the_same_in_pieces(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data, display = box(-5, 7, 44, 66), box(0, 0, 39, 79)
+    windows = {"dataWindow": data, "displayWindow": display}
+    parts = [
+        OpenEXR.Part({"name": "lines", **SCANLINE, **windows}, random_planes("RGB", (60, 50))),
+        OpenEXR.Part({"name": "tiles", **tiles(16, 24), **windows}, random_planes("Z", (60, 50))),
+        OpenEXR.Part({"name": "after", **SCANLINE, **windows}, random_planes("Y", (60, 50))),
+    ]
+    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
+    same_in_pieces(tmp_path / "a.exr", monkeypatch)
+
+
+def test_a_tile_too_large_to_be_decoded_at_once_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    OpenEXR.File(tiles(64, 64), random_planes("RGB", (70, 80))).write(str(tmp_path / "a.exr"))
+    monkeypatch.setattr(reading, "_LARGEST_TILE", 64 * 64 * 6 - 1)
+    with pytest.raises(InputError, match="piece by piece; allow more --memory"):
+        read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))
+
+
+def test_of_subsampled_channels_only_chroma_is_read(tmp_path: Path) -> None:
+    path, plane = tmp_path / "a.exr", random_planes("R", (24, 32))["R"]
+    OpenEXR.File(dict(SCANLINE), {"R": plane, "mask": OpenEXR.Channel(plane, 2, 2)}).write(
+        str(path)
+    )
+    assert not oiio.ImageInput.open(str(path)), "OpenImageIO reads it: it could be taken"
+    oiio.geterror()
+    (part,) = read_parts(path)
+    assert part.channels.keys() == {"R"}
+    np.testing.assert_array_equal(part.channels["R"], plane)
+
+
+def test_limits_of_openimageio_are_not_those_of_exr_files(tmp_path: Path) -> None:
+    """It refuses pictures larger than memory, which are read in pieces, and 1025 channels."""
+    names = [f"c{index}" for index in range(1030)]
+    planes = {name: np.full((20, 30), index, np.float16) for index, name in enumerate(names)}
+    OpenEXR.File(dict(SCANLINE), dict(planes)).write(str(tmp_path / "a.exr"))
+    limits = {"limits:imagesize_MB": 1, "limits:channels": 1024}
+    before = {name: oiio.get_int_attribute(name) for name in limits}
+    try:
+        for name, limit in limits.items():
+            oiio.attribute(name, limit)
+        (part,) = read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))
+        assert {name: oiio.get_int_attribute(name) for name in limits} == limits
+    finally:
+        for name, limit in before.items():
+            oiio.attribute(name, limit)
+    assert all((part.channels[name][:] == plane).all() for name, plane in planes.items())
+
+
+def test_openexr_refuses_a_header_with_text_that_is_not_utf_8(tmp_path: Path) -> None:
+    """The reason why headers are read by hand; test_carried.py shows that text goes through."""
+    path = tmp_path / "a.exr"
+    OpenEXR.File({**SCANLINE, "owner": "J?rgen"}, random_planes("Y")).write(str(path))
+    path.write_bytes(path.read_bytes().replace(b"J?rgen", b"J\xfcrgen"))
+    with pytest.raises(UnicodeDecodeError):
+        OpenEXR.File(str(path), header_only=True)
+    assert read_parts(path)[0].header.attributes["owner"].value == b"J\xfcrgen"
+
+
+@pytest.mark.parametrize("rows", [32, 64, 10_000])
+def test_strips_make_the_file_that_openexr_writes_at_once(
+    rows: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planes, corner = mixed_planes((150, 20)), (-3, 5)
+    row_bytes = 20 * sum(plane.dtype.itemsize for plane in planes.values())
+    monkeypatch.setattr(writing, "_STRIP_BYTES", rows * row_bytes)
+    write_exr(tmp_path / "a.exr", planes, {"owner": "ünï"}, Layout(corner))
+    window = box(-3, 5, 16, 154)
+    told = {**SCANLINE, "owner": "ünï", "dataWindow": window, "displayWindow": window}
+    OpenEXR.File(told, planes).write(str(tmp_path / "b.exr"))
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
+
+
+def test_pixels_of_an_aspect_that_none_has_are_refused(tmp_path: Path) -> None:
+    for aspect, usual in ((1.0, True), (2.0, True), (11.0, False), (0.05, False)):
+        path = tmp_path / f"{aspect}.exr"
+        header = {"type": OpenEXR.scanlineimage, "pixelAspectRatio": aspect}
+        planes = {name: np.zeros((4, 5), np.float16) for name in "RGB"}
+        OpenEXR.File(header, planes).write(str(path))
+        if usual:
+            assert choose_color(path, read_headers(path), layer=None, part=None)
+            continue
+        with pytest.raises(InputError, match=f"{aspect:g} times as wide as high; resample"):
+            choose_color(path, read_headers(path), layer=None, part=None)

@@ -1,0 +1,114 @@
+"""Views of EXR files, as their attributes, parts and channels name them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+from image_files import SCANLINE, random_planes
+
+from defocus_core.errors import InputError
+from defocus_core.io.exr.header import read_headers
+from defocus_core.io.exr.views import in_view, views_of
+from defocus_core.io.images.color import read_color
+
+# One part of two views, the default one right: plain channels are its own, disparity is no view's.
+ONE_PART = (
+    *("R", "G", "B", "A", "Z", "left.R", "left.G", "left.B", "left.A", "left.Z"),
+    *("forward.left.u", "forward.right.u", "disparityL.x"),
+)
+
+
+def planes_of(*names: str) -> dict[str, Any]:
+    """A plane for each name, of one number that is its place among the names."""
+    return {name: np.full((4, 6), index, np.float16) for index, name in enumerate(names)}
+
+
+def one_part(path: Path, *names: str, **attributes: Any) -> Path:
+    OpenEXR.File({**SCANLINE, **attributes}, planes_of(*names)).write(str(path))
+    return path
+
+
+def several_parts(path: Path, parts: dict[str, tuple[str, str]]) -> Path:
+    """Parts of RGBA or Z by name, each with its view."""
+    made = []
+    for name, (channels, view) in parts.items():
+        said = {"name": name, **SCANLINE} | ({"view": view} if view else {})
+        made.append(OpenEXR.Part(said, random_planes(channels, (4, 6), seed=len(made))))
+    OpenEXR.File(made).write(str(path))
+    return path
+
+
+def plain_names(path: Path, view: str | None) -> dict[str, str]:
+    headers = in_view(path, read_headers(path), view)
+    return {channel.plain: channel.name for header in headers for channel in header.channels}
+
+
+def test_views_of_one_part_are_in_the_names_of_its_channels(tmp_path: Path) -> None:
+    path = one_part(tmp_path / "a.exr", *ONE_PART, multiView=["right", "left"])
+    assert views_of(read_headers(path)) == ("right", "left")
+    of_no_view = {"disparityL.x": "disparityL.x"}
+    left = {name: f"left.{name}" for name in "RGBAZ"} | {"forward.u": "forward.left.u"}
+    assert plain_names(path, "left") == left | of_no_view
+    right = {name: name for name in "RGBAZ"} | {"forward.u": "forward.right.u"}
+    assert plain_names(path, "right") == plain_names(path, None) == right | of_no_view
+    assert plain_names(path, "LEFT") == plain_names(path, "left")
+
+
+@pytest.mark.parametrize(
+    "attributes", [("left", "left", "right", "right"), ("", "", "", "")], ids=["said", "by name"]
+)
+@pytest.mark.parametrize("end", [".", "_", "-"])
+def test_views_of_parts_are_their_attribute_or_the_end_of_their_name(
+    attributes: tuple[str, ...], end: str, tmp_path: Path
+) -> None:
+    names = [f"{layer}{end}{view}" for view in ("left", "right") for layer in ("rgba", "depth")]
+    kinds = zip(("RGBA", "Z", "RGBA", "Z"), attributes, strict=True)
+    path = several_parts(tmp_path / "a.exr", dict(zip(names, kinds, strict=True)))
+    color = read_color(path, view="right")
+    expected = random_planes("RGBA", (4, 6), seed=2)
+    np.testing.assert_array_equal(color.planes[0], expected["R"])
+    np.testing.assert_array_equal(color.extras["Z"], random_planes("Z", (4, 6), seed=3)["Z"])
+    assert set(color.extras) == {"Z"}
+    assert color.attributes["view"].value == b"right"  # type: ignore[attr-defined]
+    assert "view right" in color.note
+
+
+def test_without_a_name_the_default_view_is_taken_and_said_to_be(tmp_path: Path) -> None:
+    parts = {"right": ("RGB", "right"), "left": ("RGB", "left")}
+    color = read_color(several_parts(tmp_path / "a.exr", parts))
+    np.testing.assert_array_equal(color.planes[0], random_planes("RGB", (4, 6))["R"])
+    assert color.warnings == ("view right taken, the default of right, left; --view names another",)
+
+
+def test_a_view_that_is_not_there_is_refused_with_those_that_are(tmp_path: Path) -> None:
+    path = one_part(tmp_path / "a.exr", *ONE_PART, multiView=["right", "left"])
+    with pytest.raises(InputError, match=r"has no view centre; it has right, left; check --view"):
+        read_color(path, view="centre")
+
+
+def test_a_picture_without_views_has_none(tmp_path: Path) -> None:
+    path = one_part(tmp_path / "a.exr", "R", "G", "B", "Z", "left.mask", "diffuse.R")
+    assert views_of(read_headers(path)) == ()
+    assert set(plain_names(path, None)) == {"R", "G", "B", "Z", "left.mask", "diffuse.R"}
+
+
+def test_views_are_known_by_left_and_right_where_attributes_were_lost(tmp_path: Path) -> None:
+    names = (*(f"View.Combined.{side}.{c}" for side in ("left", "right") for c in "RGB"),)
+    path = one_part(tmp_path / "a.exr", *names)
+    assert views_of(read_headers(path)) == ("left", "right")
+    assert plain_names(path, "right") == {
+        f"View.Combined.{c}": f"View.Combined.right.{c}" for c in "RGB"
+    }
+
+
+@pytest.mark.parametrize("damage", [b"\xff\xff\xff\x7f", b"\xfe\xff\xff\xff"])
+def test_a_damaged_list_of_views_is_an_error(damage: bytes, tmp_path: Path) -> None:
+    path = one_part(tmp_path / "a.exr", *ONE_PART, multiView=["right", "left"])
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b"\x05\0\0\0right", damage + b"right"))
+    with pytest.raises(InputError, match="damaged OpenEXR header"):
+        read_headers(path)

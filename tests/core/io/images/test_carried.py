@@ -1,0 +1,137 @@
+"""What an EXR output carries of its input, and what it is said not to."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+from command_line import (
+    HEIGHT,
+    WIDTH,
+    header,
+    ramp,
+    read_exr,
+    refused_input,
+    render,
+    run,
+)
+from image_files import SCANLINE, box, write_window
+
+from defocus_core.batch.rendering import memory_budget
+from defocus_core.io.exr.header import Raw, read_headers
+
+DEEP = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
+X, Y = 5, -7  # of the display window's first pixel
+DISPLAY = (X, Y, X + WIDTH - 1, Y + HEIGHT - 1)
+
+
+def planes(names: str, height: int, width: int) -> dict[str, Any]:
+    rng = np.random.default_rng(1)
+    return {name: 1 + rng.random((height, width), np.float32) for name in names}
+
+
+def test_overscan_is_read_and_cropped_to_the_display_window_which_is_written_back(
+    tmp_path: Path, out: Path
+) -> None:
+    whole = planes("RGB", HEIGHT + 7, WIDTH + 5) | {"Z": np.full((HEIGHT + 7, WIDTH + 5), 2.0, "f")}
+    path = tmp_path / "a.exr"
+    write_window(path, dict(whole), box(X - 2, Y - 3, X + WIDTH + 2, Y + HEIGHT + 3), box(*DISPLAY))
+    ran = render(path, "-o", out, "-v", "--exr-type", "float", "--outputs", "render,coc")
+    note = "overscan 2 px left, 3 top, 3 right, 4 bottom"
+    assert ran.err.count(note) == 2, "of colour and depth"
+    assert "warning" not in ran.err
+    assert run("info", path).out.count(note) == 2
+    for kind in ("render", "coc"):
+        told = header(out / kind / "a.exr")
+        for window in ("dataWindow", "displayWindow"):
+            assert np.ravel(told[window]).tolist() == list(DISPLAY)
+    seen = whole["R"][3 : 3 + HEIGHT, 2 : 2 + WIDTH]  # all of it is in focus
+    np.testing.assert_array_equal(read_exr(out / "render" / "a.exr")["R"], seen)
+
+
+@pytest.mark.parametrize("names", ["RGB", "RGBA"])
+def test_a_frame_without_pixels_is_nothing_and_said_so(
+    names: str, tmp_path: Path, depth: Path, out: Path
+) -> None:
+    path = tmp_path / "a.exr"
+    write_window(path, planes(names, 6, 10), box(2, 1, 11, 6), box(0, 0, WIDTH - 1, HEIGHT - 1))
+    ran = render(path, depth, "-o", out, "-v")
+    assert "  colour: EXR float, linear, nothing outside the data window 10x6 at 2,1\n" in ran.err
+    assert "warning" not in ran.err
+    alpha = read_exr(out / "render" / "a.exr")["A"]
+    assert alpha.max() > 0
+    assert alpha[-1].max() == 0
+    assert "nothing outside the data window 10x6 at 2,1" in run("info", path).out
+
+
+def test_a_part_that_no_output_can_hold_is_said_to_be_left_out(
+    tmp_path: Path, depth: Path, out: Path
+) -> None:
+    samples = np.empty((HEIGHT, WIDTH), dtype=object)
+    for index in np.ndindex(samples.shape):
+        samples[index] = np.ones(2, np.float32)
+    parts = [
+        OpenEXR.Part({"name": "rgb", **SCANLINE}, planes("RGB", HEIGHT, WIDTH)),
+        OpenEXR.Part({"name": "samples", **DEEP}, {"mask": samples}),
+    ]
+    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
+    left_out = "part samples, which is deep, left out"
+    ran = render(tmp_path / "a.exr", depth, "-o", out, "--outputs", "render,left")
+    assert ran.code == 0, ran.err
+    assert ran.err.count(f"a: warning: {left_out}\n") == 1
+    for more in (("--format", "png"), ("--outputs", "coc")):
+        args = (tmp_path / "a.exr", depth, "-o", out / more[1], *more)
+        assert left_out not in render(*args).err
+
+
+def test_attributes_of_any_type_and_text_come_back_as_they_were(
+    tmp_path: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: dict[str, Any] = {
+        "framesPerSecond": Fraction(24000, 1001),
+        "ours": OpenEXR.OpaqueAttribute(b"\1\2\xff", "madeHere"),
+        "blob": OpenEXR.Bytes(b"xyz", "note"),
+        "a name of more than 31 bytes, like those of some": 1.5,
+        "owner": "J?rgen",
+        "files": ["a", "J?rgen" * 40],
+    }
+    path = tmp_path / "a.exr"
+    OpenEXR.File({**SCANLINE, **said}, planes("RGB", HEIGHT, WIDTH)).write(str(path))
+    path.write_bytes(path.read_bytes().replace(b"J?rgen", b"J\xfcrgen"))
+    (given,) = read_headers(path)
+    assert given.attributes["owner"] == Raw("string", b"J\xfcrgen")
+    for share in (0.5, 0.0):  # of the memory for arrays: none, and they are read in pieces
+        monkeypatch.setattr(memory_budget, "_FOR_ARRAYS", share)
+        ran = render(path, depth, "-o", out, "--overwrite")
+        assert ran.code == 0, ran.err
+        (told,) = read_headers(out / "render" / "a.exr")
+        assert {name: told.attributes[name] for name in said} == {
+            name: given.attributes[name] for name in said
+        }
+    assert render(out / "render" / "a.exr", depth, "-o", tmp_path / "again").code == 0
+
+
+def test_a_thumbnail_stays_behind_as_it_shows_the_picture_in_focus(
+    tmp_path: Path, depth: Path, out: Path
+) -> None:
+    path = tmp_path / "a.exr"
+    attributes = {**SCANLINE, "preview": OpenEXR.PreviewImage(2, 1)}
+    OpenEXR.File(attributes, planes("RGB", HEIGHT, WIDTH)).write(str(path))
+    ran = render(path, depth, "-o", out, "-v")
+    assert "its thumbnail, which is sharp, left out" in ran.err
+    assert "preview" not in header(out / "render" / "a.exr")
+
+
+def test_a_name_that_is_not_utf_8_is_not_called_damage(
+    tmp_path: Path, depth: Path, out: Path
+) -> None:
+    for name in ("mask", "about"):
+        path = tmp_path / f"{name}.exr"
+        channels = planes("RGB", HEIGHT, WIDTH) | {"mask": ramp()}
+        OpenEXR.File({**SCANLINE, "about": 1.0}, channels).write(str(path))
+        path.write_bytes(path.read_bytes().replace(name.encode(), b"\xff" * len(name)))
+        refused_input(render(path, depth, "-o", out), path, "has a name in its header", "not UTF-8")

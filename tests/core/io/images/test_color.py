@@ -1,0 +1,362 @@
+"""Colour files: what they hold, in linear light, premultiplied."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from image_files import (
+    box,
+    multi_part,
+    png_chunk,
+    random_planes,
+    raw_png,
+    save,
+    write_deep,
+    write_window,
+)
+
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io import arrays
+from defocus_core.io.exr.header import Raw
+from defocus_core.io.exr.writing import write_exr
+from defocus_core.io.images.color import BRIGHTEST, read_color, require_finite
+from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.describe import describe
+from defocus_core.renderer.engine import statistics
+
+SHAPE = (6, 7)
+
+
+def srgb(encoded: Any) -> Any:
+    """IEC 61966-2-1, written as in the standard."""
+    encoded = np.asarray(encoded, np.float64)
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+def integers(bits: int, channels: int) -> Any:
+    dtype = np.uint8 if bits == 8 else np.uint16
+    return np.random.default_rng(3).integers(0, 2**bits, (*SHAPE, channels), dtype)
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+@pytest.mark.parametrize("bits", [8, 16])
+def test_integers_are_srgb(tmp_path: Path, suffix: str, bits: int) -> None:
+    samples = integers(bits, 3)
+    color = read_color(save(tmp_path / f"a.{suffix}", samples))
+    assert color.channels == ("R", "G", "B")
+    assert color.pixels.dtype == np.float32
+    np.testing.assert_allclose(color.pixels, srgb(samples / (2**bits - 1)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+def test_alpha_is_multiplied_in_linear_light(tmp_path: Path, suffix: str) -> None:
+    samples = integers(16, 4)
+    samples[0, 0, 3] = 0
+    color = read_color(save(tmp_path / f"a.{suffix}", samples))
+    alpha = samples[..., 3:] / 65535
+    expected = np.concatenate([srgb(samples[..., :3] / 65535) * alpha, alpha], axis=2)
+    assert color.channels == ("R", "G", "B", "A")
+    np.testing.assert_allclose(color.pixels, expected, rtol=1e-6)
+
+
+def test_associated_alpha_is_divided_out_before_decoding(tmp_path: Path) -> None:
+    white_half_covering = np.full((*SHAPE, 4), 128, np.uint8)
+    path = save(tmp_path / "a.tif", white_half_covering, oiio__UnassociatedAlpha=0)
+    np.testing.assert_allclose(read_color(path).pixels, 128 / 255, rtol=1e-6)
+
+
+@pytest.mark.parametrize("gamma", [1.0, 1.8])
+def test_a_declared_gamma_is_respected(tmp_path: Path, gamma: float) -> None:
+    samples = integers(16, 3)
+    declared = png_chunk(b"gAMA", round(100_000 / gamma).to_bytes(4, "big"))
+    color = read_color(raw_png(tmp_path / "a.png", samples, declared))
+    np.testing.assert_allclose(color.pixels, (samples / 65535) ** gamma, rtol=1e-4)
+
+
+@pytest.mark.parametrize("suffix", ["tif", "hdr"])
+def test_floats_are_linear(tmp_path: Path, suffix: str) -> None:
+    samples = np.random.default_rng(4).random((*SHAPE, 3), np.float32) * 50
+    color = read_color(save(tmp_path / f"a.{suffix}", samples))
+    rgbe_step = 64 / 256
+    np.testing.assert_allclose(color.pixels, samples, atol=rgbe_step if suffix == "hdr" else 0)
+
+
+def test_grey_is_y(tmp_path: Path) -> None:
+    assert read_color(save(tmp_path / "a.png", integers(8, 1))).channels == ("Y",)
+    assert read_color(save(tmp_path / "b.png", integers(8, 2))).channels == ("Y", "A")
+
+
+@pytest.mark.parametrize("strip", [1, 10**6])
+@pytest.mark.parametrize("turn", range(1, 9))
+def test_a_photograph_comes_upright(
+    tmp_path: Path, turn: int, strip: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(arrays.bands, "__defaults__", (strip,))
+    upright = np.arange(42, dtype=np.uint8).reshape(*SHAPE, 1).repeat(3, axis=2)
+    # EXIF: where row 0 and column 0 of the stored image are seen.
+    undo: Any = {
+        1: lambda a: a,
+        2: lambda a: a[:, ::-1],
+        3: lambda a: a[::-1, ::-1],
+        4: lambda a: a[::-1],
+        5: lambda a: a.swapaxes(0, 1),
+        6: lambda a: np.rot90(a, 1),
+        7: lambda a: a[::-1, ::-1].swapaxes(0, 1),
+        8: lambda a: np.rot90(a, -1),
+    }[turn]
+    stored = np.ascontiguousarray(undo(upright))
+    path = save(tmp_path / "a.tif", stored, Orientation=turn)
+    np.testing.assert_allclose(read_color(path).pixels, srgb(upright / 255), rtol=1e-6)
+    assert (describe(path).height, describe(path).width) == SHAPE
+
+
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("a.png", {}),
+        ("a.jpg", {}),
+        ("progressive.jpg", {"jpeg__progressive": 1}),
+        ("a.hdr", {}),
+        ("a.tif", {}),
+        ("one_strip.tif", {"tiff__RowsPerStrip": 40}),
+        ("tiled.tif", {"tile": (16, 32)}),
+        ("elsewhere.tif", {"tile": (16, 16), "x": 7, "y": 11}),
+    ],
+)
+def test_strips_of_a_file_are_the_whole(
+    name: str, more: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    samples = np.random.default_rng(5).integers(0, 256, (40, 29, 3), np.uint8)
+    if name.endswith("hdr"):
+        samples = samples.astype(np.float32)
+    path = save(tmp_path / name, samples, **more)
+    whole = read_color(path).pixels
+    assert name.endswith(("jpg", "hdr")) or np.array_equal(whole, np.float32(srgb(samples / 255)))
+    monkeypatch.setattr(arrays.bands, "__defaults__", (100,))
+    np.testing.assert_array_equal(read_color(path).pixels, whole)
+
+
+def test_what_a_decoder_holds_at_once_is_known(tmp_path: Path) -> None:
+    samples = integers(8, 3)
+    for name, more, at_once in (
+        ("a.png", {}, False),
+        ("a.tif", {}, False),
+        ("tiled.tif", {"tile": (16, 16)}, False),
+        ("large.tif", {"tile": (4096, 8192)}, True),
+        ("a.jpg", {}, True),
+    ):
+        assert describe(save(tmp_path / name, samples, **more)).at_once == at_once, name
+    lone = b"\0\0\0\1" * 2 + bytes([8, 2, 0, 0, 1])  # one pixel of 8-bit RGB, interlaced
+    chunks = (b"IHDR", lone), (b"IDAT", zlib.compress(bytes(4))), (b"IEND", b"")
+    path = tmp_path / "interlaced.png"
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(png_chunk(*chunk) for chunk in chunks))
+    assert describe(path).at_once
+    assert not read_color(path).pixels.any()
+
+
+def test_exr_colour_is_taken_as_it_is(tmp_path: Path) -> None:
+    planes = random_planes("RGBA")
+    ids = np.arange(24 * 32, dtype=np.uint32).reshape(24, 32)
+    path = tmp_path / "a.exr"
+    write_exr(path, {**planes, "Z": planes["R"], "id": ids}, {"owner": "someone"})
+    color = read_color(path)
+    np.testing.assert_array_equal(color.pixels, np.stack([planes[c] for c in "RGBA"], axis=2))
+    assert color.channels == ("R", "G", "B", "A")
+    assert color.attributes["owner"] == Raw("string", b"someone")
+    assert set(color.extras) == {"Z", "id"}
+    np.testing.assert_array_equal(color.extras["id"], ids)
+    assert color.extras["Z"].dtype == np.float16
+
+
+def test_outside_the_data_window_is_nothing(tmp_path: Path) -> None:
+    planes = {name: np.ones((3, 4), np.float16) for name in "RGB"}
+    write_window(tmp_path / "a.exr", planes, box(2, 1, 5, 3), box(0, 0, 7, 5))
+    color = read_color(tmp_path / "a.exr")
+    assert color.channels == ("R", "G", "B", "A")
+    pixels = color.pixels
+    assert pixels.shape == (6, 8, 4)
+    assert pixels.sum() == pixels[1:4, 2:6].sum() == 3 * 4 * 4
+
+
+def layered(path: Path, *layers: str) -> Path:
+    planes: dict[str, Any] = {}
+    for seed, layer in enumerate(layers):
+        dot = f"{layer}." if layer else ""
+        planes |= {f"{dot}{n}": p for n, p in random_planes("RGB", seed=seed).items()}
+    write_exr(path, planes, {})
+    return path
+
+
+def test_several_colour_layers_are_listed_and_chosen_by_name(tmp_path: Path) -> None:
+    path = layered(tmp_path / "a.exr", "ViewLayer.Emit", "ViewLayer.DiffCol")
+    with pytest.raises(InputError, match=r"DiffCol, ViewLayer.Emit; .*--color-layer"):
+        read_color(path)
+    expected = random_planes("RGB", seed=1)
+    for name in ("ViewLayer.DiffCol", "viewlayer.diffcol"):
+        color = read_color(path, layer=name)
+        np.testing.assert_array_equal(color.pixels[..., 1], expected["G"])
+        assert color.channels == ("R", "G", "B")
+        assert set(color.extras) == {f"ViewLayer.Emit.{c}" for c in "RGB"}
+    with pytest.raises(InputError, match=r"no colour layer beauty; it has ViewLayer.DiffCol"):
+        read_color(path, layer="beauty")
+
+
+def test_the_default_layer_needs_no_choice(tmp_path: Path) -> None:
+    path = layered(tmp_path / "a.exr", "diffuse", "")
+    np.testing.assert_array_equal(
+        read_color(path).pixels[..., 0], random_planes("R", seed=1)["R"].astype(np.float32)
+    )
+
+
+def test_parts_are_listed_and_chosen_by_number_or_name(tmp_path: Path) -> None:
+    left, right = random_planes("RGB", seed=0), random_planes("RGB", seed=1)
+    path = multi_part(tmp_path / "a.exr", left=dict(left), right=dict(right))
+    with pytest.raises(InputError, match=r"left/RGB, right/RGB; .*--part"):
+        read_color(path)
+    for color in (
+        read_color(path, part=1),
+        read_color(path, layer="right"),
+        read_color(path, layer="right/RGB"),
+    ):
+        np.testing.assert_array_equal(color.pixels[..., 0], right["R"])
+        np.testing.assert_array_equal(color.extras["left.R"], left["R"])
+    with pytest.raises(InputError, match=r"no part 2, only 2"):
+        read_color(path, part=2)
+
+
+@pytest.mark.parametrize("names", ["Z", "XYZ", "RG"])
+def test_no_colour_names_the_channels_there_are(tmp_path: Path, names: str) -> None:
+    write_exr(tmp_path / "a.exr", random_planes(names), {})
+    with pytest.raises(InputError, match=rf"only {', '.join(sorted(names))}"):
+        read_color(tmp_path / "a.exr")
+
+
+def test_lone_chroma_is_not_taken_for_colour(tmp_path: Path) -> None:
+    planes = random_planes("Y")
+    write_exr(tmp_path / "a.exr", {**planes, "RY": planes["Y"]}, {})
+    with pytest.raises(InputError, match="no colour channels"):
+        read_color(tmp_path / "a.exr")
+
+
+def test_a_header_that_lies_about_chroma_is_an_error(tmp_path: Path) -> None:
+    planes, path = random_planes("Y"), tmp_path / "a.exr"
+    write_exr(path, {**planes, "RY": planes["Y"], "BY": planes["Y"]}, {})
+    data = bytearray(path.read_bytes())
+    for name in (b"RY\0", b"BY\0"):
+        sampling = data.index(name) + len(name) + 8  # behind the type and what is reserved
+        data[sampling : sampling + 8] = struct.pack("<II", 2, 2)
+    path.write_bytes(data)
+    with pytest.raises(InputError, match="truncated or damaged"):
+        read_color(path)
+
+
+def test_what_stores_white_as_0_is_refused_beyond_8_bit(tmp_path: Path) -> None:
+    path = save(tmp_path / "a.tif", integers(16, 1))
+    data = path.read_bytes()
+    black_is_0 = struct.pack("<HHII", 262, 3, 1, 1)
+    assert black_is_0 in data
+    path.write_bytes(data.replace(black_is_0, struct.pack("<HHII", 262, 3, 1, 0)))
+    with pytest.raises(InputError, match="stores white as 0"):
+        read_color(path)
+
+
+def test_bad_files_are_told_in_one_line_and_nothing_is_printed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    sound = {suffix: save(tmp_path / f"s.{suffix}", integers(8, 3)) for suffix in ("png", "tif")}
+    write_exr(tmp_path / "s.exr", random_planes("RGB"), {})
+    write_deep(tmp_path / "deep.exr")
+    halves = {"half.exr": tmp_path / "s.exr", "half.png": sound["png"], "half.tif": sound["tif"]}
+    for name, whole in halves.items():
+        content = whole.read_bytes()
+        (tmp_path / name).write_bytes(content[: len(content) * 3 // 4])
+    for name in ("empty.exr", "empty.png"):
+        (tmp_path / name).touch()
+    for name in ("text.exr", "text.png", "text.txt"):
+        (tmp_path / name).write_text("not an image\n" * 20)
+    names = {
+        "missing.png": "no such file",
+        ".": "is a directory",
+        "empty.exr": "is empty",
+        "empty.png": "is empty",
+        "half.exr": "truncated or damaged",
+        "half.png": "truncated or damaged",
+        "half.tif": "truncated or damaged",
+        "text.exr": "not an OpenEXR file",
+        "text.png": "not an image",
+        "text.txt": "not an image",
+        "deep.exr": "has no colour channels",
+    }
+    for name, problem in names.items():
+        with pytest.raises(InputError, match=problem) as caught:
+            read_color(tmp_path / name)
+        line = caught.value.format_message()
+        assert line.startswith(f"{tmp_path / name}: ")
+        assert "\n" not in line
+        assert "; " in line
+        assert caught.value.exit_code == 3
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_png_claiming_a_gigapixel_is_refused(tmp_path: Path) -> None:
+    path = raw_png(tmp_path / "a.png", integers(16, 3), b"")
+    sound = path.read_bytes()
+    head = (30_000).to_bytes(4, "big") * 2 + bytes([16, 2, 0, 0, 0])
+    path.write_bytes(sound[:8] + png_chunk(b"IHDR", head) + sound[33:])
+    with pytest.raises(InputError, match="claims"):
+        read_color(path)
+
+
+def test_a_layer_is_asked_only_of_exr(tmp_path: Path) -> None:
+    path = save(tmp_path / "a.png", integers(8, 3))
+    with pytest.raises(UsageProblem, match="--color-layer"):
+        read_color(path, layer="x")
+    # One --part serves the colour and the depth file.
+    assert read_color(path, part=1).channels == ("R", "G", "B")
+
+
+def test_infinite_colour_is_refused_by_name() -> None:
+    pixels = np.zeros((3, 4, 3), np.float32)
+    require_finite(Color(tuple(np.moveaxis(pixels, 2, 0)), ("R", "G", "B"), Path("a.exr")))
+    pixels[1, 2, 0] = np.inf
+    pixels[2, 0, 1] = np.nan
+    with pytest.raises(InputError, match=r"is NaN or infinite in 2 pixels, the first at 2,1"):
+        require_finite(Color(tuple(np.moveaxis(pixels, 2, 0)), ("R", "G", "B"), Path("a.exr")))
+
+
+@pytest.mark.parametrize("beyond", [3e38, -1e31])
+def test_light_too_bright_to_be_summed_is_refused(beyond: float) -> None:
+    """It made NaN in `left`, or an error of the renderer that named no file."""
+    plane = np.full((3, 4), 1e30, np.float32)
+    require_finite(Color((plane,), ("Y",), Path("a.exr")))
+    plane[2, 1] = beyond
+    with pytest.raises(InputError, match=r"beyond ±1e\+30 in 1 pixel, the first at 1,2; scale it"):
+        require_finite(Color((plane,), ("Y",), Path("a.exr")))
+    assert BRIGHTEST == statistics.BRIGHTEST
+
+
+def test_describe_reads_headers_only(tmp_path: Path) -> None:
+    path = multi_part(
+        tmp_path / "a.exr",
+        rgba=random_planes("RGB"),
+        depth={"Z": np.ones((24, 32), np.float32)},
+    )
+    info = describe(path)
+    assert (info.width, info.height) == (32, 24)
+    assert [(p.index, p.name, p.deep) for p in info.parts] == [
+        (0, "rgba", False),
+        (1, "depth", False),
+    ]
+    assert info.parts[0].channels == (("B", "half"), ("G", "half"), ("R", "half"))
+    assert info.parts[1].channels == (("Z", "float"),)
+    png = describe(save(tmp_path / "a.png", integers(16, 2)))
+    assert png.parts[0].channels == (("Y", "uint16"), ("A", "uint16"))
+    np.save(tmp_path / "a.npy", np.ones((2, 3), np.float32))
+    assert describe(tmp_path / "a.npy").parts[0].channels == (("Z", "float32"),)
+    write_deep(tmp_path / "deep.exr")
+    assert describe(tmp_path / "deep.exr").parts[0].deep

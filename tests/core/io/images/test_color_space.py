@@ -1,0 +1,88 @@
+"""What a file says of its colours is taken, or it is said that it is not."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+import pytest
+from command_line import color_exr, depth_exr, header, render, run, texture
+from image_files import png_chunk, raw_png, save
+
+from defocus_core.io.images.color import read_color
+
+PHOTOGRAPH = (texture() * 255).astype(np.uint8)
+DEEP = (texture() * 65535).astype(np.uint16)
+
+
+def profile(name: str) -> bytes:
+    """An ICC profile of a display, with no more than its name."""
+    text = name.encode() + b"\0"
+    described = b"desc" + bytes(4) + struct.pack(">I", len(text)) + text + bytes(78)
+    described += bytes(-len(described) % 4)
+    signatures = (b"none", b"\2\x10\0\0", b"mntr", b"RGB ", b"XYZ ", b"acsp")
+    white = (0xF6D6, 0x10000, 0xD32D)
+    head = struct.pack(">I4s4s4s4s4s12x4s28x3I48x", 144 + len(described), *signatures, *white)
+    return head + struct.pack(">I4sII", 1, b"desc", 144, len(described)) + described
+
+
+def with_profile(path: Path, name: str) -> Path:
+    spec = oiio.ImageSpec(PHOTOGRAPH.shape[1], PHOTOGRAPH.shape[0], 3, "uint8")
+    data = np.frombuffer(profile(name), np.uint8)
+    spec.attribute("ICCProfile", oiio.TypeDesc(f"uint8[{len(data)}]"), data)
+    output: Any = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), spec)
+    assert output.write_image(PHOTOGRAPH)
+    assert output.close()
+    return path
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg", "tif"])
+def test_a_profile_that_is_not_of_srgb_is_said_not_to_be_applied(
+    tmp_path: Path, suffix: str
+) -> None:
+    wide = with_profile(tmp_path / f"wide.{suffix}", "Display P3")
+    plain = with_profile(tmp_path / f"plain.{suffix}", "sRGB IEC61966-2.1")
+    depth = depth_exr(tmp_path / "z.exr")
+    assert read_color(plain).warnings == ()
+    for path, said in ((wide, True), (plain, False)):
+        ran = render(path, depth, "-o", tmp_path / "out", "-v", "--json", "--exr-type", "float")
+        assert ("colour profile 'Display P3' is not applied; convert it" in ran.err) is said
+        assert len(ran.json["pictures"][0]["warnings"]) == said
+        assert "  colour: 8-bit, taken as sRGB" in ran.err
+        assert ("'Display P3' not applied" in run("info", path).out) is said
+    told = header(tmp_path / "out" / "render" / "wide.exr")["defocus:color_read_as"]
+    assert told == "8-bit, taken as sRGB, its colour profile 'Display P3' not applied"
+
+
+@pytest.mark.parametrize(
+    ("code", "space"),
+    [
+        ((1, 13), ""),
+        ((9, 16), "pq_rec2020_display"),
+        ((12, 13), "srgb_p3d65_scene"),
+        ((1, 1), "g24_rec709_display"),
+    ],
+)
+def test_a_code_of_colours_that_is_not_known_is_said(
+    tmp_path: Path, code: tuple[int, int], space: str
+) -> None:
+    chunk = png_chunk(b"cICP", bytes([*code, 0, 1]))
+    color = read_color(raw_png(tmp_path / "a.png", DEEP, chunk))
+    assert color.note.startswith("16-bit, taken as sRGB")
+    assert color.note.endswith(f"its colour space {space} not applied") == bool(space)
+    assert len(color.warnings) == bool(space)
+
+
+def test_the_curve_that_is_taken_is_told(tmp_path: Path) -> None:
+    for gamma, told in ((1.0, "linear"), (1.8, "the power 1.8"), (2.2, "the power 2.2")):
+        chunk = png_chunk(b"gAMA", round(100_000 / gamma).to_bytes(4, "big"))
+        color = read_color(raw_png(tmp_path / "a.png", DEEP, chunk))
+        assert (color.note, color.warnings) == (f"16-bit, taken as {told}", ())
+    assert read_color(color_exr(tmp_path / "a.exr")).note == "EXR float, linear"
+    for suffix in ("tif", "hdr"):
+        color = read_color(save(tmp_path / f"a.{suffix}", texture()))
+        assert (color.note, color.warnings) == ("float, taken as linear", ())

@@ -1,0 +1,242 @@
+"""Written files: whole or absent, the same bytes again, and back to the same pixels."""
+
+from __future__ import annotations
+
+import errno
+import os
+import resource
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+import pytest
+from command_line import header
+
+from defocus_core.batch.look.preview import diverging, largest, write_preview, write_signed_preview
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.images.color import read_color
+from defocus_core.io.images.describe import describe
+from defocus_core.io.images.encode import FORMATS, display_encoded, write_image
+from defocus_core.io.safe_files import written_whole
+
+SUFFIXES = (".exr", *FORMATS)
+ATTRIBUTES = {"defocus:focus": "2m"}
+
+
+def picture(channels: int = 3, shape: tuple[int, int] = (20, 30)) -> Any:
+    """Linear pixels 0…1; premultiplied if there is alpha, which then has zeros."""
+    pixels = np.random.default_rng(5).random((*shape, channels), np.float32)
+    if channels == 4:
+        pixels[0, :, 3] = 0
+        pixels[..., :3] *= pixels[..., 3:]
+    return pixels
+
+
+def left_behind(directory: Path) -> list[str]:
+    """Files, and directories that are named like one; those made for a file may stay."""
+    return sorted(path.name for path in directory.rglob("*") if path.is_file() or path.suffix)
+
+
+@pytest.mark.parametrize("channels", ["Y", "RGB", "RGBA"])
+def test_exr_keeps_what_its_type_can(tmp_path: Path, channels: str) -> None:
+    pixels = picture(len(channels)) * 300
+    for exr_type, dtype in (("half", np.float16), ("float", np.float32)):
+        path = tmp_path / f"{exr_type}.exr"
+        assert write_image(path, pixels, channels, exr_type=exr_type, attributes={}) == []
+        color = read_color(path)
+        assert color.channels == tuple(channels)
+        np.testing.assert_array_equal(color.pixels, pixels.astype(dtype))
+        assert {kind for _, kind in describe(path).parts[0].channels} == {exr_type}
+
+
+def test_what_half_cannot_hold_is_clamped_and_counted(tmp_path: Path) -> None:
+    pixels = picture()
+    pixels[3, 4] = 1e6
+    pixels[5, 6, 0] = -70_000
+    path = tmp_path / "a.exr"
+    (warning,) = write_image(path, pixels, "RGB", attributes={})
+    assert warning.startswith("2 pixels beyond ±65504")
+    assert read_color(path).pixels.max() == 65504
+    assert write_image(path, pixels, "RGB", exr_type="float", attributes={}) == []
+
+
+def test_everything_else_in_an_exr_goes_through(tmp_path: Path) -> None:
+    extras = {
+        "Z": picture()[..., 0] * 1e9,
+        "id": np.arange(600, dtype=np.uint32).reshape(20, 30),
+        "albedo.R": picture()[..., 1].astype(np.float16),
+        "R": np.zeros((20, 30), np.float16),  # must not replace the image's own
+    }
+    attributes = {**ATTRIBUTES, "owner": "someone"}
+    path = tmp_path / "a.exr"
+    write_image(path, picture(), "RGB", attributes=attributes, extras=extras)
+    color = read_color(path)
+    assert attributes.items() <= header(path).items()
+    np.testing.assert_array_equal(color.pixels, picture().astype(np.float16))
+    for name in ("Z", "id", "albedo.R"):
+        assert color.extras[name].dtype == extras[name].dtype
+        np.testing.assert_array_equal(color.extras[name], extras[name])
+
+
+@pytest.mark.parametrize(("name", "bits"), [("a.png", 8), ("a.png", 16), ("a.tif", 16)])
+@pytest.mark.parametrize("channels", ["Y", "RGB", "RGBA"])
+def test_display_formats_come_back_within_half_a_step(
+    tmp_path: Path, name: str, bits: int, channels: str
+) -> None:
+    pixels = picture(len(channels))
+    assert write_image(tmp_path / name, pixels, channels, bits=bits, attributes={}) == []
+    color = read_color(tmp_path / name)
+    assert color.channels == tuple(channels)
+    # The curve's slope is at most 2.3; with alpha, half a step of alpha comes on top.
+    step = (2.3 + (len(channels) == 4)) * 0.5 / (2**bits - 1)
+    np.testing.assert_allclose(color.pixels, pixels, atol=1.01 * step)
+
+
+def test_alpha_is_written_unassociated(tmp_path: Path) -> None:
+    pixels = np.full((1, 1, 4), 0.5, np.float32)  # white, half covering
+    for name in ("a.png", "a.tif"):
+        write_image(tmp_path / name, pixels, "RGBA", bits=16, attributes={})
+        config = oiio.ImageSpec()
+        config.attribute("oiio:UnassociatedAlpha", 1)
+        file: Any = oiio.ImageInput.open(str(tmp_path / name), config)
+        assert file.read_image("uint16")[0, 0].tolist() == [65535, 65535, 65535, 32768]
+
+
+def test_jpeg_shows_the_colour_over_black_and_says_so(tmp_path: Path) -> None:
+    pixels = np.broadcast_to(np.array([0.5, 0.25, 0.125, 0.5], "f"), (16, 16, 4))
+    (warning,) = write_image(tmp_path / "a.jpg", pixels, "RGBA", attributes={})
+    assert "alpha" in warning
+    color = read_color(tmp_path / "a.jpg")
+    assert color.channels == ("R", "G", "B")
+    np.testing.assert_allclose(color.pixels, pixels[..., :3], atol=0.01)
+
+
+def test_clipped_highlights_are_counted(tmp_path: Path) -> None:
+    pixels = picture()
+    pixels[2, 3] = 7
+    pixels[2, 4] = 1.0000002  # white, as blur returns it
+    (warning,) = write_image(tmp_path / "a.png", pixels, "RGB", attributes={})
+    assert warning == "1 pixel above 1 clipped"
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_clipped_negative_colours_are_counted(suffix: str, tmp_path: Path) -> None:
+    pixels = picture()
+    pixels[2, 3:5, 1] = -0.2
+    pixels[2, 5] = -1e-7  # black, as blur returns it
+    (warning,) = write_image(tmp_path / f"a{suffix}", pixels, "RGB", attributes={})
+    assert warning == "2 pixels below 0 clipped"
+
+
+def test_the_same_picture_makes_the_same_bytes(tmp_path: Path) -> None:
+    def written() -> dict[str, bytes]:
+        for suffix in SUFFIXES:
+            path = tmp_path / f"a{suffix}"
+            write_image(path, picture(), "RGB", bits=16, attributes=ATTRIBUTES)
+        return {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+
+    first = written()
+    time.sleep(1.1)  # a date has seconds
+    assert written() == first
+    assert len(first) == len(SUFFIXES)
+
+
+def test_an_unknown_suffix_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageProblem, match=r"\.exr, \.png"):
+        write_image(tmp_path / "a.gif", picture(), "RGB", attributes={})
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_full_disk_leaves_nothing_behind(
+    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(InputError, match="No space left on device; free some space"):
+        write_image(tmp_path / f"new/deep/a{suffix}", picture(), "RGB", attributes={})
+    assert left_behind(tmp_path) == []
+
+
+def test_a_failure_inside_the_exr_encoder_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    path.write_text("old")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (500, hard))
+    try:
+        with pytest.raises(InputError, match="cannot be written: File too large"):
+            write_image(path, picture(), "RGB", attributes={})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert path.read_text() == "old"
+    assert left_behind(tmp_path) == ["a.exr"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_an_unwritable_output_is_an_input_error(tmp_path: Path, suffix: str) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / f"taken{suffix}").mkdir()
+    for path in (tmp_path / f"file/a{suffix}", tmp_path / f"taken{suffix}"):
+        with pytest.raises(InputError, match="cannot be written"):
+            write_image(path, picture(), "RGB", attributes={})
+    assert left_behind(tmp_path) == sorted(["file", f"taken{suffix}"])
+
+
+def test_an_interrupted_write_leaves_what_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "made/a.bin"
+    with suppress(KeyboardInterrupt), written_whole(path) as file:
+        file.write(b"half")
+        raise KeyboardInterrupt
+    assert left_behind(tmp_path) == []
+    with written_whole(path) as file:
+        file.write(b"whole")
+        assert path.name not in left_behind(tmp_path)
+    assert path.read_bytes() == b"whole"
+    assert left_behind(tmp_path) == ["a.bin"]
+
+
+def test_nothing_is_printed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for suffix in SUFFIXES:
+        write_image(tmp_path / f"a{suffix}", picture(4), "RGBA", attributes=ATTRIBUTES)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_diverging_map_is_symmetric_about_focus() -> None:
+    radius = np.array([[-8, -4, 0, 4, 8]], np.float32)
+    near, half_near, focus, half_far, far = diverging(radius, largest(radius))[0]
+    assert focus.tolist() == [1, 1, 1]
+    np.testing.assert_allclose(half_near, (near + 1) / 2, rtol=1e-6)
+    np.testing.assert_allclose(half_far, (far + 1) / 2, rtol=1e-6)
+    assert near[0] > near[2]  # orange
+    assert far[2] > far[0]  # blue
+    # One scale for both sides: half as far from focus is half the colour.
+    np.testing.assert_allclose(diverging(np.array([[-4, 8]], np.float32), 8.0)[0], [half_near, far])
+    assert np.all(diverging(np.zeros((2, 2), np.float32), 0.0) == 1)
+
+
+def test_previews_are_8_bit_png(tmp_path: Path) -> None:
+    write_preview(tmp_path / "a.png", picture(4) * 2)
+    write_signed_preview(tmp_path / "b.png", picture(1)[..., 0] - 0.5)
+    for name in ("a.png", "b.png"):
+        assert describe(tmp_path / name).parts[0].channels == tuple(
+            (channel, "uint8") for channel in "RGB"
+        )
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_largest_of_all_floats_is_white_without_a_word() -> None:
+    glare = np.full((1, 1, 3), np.finfo(np.float32).max, np.float32)
+    encoded, clipped, _ = display_encoded(glare, "RGB", 8, keep_alpha=True)
+    assert (encoded == 255).all()
+    assert clipped == 1
+
+
+def test_rounding_where_nothing_is_seen_is_not_clipped() -> None:
+    nearly_clear = np.array([[[5e-9, 0, 0, 1e-9], [0.2, 0, 0, 0.1]]], np.float32)
+    encoded, clipped, _ = display_encoded(nearly_clear, "RGBA", 8, keep_alpha=True)
+    assert clipped == 1, "the second one alone"
+    assert encoded[0, :, 3].tolist() == [0, 26]

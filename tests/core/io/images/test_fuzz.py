@@ -1,0 +1,103 @@
+"""No damage of a file crashes a reader, hangs it, or takes more than 1 GiB: it is one clear line.
+
+The suite reads 300 damaged files; DEFOCUS_FUZZ=5000 reads more, DEFOCUS_FUZZ_SEED=1 others. A
+failure names its cases; ``fuzzing.case(sound_files(FOLDER), SEED, CASE)`` makes the bytes of one.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, Queue
+from random import Random
+from threading import Thread
+from typing import IO, Any
+
+import fuzzing
+import numpy as np
+import pytest
+
+from defocus_core.errors import InputError
+from defocus_core.io.images.color import read_color
+
+CASES = int(os.environ.get("DEFOCUS_FUZZ", "300"))
+SEED = int(os.environ.get("DEFOCUS_FUZZ_SEED", "0"))
+MOST_SECONDS = 20.0  # of one file, on a machine with other work
+ROOT = Path(__file__).parents[4]
+
+
+def reports(folder: Path, first: int, end: int) -> list[dict[str, Any]]:
+    """What a process reports of its cases; the last one is ``wrong`` if it crashed or hung."""
+    command = [sys.executable, fuzzing.__file__, folder, SEED, first, end]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    found: list[dict[str, Any]] = []
+    with (
+        (folder / "stderr").open("w") as words,
+        subprocess.Popen(
+            list(map(str, command)), stdout=subprocess.PIPE, stderr=words, env=environment
+        ) as process,
+    ):
+        assert process.stdout is not None
+        lines: Queue[bytes] = Queue()
+        Thread(target=_pass_on, args=(process.stdout, lines), daemon=True).start()
+        while True:
+            try:
+                line = lines.get(timeout=MOST_SECONDS + 60 * (not found))
+            except Empty:
+                process.kill()
+                return [*found[:-1], {**found[-1], "wrong": f"took more than {MOST_SECONDS} s"}]
+            if not line:
+                break
+            document = json.loads(line)
+            if found and "begun" in found[-1]:
+                found.pop()
+            found.append(document)
+    if process.returncode:
+        found[-1]["wrong"] = f"ended the process: {process.returncode}"
+    words_said = (folder / "stderr").read_text()
+    if words_said and not process.returncode:
+        found[-1]["wrong"] = f"printed {words_said[:300]!r}"
+    return found
+
+
+def _pass_on(stream: IO[bytes], lines: Queue[bytes]) -> None:
+    for line in stream:
+        lines.put(line)
+    lines.put(b"")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is bounded as Linux does it")
+def test_damaged_files_are_refused_in_one_line_or_read(tmp_path: Path) -> None:
+    found: list[dict[str, Any]] = []
+    first = 0
+    while first < CASES:
+        more = reports(tmp_path, first, CASES)
+        assert all("read" in report for report in more if "sound" in report), more
+        found += [report for report in more if "sound" not in report]
+        last = found[-1]
+        first = last.get("index", last.get("begun", first)) + 1
+    wrong = [report for report in found if "wrong" in report]
+    assert not wrong, "\n".join(map(str, wrong))
+    assert len(found) == CASES
+    refused = {report["name"] for report in found if "refused" in report}
+    assert len(refused) > 0.8 * len({report["name"] for report in found}), "hardly any was damaged"
+
+
+@pytest.mark.parametrize("name", ["zip.exr", "3x8.png", "3x16.png", "zip8.tif"])
+def test_damaged_pixels_are_noticed_where_the_format_has_checksums(
+    name: str, tmp_path: Path
+) -> None:
+    """Other codecs of EXR and TIFF, and JPEG, have none: their damage may be read as pixels."""
+    data, path, rng = fuzzing.sound_files(tmp_path)[name], tmp_path / name, Random(SEED)
+    sound = read_color(path).pixels
+    for _ in range(100):
+        spoiled = bytearray(data)
+        for _ in range(rng.choice((1, 2, 8))):
+            spoiled[rng.randrange(len(data) // 2, len(data))] ^= 1 << rng.randrange(8)
+        path.write_bytes(spoiled)
+        with suppress(InputError):
+            assert np.array_equal(read_color(path).pixels, sound), "damaged, but read"

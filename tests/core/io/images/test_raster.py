@@ -1,0 +1,82 @@
+"""Files of several images: a TIFF has pages, of which one is meant."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+import pytest
+from command_line import WIDTH, depth_exr, ramp, read_exr, refused_input, render, run, texture
+
+from defocus_core.errors import InputError
+from defocus_core.io.images.color import read_color
+from defocus_core.io.images.color_space import srgb_to_linear
+from defocus_core.io.images.describe import describe
+
+THUMBNAIL = 1
+
+
+def tiff(path: Path, *pages: Any, kinds: dict[int, int] | None = None) -> Path:
+    """A TIFF of some pages; ``kinds`` has the NewSubfileType of those that have one."""
+    specs = [
+        oiio.ImageSpec(page.shape[1], page.shape[0], page.shape[2], str(page.dtype))
+        for page in pages
+    ]
+    for number, kind in (kinds or {}).items():
+        specs[number].attribute("tiff:subfiletype", kind)
+    output: Any = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), tuple(specs))
+    for number, page in enumerate(pages):
+        assert number == 0 or output.open(str(path), specs[number], "AppendSubimage")
+        assert output.write_image(page)
+    assert output.close()
+    return path
+
+
+def photograph(seed: int) -> Any:
+    return (texture(seed=seed) * 255).astype(np.uint8)
+
+
+def test_of_several_pages_one_is_chosen_by_number(tmp_path: Path) -> None:
+    pages = [photograph(seed) for seed in range(3)]
+    path = tiff(tmp_path / "a.tif", *pages)
+    with pytest.raises(InputError, match="has 3 pages; choose one with --part, counted from 0"):
+        read_color(path)
+    for number, page in enumerate(pages):
+        expected = srgb_to_linear(page / 255)
+        np.testing.assert_allclose(read_color(path, part=number).pixels, expected, rtol=1e-6)
+    with pytest.raises(InputError, match=r"no part 3, only 3; --part counts from 0 to 2"):
+        read_color(path, part=3)
+
+
+def test_a_thumbnail_is_no_page_to_choose_from(tmp_path: Path) -> None:
+    small, large = photograph(1)[::2, ::2], photograph(0)
+    path = tiff(tmp_path / "a.tif", small, large, kinds={0: THUMBNAIL})
+    assert read_color(path).shape == large.shape
+    assert describe(path).width == WIDTH
+    assert read_color(path, part=0).shape == small.shape
+
+
+def test_render_and_info_take_the_same_page(tmp_path: Path, out: Path) -> None:
+    color = tiff(tmp_path / "a.tif", photograph(0), photograph(1))
+    depth = depth_exr(tmp_path / "z.exr", np.full_like(ramp(), 2))  # in focus
+    refused_input(render(color, depth, "-o", out), color, "has 2 pages; choose one with --part")
+    ran = run("info", color)
+    assert ran.code == 0
+    assert "no colour: has 2 pages; choose one with --part" in ran.out
+    assert "part 1: R uint8" in ran.out
+    assert "colour: R, G, B" in run("info", color, "--part", "1").out
+    for part in "01":
+        assert render(color, depth, "-o", out / part, "--part", part).code == 0
+        red = read_exr(out / part / "render" / "a.exr")["R"]
+        expected = srgb_to_linear(photograph(int(part))[..., 0] / 255)
+        np.testing.assert_allclose(red, expected, rtol=1e-3)  # half
+
+
+def test_a_page_may_be_the_depth(tmp_path: Path) -> None:
+    millimetres = (ramp() * 1000).astype(np.uint16)[..., None]
+    path = tiff(tmp_path / "z.tif", np.zeros_like(millimetres), millimetres)
+    told = run("info", path, "--part", "1", "--json").json["files"][0]
+    assert told["depth"]["range_m"] == [1.0, 4.0]

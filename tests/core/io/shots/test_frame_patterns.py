@@ -1,0 +1,90 @@
+from pathlib import Path
+
+import pytest
+
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.shots.frame_patterns import (
+    FrameChoice,
+    chosen,
+    expected,
+    frame_numbers,
+    frames_of,
+    gaps,
+    in_words,
+    is_pattern,
+    window_of,
+)
+
+
+def touch(folder: Path, *names: str) -> None:
+    for name in names:
+        (folder / name).touch()
+
+
+@pytest.mark.parametrize("name", ["shot.####.exr", "shot.%04d.exr"])
+def test_a_pattern_stands_for_numbers_of_at_least_its_digits(tmp_path: Path, name: str) -> None:
+    touch(tmp_path, "shot.0998.exr", "shot.1001.exr", "shot.10000.exr", "shot.12.exr")
+    touch(tmp_path, "shot.0998.png", "other.1001.exr", "shot.1001.exr.tmp")
+    files = frames_of(tmp_path / name)
+    assert {number: path.name for number, path in files.items()} == {
+        998: "shot.0998.exr",
+        1001: "shot.1001.exr",
+        10000: "shot.10000.exr",
+    }
+
+
+def test_a_file_whose_name_looks_like_a_pattern_is_a_file(tmp_path: Path) -> None:
+    touch(tmp_path, "take#2.exr")
+    assert not is_pattern(tmp_path / "take#2.exr")
+    assert is_pattern(tmp_path / "take#.exr")
+    assert not is_pattern(tmp_path / "take.exr")
+
+
+def test_a_pattern_without_files_is_refused(tmp_path: Path) -> None:
+    for name in ("shot.####.exr", "none/shot.####.exr", "sh[o]t.####.exr"):
+        with pytest.raises(InputError, match="matches no file"):
+            frames_of(tmp_path / name)
+    with pytest.raises(InputError, match="two numbers"):
+        frames_of(tmp_path / "s##.####.exr")
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [("1001-1004", (1001, 1002, 1003, 1004)), ("1-7x2, 3", (1, 3, 5, 7)), ("9,2", (2, 9))],
+)
+def test_lists_of_frames(text: str, numbers: tuple[int, ...]) -> None:
+    assert frame_numbers(text, "--frames") == numbers
+
+
+@pytest.mark.parametrize("text", ["", "a-b", "1.5", "1-99999999999"])
+def test_what_is_no_list_of_frames_is_refused(text: str) -> None:
+    with pytest.raises(UsageProblem, match="--frames"):
+        frame_numbers(text, "--frames")
+
+
+def test_a_shot_on_twos_has_no_gaps_but_a_hole_is_one() -> None:
+    assert gaps([1, 3, 5, 7]) == ()
+    assert gaps([1, 3, 7, 9]) == (5,)
+    assert gaps([1001, 1002, 1004]) == (1003,)
+    assert expected([]) == ()
+    assert in_words([1003, 1005, 1006]) == "3 frames, 1003, 1005-1006"
+
+
+def test_missing_frames_are_an_error_that_names_them_or_are_left_out() -> None:
+    color, depth = Path("c.#.exr"), Path("d.#.exr")
+    files = {color: dict.fromkeys((1, 2, 3, 5), color), depth: dict.fromkeys((1, 3, 4, 5), depth)}
+    with pytest.raises(InputError, match=r"c\.#\.exr: lacks 1 frame, 4, d\.#\.exr 1 frame, 2"):
+        chosen(files, FrameChoice())
+    numbers, skipped = chosen(files, FrameChoice(missing="skip"))
+    assert numbers == (1, 3, 5)
+    assert skipped == "c.#.exr lacks 1 frame, 4; d.#.exr lacks 1 frame, 2"
+    assert chosen(files, FrameChoice((1, 5))) == ((1, 5), "")
+    with pytest.raises(InputError, match="lacks 1 frame, 9"):
+        chosen(files, FrameChoice((9,), "skip"))
+
+
+def test_windows_of_frames_are_moved_at_the_ends_not_cut() -> None:
+    assert [*window_of(9, 4, 3)] == [3, 4, 5]
+    assert [*window_of(9, 0, 3)] == [0, 1, 2]
+    assert [*window_of(9, 8, 5)] == [4, 5, 6, 7, 8]
+    assert [*window_of(2, 1, 5)] == [0, 1]

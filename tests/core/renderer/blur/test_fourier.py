@@ -1,0 +1,31 @@
+"""Windows are long enough for what they hold, and a slice spreads as far as its kernel."""
+
+import pytest
+import torch
+
+from defocus_core.optics.aperture import Aperture
+from defocus_core.renderer.blur.fourier import reach, transform_length
+
+
+@pytest.mark.parametrize("n", [*range(1, 300), 1000, 4097, 12345])
+def test_a_transform_length_is_near_and_fast(n: int) -> None:
+    length = transform_length(n)
+    assert n <= length < 1.2 * n + 16
+    assert length % 16 == 0
+    for factor in (2, 3, 5, 7):
+        while length % factor == 0:
+            length //= factor
+    assert length == 1
+
+
+@pytest.mark.parametrize("r", [0.0, 0.4, 0.5, 0.51, 1.5, -1.6, 7.0, -30.49])
+def test_a_slice_spreads_as_far_as_its_kernel(r: float) -> None:
+    spread = reach(r, 1000)
+    psf = Aperture().kernel(torch.tensor(r, dtype=torch.float64), 2 * spread + 3)
+    assert float(psf[1:-1, 1:-1].sum()) == pytest.approx(1.0, abs=1e-12)
+    if spread:
+        assert psf[:, 1].sum() > 0
+
+
+def test_no_slice_spreads_farther_than_the_frame() -> None:
+    assert reach(1e6, 99) == reach(-1e6, 99) == 99

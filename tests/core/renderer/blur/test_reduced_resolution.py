@@ -1,0 +1,140 @@
+"""Large radii at reduced resolution: the same picture but for the softness of a rim."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from measures import worst
+from tolerances import RENDERED
+from torch import Tensor
+
+from defocus_core import render
+from defocus_core.renderer.layers import quality
+from defocus_core.renderer.layers.sliced_surface import Samples, Surface
+from defocus_core.tensors import tiling
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.pyramid import axes, extended, halved, halves
+from defocus_core.tensors.tiling import grid_over
+
+EXACT = RENDERED[torch.float64]
+SIZES = [(40, 56), (41, 57), (7, 150), (130, 200)]
+
+
+@pytest.fixture
+def halved_early(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Radii from 2 px on are blurred at reduced resolution: small frames show what large do."""
+    early = replace(quality.QUALITY["standard"], full_resolution=2.0)
+    monkeypatch.setitem(quality.QUALITY, "standard", early)
+
+
+def scene(size: tuple[int, int], r: float) -> tuple[Tensor, Tensor]:
+    """Noise with a card before it that is as much nearer than focus."""
+    H, W = size
+    image = torch.rand(3, H, W, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    radius = torch.full(size, r, dtype=torch.float64)
+    radius[H // 4 : H // 2, W // 3 : W // 2] = -r
+    return image, radius
+
+
+@pytest.mark.parametrize("halvings", [1, 2, 3])
+@pytest.mark.parametrize("size", [(24, 40), (25, 41), (24, 41)])
+def test_a_slice_is_averaged_as_its_pixels_are(size: tuple[int, int], halvings: int) -> None:
+    """Wherever it lies in the frame, and with what nearer surfaces have in the same pixels."""
+    H, W = size
+    generator = torch.Generator().manual_seed(halvings)
+    color, coverage = torch.rand(4, H, W, generator=generator, dtype=torch.float64).split([3, 1])
+    places = torch.full(size, 2.0, dtype=torch.float64)
+    places[5:17, 9:30] = 0.25
+    at = torch.tensor([[6, 8], [6, 8], [0, W - 1], [H - 1, 0]])
+    extra = torch.rand(4, 4, generator=generator, dtype=torch.float64)
+    extra_places = torch.tensor([0.0, 0.75, 0.5, 2.0], dtype=torch.float64)
+    samples = Samples(color, coverage, places, at, extra, extra_places, None, None)
+    surface = Surface(samples, [4, 4, 4], [0, 1, 1], grid_over(H, W), 4, 200)
+    whole = torch.cat([color * coverage, coverage]) * (1 - places).clamp(min=0)
+    for (y, x), values, share in zip(at.tolist(), extra, (1.0, 0.25, 0.5, 0.0), strict=True):
+        whole[:, y, x] += values * share
+    middle = axes(size)
+    down, across = middle
+    for _ in range(halvings):
+        y, x = halves(whole.shape[1], down), halves(whole.shape[2], across)
+        whole = halved(extended(whole, y, x, 0.0), (down.odd, across.odd)) / 4
+        down, across = y.axis, x.axis
+    cells = Box(-down.middle, -across.middle, *whole.shape[1:])
+    found = surface.averaged(0, halvings, cells, middle, tilted=False)
+    assert worst(found[0], whole) < 1e-12
+    part = Box(cells.top + 1, cells.left - 1, 3, 4)
+    found = surface.averaged(0, halvings, part, middle, tilted=False)
+    assert worst(found[0, :, :2, 1:], whole[:, 1:3, :3]) < 1e-12
+
+
+@pytest.mark.parametrize(("r", "bound"), [(24.0, 2.0), (-36.0, 2.0), (60.0, 1.5), (100.0, 1.0)])
+def test_a_wide_blur_is_nearly_that_at_full_resolution(r: float, bound: float) -> None:
+    """Noise without any smoothness to help: what is left of it is the ripple of the rim."""
+    size = (270, 400)
+    image = torch.rand(1, *size, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
+    radius = torch.full(size, r, dtype=torch.float64)
+    exact = render(image, radius, num_layers=1, quality="reference").render
+    seen = render(image, radius, num_layers=1).render
+    assert 0 < float((seen - exact).square().mean().sqrt()) < bound / 1e3
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.usefixtures("halved_early")
+def test_flips_change_nothing(size: tuple[int, int]) -> None:
+    image, radius = scene(size, 9.0)
+    whole = render(image, radius).render
+    for dim in (-1, -2):
+        assert worst(render(image.flip(dim), radius.flip(dim)).render.flip(dim), whole) < EXACT
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.usefixtures("halved_early")
+def test_white_stays_white(size: tuple[int, int]) -> None:
+    radius = scene(size, 9.0)[1] * torch.linspace(0, 1, size[1], dtype=torch.float64)
+    white = render(torch.ones(3, *size, dtype=torch.float64), radius, left_right=True)
+    for picture in (white.render, white.left, white.right):
+        assert picture is not None
+        assert worst(picture, torch.ones_like(picture)) < 1e-9
+
+
+@pytest.mark.usefixtures("halved_early")
+def test_regions_leave_no_seam(monkeypatch: pytest.MonkeyPatch) -> None:
+    image, radius = scene((300, 420), 9.0)
+    whole = render(image, radius, left_right=True)
+    monkeypatch.setattr(tiling, "_REGION", 128)
+    parts = render(image, radius, left_right=True)
+    assert worst(parts.render, whole.render) < EXACT
+    assert parts.left is not None
+    assert whole.left is not None
+    assert worst(parts.left, whole.left) < EXACT
+
+
+@pytest.mark.usefixtures("halved_early")
+def test_depth_has_gradients() -> None:
+    image, radius = scene((12, 14), 5.0)
+    radius = (radius + 0.3 * torch.rand(12, 14, dtype=torch.float64)).requires_grad_()
+    weight = torch.rand(3, 12, 14, generator=torch.Generator().manual_seed(7), dtype=torch.float64)
+    (render(image, radius).render * weight).sum().backward()
+    assert radius.grad is not None
+    step = torch.zeros_like(radius)
+    step[2, 3] = step[4, 6] = 1e-6
+    with torch.no_grad():
+        ends = [(render(image, radius + s * step).render * weight).sum() for s in (1, -1)]
+    slope = float(ends[0] - ends[1]) / 2e-6
+    assert float((radius.grad * step).sum()) / 1e-6 == pytest.approx(slope, rel=1e-4)
+
+
+@pytest.mark.parametrize("upright", [False, True])
+def test_what_lies_beyond_the_reach_of_a_region_does_not_wrap_around(
+    monkeypatch: pytest.MonkeyPatch, upright: bool
+) -> None:
+    """A wider layer makes a region hold more than a narrower one may see."""
+    size = (1500, 40)
+    image = torch.rand(3, *size, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
+    radius = torch.full(size, 67.0, dtype=torch.float64)
+    radius[500:] = 45.0
+    if not upright:
+        image, radius = image.mT.contiguous(), radius.mT.contiguous()
+    in_regions = render(image, radius).render
+    monkeypatch.setattr(tiling, "_REGION", 4096)
+    assert worst(in_regions, render(image, radius).render) < EXACT

@@ -1,0 +1,217 @@
+"""Discs of highlights: the same as drawn pixel by pixel, clipped ray by ray."""
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.parts import FULL, LEFT, RIGHT, Part
+from defocus_core.renderer.compositing.bokeh_discs import draw
+from defocus_core.renderer.compositing.highlights import Highlights
+from defocus_core.renderer.compositing.screens import Screen
+from defocus_core.renderer.layers.ladder import position
+from defocus_core.tensors.box import Box
+
+RADII = tuple(float(r) for r in range(-12, 31, 2))
+H, W = 61, 83
+WHOLE = Box(0, 0, H, W)
+Scene = tuple[list[list[float]], list[list[float]]]  # radii and places on the ladder
+
+
+def surfaces(background: float) -> Tensor:
+    """Radii [H, W] of a background with upright wires in focus and a near card before it."""
+    r = torch.full((H, W), background, dtype=torch.float64)
+    r[:, 10::17] = 0.4
+    r[20:31, 40:60] = -9.0
+    return r
+
+
+def lights(radii: Tensor, *, at: list[tuple[int, int]]) -> Highlights:
+    light = torch.tensor([[3.0, 1e6, -0.1]], dtype=radii.dtype)
+    return Highlights(torch.tensor(at), light * torch.arange(1, len(at) + 1)[:, None], radii)
+
+
+def pixel_by_pixel(
+    some: Highlights, signed_radius: Tensor, aperture: Aperture, part: Part
+) -> Tensor:
+    """Each disc pixel: the kernel, times what no slice before it stops.
+
+    Of a disc of few pixels that is the mean over the lens, for all of them.
+    """
+    picture = torch.zeros(3, H, W, dtype=torch.float64)
+    scene = (signed_radius.tolist(), position(signed_radius, RADII).tolist())
+    for (row, column), light, r in zip(
+        some.at.tolist(), some.light, some.signed_radius.tolist(), strict=True
+    ):
+        extent = math.ceil(abs(r))
+        disc = aperture.kernel(torch.tensor(r, dtype=torch.float64), 2 * extent + 1, part)
+        limit = r - max(1.5, 0.15 * abs(r))
+
+        grid = [(k + 0.5) / 8 for k in range(-8, 8)]
+        lens = [(y, x) for y in grid for x in grid if math.hypot(y, x) < 1]
+        small = abs(r) < 2.013
+        at, spread = (row, column), [r - radius for radius in RADII]
+        clear = (come_through(at, limit, u, spread, scene, between=False) for u in lens)
+        mean = sum(clear) / len(lens) if small else 1.0
+        for dy in range(-extent, extent + 1):
+            for dx in range(-extent, extent + 1):
+                y, x = row + dy, column + dx
+                if not (0 <= y < H and 0 <= x < W):
+                    continue
+                scale = [px / r for px in spread] if r else spread
+                u = (dy, dx)
+                free = mean if small else come_through(at, limit, u, scale, scene, between=True)
+                picture[:, y, x] += disc[dy + extent, dx + extent] * free * light
+    return picture
+
+
+def come_through(
+    at: tuple[int, int],
+    limit: float,
+    away: tuple[float, float],
+    scale: list[float],
+    scene: Scene,
+    *,
+    between: bool,
+) -> float:
+    """What no slice nearer than a limit stops, so many times as far away from a light.
+
+    Beside edges of depth it is interpolated between pixels, if asked for.
+    """
+    free = 1.0
+    for k, radius in enumerate(RADII):
+        if radius < limit:
+            far = [scale[k] * d for d in away]
+            y, x = (_at(a, d) for a, d in zip(at, far, strict=True))
+            if not between or not beside_an_edge(y, x, scene[0]):
+                free -= share_at(y, x, k, limit, scene)
+                continue
+            down, across = (_ends(a + d) for a, d in zip(at, far, strict=True))
+            for row, row_share in down:
+                for column, column_share in across:
+                    free -= row_share * column_share * share_at(row, column, k, limit, scene)
+    return max(free, 0.0)
+
+
+def share_at(y: int, x: int, k: int, limit: float, scene: Scene) -> float:
+    """The share of a pixel in slice k, if it is nearer than the limit."""
+    radii, places = scene
+    y, x = min(max(y, 0), H - 1), min(max(x, 0), W - 1)
+    return max(0.0, 1 - abs(places[y][x] - k)) if radii[y][x] < limit else 0.0
+
+
+def beside_an_edge(y: int, x: int, radii: list[list[float]]) -> bool:
+    y, x = min(max(y, 0), H - 1), min(max(x, 0), W - 1)
+    rows = radii[max(y - 1, 0) : y + 2]
+    around = [r for row in rows for r in row[max(x - 1, 0) : x + 2]]
+    return max(around) - min(around) > 1.513
+
+
+def _ends(place: float) -> list[tuple[int, float]]:
+    """The two pixels beside a place, and their shares."""
+    below = math.floor(place)
+    return [(below, below + 1 - place), (below + 1, place - below)]
+
+
+def _at(light: int, away: float) -> int:
+    """The pixel nearest to a place; of two the one towards the light."""
+    return round(light + away - math.copysign(0.01, away))
+
+
+def drawn(
+    some: Highlights, signed_radius: Tensor, aperture: Aperture, parts: list[Part], box: Box = WHOLE
+) -> Tensor:
+    screen = Screen(signed_radius, position(signed_radius, RADII), torch.ones_like(signed_radius))
+    return draw(some, [screen], RADII, aperture, parts, box)
+
+
+AT = [(30, 44), (0, 0), (60, 70), (28, 30), (3, 82), (29, 47)]
+
+
+@pytest.mark.parametrize("aperture", [Aperture(), Aperture(5, 20.0), Aperture(psf_type="gaussian")])
+@pytest.mark.parametrize(
+    "radii",
+    [
+        [25.3] * 6,
+        [25.3, 24.0, 3.2, 0.7, 12.0, 0.2],
+        [-7.3, -7.3, -11.9, 2.0, 18.0, -1.2],
+    ],
+)
+def test_discs_are_those_drawn_pixel_by_pixel(radii: list[float], aperture: Aperture) -> None:
+    some = lights(torch.tensor(radii, dtype=torch.float64), at=AT)
+    for background in (26.0, -8.0):
+        scene = surfaces(background)
+        parts = [FULL, LEFT, RIGHT]
+        for part, found in zip(parts, drawn(some, scene, aperture, parts), strict=True):
+            wanted = pixel_by_pixel(some, scene, aperture, part)
+            assert (found - wanted).abs().max() <= 1e-12 * wanted.abs().max()
+
+
+def test_a_part_of_the_frame_is_that_of_the_whole() -> None:
+    some = lights(torch.tensor([25.3, 24.0, 3.2, 9.0, 12.0, 0.2], dtype=torch.float64), at=AT)
+    scene, box = surfaces(26.0), Box(17, 33, 20, 31)
+    whole = drawn(some, scene, Aperture(), [FULL])
+    part = drawn(some, scene, Aperture(), [FULL], box)
+    assert (box.of(whole) - part).abs().max() <= 1e-12 * whole.abs().max()
+
+
+def test_nothing_shows_beside_a_disc_as_bright_as_the_sun() -> None:
+    some = Highlights(torch.tensor([[30, 40]]), torch.tensor([[1e6]]), torch.tensor([20.0]))
+    picture = drawn(some, torch.full((H, W), 20.0), Aperture(), [FULL])[0, 0]
+    away = torch.hypot(torch.arange(H)[:, None] - 30.0, torch.arange(W) - 40.0)
+    assert picture[away > 21].abs().max() <= 1e-10
+    assert picture.sum() == pytest.approx(1e6, rel=1e-6)
+
+
+def test_discs_have_the_gradient_of_the_kernel() -> None:
+    scene = surfaces(26.0)
+    weights = torch.rand(1, 3, H, W, generator=torch.Generator().manual_seed(0)).double()
+
+    def total(radii: Tensor, light: Tensor) -> Tensor:
+        some = Highlights(torch.tensor(AT[:3]), light, radii)
+        return (drawn(some, scene, Aperture(), [FULL]) * weights).sum()
+
+    radii = torch.tensor([21.31, 9.17, 3.23], dtype=torch.float64, requires_grad=True)
+    light = torch.rand(3, 3, generator=torch.Generator().manual_seed(1)).double()
+    assert torch.autograd.gradcheck(total, (radii, light.requires_grad_()))
+
+
+@pytest.mark.parametrize("share", [0.25, 0.5, 1.0])
+def test_a_shadow_is_as_dark_as_its_surface_covers(share: float) -> None:
+    """A wire one px wide that covers a share of its pixels; half of them are fringe samples."""
+    radius = torch.full((H, W), 24.0, dtype=torch.float64)
+    wire = torch.zeros(H, W, dtype=torch.bool)
+    wire[:, 44] = True
+    empty, whole = torch.zeros_like(radius), torch.ones_like(radius)
+    front = torch.where(wire, 0.0, radius)
+    places = [position(r, RADII) for r in (front, torch.where(wire, 0.0, radius))]
+    own = Screen(front, places[0], torch.where(wire, share, whole))
+    fringe = Screen(front, places[1], torch.where(wire, share, empty))
+    behind = Screen(radius, position(radius, RADII), whole)
+    some = Highlights(torch.tensor([[30, 40]]), radius.new_ones(1, 1), radius.new_tensor([24.0]))
+    clear = draw(some, [behind], RADII, Aperture(), [FULL], WHOLE)[0, 0]
+    for screens in ([own], [behind, fringe]):
+        picture = draw(some, screens, RADII, Aperture(), [FULL], WHOLE)[0, 0]
+        dimmed = 1 - picture[25:36, 30:51] / clear[25:36, 30:51]
+        assert dimmed[:, 14].sub(share).abs().max() < 1e-12
+        assert dimmed[:, :13].abs().max() < 1e-12  # nothing beside it
+
+
+def test_the_shadow_of_a_slanted_wire_has_no_saw_teeth() -> None:
+    """Its darkness changes from row to row no more than the coverage of the wire's own pixels."""
+    y, x = torch.arange(H, dtype=torch.float64)[:, None], torch.arange(W, dtype=torch.float64)
+    away = (x - 44.0 - 0.23 * (y - 30.0)).abs()
+    front = torch.where(away < 1.5, -8.0, 24.0)
+    share = (1.5 - away).clamp(0.0, 1.0)
+    whole = torch.ones_like(front)
+    wire = Screen(front, position(front, RADII), torch.where(away < 1.5, share, whole))
+    behind = Screen(24 * whole, position(24 * whole, RADII), whole)
+    light = Highlights(torch.tensor([[30, 40]]), front.new_ones(1, 1), front.new_tensor([24.0]))
+    clear, seen = (
+        draw(light, [screen], RADII, Aperture(), [FULL], WHOLE)[0, 0, 14:47]
+        for screen in (behind, wire)
+    )
+    width = (1 - seen / torch.where(clear > 0, clear, 1.0))[:, 25:60].sum(1)[4:-4]
+    assert width.std() < 0.12 * width.mean()

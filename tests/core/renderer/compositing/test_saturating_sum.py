@@ -1,0 +1,79 @@
+"""The saturating sum: complementary coverage adds up, full coverage hides what is behind."""
+
+import pytest
+import torch
+from measures import worst
+from tolerances import ROUNDING
+from torch import Tensor
+
+from defocus_core.renderer.compositing.saturating_sum import (
+    add_behind,
+    filled_up_to,
+    pair_of,
+    picture,
+)
+
+EXACT = ROUNDING[torch.float64]
+
+
+def layer(coverage: float, color: float) -> Tensor:
+    """[M, C + 1, h, w] of one colour, premultiplied."""
+    values = torch.tensor([coverage * color, coverage], dtype=torch.float64)
+    return values[None, :, None, None].expand(2, -1, 3, 4).clone()
+
+
+def composite(*layers: tuple[float, float]) -> Tensor:
+    """Layers (coverage, colour), front to back."""
+    seen = torch.zeros(2, 2, 3, 4, dtype=torch.float64)
+    for coverage, color in layers:
+        seen = add_behind(seen, layer(coverage, color))
+    return seen
+
+
+def test_complementary_coverages_add() -> None:
+    seen = composite((0.3, 1.0), (0.7, 0.5))
+    assert worst(seen[:, 1], 1.0) < EXACT
+    assert worst(seen[:, 0], 0.3 + 0.35) < EXACT
+
+
+def test_full_coverage_hides_everything_behind() -> None:
+    assert torch.equal(composite((1.0, 0.2), (1.0, 1e6)), composite((1.0, 0.2)))
+
+
+def test_coverage_saturates_at_one() -> None:
+    seen = composite((0.6, 1.0), (0.8, 0.5), (0.5, 9.0))
+    assert worst(seen[:, 1], 1.0) < EXACT
+    assert worst(seen[:, 0], 0.6 + 0.4 * 0.5) < EXACT
+
+
+@pytest.mark.parametrize(("gap", "filled"), [(0.3, 0.3), (0.1, 0.1), (0.05, 0.025), (0.01, 0.001)])
+def test_small_gaps_are_filled_by_their_share_of_the_doubt(gap: float, filled: float) -> None:
+    seen = composite((0.9 - gap, 1.0))
+    most = filled_up_to(seen, 0.9, 0.1)
+    assert worst(add_behind(seen, layer(1.0, 0.5), most)[:, 1], 0.9 - gap + filled) < EXACT
+    assert worst(filled_up_to(seen, 0.5 - gap, 0.1), seen[:, 1:]) == 0  # more is covered already
+
+
+def test_nothing_adds_nothing() -> None:
+    assert torch.equal(composite((0.4, 1.0), (0.0, 0.0)), composite((0.4, 1.0)))
+
+
+def test_a_picture_is_divided_by_what_was_seen() -> None:
+    assert worst(picture(composite((0.4, 0.8))), 0.8) < EXACT
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_the_mean_of_a_pair_is_the_centre(signed: bool) -> None:
+    random = torch.Generator().manual_seed(0)
+    centre, left, right = torch.rand(3, 2, 5, 7, generator=random, dtype=torch.float64)
+    left[0, 0] = right[0, 0] = 0.0
+    assert worst(pair_of(centre, left, right, signed=signed).mean(0), centre) < EXACT
+    exact = pair_of((left + right) / 2, left, right, signed=signed)
+    assert worst(exact, torch.stack([left, right])) < EXACT
+
+
+def test_a_gradient_leaves_its_inputs_alone() -> None:
+    front = layer(0.5, 1.0)
+    with torch.enable_grad():
+        add_behind(front, layer(0.5, 0.2))
+    assert torch.equal(front, layer(0.5, 1.0))

@@ -1,0 +1,146 @@
+"""A draft: rendered at half of the size, enlarged, with the detail of what is in focus."""
+
+import pytest
+import torch
+from measures import psnr, worst
+from reference import flatten, layered, lens_points
+from scenes import card_layers
+from streams import Windows, put_together, same
+from torch import Tensor
+
+from defocus_core import render
+from defocus_core.evaluation.synthetic_scenes import scenery
+from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
+from defocus_core.renderer.inpainting.known_layer import Behind
+from defocus_core.renderer.stream import Stream
+from defocus_core.tensors import derived
+
+
+def noise(*size: int) -> Tensor:
+    return torch.rand(size, generator=torch.Generator().manual_seed(6))
+
+
+def half(x: Tensor) -> Tensor:
+    return torch.nn.functional.avg_pool2d(x[None], 2)[0]
+
+
+def test_far_from_focus_a_draft_is_a_picture_of_half_the_size_enlarged() -> None:
+    """Its cells are those of a picture rendered in cells."""
+    image = noise(3, 80, 100)
+    radius = torch.full((80, 100), 6.0)
+    draft = render(image, radius, quality="draft").render
+    standard = render(image, radius).render
+    assert worst(half(draft), half(standard)) < 0.03
+    assert draft.shape == image.shape
+
+
+@pytest.mark.parametrize("size", [(40, 56), (41, 57), (1, 30), (30, 1), (1, 1), (3, 2)])
+def test_any_size_is_rendered(size: tuple[int, int]) -> None:
+    image, radius = noise(2, *size), torch.linspace(-2, 4, size[1]).expand(size)
+    views = render(image, radius, quality="draft", left_right=True)
+    assert views.left is not None
+    assert views.render.shape == views.left.shape == image.shape
+    assert views.trust.shape == (1, *size)
+    assert views.stats["pixels"] == size[0] * size[1]
+    assert bool(torch.isfinite(views.render).all())
+
+
+def test_a_black_picture_stays_black() -> None:
+    radius = torch.linspace(-3, 3, 50).expand(40, 50)
+    assert float(render(torch.zeros(3, 40, 50), radius, quality="draft").render.abs().max()) == 0
+
+
+def test_a_frame_in_focus_is_copied() -> None:
+    image, radius = noise(3, 40, 50), torch.full((40, 50), 0.14)
+    views = render(image, radius, quality="draft")
+    assert torch.equal(views.render, image)
+    assert views.stats["pixels_copied"] == 2000
+
+
+def test_what_is_in_focus_keeps_its_detail_beside_what_is_not() -> None:
+    image, radius = noise(3, 80, 120), torch.zeros(80, 120)
+    radius[:, 60:] = 8.0
+    views = render(image, radius, quality="draft", left_right=True)
+    for picture in (views.render, views.left, views.right):
+        assert picture is not None
+        assert worst(picture[..., :50], image[..., :50]) < 1e-6
+
+
+def test_a_blurred_card_hides_detail_as_far_as_it_covers_it() -> None:
+    """Against rays through the lens: better than with no detail there, or with all of it."""
+    layers, size = card_layers(-7.0, 0.0), (40, 56)
+    image, radius = flatten(layers, size)
+    truth = layered(layers, lens_points(24), size)
+    views = render(image, radius, quality="draft").render
+    beside = (radius == 0).expand(views.shape)
+    coarse = torch.nn.functional.interpolate(half(views)[None], size, mode="bilinear")[0]
+    full = (
+        coarse
+        + image
+        - torch.nn.functional.interpolate(half(image)[None], size, mode="bilinear")[0]
+    )
+    error = psnr(views[beside], truth[beside])
+    assert error > psnr(coarse[beside], truth[beside])
+    assert error > psnr(full[beside], truth[beside])
+
+
+def test_slices_asked_for_are_those_of_the_picture() -> None:
+    """Whoever asks for slices or for kernels in px gets them in px."""
+    image, radius = noise(3, 40, 50), torch.linspace(-6, 6, 50).expand(40, 50)
+    for asked in ({"num_layers": 5}, {"psf_ks": 31}):
+        draft = render(image, radius, quality="draft", **asked)
+        assert draft.stats["tiles"] == render(image, radius, **asked).stats["tiles"]
+        assert psnr(draft.render, render(image, radius, **asked).render) > 30
+    assert render(image, radius, quality="draft", num_layers=5).stats["slices"] == 5
+
+
+@pytest.mark.parametrize("held", [True, False])
+@pytest.mark.parametrize("kind", ["most", "lights", "cards"])
+def test_a_stream_of_a_draft_is_its_rendering(
+    kind: str, held: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where its cells are not kept, and where regions end between bands."""
+    image, radius = scenery(kind, 1401, 1303, 8.0)
+    hidden = HiddenLayer(image.flip(-1), radius + 9, radius < radius.mean())
+    behind = hidden if kind == "cards" else None
+    whole = render(image, radius, quality="draft", left_right=True, hidden=behind)
+    if not held:
+        monkeypatch.setattr(derived, "_HELD", 0)
+    stream = Stream(
+        Windows(image),
+        Windows(radius),
+        Settings(quality="draft", left_right=True, threads=2),
+        hidden=Behind(*map(Windows, hidden)) if behind else None,
+    )
+    assert same(put_together(stream), whole)
+    assert stream.stats == whole.stats
+
+
+def test_gradients_of_a_draft_are_slopes() -> None:
+    image, radius = noise(3, 12, 14).double(), torch.linspace(-3.1, 4.2, 14).expand(12, 14).double()
+    weight = noise(3, 12, 14).double()
+    at = [x.clone().requires_grad_() for x in (image, radius)]
+    (render(*at, quality="draft").render * weight).sum().backward()
+    for k, direction in enumerate((noise(3, 12, 14).double(), noise(12, 14).double())):
+        moved = []
+        for step in (1e-4, -1e-4):  # rounding: 1e-9
+            scene = [image, radius]
+            scene[k] = scene[k] + step * direction
+            moved.append(float((render(*scene, quality="draft").render * weight).sum()))
+        grad = at[k].grad
+        assert grad is not None
+        finite = (moved[0] - moved[1]) / 2e-4
+        assert float((grad * direction).sum()) == pytest.approx(finite, rel=1e-4)
+
+
+def test_depth_of_photographs_is_repaired_before_it_is_halved() -> None:
+    """Its edges are several px wide: in cells they might be taken for averages."""
+    image, radius = scenery("cards", 300, 400, 24.0)
+    around = torch.nn.functional.pad(radius[None, None], (4, 4, 4, 4), mode="replicate")
+    soft = torch.nn.functional.avg_pool2d(around, 9, stride=1)[0, 0]
+    draft = Stream(image, soft, Settings(quality="draft"))
+    assert draft.repair == Stream(image, soft).repair
+    assert draft.repair.soft_edges
+    hard = render(image, radius, quality="draft").render
+    assert psnr(render(image, soft, quality="draft").render, hard) > 30

@@ -1,0 +1,111 @@
+"""What is in focus is copied; what light out of focus reaches is computed, and nothing else."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from defocus_core import render
+from defocus_core.renderer.engine import region_schedule
+from defocus_core.renderer.engine.frame import Frame
+from defocus_core.renderer.engine.preparation import frame_of
+from defocus_core.renderer.engine.region_schedule import blurred_part
+from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.layers.quality import find
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.tiling import BLOCK, Grid
+
+H, W = 560, 640
+# Rows and columns that are out of focus.
+SPOTS = {
+    "above": Box(0, 0, 40, W),
+    "below": Box(H - 30, 0, 30, W),
+    "left": Box(0, 0, H, 35),
+    "middle": Box(250, 300, 50, 60),
+    "corner": Box(H - 40, W - 50, 40, 50),
+}
+
+
+def scene(spot: Box, *, hard: bool) -> tuple[torch.Tensor, torch.Tensor]:
+    """Noise, and radii that rise from the border of a rectangle inwards, slowly or at once."""
+    image = torch.rand(3, H, W, generator=torch.Generator().manual_seed(0))
+    y, x = torch.arange(H)[:, None], torch.arange(W)
+    inside = torch.minimum(
+        torch.minimum(y - spot.top + 1, spot.top + spot.height - y),
+        torch.minimum(x - spot.left + 1, spot.left + spot.width - x),
+    )
+    inside = inside.clamp(min=0).float()
+    return image, -9.0 * (inside > 0).float() if hard else (0.3 * inside).clamp(max=7)
+
+
+def frame_for(image: torch.Tensor, radius: torch.Tensor) -> Frame:
+    return frame_of(image, radius, Settings(), find("standard"), None)
+
+
+@pytest.mark.parametrize("hard", [False, True])
+@pytest.mark.parametrize("spot", SPOTS)
+def test_what_is_copied_is_what_would_be_computed(
+    spot: str, hard: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    image, radius = scene(SPOTS[spot], hard=hard)
+    views = render(image, radius, left_right=True, tile=96)
+    with monkeypatch.context() as patch:
+        patch.setattr(region_schedule, "blurred_part", lambda frame, grid, radii: grid)
+        whole = render(image, radius, left_right=True, tile=96)
+    assert views.stats["slice_tiles_done"] <= whole.stats["slice_tiles_done"]
+    assert views.stats["pixels_copied"] >= whole.stats["pixels_copied"] > 0
+    assert views.stats["pixels"] == whole.stats["pixels"] == H * W
+    assert views.stats["tiles"] == whole.stats["tiles"]
+    for name in ("render", "left", "right", "trust"):
+        assert torch.allclose(getattr(views, name), getattr(whole, name), atol=2e-6), name
+
+
+@pytest.mark.parametrize("hard", [False, True])
+@pytest.mark.parametrize("spot", SPOTS)
+def test_tiles_are_cut_to_the_blocks_that_light_reaches(spot: str, hard: bool) -> None:
+    image, radius = scene(SPOTS[spot], hard=hard)
+    frame = frame_for(image, radius)
+    part = blurred_part(frame, frame.grid, radius)
+    assert part is not None
+    assert SPOTS[spot].grown(0, part.box) == SPOTS[spot]
+    near = frame.margin + BLOCK
+    assert part.box == part.box.grown(0, SPOTS[spot].grown(near, frame.box))
+    assert part.box != frame.box
+    assert all(side % BLOCK == 0 for side in part.box[:2])
+
+
+def test_a_little_blur_reaches_less_far_than_much_of_it() -> None:
+    """Light of a pixel spreads by its own radius, not by the greatest of the frame."""
+    y = torch.arange(H)[:, None].expand(H, W)
+    radius = 40 * (1 - y / 120).clamp(min=0)
+    frame = frame_for(torch.rand(3, H, W), radius)
+    part = blurred_part(frame, frame.grid, radius)
+    assert part is not None
+    assert 120 < part.box.height <= 120 + 24 + 2 * BLOCK < 120 + frame.margin
+
+
+def test_of_a_frame_in_focus_nothing_must_be_computed() -> None:
+    image, radius = scene(Box(0, 0, 0, 0), hard=False)
+    frame = frame_for(image, radius)
+    assert blurred_part(frame, frame.grid, radius) is None
+    grid: Grid = frame.grid
+    radius[H // 2, W // 2 + 3] = 0.3  # between the pixels that are looked at first
+    part = blurred_part(frame, grid, radius)
+    assert part is not None
+    assert part.box.area < grid.box.area / 10
+
+
+def test_what_is_copied_hands_gradients_on() -> None:
+    image, radius = scene(SPOTS["middle"], hard=True)
+    plain = render(image, radius, tile=96)
+    weights = torch.rand(3, H, W, generator=torch.Generator().manual_seed(1))
+    views = render(image.requires_grad_(), radius, tile=96)
+    assert torch.equal(views.render, plain.render)
+    assert torch.equal(views.trust, plain.trust)
+    (views.render * weights).sum().backward()
+    assert image.grad is not None
+    blurred = SPOTS["middle"].grown(64, Box(0, 0, H, W))
+    copied = torch.ones(H, W, dtype=torch.bool)
+    blurred.of(copied)[:] = False
+    assert torch.equal(image.grad[:, copied], weights[:, copied])
+    assert not torch.equal(image.grad, weights)

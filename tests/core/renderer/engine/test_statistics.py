@@ -1,0 +1,112 @@
+"""A first look in bands of rows sees what a look at the whole sees."""
+
+import pytest
+import torch
+from torch import Tensor
+
+from defocus_core.depth.diagnosis import diagnosed
+from defocus_core.depth.soft_edges import around_ramps, without_ramps
+from defocus_core.renderer.engine.statistics import needs_double, surveyed
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.derived import Repaired
+from defocus_core.tensors.source import bands, spread
+
+SIZE = (600, 24)
+
+
+def noise(*size: int) -> Tensor:
+    return torch.randn(size, generator=torch.Generator().manual_seed(3))
+
+
+def test_bands_are_all_rows_once() -> None:
+    for width in (24, 30_000, 10**7):
+        rows = [y for first, last in bands(SIZE[0], width) for y in range(first, last)]
+        assert rows == list(range(SIZE[0]))
+    assert len(bands(*SIZE)) > 2
+
+
+@pytest.mark.parametrize("row", [0, 255, 256, 598])
+def test_the_steepest_step_is_seen_wherever_it_is(row: int) -> None:
+    radius = torch.zeros(SIZE)
+    radius[row + 1 :] = 7.0
+    radius[row, 5] = 1.0
+    survey = surveyed(noise(3, *SIZE), radius, torch.float32, 1)
+    assert survey.steepest == (7.0, 1.0)
+    assert (survey.least, survey.most) == (0.0, 7.0)
+
+
+@pytest.mark.parametrize("row", [1, 254, 255, 256, 598])
+def test_a_soft_edge_is_seen_wherever_it_is(row: int) -> None:
+    radius = torch.zeros(SIZE)
+    radius[row + 1 :] = 4.0
+    assert not diagnosed(radius, None, threads=1).ramps
+    radius[row, 5::4] = 2.0  # in two steps
+    assert diagnosed(radius, None, threads=1).ramps
+    assert diagnosed(radius.T, None, threads=2).ramps
+
+
+@pytest.mark.parametrize("row", [3, 254, 255, 256, 590])
+def test_few_steep_pixels_beside_many_hard_edges_are_a_surface(row: int) -> None:
+    radius = torch.zeros(SIZE)
+    radius[row + 1 :] = 4.0
+    radius[row, 5] = 2.0
+    for width, ramps in ((12, True), (24, False)):
+        few = radius[:, :width]
+        assert diagnosed(few, None, threads=1).ramps == ramps
+        assert diagnosed(few.T, None, threads=2).ramps == ramps
+
+
+def test_brightness_is_that_of_the_brightest_channel() -> None:
+    image = noise(3, *SIZE)
+    survey = surveyed(image.half(), torch.zeros(SIZE), torch.float32, 2)
+    whole = image.half().float().amax(0).flatten().clamp(min=0).sort().values
+    for rank in (1, 5000, 14399, 14400):
+        low, high = survey.brightness.about(rank)
+        assert low <= float(whole[rank - 1]) <= high
+        assert survey.brightness.exactly(rank) == float(whole[rank - 1])
+    assert survey.darkest == float(image.half().min())
+
+
+@pytest.mark.parametrize(("dark", "double"), [(1.1e-3, False), (0.9e-3, True)])
+def test_what_is_bright_beside_the_median_of_lit_pixels_needs_double_precision(
+    dark: float, double: bool
+) -> None:
+    image = torch.zeros(3, *SIZE)
+    image[1, :400] = dark
+    image[0, 7, 7] = 1.0
+    survey = surveyed(image, torch.zeros(SIZE), torch.float32, 2)
+    assert needs_double(survey, limit=1.0) == double
+    assert not needs_double(survey, limit=dark)
+
+
+@pytest.mark.parametrize("value", [torch.nan, torch.inf, -torch.inf])
+@pytest.mark.parametrize("row", [0, 300, 599])
+def test_what_is_not_finite_is_found_in_every_band(value: float, row: int) -> None:
+    image, radius = noise(3, *SIZE), torch.zeros(SIZE)
+    broken = image.clone()
+    broken[1, row, 3] = value
+    with pytest.raises(ValueError, match="image must be finite"):
+        surveyed(broken, radius, torch.float32, 1)
+    radius[row, 3] = value
+    with pytest.raises(ValueError, match="signed_radius must be finite"):
+        surveyed(image, radius, torch.float32, 1)
+
+
+def test_soft_edges_in_a_window_become_the_steps_they_are_in_the_whole() -> None:
+    y = torch.arange(SIZE[0]).double()
+    radius = (-9 + 2 * (y - 250)).clamp(-9, 9)[:, None].repeat(1, SIZE[1])
+    whole = without_ramps(radius)
+    assert not torch.equal(whole, radius)
+    lazily = Repaired(radius, without_ramps, around_ramps(None))
+    for box in (Box(0, 0, *SIZE), Box(245, 3, 7, 9), Box(256, 0, 100, 24)):
+        assert torch.equal(box.of(lazily), box.of(whole))
+
+
+@pytest.mark.parametrize("length", [1, 7, 16, 33, 100])
+@pytest.mark.parametrize("every", [1, 3, 16])
+def test_what_is_looked_at_lies_alike_from_both_ends(length: int, every: int) -> None:
+    some = spread(length, every)
+    assert some == [length - 1 - i for i in reversed(some)] == sorted(set(some))
+    assert set(range(0, length, every)) <= set(some)
+    for first, end in ((0, length // 2), (length // 2, length), (length // 3, length // 2)):
+        assert spread(length, every, first, end) == [i - first for i in some if first <= i < end]

@@ -1,0 +1,144 @@
+"""Coherence transport: lines go on behind what hides them, and nothing else changes."""
+
+import math
+
+import pytest
+import torch
+from measures import worst
+from scenes import pattern
+from torch import Tensor
+from torch.autograd import gradcheck
+
+from defocus_core.renderer.inpainting.coherence_transport import structure, transported
+from defocus_core.renderer.inpainting.hidden_layers import hidden_layer
+from defocus_core.renderer.inpainting.two_layer_pyramid import coarser, pixels_of
+from defocus_core.tensors.pyramid import Axis, axes
+
+H, W = 96, 112
+MIDDLE = axes((H, W))
+BAR = slice(50, 60)  # columns that a nearer bar hides
+FAR, NEAR = 4.0, -7.0
+
+
+def tensor_of(image: Tensor, radius: Tensor, middle: tuple[Axis, Axis] = MIDDLE) -> Tensor:
+    """The structure tensor [3, h, w] at a quarter of the resolution of a picture."""
+    picture = torch.cat([image, radius[None]])
+    quarter = coarser(structure(coarser(pixels_of(picture, radius, middle))))
+    return quarter.first.values[-3:].reshape(3, *quarter.size)
+
+
+def stripes(degrees: float, period: float = 14.0) -> Tensor:
+    """Smooth stripes [2, H, W], at an angle from upright."""
+    y, x = torch.arange(H, dtype=torch.float64)[:, None], torch.arange(W, dtype=torch.float64)
+    turned = x * math.cos(math.radians(degrees)) + y * math.sin(math.radians(degrees))
+    wave = 0.5 + 0.3 * torch.sin(2 * math.pi * turned / period)
+    return torch.stack([wave, 1 - wave])
+
+
+def behind_a_bar(background: Tensor) -> tuple[Tensor, Tensor]:
+    """A plain bar before a background, and the radii of both."""
+    image, radius = background.clone(), torch.full((H, W), FAR, dtype=torch.float64)
+    image[..., BAR], radius[:, BAR] = 0.9, NEAR
+    return image, radius
+
+
+@pytest.mark.parametrize("degrees", [0.0, 25.0, 45.0, 70.0, 90.0])
+def test_the_tensor_of_stripes_points_across_them(degrees: float) -> None:
+    image = stripes(degrees)[:1]
+    tensor = tensor_of(image, torch.zeros(H, W, dtype=torch.float64))
+    xx, xy, yy = tensor[:, 5:-5, 5:-5]
+    angle = torch.rad2deg(0.5 * torch.atan2(2 * xy, xx - yy))
+    off = (angle - degrees + 90) % 180 - 90
+    assert worst(off, 0.0) < 2.5
+
+
+def test_edges_of_depth_have_no_direction() -> None:
+    image, radius = behind_a_bar(torch.full((2, H, W), 0.2, dtype=torch.float64))
+    assert worst(tensor_of(image, radius), 0.0) < 1e-30
+
+
+@pytest.mark.parametrize("degrees", [35.0, 60.0, 90.0, 120.0])
+def test_stripes_go_on_behind_a_bar(degrees: float) -> None:
+    background = stripes(degrees)
+    found = hidden_layer(*behind_a_bar(background))
+    assert found is not None
+    mask = found.mask.clone()
+    mask[:24], mask[-24:] = False, False  # stripes that leave the frame have one end
+    assert mask.any()
+    off = (found.color - background)[:, mask].abs()
+    assert float(off.mean()) < 0.04  # of an amplitude of 0.3
+    assert float(off.max()) < 0.2
+
+
+def test_without_a_direction_nothing_is_transported() -> None:
+    """Waves in all directions, and none at all."""
+    y, x = torch.arange(H, dtype=torch.float64)[:, None], torch.arange(W, dtype=torch.float64)
+    bumps = (0.5 + 0.2 * torch.sin(x / 1.3) * torch.sin(y / 1.3))[None]
+    for image in (bumps, torch.full((1, H, W), 0.3, dtype=torch.float64)):
+        at = torch.tensor([[40, 55], [48, 52]])
+        smooth = torch.tensor([[0.7, FAR], [0.1, FAR]], dtype=torch.float64)
+        _, radius = behind_a_bar(image)
+        picture = torch.cat([image, radius[None]])
+        cells = tensor_of(image, torch.zeros_like(radius))
+        tensor = cells[:, at[:, 0] // 4, at[:, 1] // 4].T
+        border = torch.zeros(2, dtype=torch.float64)
+        found = transported(picture, at, border, smooth, tensor)
+        assert worst(found, smooth[:, :1]) < 0.05
+
+
+def test_what_lies_at_another_distance_lends_no_colour() -> None:
+    background = stripes(90.0)
+    image, radius = behind_a_bar(background)
+    picture = torch.cat([image, radius[None]])
+    at = torch.tensor([[48, 55]])
+    tensor = torch.tensor([[0.0, 0.0, 0.01]], dtype=torch.float64)  # level stripes
+    border = torch.zeros(1, dtype=torch.float64)
+    for r, weight in ((FAR, 1.0), (FAR + 5, 0.0)):
+        smooth = torch.tensor([[0.2, 0.4, r]], dtype=torch.float64)
+        found = transported(picture, at, border, smooth, tensor)
+        expected = torch.lerp(smooth[:, :2], background[:, 48, 30][None], weight)
+        assert worst(found, expected) < 1e-3
+
+
+def test_one_end_counts_the_less_the_farther_it_is() -> None:
+    image = torch.full((1, 1, 40), 0.2, dtype=torch.float64)
+    radius = torch.full((1, 40), NEAR, dtype=torch.float64)
+    image[..., :10], radius[:, :10] = 1.0, FAR
+    picture = torch.cat([image, radius[None]])
+    tensor = torch.tensor([[0.0, 0.0, 0.01]], dtype=torch.float64)
+    smooth = torch.tensor([[0.0, FAR]], dtype=torch.float64)
+    border = torch.zeros(1, dtype=torch.float64)
+    found = [
+        float(transported(picture, torch.tensor([[0, x]]), border, smooth, tensor))
+        for x in (11, 15, 20, 27, 39)
+    ]
+    assert found == sorted(found, reverse=True)
+    assert found[0] > 0.85
+    assert found[-1] == 0
+
+
+def test_mirrored_pictures_hide_mirrored_content() -> None:
+    image, radius = behind_a_bar(pattern((H, W)) + stripes(55.0).repeat(2, 1, 1)[:3])
+    found = hidden_layer(image, radius)
+    assert found is not None
+    for dims in ((-1,), (-2,), (-2, -1)):
+        other = hidden_layer(image.flip(dims), radius.flip(dims))
+        assert other is not None
+        assert worst(other.color.flip(dims), found.color) < 1e-10
+
+
+def test_gradients_pass_through_directions() -> None:
+    image = torch.rand(2, 9, 12, dtype=torch.float64, generator=torch.manual_seed(3))
+    image.requires_grad_()
+    radius = torch.full((9, 12), FAR, dtype=torch.float64)
+    radius[:, 5:8] = NEAR
+    at = torch.tensor([[4, 5], [3, 6], [6, 7]])
+    border = torch.zeros(3, dtype=torch.float64)
+
+    def colors(image: Tensor) -> Tensor:
+        tensor = tensor_of(image, radius, axes((9, 12)))[:, at[:, 0] // 4, 0].T
+        smooth = torch.cat([image[:, at[:, 0], 2].T, torch.full((3, 1), FAR)], 1)
+        picture = torch.cat([image, radius[None]])
+        return transported(picture, at, border, smooth, tensor)
+
+    assert gradcheck(colors, (image,))

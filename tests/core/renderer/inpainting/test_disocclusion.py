@@ -1,0 +1,167 @@
+"""What edges of depth reveal: how far, and which surface comes next."""
+
+import math
+
+import pytest
+import torch
+from scenes import random_radius
+from torch import Tensor
+
+from defocus_core.renderer.inpainting.disocclusion import DECAY, STEP
+from defocus_core.renderer.inpainting.frame_pyramid import backdrop_of
+from defocus_core.renderer.inpainting.hidden_layers import hidden_layer
+from defocus_core.renderer.inpainting.known_layer import Behind
+from defocus_core.renderer.render import render
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.pyramid import axes
+
+SIZE = (64, 80)
+SKY, SIGN, WIRE = 14.0, 0.0, -4.0
+WIRES = slice(38, 40)
+
+
+def street(wires: slice = WIRES) -> tuple[Tensor, Tensor]:
+    """A sky, a sign before it, and upright wires before both: of one colour each."""
+    radius = torch.full(SIZE, SKY, dtype=torch.float64)
+    radius[8:56, 16:64] = SIGN
+    radius[:, wires] = WIRE
+    image = torch.zeros(3, *SIZE, dtype=torch.float64)
+    for channel, r in enumerate((SKY, SIGN, WIRE)):
+        image[channel] = (radius == r).to(image)
+    return image, radius
+
+
+@pytest.mark.parametrize("halvings", [0, 1])
+def test_behind_a_wire_comes_what_is_beside_it(halvings: int) -> None:
+    image, radius = street()
+    hidden = hidden_layer(image, radius, halvings=halvings)
+    assert hidden is not None
+    step = 1 << halvings
+    on_wire = (slice(None), slice(WIRES.start // step, WIRES.stop // step))
+    of_sign, of_sky = (slice(a // step, b // step) for a, b in ((14, 50), (0, 6)))
+    assert bool(hidden.mask[on_wire].all())
+    assert (hidden.signed_radius[on_wire][of_sign] - SIGN).abs().max() < 1e-6
+    assert (hidden.signed_radius[on_wire][of_sky] - SKY).abs().max() < 1e-6
+    assert (hidden.color[1][on_wire][of_sign] - 1).abs().max() < 1e-6
+    assert (hidden.color[0][on_wire][of_sky] - 1).abs().max() < 1e-6
+
+
+@pytest.mark.parametrize("halvings", [0, 1])
+def test_behind_a_wire_before_a_blurred_card_comes_what_is_sharper(halvings: int) -> None:
+    wires = slice(24, 26)
+    image, radius = street(wires)
+    radius = torch.where(radius == WIRE, -12.0, torch.where(radius == SIGN, -9.0, 0.0)).double()
+    hidden = hidden_layer(image, radius, halvings=halvings)
+    assert hidden is not None
+    step = 1 << halvings
+    rows, columns = slice(26 // step, 38 // step), slice(wires.start // step, wires.stop // step)
+    assert bool(hidden.mask[rows, columns].all())
+    assert hidden.signed_radius[rows, columns].abs().max() < 1e-6
+
+
+@pytest.mark.parametrize("quality", ["standard", "high"])
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("wires", [WIRES, slice(24, 26)], ids=["amid", "aside"])
+def test_a_sign_in_focus_is_not_tinted_by_the_sky_behind_a_blurred_wire(
+    quality: str, known: bool, wires: slice
+) -> None:
+    """What is hidden occludes, too: behind the sign goes on the sky, and is not seen there."""
+    image, radius = street(wires)
+    behind = street(slice(0, 0))
+    hidden = Behind(*behind, torch.ones(SIZE, dtype=torch.bool)) if known else None
+    picture = render(image, radius, quality=quality, hidden=hidden).render
+    inside = picture[:, 26:38, wires.start - 6 : wires.stop + 6]
+    assert inside[0].max() < 1e-3
+    assert (inside.sum(0) - 1).abs().max() < 1e-6
+    assert inside[2].max() == pytest.approx(2 * 2 / (math.pi * abs(WIRE)), rel=0.1)
+
+
+@pytest.mark.parametrize("quality", ["standard", "high"])
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("sign", [-9.0, -4.0, -2.5, 2.5, 4.0, 9.0])
+def test_nor_is_a_sign_that_is_much_less_blurred_than_the_sky(
+    quality: str, known: bool, sign: float
+) -> None:
+    """Whatever the colour of the sky, where the lens sees nothing but wires and the sign."""
+    size, wire, sky = (120, 160), -20.0, 30.0
+    y, x = torch.meshgrid(*map(torch.arange, size), indexing="ij")
+    on_sign, on_wire = (abs(y - 60) < 40) & (abs(x - 80) < 60), (x % 40) < 6
+    behind = torch.where(on_sign, sign, sky).double()
+    radius = torch.where(on_wire, wire, behind)
+    within = (abs(y - 60) < 38 - abs(sign)) & (abs(x - 80) < 58 - abs(sign))
+    everywhere = torch.ones(size, dtype=torch.bool)
+    seen = []
+    for light in (1.0, 0.2):
+        far = torch.where(on_sign, 0.2, light).double().expand(3, *size)
+        image = torch.where(on_wire, 0.05, far)
+        hidden = Behind(far, behind, everywhere) if known else None
+        seen.append(render(image, radius, quality=quality, hidden=hidden).render)
+    assert (seen[0] - seen[1])[:, within].abs().max() < 2e-3
+
+
+def crossing(wall: float = 0.0, wire: float = -8.0) -> tuple[Tensor, Tensor]:
+    """A wall, a level wire before it, and an upright one before both: of one colour each."""
+    radius = torch.full(SIZE, wall, dtype=torch.float64)
+    radius[30:36] = wire
+    radius[:, 38:41] = -22.0
+    image = torch.stack([(radius == r).to(radius) for r in (wall, wire, -22.0)])
+    return image, radius
+
+
+@pytest.mark.parametrize("halvings", [0, 1])
+@pytest.mark.parametrize(("wall", "channel"), [(0.0, 0), (12.0, 1)])
+def test_behind_a_crossing_goes_on_what_is_sharper(
+    wall: float, channel: int, halvings: int
+) -> None:
+    image, radius = crossing(wall)
+    layer = hidden_layer(image, radius, halvings=halvings)
+    assert layer is not None
+    step, sharper = 1 << halvings, min(wall, -8.0, key=abs)
+    rows, columns = slice(32 // step, 34 // step), slice(-(-38 // step), 41 // step)
+    assert bool(layer.mask[rows, columns].all())
+    assert (layer.signed_radius[rows, columns] - sharper).abs().max() < 2
+    assert (layer.color[channel][rows, columns] - 1).abs().max() < 0.25
+
+
+# In high, pixels of the upright wire beside the crossing take a quarter of the level one.
+@pytest.mark.parametrize(("quality", "step"), [("standard", 0.15), ("high", 0.35)])
+def test_a_crossing_out_of_focus_leaves_no_hole_in_a_wall_in_focus(
+    quality: str, step: float
+) -> None:
+    image, radius = crossing()
+    wall = render(image, radius, quality=quality).render[0, 20:46, 28:52]
+    through = (1 - 2 * 3 / (math.pi * 22)) * (1 - 2 * 6 / (math.pi * 8))  # what both let pass
+    assert wall[13, 11] == pytest.approx(through, abs=0.1)
+    assert max(float(wall.diff(dim=dim).abs().max()) for dim in (0, 1)) < step
+
+
+def test_beside_a_wire_a_draft_has_no_line() -> None:
+    """What is in focus is as it was only where it is seen, not where it shows behind a wire."""
+    image, radius = crossing()
+    wall = render(image, radius, quality="draft").render[0, 8:26, :38]
+    assert wall.diff(dim=1).abs().max() < 0.1
+
+
+@pytest.mark.parametrize("kind", ["street", "random"])
+def test_how_far_an_edge_shows_is_the_greatest_cone(kind: str) -> None:
+    radius = street()[1] if kind == "street" else random_radius(SIZE)
+    reach = backdrop_of(radius[None], radius).reach
+    revealed = reach.behind(radius, Box(0, 0, *SIZE), axes(SIZE), 0)
+    y, x = (at.flatten() for at in torch.meshgrid(*map(torch.arange, SIZE), indexing="ij"))
+    r, edges = radius.flatten(), torch.zeros(SIZE, dtype=torch.bool)
+    down, across = radius.diff(dim=0), radius.diff(dim=1)
+    edges[:-1] |= down < -1
+    edges[1:] |= down > 1
+    edges[:, :-1] |= across < -1
+    edges[:, 1:] |= across > 1
+    at = torch.nonzero(edges.flatten())[:, 0]
+    away = (y[:, None] - y[at]).abs() + (x[:, None] - x[at]).abs()
+    cone = (r[at] - DECAY * away).amax(1).reshape(SIZE)
+    alone = revealed.ceiling == torch.inf
+    # cells are two px wide, radii are told in grains
+    assert (revealed.shown - cone)[alone].abs().max() < 4 * DECAY + 2 / 16
+    closest = away.amin(1).reshape(SIZE)[~alone]
+    assert bool((radius + STEP < revealed.shown)[~alone].all())
+    spent = (revealed.source - revealed.shown)[~alone] / DECAY
+    assert len(spent) or kind == "random"
+    assert bool(((spent - closest).abs() <= 4).all())

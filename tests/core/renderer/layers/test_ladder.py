@@ -1,0 +1,121 @@
+"""Shares of pixels in slices: a partition of unity that keeps the second moment."""
+
+import pickle
+
+import pytest
+import torch
+from tolerances import ROUNDING
+
+from defocus_core import QUALITIES, UnreachableTolerance
+from defocus_core.renderer.layers.ladder import (
+    SHARP,
+    cheapest_within,
+    evenly,
+    membership,
+    position,
+    quantisation,
+    rungs,
+)
+from defocus_core.renderer.layers.quality import find
+
+RADII = torch.linspace(-23.0, 31.0, 217, dtype=torch.float64)[None]
+EXACT = ROUNDING[torch.float64]
+
+
+def shares(ladder: tuple[float, ...]) -> torch.Tensor:
+    """[K, 1, n] of RADII."""
+    slices = torch.arange(len(ladder), dtype=torch.float64)
+    return membership(position(RADII, ladder), slices)
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_shares_are_a_partition_of_unity(quality: str) -> None:
+    share = shares(rungs(-23.0, 31.0, find(quality)))
+    assert (share.sum(0) - 1).abs().max() < EXACT
+    assert share.min() >= 0
+    assert (share > EXACT).sum(0).max() <= 2
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_shares_keep_the_second_moment(quality: str) -> None:
+    ladder = rungs(-23.0, 31.0, find(quality))
+    square = (shares(ladder) * torch.tensor(ladder, dtype=torch.float64)[:, None, None] ** 2).sum(0)
+    off = (square - RADII**2) / RADII.abs().clamp(min=1) ** 2
+    near = RADII.abs() < 0.25  # up to SHARP a pixel is in focus
+    assert off[~near].abs().max() < EXACT
+    assert (off[near] <= EXACT).all()
+    assert off[near].min() >= -(0.25**2)
+    assert (square[RADII.abs() <= SHARP] == 0).all()
+
+
+def test_shares_have_no_step() -> None:
+    radii = torch.linspace(-1.2, 1.2, 24001, dtype=torch.float64)
+    for quality in QUALITIES:
+        found = position(radii, rungs(-1.2, 1.2, find(quality)))
+        assert found.diff().min() >= 0
+        assert found.diff().max() < 1e-3
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("reach", [0.1, 5.0, 200.0, 1e6])
+def test_a_pixel_stands_between_the_rungs_beside_it(reach: float, dtype: torch.dtype) -> None:
+    """On a rung and next to it, too; on long ladders as on short ones, and with equal rungs."""
+    generator = torch.Generator().manual_seed(3)
+    some = (torch.rand(4000, generator=generator, dtype=dtype) * 1.7 - 1) * reach
+    for ladder in (
+        rungs(-reach, 0.7 * reach, find("standard")),
+        evenly(-reach, 0.7 * reach, 7),
+        evenly(reach, reach, 3),
+    ):
+        rung = torch.tensor(ladder, dtype=torch.float64).to(dtype)
+        beside = [torch.nextafter(rung, rung + way) for way in (-1, 1)]
+        r = torch.cat([some, rung, *beside]).clamp(rung[0], rung[-1])
+        at = position(r, ladder)
+        low, high = rung[at.floor().long()], rung[at.ceil().long()]
+        slack = 4 * torch.finfo(dtype).eps * rung.abs().amax()
+        assert ((low - slack <= r) & (r <= high + slack) | (r.abs() <= SHARP)).all()
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_the_ladder_stands_where_it_stands(quality: str) -> None:
+    """A range only chooses which rungs are there, focus among them, mirrored about it."""
+    wide, narrow = rungs(-40.0, 40.0, find(quality)), rungs(-3.3, 7.9, find(quality))
+    assert set(narrow) <= set(wide)
+    assert 0.0 in narrow
+    assert narrow[0] <= -3.3
+    assert narrow[-1] >= 7.9
+    assert wide == tuple(-r for r in reversed(wide))
+
+
+def test_an_even_ladder_has_exactly_its_count_and_spans_the_range() -> None:
+    assert evenly(-2.0, 6.0, 1) == (2.0,)
+    assert evenly(-2.0, 6.0, 5) == (-2.0, 0.0, 2.0, 4.0, 6.0)
+    assert (shares(evenly(-2.0, 6.0, 5)).sum(0) - 1).abs().max() < EXACT
+
+
+def test_better_qualities_are_off_by_less_and_the_cheapest_is_chosen() -> None:
+    off = [quantisation(-23.0, 31.0, quality) for quality in QUALITIES]
+    assert off == sorted(off, reverse=True)
+    for quality, error in zip(QUALITIES, off, strict=True):
+        assert cheapest_within(error, -23.0, 31.0) == quality
+    assert cheapest_within(0.7, -1.0, 2.0) != cheapest_within(0.7, -23.0, 31.0)
+    with pytest.raises(ValueError, match=r"at least .* px where radii go from -23\.0 to 31\.0 px"):
+        cheapest_within(off[-1] * 0.9, -23.0, 31.0)
+
+
+def test_an_unreachable_tolerance_says_which_one_can_be_had() -> None:
+    finest = quantisation(-23.0, 31.0, QUALITIES[-1])
+    with pytest.raises(UnreachableTolerance) as caught:
+        cheapest_within(finest * 0.9, -23.0, 31.0)
+    error = caught.value
+    assert (error.tolerance, error.least, error.most) == (finest * 0.9, -23.0, 31.0)
+    assert finest <= error.finest <= finest + 0.01
+    assert cheapest_within(error.finest, error.least, error.most) == error.quality
+    sent = pickle.loads(pickle.dumps(error))  # from a worker
+    assert (str(sent), vars(sent)) == (str(error), vars(error))
+
+
+def test_quantisation_is_that_of_the_rungs_in_use() -> None:
+    assert quantisation(0.0, 0.0, "standard") == 0.0
+    assert quantisation(0.1, 0.2, "standard") == find("standard").near_spacing / 2
+    assert quantisation(-60.0, 0.0, "standard") == quantisation(0.0, 60.0, "standard")

@@ -1,0 +1,149 @@
+"""Mixed pixels: taken apart where they are mixed, left alone where they are not."""
+
+import pytest
+import torch
+from measures import worst
+from scenes import pattern
+from torch import Tensor
+
+from defocus_core import render
+from defocus_core.renderer.layers.matting import unmixed
+
+SIZE = (32, 48)
+EDGE = 20  # the column that is mixed
+
+
+def card(alpha: float, near_r: float = -6.0, far_r: float = 3.0) -> tuple[Tensor, Tensor]:
+    """Red on the left before green on the right; column EDGE holds alpha of red."""
+    red, green = (torch.tensor(c, dtype=torch.float64) for c in ([0.8, 0.1, 0.2], [0.1, 0.5, 0.3]))
+    share = torch.zeros(SIZE[1], dtype=torch.float64)
+    share[:EDGE], share[EDGE] = 1.0, alpha
+    image = red[:, None, None] * share + green[:, None, None] * (1 - share)
+    radius = torch.where(share >= 0.5, near_r, far_r).to(torch.float64)
+    return image.expand(3, *SIZE).clone(), radius.expand(SIZE).clone()
+
+
+@pytest.mark.parametrize("alpha", [0.25, 0.4, 0.5, 0.6, 0.75])
+def test_a_mixed_pixel_becomes_two_surfaces(alpha: float) -> None:
+    o = unmixed(*card(alpha))
+    own = 0 if alpha >= 0.5 else -1
+    assert worst(o.color[:, :, EDGE], o.color[:, :, own]) < 0.05
+    if alpha >= 0.5:
+        assert worst(o.coverage[:, :, EDGE], alpha) < 0.05
+    else:
+        assert o.fringe is not None
+        assert worst(o.fringe.layer[:, -1], alpha) < 0.06
+        assert worst(o.fringe.signed_radius, -6.0) < 1e-12
+        assert worst(o.coverage, 1.0) == 0
+
+
+@pytest.mark.parametrize("alpha", [0.25, 0.4])
+def test_a_third_surface_beside_takes_no_part(alpha: float) -> None:
+    """A pixel of green, mixed with red, does not take the colour of what is between them below."""
+    image, radius = card(alpha)
+    green, dark = image[:, 0, -1].clone(), image[:, 0, -1] / 8
+    image[:, 16:, EDGE + 1 :], radius[16:, EDGE:] = dark[:, None, None], 0.0
+    image[:, 16:, EDGE] = (alpha * image[:, 0, 0] + (1 - alpha) * dark)[:, None]
+    o = unmixed(image, radius)
+    assert worst(o.color[:, :16, EDGE], green[:, None]) < 0.05
+    assert worst(o.color[:, 16:, EDGE], dark[:, None]) < 0.05
+
+
+@pytest.mark.parametrize("alpha", [0.0, 1.0])
+def test_a_clean_edge_is_left_alone(alpha: float) -> None:
+    image, radius = card(alpha)
+    o = unmixed(image, radius)
+    assert worst(o.color, image) < 1e-12
+    assert worst(o.coverage, 1.0) == 0
+    assert o.fringe is None or not len(o.fringe.at)
+
+
+@pytest.mark.parametrize("alpha", [0.2, 0.35, 0.5, 0.65, 0.8])
+def test_the_parts_make_the_pixel(alpha: float) -> None:
+    """α near + (1 - α) far is the colour that was there, over a picture with texture."""
+    image, radius = card(alpha)
+    image = image * (0.9 + 0.2 * pattern(SIZE))
+    o = unmixed(image, radius)
+    assert o.fringe is not None
+    remade = o.color.clone()
+    for (y, x), layer in zip(o.fringe.at.tolist(), o.fringe.layer, strict=True):
+        remade[:, y, x] = layer[:3] + (1 - layer[3]) * remade[:, y, x]
+    untouched = (o.coverage[0] == 1).expand_as(image)
+    assert worst(remade[untouched], image[untouched]) < 0.04  # colours stay in the range around
+
+
+def test_a_wire_of_a_pixel_is_left_alone() -> None:
+    """Nowhere is it seen without what is behind it."""
+    image, radius = pattern(SIZE), torch.full(SIZE, 4.0, dtype=torch.float64)
+    image[:, :, 10], radius[:, 10] = 0.9, -5.0
+    assert torch.equal(unmixed(image, radius).color[:, :, 10], image[:, :, 10])
+
+
+@pytest.mark.parametrize("share", [0.2, 0.4])
+def test_what_is_beside_a_thin_wire_is_cleaned_of_it(share: float) -> None:
+    """No pixel of the wire is off an edge, and none need be whole."""
+    green, grey = (torch.tensor(c, dtype=torch.float64) for c in ([0.1, 0.5, 0.3], [0.7, 0.7, 0.7]))
+    held = torch.zeros(SIZE[1], dtype=torch.float64)
+    held[9:13] = torch.tensor([share, 0.8, 0.9, share])
+    image = (grey[:, None] * held + green[:, None] * (1 - held))[:, None].expand(3, *SIZE).clone()
+    radius = torch.where(held > 0.5, -5.0, 0.0).to(torch.float64).expand(SIZE).clone()
+    o = unmixed(image, radius)
+    for column in (9, 12):
+        assert worst(o.color[:, :, column], green[:, None]) < 0.03
+        assert worst(image[:, :, column], green[:, None]) > 0.1
+    assert torch.equal(o.color[:, :, 10:12], image[:, :, 10:12])
+    lost = (image - o.color)[:, :, [9, 12]]
+    of_fringe = o.fringe.layer[:, :-1].sum(0) - green * o.fringe.layer[:, -1].sum()
+    assert worst(of_fringe, lost.sum((1, 2))) < 0.02 * SIZE[0]
+
+
+def test_a_steep_slope_is_no_edge() -> None:
+    """As depth that was estimated has it: 0.9 px per px, over colours that change along it."""
+    image = pattern(SIZE)
+    radius = (0.9 * (torch.arange(SIZE[1]) - 20.0)).clamp(-3, 3).double().expand(SIZE).clone()
+    o = unmixed(image, radius)
+    assert torch.equal(o.color, image)
+    assert not len(o.fringe.at)
+
+
+def test_a_sharp_subject_has_no_ghost_line() -> None:
+    """Before a blurred background, the anti-aliased edge of a sharp card keeps no old colour.
+
+    The mixed pixel shows α of the card and 1 - α of the blurred background: all green there.
+    """
+    for alpha in (0.3, 0.7):
+        image, radius = card(alpha, near_r=0.0, far_r=6.0)
+        seen = render(image, radius).render[:, 8:-8, EDGE]
+        expected = alpha * image[:, 8:-8, 0] + (1 - alpha) * image[:, 8:-8, -1]
+        assert worst(seen, expected) < 0.03
+        beside = render(image, radius).render[:, 8:-8, EDGE + 1]
+        assert worst(beside, image[:, 8:-8, -1]) < 0.03
+
+
+def test_a_blurred_wire_leaves_no_ghost_line() -> None:
+    """Where the near card is blurred away, the sharp background shows no trace of its edge."""
+    image, radius = card(0.4, near_r=-6.0, far_r=0.0)
+    plain = card(0.0, near_r=-6.0, far_r=0.0)[0]
+    ghost = render(image, radius).render - render(plain, radius).render
+    # what is left is the card's further 0.4 px, blurred over 12
+    assert worst(ghost[:, 8:-8], 0.0) < 0.04
+
+
+def test_print_behind_a_leaf_gets_no_colours_that_are_nowhere() -> None:
+    """A colour out of the range of its surface is cut off: what it held is the other surface's."""
+    generator = torch.Generator().manual_seed(1)
+    size, (y, x) = (60, 80), torch.meshgrid(torch.arange(60), torch.arange(80), indexing="ij")
+    ink = torch.rand(20, 27, generator=generator).repeat_interleave(3, 0).repeat_interleave(3, 1)
+    paper = torch.tensor([0.85, 0.8, 0.72]).double()[:, None, None]
+    far = torch.where(ink[:, :80] > 0.5, 0.05, paper)
+    green = torch.tensor([0.06, 0.1, 0.03]).double()[:, None, None]
+    leaf = green * (1 + 0.2 * torch.rand(size, generator=generator).double())
+    near = (x - 40) ** 2 + (y - 30) ** 2 < 18**2
+    image, radius = torch.where(near, leaf, far), torch.where(near, -12.0, 0.0).double()
+    found = unmixed(image, radius)
+    assert len(found.fringe.at)
+    layer = found.fringe.layer
+    own, fringe = found.color.flatten(1).T, layer[:, :-1] / layer[:, -1:]
+    colourful = image.amax(0) - image.amin(0)
+    for colors in (own, fringe):
+        assert (colors.amax(1) - colors.amin(1)).max() < colourful.max() + 0.02

@@ -1,0 +1,136 @@
+"""Slopes of the radius: of a pixel's own surface, and what they are for."""
+
+import pytest
+import torch
+from measures import inner, psnr, worst
+
+from defocus_core import render
+from defocus_core.renderer.layers.planar_slices import Planes
+from defocus_core.renderer.layers.slopes import _many_around, slopes
+from defocus_core.tensors.box import Box
+
+SIZE = (40, 60)
+
+
+def ramp(across: float, down: float) -> torch.Tensor:
+    y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
+    return across * x + down * y[:, None]
+
+
+@pytest.mark.parametrize(("across", "down"), [(0.0, 0.0), (0.2, -0.1), (-0.6, 0.5)])
+def test_the_slope_of_a_plane_is_its_gradient(across: float, down: float) -> None:
+    found = slopes(ramp(across, down))
+    if across == down == 0:
+        assert found is None
+    else:
+        assert found is not None
+        assert worst(found[0], across) < 1e-12
+        assert worst(found[1], down) < 1e-12
+
+
+def test_an_edge_is_no_slope() -> None:
+    """Beside a step of 9 px a level surface is level, and a tilted one as tilted as elsewhere.
+
+    To 0.01: the difference across the edge counts as much as its inverse square.
+    """
+    radius = torch.zeros(SIZE, dtype=torch.float64)
+    radius[:, 30:] = 9.0
+    assert slopes(radius, 0.01) is None
+    found = slopes(radius + ramp(0.2, -0.1))
+    assert found is not None
+    assert worst(found[0], 0.2) < 0.01
+    assert worst(found[1], -0.1) < 1e-12
+
+
+def test_a_steep_line_is_left_out_and_a_steep_area_is_not() -> None:
+    radius = torch.zeros(SIZE, dtype=torch.float64)
+    radius[:, 20:] = torch.arange(40, dtype=torch.float64).clamp(max=2) * 0.8
+    assert slopes(radius, 0.1) is None
+    radius[:, 20:] = torch.arange(40, dtype=torch.float64).clamp(max=12) * 0.8
+    found = slopes(radius, 0.1)
+    assert found is not None
+    assert worst(found[0, :, 23:30], 0.8) < 1e-12
+
+
+def test_no_slope_is_longer_than_one() -> None:
+    found = slopes(ramp(3.0, -4.0))
+    assert found is not None
+    assert worst((found**2).sum(0).sqrt(), 1.0) < 1e-12
+
+
+def lens_view(steepness: float, samples: int) -> torch.Tensor:
+    """Waves on a plane of radius s (x - x0): lens point u sees x + u s (x - x0) at x, exactly.
+
+    Solved for the pixel q that lands on x: q = (x + s u.x x0) / (1 + s u.x), down q = y - r(q) u.y.
+    """
+    y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
+    y, x, x0 = y[:, None], x[None, :], SIZE[1] / 2
+    total, count = torch.zeros(3, *SIZE, dtype=torch.float64), 0
+    steps = (torch.arange(samples, dtype=torch.float64) + 0.5) / samples * 2 - 1
+    for ux in steps.tolist():
+        for uy in steps.tolist():
+            if ux * ux + uy * uy > 1:
+                continue
+            q = (x + steepness * ux * x0) / (1 + steepness * ux)
+            total += waves(q, y - steepness * (q - x0) * uy)
+            count += 1
+    return total / count
+
+
+def waves(x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+    phases = [(1.0, 0.3), (-0.4, 1.0), (0.7, 0.7)]
+    return 0.5 + 0.4 * torch.stack([torch.sin(0.35 * (a * x + b * y) + 2 * a) for a, b in phases])
+
+
+@pytest.mark.parametrize(("steepness", "at_least"), [(0.2, 52.0), (0.5, 45.0), (0.8, 39.0)])
+def test_a_steep_plane_is_seen_as_densely_as_the_lens_sees_it(
+    steepness: float, at_least: float
+) -> None:
+    y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
+    image = waves(x[None, :].expand(SIZE), y[:, None].expand(SIZE))
+    radius = (steepness * (x - SIZE[1] / 2)).expand(SIZE).clone()
+    truth = inner(lens_view(steepness, 40), 15)
+    assert psnr(inner(render(image, radius).render, 15), truth) > at_least
+
+
+def test_a_plane_has_one_slope_where_it_is_alone() -> None:
+    lean = torch.zeros(2, 64, 96, dtype=torch.float64)
+    lean[0], lean[1] = 0.2, -0.3
+    lean[:, 40:, 64:] = 0.4
+    blocks = torch.zeros(2, 4, 6, dtype=torch.bool)
+    blocks[0, :2], blocks[1, 2:, 4:], blocks[1, 0, 0] = True, True, True
+    planes = Planes(lean, blocks)
+    first, second = planes.slopes([0, 1], Box(-8, -8, 80, 120))
+    assert first == pytest.approx((0.2, -0.3))
+    assert second is None
+    (alone,) = planes.slopes([1], Box(48, 64, 16, 32))
+    assert alone == pytest.approx((0.4, 0.4))
+    assert planes.slopes([1], Box(200, 0, 16, 16)) == [None]
+    assert planes.slopes([], Box(0, 0, 16, 16)) == []
+
+
+def test_enough_of_the_square_around_is_counted_to_the_pixel() -> None:
+    """Squares that the frame cuts have fewer pixels, of which as large a share is enough."""
+    mask = torch.rand(23, 31, generator=torch.Generator().manual_seed(6)) < 0.35
+    found = _many_around(mask)
+    for y in range(23):
+        for x in range(31):
+            square = mask[max(y - 5, 0) : y + 6, max(x - 5, 0) : x + 6]
+            assert bool(found[y, x]) == (float(square.double().mean()) > 0.345)
+
+
+@pytest.mark.parametrize("top", [8.0, 60.0])
+def test_a_tilted_kernel_does_what_a_tilted_slice_does(
+    top: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At full resolution and at reduced; a wire before the floor is not as tilted."""
+    image = torch.rand(3, 150, 200, generator=torch.Generator().manual_seed(4))
+    radius = torch.linspace(top, -top, 150)[:, None].repeat(1, 200)
+    radius[:, 50:56] = -top
+    short = render(image, radius, left_right=True)
+    monkeypatch.setattr(Planes, "slopes", lambda _, numbers, box: [None] * len(numbers))
+    whole = render(image, radius, left_right=True)
+    assert 0 < worst(short.render, whole.render) < 2e-5
+    assert short.left is not None
+    assert whole.left is not None
+    assert worst(short.left, whole.left) < 2e-5

@@ -1,0 +1,67 @@
+"""What there is no room for is left out, the last first."""
+
+from __future__ import annotations
+
+import pytest
+
+from defocus_core.reports.html import budget
+from defocus_core.reports.html.item import LIGHT, Halves, Item, Layer
+
+
+def item(name: str, thumbnail: int, values: int) -> Item:
+    halves = Halves(b"v" * values, (0, 0), (1, 1)) if values else None
+    layers = [
+        Layer(key, key, LIGHT, ("R", "G", "B"), (9, 9), thumbnail=b"t" * thumbnail, halves=halves)
+        for key in ("a", "b", "left")
+    ]
+    return Item(name, "different", passes=False, layers=layers)
+
+
+@pytest.fixture
+def room(monkeypatch: pytest.MonkeyPatch) -> int:
+    monkeypatch.setattr(budget, "ROOM", 4000)
+    monkeypatch.setattr(budget, "_FRAME", 0)
+    return 4000
+
+
+def spent(items: list[Item]) -> int:
+    return sum(
+        budget.length(layer.thumbnail) + budget.length(layer.halves.data if layer.halves else b"")
+        for each in items
+        for layer in each.layers
+    )
+
+
+def valued(items: list[Item]) -> list[bool]:
+    return [any(layer.halves for layer in each.layers) for each in items]
+
+
+def test_all_is_kept_where_there_is_room() -> None:
+    items = [item("x", 300, 3000), item("y", 300, 0)]
+    assert budget.fitted(items) == items
+
+
+def test_the_first_items_keep_their_values(room: int) -> None:
+    fitted = budget.fitted([item(name, 60, 300) for name in "vwxyz"])
+    assert valued(fitted) == [True, True, False, False, False]
+    assert all(len(each.layers) == 3 for each in fitted[:2])
+    assert spent(fitted) <= room
+
+
+def test_thumbnails_take_no_more_than_a_half(room: int) -> None:
+    fitted = budget.fitted([item(str(n), 150, 300) for n in range(40)])
+    assert valued(fitted)[0]
+    assert spent(fitted) <= room
+    assert fitted[-1].layers == []  # in the table alone
+
+
+def test_a_table_of_very_many_items_takes_room_from_pictures() -> None:
+    items = [item(str(n), 3000, 0) for n in range(20_000)]
+    fitted = budget.fitted(items)
+    assert spent(fitted) < budget.ROOM - 20_000 * budget._FRAME
+    assert fitted[0].layers
+    assert not fitted[-1].layers
+
+
+def test_a_large_item_lets_smaller_ones_come_after_it(room: int) -> None:
+    assert valued(budget.fitted([item("large", 10, 3000), item("small", 10, 30)])) == [False, True]

@@ -1,0 +1,137 @@
+"""``defocus info`` names the formats that the evidence fits, and faults of depth that show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import ramp, refused, run, write_exr
+from depth_files import gdepth, npy, pfm, png, with_text
+from optional_libraries import HEIC_MAGIC, with_hdf5, with_heic, write_hdf5
+
+from defocus_core.io.depth_formats.table import FORMATS
+
+
+def evidence(path: Path, *args: str) -> str:
+    ran = run("info", "--json", path, *args)
+    assert ran.code == 0, ran.err
+    (record,) = ran.json["files"]
+    told: list[str] = record["evidence"]
+    shown = run("info", path, *args).out
+    assert all(f"  {each}" in shown for each in told)
+    return "\n".join(told)
+
+
+def test_plain_depth_has_none(tmp_path: Path) -> None:
+    assert evidence(write_exr(tmp_path / "a.exr", Z=ramp())) == ""
+    assert evidence(npy(tmp_path / "a.npy", ramp())) == ""
+
+
+def test_the_greatest_number_of_16_bits(tmp_path: Path) -> None:
+    numbers = np.full((10, 10), 1000)
+    numbers[:3, :4] = 65535
+    told = evidence(png(tmp_path / "a.png", numbers))
+    assert "65535 in 12 % of the 16-bit pixels: " in told
+    for name in ("vkitti2", "pointodyssey", "ibims1", "moge-png"):
+        assert name in told
+    assert "kitti," not in told.replace("vkitti2,", "")
+    assert "say --depth-format NAME" in told
+    assert evidence(tmp_path / "a.png", "--depth-format", "vkitti2") == ""
+
+
+def test_text_chunks_near_and_far(tmp_path: Path) -> None:
+    numbers = np.full((10, 10), 1000)
+    numbers[:3, :4] = 65535
+    path = with_text(png(tmp_path / "a.png", numbers), near="1", far="9")
+    assert evidence(path) == "text chunks near and far: moge-png; say --depth-format moge-png"
+
+
+def test_zeros_of_16_bits_are_holes_or_far(tmp_path: Path) -> None:
+    numbers = np.full((10, 10), 1000)
+    numbers[5] = 0
+    told = evidence(png(tmp_path / "a.png", numbers))
+    assert "0 in 10 % of the 16-bit pixels: holes of" in told
+    assert "--invalid far or fill" in told
+
+
+@pytest.mark.parametrize(
+    ("beside", "name"), [("calib.txt", "middlebury"), ("parameters.cfg", "hci-lightfield")]
+)
+def test_a_sidecar_beside_a_pfm(beside: str, name: str, tmp_path: Path) -> None:
+    (tmp_path / beside).write_text("")
+    told = evidence(pfm(tmp_path / "a.pfm", ramp()))
+    assert told == f"{beside} beside it: {name}; say --depth-format {name}"
+
+
+def test_channels_of_unreal(tmp_path: Path) -> None:
+    planes = {"FinalImageMovieRenderQueue_WorldDepth.R": ramp() * 100}
+    header_free = write_exr(tmp_path / "a.exr", **{"R": ramp(), "G": ramp(), "B": ramp() + 1})
+    assert evidence(header_free) == ""
+    import OpenEXR
+
+    path = tmp_path / "u.exr"
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, planes).write(str(path))
+    assert "unreal-mrq; say --depth-format unreal-mrq" in evidence(path)
+
+
+def test_arrays_of_hdf5(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with_hdf5(monkeypatch)
+    path = write_hdf5(tmp_path / "a.hdf5", {"dataset": np.float32(ramp())})
+    ran = run("info", path)
+    assert ran.code == 0, ran.err
+    assert "depth: 1 m to 4 m" in ran.out
+
+
+def test_arrays_to_choose_from_are_named_and_their_format(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_hdf5(monkeypatch)
+    arrays = {"depths": np.ones((2, 8, 6), "f4"), "rawDepths": np.ones((2, 8, 6), "f4")}
+    path = write_hdf5(tmp_path / "nyu.mat", arrays)
+    assert "nyu-mat; say --depth-format nyu-mat" in evidence(path)
+    assert "no depth: holds the arrays depths, rawDepths; choose one" in run("info", path).out
+    path = write_hdf5(tmp_path / "a.dsp5", {"disparity": np.float32(ramp())})
+    assert "spring; say --depth-format spring" in evidence(path)
+
+
+def test_8_bits_are_relative_and_few(tmp_path: Path) -> None:
+    path = png(tmp_path / "a.png", ramp() * 50, np.uint8)
+    told = evidence(path)
+    assert "8 bits: relative depth of a network; say --depth-range NEAR FAR" in told
+    assert "warning: 8 bits hold 256 levels" in told
+    said = ("--depth-format", "depth-anything", "--depth-range", "1m", "9m")
+    assert evidence(path, *said) == "warning: 8 bits hold 256 levels, which show as steps of blur"
+
+
+def test_depth_that_was_enlarged_by_averages_is_told_from_hard_edges(tmp_path: Path) -> None:
+    small = np.where(np.random.default_rng(0).random((40, 40)) > 0.8, 1.0, 5.0)
+    hard = np.kron(small, np.ones((4, 4)))
+    assert "resampled" not in evidence(npy(tmp_path / "hard.npy", hard))
+    at = (np.arange(160) + 0.5) / 4 - 0.5
+    soft = np.array([np.interp(at, np.arange(40), row) for row in np.kron(small, np.ones((4, 1)))])
+    told = evidence(npy(tmp_path / "soft.npy", soft))
+    assert "the depth looks bilinearly resampled or anti-aliased; resample it by nearest" in told
+
+
+def test_every_format_that_is_named_exists() -> None:
+    from defocus_core.reports.inspection import depth_evidence as module
+
+    assert {*module._TELLING_NAMES, *module._BESIDE} <= FORMATS.keys()
+
+
+def test_gdepth_in_a_photograph(tmp_path: Path) -> None:
+    image = png(tmp_path / "d.png", ramp() * 50, np.uint8).read_bytes()
+    path = gdepth(tmp_path / "a.jpg", image, Format="RangeLinear", Near=1, Far=5, Units="m")
+    told = "GDepth in its XMP: android-gdepth; say --depth-format android-gdepth"
+    assert evidence(path) == told
+    assert "depth: 1.78431 m to" in run("info", path, "--depth-format", "android-gdepth").out
+
+
+def test_the_depth_image_of_a_heic_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with_heic(monkeypatch, np.array([[0, 255]], np.uint8), d_min=0.1, d_max=2.0)
+    (tmp_path / "a.heic").write_bytes(HEIC_MAGIC)
+    assert "say --depth-format apple-heic" in evidence(tmp_path / "a.heic")
+    refused(run("depth", tmp_path / "a.heic", "-o", tmp_path / "z.exr"), 3, "apple-heic")
+    ran = run("info", tmp_path / "a.heic", "--depth-format", "apple-heic")
+    assert "depth: 0.5 m to 10 m" in ran.out

@@ -1,0 +1,151 @@
+"""Rounding decides nothing: not where depth is in levels, and much is as far from this as that."""
+
+from collections.abc import Callable
+
+import pytest
+import torch
+from torch import Tensor
+from torch.nn.functional import avg_pool2d, interpolate, pad
+
+from defocus_core import Views, render
+from defocus_core.evaluation.law_probes import rounded, worst_relative
+from defocus_core.renderer.inpainting.frame_pyramid import backdrop_of
+from defocus_core.tensors.neighbourhoods import halfway
+
+# What the last bits of a picture of order one may make of it.
+ROUNDED = 5e-5
+# Px between two levels, and levels to each side of focus: some that binary numbers hold, and some
+# that they do not.
+STEPS = [(0.25, 8), (0.5, 16), (1.0, 10), (1.6, 8), (2.0, 6), (3.2, 5)]
+
+
+def cards(seed: int) -> tuple[Tensor, Tensor]:
+    """Thirty cards over each other, some as thin as wires, in equal steps of radius."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def some(below: int, least: int = 0) -> int:
+        return int(torch.randint(least, below, (1,), generator=generator))
+
+    H, W = 120 + seed % 2, 160 + seed // 2 % 2
+    step, levels = STEPS[seed % len(STEPS)]
+    coarse = torch.rand(1, 3, H // 6, W // 6, generator=generator)
+    image = interpolate(coarse, size=(H, W), mode="bilinear")[0]
+    radius = torch.full((H, W), step * some(levels + 1, -levels))
+    for number in range(30):
+        width = some(4, 1) if number % 3 == 0 else some(60, 1)
+        top, left, height = some(H), some(W), some(60, 1)
+        where = (slice(top, top + height), slice(left, left + width))
+        radius[where] = step * some(levels + 1, -levels)
+        image[:, *where] = 0.3 * image[:, *where] + 0.7 * torch.rand(3, 1, 1, generator=generator)
+    return image, radius
+
+
+def averaged(seed: int) -> tuple[Tensor, Tensor]:
+    """The same with depth averaged over three by three pixels."""
+    image, radius = cards(seed)
+    return image, avg_pool2d(pad(radius[None], (1, 1, 1, 1), mode="replicate"), 3, 1)[0]
+
+
+def in_half_precision(seed: int) -> tuple[Tensor, Tensor]:
+    """The same with surfaces that are not quite level, in half precision."""
+    image, radius = cards(seed)
+    uneven = 0.02 * torch.rand(radius.shape, generator=torch.Generator().manual_seed(seed))
+    return image, (radius + uneven).half().float()
+
+
+def terraces(seed: int) -> tuple[Tensor, Tensor]:
+    """A hilly surface in levels of 0.3 px."""
+    image, radius = cards(seed)
+    hills = torch.rand(1, 1, 8, 10, generator=torch.Generator().manual_seed(seed))
+    wide = interpolate(hills, size=radius.shape, mode="bicubic")[0, 0]
+    return image, 0.3 * (60 * wide).round() - 8
+
+
+def off(one: Views, other: Views) -> float:
+    """By how much two renderings differ at most."""
+    pairs = (
+        (one.render, other.render),
+        (one.left, other.left),
+        (one.right, other.right),
+        (one.trust, other.trust),
+    )
+    return max(float((a - b).abs().max()) for a, b in pairs if a is not None and b is not None)
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard", "high"])
+@pytest.mark.parametrize("seed", range(6))
+def test_the_last_bits_of_levels_make_no_other_picture(seed: int, quality: str) -> None:
+    image, radius = cards(seed)
+    one = render(image, radius, quality=quality, left_right=True)
+    other = render(image, rounded(radius), quality=quality, left_right=True)
+    assert off(one, other) < ROUNDED
+
+
+@pytest.mark.parametrize("kind", [averaged, in_half_precision, terraces])
+@pytest.mark.parametrize("seed", range(6))
+def test_nor_do_those_of_depth_that_is_repaired(
+    seed: int, kind: Callable[[int], tuple[Tensor, Tensor]]
+) -> None:
+    image, radius = kind(seed)
+    one = render(image, radius, left_right=True)
+    assert off(one, render(image, rounded(radius), left_right=True)) < ROUNDED
+    assert off(one, render(image.double(), radius.double(), left_right=True)) < ROUNDED
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard", "high"])
+@pytest.mark.parametrize("seed", range(6, 12))
+def test_single_precision_is_enough(seed: int, quality: str) -> None:
+    image, radius = cards(seed)
+    one = render(image, radius, quality=quality, left_right=True)
+    other = render(image.double(), radius.double(), quality=quality, left_right=True)
+    assert off(one, other) < ROUNDED
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard", "high"])
+@pytest.mark.parametrize("seed", range(6))
+def test_what_stops_lights_does_not_hang_on_last_bits(seed: int, quality: str) -> None:
+    """In front of a light, places in slices of equal steps lie in the middle between pixels."""
+    image, radius = cards(seed)
+    generator = torch.Generator().manual_seed(seed)
+    for _ in range(30):
+        y, x = (int(torch.randint(n, (1,), generator=generator)) for n in radius.shape)
+        image[:, y, x] = 300.0
+    one = render(image, radius, quality=quality)
+    for other in (
+        render(image, rounded(radius), quality=quality),
+        render(image.double(), radius.double(), quality=quality),
+    ):
+        assert worst_relative(one.render - other.render, one.render) < 5e-5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_parts_of_the_aperture_move_only_what_they_see(seed: int) -> None:
+    """A part of sixteen may miss a wire near focus altogether: what it sees of it is rounding."""
+    image, radius = cards(seed)
+    one = render(image, radius, quality="reference", left_right=True)
+    other = render(image.double(), radius.double(), quality="reference", left_right=True)
+    assert off(one, other) < ROUNDED
+
+
+def test_each_level_is_rounded_as_one() -> None:
+    _, radius = cards(3)
+    other = rounded(radius)
+    assert 0 < float((other - radius).abs().max()) < 1e-5
+    for level in radius.unique():
+        assert len(other[radius == level].unique()) == 1
+
+
+def test_what_lies_in_the_middle_belongs_to_the_farther() -> None:
+    near, far = torch.tensor(-4.0), torch.tensor(4.0)
+    border = halfway(near, far)
+    assert float(border) < 0.0 < float(far)
+    assert abs(float(border)) < 0.1 * float(far)
+
+
+def test_resolutions_do_not_depend_on_the_last_bit_of_the_range() -> None:
+    """The range of radii is often a power of two."""
+    image, radius = cards(2)
+    ends = radius.clamp(-8, 8)
+    ends[0, 0], ends[-1, -1] = -8.0, 8.0
+    counts = {len(backdrop_of(image, ends * (1 + bit)).levels) for bit in (-1e-6, 0.0, 1e-6)}
+    assert len(counts) == 1

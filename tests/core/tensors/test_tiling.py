@@ -1,0 +1,61 @@
+"""The grid covers every pixel once, and each tile knows all slices that reach it."""
+
+import pytest
+import torch
+
+from defocus_core.renderer.layers.block_index import blocks_at, blocks_of, visible_slices
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.tiling import TILE, grid_over
+
+
+@pytest.mark.parametrize("size", [(1, 1), (128, 128), (129, 300), (40, 1000)])
+def test_tiles_cover_every_pixel_once(size: tuple[int, int]) -> None:
+    seen = torch.zeros(size)
+    for box in grid_over(*size).tiles:
+        assert max(box.height, box.width) <= TILE
+        seen[box.top : box.top + box.height, box.left : box.left + box.width] += 1
+    assert bool((seen == 1).all())
+
+
+@pytest.mark.parametrize("place", [(0, 0), (63, 64), (99, 149), (31, 70)])
+def test_a_tile_knows_a_slice_exactly_as_far_as_it_reaches(place: tuple[int, int]) -> None:
+    """To a block: none is forgotten, none from farther than 16 px beyond its reach is kept."""
+    places = torch.zeros(100, 150)
+    places[place] = 1.0
+    grid, reaches = grid_over(100, 150, side=32).tiles, [0, 20]
+    blocks = blocks_of(places, 2)
+    for box, plan in zip(grid, visible_slices(blocks, reaches, grid), strict=True):
+        down = max(box.top - place[0], place[0] - box.top - box.height + 1, 0)
+        across = max(box.left - place[1], place[1] - box.left - box.width + 1, 0)
+        assert 0 in plan
+        if max(down, across) <= 20:
+            assert 1 in plan
+        if max(down, across) > 36:
+            assert 1 not in plan
+
+
+def test_what_does_not_exist_reaches_nothing() -> None:
+    grid = grid_over(40, 40).tiles
+    nothing = torch.zeros(40, 40, dtype=torch.bool)
+    blocks = blocks_of(torch.zeros(40, 40), 2, nothing)
+    assert visible_slices(blocks, [0, 1], grid) == [[]]
+
+
+def test_points_are_found_where_pixels_would_be() -> None:
+    places, at = torch.tensor([0.0, 0.5, 1.0]), torch.tensor([[0, 0], [39, 57], [17, 30]])
+    dense, present = torch.zeros(40, 60), torch.zeros(40, 60, dtype=torch.bool)
+    dense[at[:, 0], at[:, 1]], present[at[:, 0], at[:, 1]] = places, True
+    assert torch.equal(blocks_at(places, at, 2, (40, 60)), blocks_of(dense, 2, present))
+
+
+def test_a_grid_is_cut_to_a_rectangle() -> None:
+    grid = grid_over(300, 400, 100)
+    part = grid.within(Box(80, 150, 150, 90))
+    assert part is not None
+    assert part.columns == 2
+    assert part.tiles == [
+        Box(80, 150, 20, 50), Box(80, 200, 20, 40), Box(100, 150, 100, 50), Box(100, 200, 100, 40),
+        Box(200, 150, 30, 50), Box(200, 200, 30, 40),
+    ]  # fmt: skip
+    assert grid.within(Box(-50, -50, 500, 500)) == grid
+    assert grid.within(Box(300, 0, 20, 400)) is None

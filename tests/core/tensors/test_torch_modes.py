@@ -1,0 +1,140 @@
+"""What is asked for is what is rendered, whatever modes of torch the caller is in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+
+import pytest
+import torch
+from torch import Tensor
+
+from defocus_core import DefocusLens, RandomDefocus, Settings, Views, render
+from defocus_core.evaluation.synthetic_scenes import scenery
+from defocus_core.renderer.stream import Stream
+
+
+@contextmanager
+def default_dtype(dtype: torch.dtype) -> Iterator[None]:
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(dtype)
+    yield
+    torch.set_default_dtype(before)
+
+
+@contextmanager
+def rounded_products() -> Iterator[None]:
+    torch.set_float32_matmul_precision("medium")
+    yield
+    torch.set_float32_matmul_precision("highest")
+
+
+@contextmanager
+def deterministic_algorithms() -> Iterator[None]:
+    torch.use_deterministic_algorithms(True)
+    yield
+    torch.use_deterministic_algorithms(False)
+
+
+@contextmanager
+def two_threads() -> Iterator[None]:
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    yield
+    assert torch.get_num_threads() == 2
+    torch.set_num_threads(before)
+
+
+# "meta" stands for a GPU: what is made there cannot be taken for what is on the CPU
+MODES = {
+    "autocast": lambda: torch.autocast("cpu", torch.bfloat16),
+    "a default device": lambda: torch.device("meta"),
+    "a default dtype": lambda: default_dtype(torch.float64),
+    "deterministic algorithms": deterministic_algorithms,
+    "two threads of torch": two_threads,
+}
+
+
+@pytest.fixture(params=MODES)
+def mode(request: pytest.FixtureRequest) -> AbstractContextManager[None]:
+    return MODES[request.param]()
+
+
+def pictures(seen: Views) -> Tensor:
+    assert seen.left is not None
+    assert seen.right is not None
+    return torch.cat([seen.render, seen.left, seen.right, seen.trust])
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard", "high"])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_the_callers_modes_do_not_change_a_picture(mode, quality: str, threads: int) -> None:
+    image, radius = scenery("cards", 200, 220, 30.0)
+    wanted = pictures(render(image, radius, quality=quality, left_right=True))
+    with mode:
+        seen = pictures(render(image, radius, quality=quality, left_right=True, threads=threads))
+        parts = list(Stream(image, radius, Settings(quality=quality, threads=threads)).regions())
+    assert torch.equal(seen, wanted)
+    assert all(torch.equal(part.render, part.box.of(wanted[:3])) for part in parts)
+
+
+# backward sums in the caller's threads, and so in another order
+@pytest.mark.parametrize("name", sorted(MODES.keys() - {"two threads of torch"}))
+def test_the_callers_modes_do_not_change_a_gradient(name: str) -> None:
+    image, radius = (x.requires_grad_() for x in scenery("cards", 64, 80, 8.0))
+    wanted = torch.autograd.grad(render(image, radius).render.square().sum(), (image, radius))
+    with MODES[name]():
+        energy = render(image, radius).render.square().sum()
+    with nullcontext() if name == "autocast" else MODES[name]():  # which torch asks for
+        found = torch.autograd.grad(energy, (image, radius))
+    assert all(map(torch.equal, found, wanted))
+
+
+def test_products_are_not_rounded_as_the_caller_allows() -> None:
+    product = torch.rand(64, 64, generator=torch.Generator().manual_seed(0))
+    image, radius = (x.requires_grad_() for x in scenery("cards", 200, 220, 40.0))
+
+    def seen() -> list[Tensor]:
+        rendering = render(image, radius, left_right=True)
+        energy = rendering.render.square().sum()
+        return [pictures(rendering), *torch.autograd.grad(energy, (image, radius))]
+
+    wanted, exactly = seen(), product @ product
+    with rounded_products():
+        found, rounded = seen(), product @ product
+    for a, b in zip(found, wanted, strict=True):
+        torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-5)
+    if torch.equal(rounded, exactly):
+        pytest.skip("this machine rounds no products")
+
+
+def test_the_callers_modes_do_not_change_a_lens(mode) -> None:
+    image, depth = torch.rand(2, 3, 24, 32), torch.linspace(1e3, 5e3, 32).expand(2, 24, 32)
+    lens = DefocusLens(50.0, 1.4, (36.0, 27.0), (32, 24))
+    psf = lens.psf(torch.tensor([0.0, 0.0, 900.0]))
+    random, _ = RandomDefocus()(image, depth, [1, 2])
+    rendered = lens.render_rgbd(image, depth)
+    with mode:
+        assert torch.equal(lens.psf(torch.tensor([0.0, 0.0, 900.0], device="cpu")), psf)
+        assert torch.equal(lens.render_rgbd(image, depth), rendered)
+        again, lenses = RandomDefocus()(image, depth, [1, 2])
+    assert torch.equal(again.render, random.render)
+    assert (lenses.fnum.device.type, lenses.fnum.dtype) == ("cpu", torch.float64)
+
+
+def test_torch_uses_one_thread_within_a_picture_and_the_callers_number_after_it() -> None:
+    """Else the threads of small operations wait for each other, up to 18 times as long."""
+    numbers = []
+    image, radius = scenery("cards", 100, 120, 8.0)
+
+    def progress(done: int, of: int) -> None:
+        numbers.append(torch.get_num_threads())
+
+    with two_threads():
+        render(image, radius, progress=progress)
+        with ThreadPoolExecutor(3) as pool:
+            list(pool.map(lambda _: render(image, radius, progress=progress), range(6)))
+        after = ThreadPoolExecutor(1).submit(torch.get_num_threads).result()
+    assert set(numbers) == {1}
+    assert after == 2

@@ -1,0 +1,298 @@
+"""What makes no sense is refused at the door, in a line that names it and what would do."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from defocus_core import (
+    Aperture,
+    DefocusLens,
+    Distribution,
+    HiddenLayer,
+    RandomDefocus,
+    Settings,
+    cheapest_within,
+    quantisation,
+    render,
+)
+from defocus_core.renderer.stream import Stream
+
+IMAGE, RADIUS = torch.rand(3, 12, 16), torch.linspace(-2, 3, 16).expand(12, 16)
+DEPTH = torch.linspace(1e3, 4e3, 16).expand(1, 12, 16)
+
+
+def lens(foclen: Any = 50.0, fnum: Any = 1.4, **options: Any) -> DefocusLens:
+    return DefocusLens(foclen, fnum, (36.0, 27.0), (16, 12), **{"device": "cpu", **options})
+
+
+def drawn(image: Any = IMAGE[None], depth: Any = DEPTH, seeds: Any = (1,), **ranges: Any) -> Any:
+    return RandomDefocus(**ranges)(image, depth, seeds)
+
+
+def streamed(image: Any = IMAGE, radius: Any = RADIUS, hidden: Any = None, **options: Any) -> Any:
+    return list(Stream(image, radius, Settings(**options), hidden).regions())
+
+
+WRONG: list[tuple[Callable[[], Any], str]] = [
+    (lambda: lens("50mm"), "foclen must be one number, got '50mm'; lengths are in mm"),
+    (lambda: lens(torch.ones(2)), r"foclen must be one number, got torch.float32 \[2\]"),
+    (lambda: DefocusLens(50, 2, 36, 48), r"sensor_size must be \(width, height\), got 36"),
+    (lambda: lens(device="gpu"), "device must be one of torch's, got 'gpu'"),
+    (lambda: lens(device="xpu:9"), "device must be one that is there, got 'xpu:9'; .* use cpu"),
+    (lambda: lens(dtype="float32"), "dtype must be floating point, got 'float32'"),
+    (lambda: lens(True), "foclen must be one number, got True"),
+    (lambda: lens().refocus(torch.tensor([900.0, 2e3])), "foc_dist must be one number"),
+    (lambda: lens().refocus(None), "foc_dist must be one number, got None"),
+    (lambda: lens().coc("1m"), "depth must be a number .*, got '1m'; .* without a unit"),
+    (lambda: lens().dof(torch.ones(3) * 900, torch.ones(2)), r"coc must .* of \[3\] .* got \[2\]"),
+    (lambda: lens().psf([[0, 0]]), r"points must be \[N, 3\]"),
+    (lambda: lens().psf(torch.ones(3), ks=None), "ks must be a whole number, .* got None"),
+    (lambda: lens().psf(torch.ones(3), ks=math.nan), "ks must be a whole number, .* got nan"),
+    (lambda: lens().psf_map(5), r"grid must be \(rows, columns\), .* got 5"),
+    (lambda: lens().psf(torch.ones(3), ks=True), "ks must be a whole number, .* got True"),
+    (lambda: lens().psf_map(depth=torch.ones(2)), "depth must be one number"),
+    (lambda: lens().render_rgbd(IMAGE[None].numpy(), DEPTH), "image .* got ndarray of float32"),
+    (lambda: lens().render_rgbd(IMAGE[None], None), "depth must be .* got None"),
+    (
+        lambda: lens().render_rgbd(IMAGE[None], DEPTH, "64"),
+        "psf_ks must be a whole number",
+    ),
+    (lambda: lens().render_rgbd(IMAGE[None], DEPTH / 1e9), "signed_radius must be within 1e.08 px"),
+    (lambda: render(IMAGE.tolist(), RADIUS), "image must be a tensor"),
+    (lambda: render(IMAGE, 3.0), "signed_radius must be .* of the image"),
+    (lambda: render(IMAGE, RADIUS.to(torch.complex64)), "signed_radius must be .*complex64"),
+    (lambda: render(IMAGE, RADIUS, num_layers=2.5), "num_layers must be a whole number, .* 2.5"),
+    (lambda: render(IMAGE, RADIUS, num_layers=10**9), "num_layers must be 65536 at most, got 1000"),
+    (lambda: render(IMAGE, RADIUS, aperture=0), "aperture must be an Aperture, got 0"),
+    (lambda: render(IMAGE, RADIUS, quality=["high"]), r"quality must be one of .*, got \['high'\]"),
+    (lambda: render(IMAGE, RADIUS, threads=1.5), "threads must be a whole number"),
+    (lambda: render(IMAGE, RADIUS, tile=math.inf), "tile must be a whole number"),
+    (lambda: render(IMAGE, RADIUS, infinity=math.nan), "infinity must be a finite radius"),
+    (lambda: render(IMAGE, RADIUS, aperture=6), "aperture must be an Aperture, got 6"),
+    (lambda: render(IMAGE, RADIUS, hidden=3), "hidden must be a HiddenLayer"),
+    (lambda: render(IMAGE, RADIUS, hidden=(IMAGE, RADIUS)), "hidden must be a HiddenLayer"),
+    (lambda: render(IMAGE, RADIUS, left_right="no"), "left_right must be True or False, got 'no'"),
+    (lambda: drawn(left_right=None), "left_right must be True or False, got None"),
+    (lambda: drawn(max_radius=3.0, depth=-DEPTH), "depth must be positive, .* in 192 of 192"),
+    (lambda: streamed(left_right=2), "left_right must be True or False, got 2"),
+    (lambda: Aperture("6"), "blades must be a whole number"),
+    (lambda: Aperture(3.5), "blades must be a whole number"),
+    (lambda: Aperture(10**6), "blades must be 10000 at most"),
+    (lambda: Aperture(6, "15"), "rotation must be one number"),
+    (lambda: quantisation(math.nan, 5, "high"), "least and most must be finite and in order"),
+    (lambda: cheapest_within(1, 5, -5), "least and most must be finite and in order"),
+    (
+        lambda: drawn(foclen=(24, 50)),
+        r"foclen must be one number, got \(24, 50\); in mm",
+    ),
+    (lambda: drawn(blades=(0, 6)), r"blades must be a whole number"),
+    (lambda: drawn(blades=6.5), "blades must be a whole number"),
+    (lambda: drawn(sensor_width=None), "sensor_width must be one number, got None"),
+    (lambda: drawn(threads=0), "threads must be at least 1"),
+    (lambda: drawn(IMAGE[:0][None]), "image must hold a pixel"),
+    (lambda: drawn(depth=DEPTH > 0), "depth must be a number .* got torch.bool"),
+    (lambda: streamed(threads=0), "threads must be at least 1"),
+    (lambda: streamed((255 * IMAGE).byte()), "image must be of floats of torch, got torch.uint8"),
+    (lambda: streamed(IMAGE[:0]), "of a pixel at least"),
+    (lambda: streamed(hidden=(IMAGE, RADIUS, RADIUS[1:])), "hidden must be color, signed_radius"),
+    (lambda: list(Stream(IMAGE, RADIUS).regions(0)), "at_once must be at least 1"),
+]
+
+
+@pytest.mark.parametrize(("wrong", "said"), WRONG)
+def test_what_makes_no_sense_is_refused_by_name(wrong: Callable[[], Any], said: str) -> None:
+    with pytest.raises(ValueError, match=said) as told:
+        wrong()
+    assert "; " in str(told.value), "what would do"
+
+
+def odd(values: Any) -> list[tuple[Any, str]]:
+    """Tensors that are no plain arrays of numbers, and how an error names them."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return [
+            (values.to_sparse(), "sparse_coo"),
+            (values[0, 0].to_sparse_csr(), "sparse_csr"),
+            (values.to_mkldnn(), "mkldnn"),
+            (values.to("meta"), "meta"),
+            (torch.quantize_per_tensor(values, 0.1, 0, torch.quint8), "quantized"),
+            (torch.nested.nested_tensor(list(values)), "nested"),
+            (torch.nested.nested_tensor(list(values), layout=torch.jagged), "jagged|nested"),
+        ]
+
+
+@pytest.mark.parametrize("at", range(7))
+def test_tensors_that_are_not_dense_are_refused(at: int) -> None:
+    image, name = odd(IMAGE[None].clone())[at]
+    radius, depth = (odd(values[None, None].clone())[at][0] for values in (RADIUS, DEPTH[0]))
+    scene = (IMAGE[None], RADIUS[None])
+    uses = [
+        ("image", lambda: render(image, RADIUS)),
+        ("image", lambda: lens().render_rgbd(image, DEPTH)),
+        ("image", lambda: drawn(image)),
+        ("signed_radius", lambda: render(IMAGE, radius)),
+        ("depth", lambda: lens().render_rgbd(IMAGE[None], depth)),
+        ("depth", lambda: drawn(depth=depth)),
+        ("depth", lambda: lens().dof(depth)),
+        ("points", lambda: lens().psf(depth)),
+        ("fnum", lambda: lens(50.0, depth)),
+        ("hidden color", lambda: render(*scene, hidden=HiddenLayer(image, scene[1], scene[1] > 0))),
+        ("hidden mask", lambda: render(*scene, hidden=HiddenLayer(*scene, radius))),
+    ]
+    for argument, use in uses:
+        with pytest.raises(ValueError, match=f"^{argument} must be a dense tensor, got a ({name})"):
+            use()
+
+
+def test_a_hidden_layer_is_of_floats() -> None:
+    scene = (IMAGE[None], RADIUS[None])
+    for wrong in (scene[0] > 0, (255 * scene[0]).byte(), scene[0] + 0j):
+        with pytest.raises(ValueError, match="hidden color and signed_radius must be of floats"):
+            render(*scene, hidden=HiddenLayer(wrong, scene[1], scene[1] > 0))
+
+
+WRONG_LATER: list[tuple[str, Any, str]] = [
+    ("foclen", math.nan, "foclen must be positive and finite, got nan"),
+    ("d_far", "20m", "d_far must be one number, got '20m'"),
+    ("d_far", math.nan, "d_close must not be farther than d_far, got .*=nan mm"),
+    ("d_far", 0, "d_close must not be farther than d_far"),
+    ("d_close", -math.inf, "d_close must not be farther than d_far"),
+    ("d_close", torch.ones(2), r"d_close must be one number, got torch.float32 \[2\]"),
+    ("sensor_size", 36.0, r"sensor_size must be \(width, height\), got 36.0"),
+    ("sensor_size", (-36.0, 27.0), "sensor width must be positive and finite, got -36"),
+    ("sensor_size", (36.0, 24.0), "pixels must be square, .* use a sensor height of 27 mm"),
+    ("sensor_res", (16,), r"sensor_res must be \(width, height\), got \(16,\)"),
+    ("sensor_res", (16, "12"), "vertical sensor_res must be one number, got '12'"),
+    ("sensor_res", (0, 12), "horizontal sensor_res must be positive and finite, got 0"),
+    ("obj_depth", math.nan, "obj_depth must be other than 0, got nan"),
+    ("obj_depth", None, "obj_depth must be one number, got None"),
+    ("dtype", torch.int32, "dtype must be floating point, got torch.int32"),
+    ("device", "gpu", "device must be one of torch's, got 'gpu'"),
+]
+
+
+@pytest.mark.parametrize(("name", "wrong", "said"), WRONG_LATER)
+def test_what_makes_no_sense_any_more_is_refused_where_it_is_used(
+    name: str, wrong: Any, said: str
+) -> None:
+    changed = lens()
+    setattr(changed, name, wrong)
+    uses = [changed.psf_map]
+    if name not in ("obj_depth", "device"):  # which are asked for numbers alone
+        uses.append(lambda: changed.render_rgbd(IMAGE[None], DEPTH))
+    for use in uses:
+        with pytest.raises(ValueError, match=said) as told:
+            use()
+        assert "; " in str(told.value), "what would do"
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        ("foclen", (24.0, 85.0)),
+        ("fnum", -3.0),
+        ("foc_dist", "2m"),
+        ("blades", ()),
+        ("sensor_width", None),
+        ("max_radius", -3.0),
+        ("left_right", "no"),
+        ("quality", "best"),
+        ("threads", 0),
+    ],
+)
+def test_random_lenses_are_not_drawn_from_what_makes_no_sense_any_more(
+    name: str, wrong: Any
+) -> None:
+    defocus = RandomDefocus(max_radius=4.0)
+    first = defocus(IMAGE[None], DEPTH, [1])[1].signed_radius.abs().max()
+    defocus.max_radius = float(first) / 2
+    assert defocus(IMAGE[None], DEPTH, [1])[1].signed_radius.abs().max() < 0.51 * first
+    setattr(defocus, name, wrong)
+    with pytest.raises(ValueError, match=f"{name} must"):
+        defocus(IMAGE[None], DEPTH, [1])
+
+
+def test_limits_on_depth_may_be_tensors_and_have_gradients() -> None:
+    limited = lens()
+    limited.d_close = torch.tensor([1500.0], requires_grad=True)
+    limited.signed_coc(DEPTH).sum().backward()
+    assert limited.d_close.grad is not None
+    assert float(limited.d_close.grad) > 0
+
+
+def test_what_is_a_number_all_the_same_is_taken_for_it() -> None:
+    points, whole = (
+        torch.tensor([[0.0, 0.0, 900.0]]),
+        lens().psf(torch.tensor([[0.0, 0, 900]]), ks=33),
+    )
+    for ks in (33.0, np.int64(33), torch.tensor(33)):
+        assert torch.equal(lens().psf(points, ks=ks), whole)
+    assert torch.equal(lens().psf([[0, 0, 900]], ks=33), whole)
+    depth = DEPTH.round()
+    picture = lens().render_rgbd(IMAGE[None], depth)
+    for same in (depth.int(), depth.numpy(), depth.to(torch.uint16), depth.tolist()):
+        assert torch.equal(lens().render_rgbd(IMAGE[None], same), picture)
+    narrow, usual = drawn(depth=depth.to(torch.uint16))[0], drawn(depth=depth)[0]
+    assert torch.equal(narrow.render, usual.render)
+    assert Distribution("choice", iter([0, 6])).values == (0, 6)  # type: ignore[arg-type]
+    counts = Distribution("choice", tuple(np.array([6, 6])))
+    assert drawn(blades=counts)[1].blades.tolist() == [6]
+
+
+def test_a_parameter_of_one_element_is_a_number() -> None:
+    parameters = [torch.nn.Parameter(torch.tensor([x])) for x in (50.0, 1.4, 2000.0)]
+    one, usual = lens(*parameters[:2]), lens()
+    one.refocus(parameters[2]), usual.refocus(2000.0)
+    for of in (one, usual):
+        assert of.coc(900.0).shape == of.hyperfocal(0.03).shape == of.dof(900.0, 0.03).shape == ()
+        assert of.psf(torch.tensor([0.0, 0.0, 900.0])).shape == (64, 64)
+    one.render_rgbd(IMAGE[None], DEPTH).square().sum().backward()
+    assert all(x.grad is not None and bool((x.grad != 0).all()) for x in parameters)
+
+
+def test_a_half_precision_lens_computes_in_float32() -> None:
+    assert lens(dtype=torch.float16).coc(1000.0) == lens().coc(1000.0)
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard", "high"])
+def test_what_is_finite_stays_finite(quality: str) -> None:
+    radius = torch.where(RADIUS > 1, 8.0, -8.0)
+    exact = render(IMAGE.double(), radius, quality=quality, left_right=True)
+    seen = render(IMAGE * 2.0**99, radius, quality=quality, left_right=True)
+    for kind in ("render", "left", "right"):
+        torch.testing.assert_close(
+            getattr(seen, kind) / 2.0**99, getattr(exact, kind).float(), rtol=0, atol=1e-6
+        )
+
+
+def test_pictures_may_be_changed_in_place() -> None:
+    image = IMAGE.clone().requires_grad_()
+    seen = render(image, RADIUS, left_right=True)
+    seen.render.clamp_(0, 0.5).sum().backward()
+    assert image.grad is not None
+
+
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("recorded", [False, True])
+def test_each_picture_has_memory_of_its_own(count: int, recorded: bool) -> None:
+    image, radius = IMAGE.mT.contiguous().mT.expand(count, 3, 12, 16), RADIUS.expand(count, 12, 16)
+    with torch.set_grad_enabled(recorded):
+        seen = render(image, radius, left_right=True)
+    for picture in (seen.render, seen.left, seen.right, seen.trust):
+        assert picture is not None
+        assert picture.is_contiguous()
+        assert picture.untyped_storage().nbytes() == picture.nbytes
+
+
+def test_a_stream_counts_the_same_each_time() -> None:
+    stream = Stream(IMAGE, RADIUS)
+    for _ in range(2):
+        assert len(list(stream.regions())) == 1
+        assert stream.stats["pixels"] == RADIUS.numel()

@@ -1,0 +1,102 @@
+"""The fixture ``golden`` of other projects: their tests run in a process of their own."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from html_reports import items, keys
+
+SHIFTED = "np.roll(image, 1, 1)"
+TEST = """
+import numpy as np
+import pytest
+
+image = np.random.default_rng(0).random((32, 48, 3), np.float32)
+
+def test_a_picture(golden):
+    golden.check({expression}, "noise/a"{bounds})
+"""
+
+
+def passes(folder: Path, *options: str, expression: str = "image", bounds: str = "") -> str | None:
+    """None if the test passes, else what pytest says."""
+    (folder / "test_it.py").write_text(TEST.format(expression=expression, bounds=bounds))
+    plugin = ["-p", "no:defocus", "-p", "defocus_core.pytest_plugin", "-p", "no:cacheprovider"]
+    words = [sys.executable, "-m", "pytest", "-q", *plugin, *options, "test_it.py"]
+    ran = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    assert ran.returncode in (0, 1), ran.stdout + ran.stderr
+    return ran.stdout if ran.returncode else None
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    """A project whose golden has been accepted."""
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    assert "there is no such golden" in str(passes(tmp_path))
+    assert passes(tmp_path, "--golden-update") is None
+    assert (tmp_path / "goldens" / "test_it" / "noise" / "a.exr").is_file()
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        "image",
+        "image + np.float32(9e-5)",
+        "image.astype(np.float64)",
+        "__import__('torch').from_numpy(image).permute(2, 0, 1)",
+        "__import__('torch').from_numpy(image).permute(2, 0, 1)[None].requires_grad_()",
+        "'goldens/test_it/noise/a.exr'",
+    ],
+)
+def test_what_is_like_the_golden_passes(expression: str, project: Path) -> None:
+    assert passes(project, expression=expression) is None
+
+
+def test_what_is_not_fails_with_its_cause(project: Path) -> None:
+    said = str(passes(project, expression=SHIFTED))
+    assert "noise/a: DIFFERENT: shifted by (1, 0)" in said
+    assert "fails max>0.0001" in said
+    assert "--golden-update makes it the golden" in said
+    assert passes(project, "--golden-update", expression=SHIFTED) is None
+    assert passes(project, expression=SHIFTED) is None
+
+
+def test_bounds_decide(project: Path) -> None:
+    dimmed = "image * np.float32(0.99)"
+    assert "another exposure: x 0.99" in str(passes(project, expression=dimmed))
+    assert passes(project, expression=dimmed, bounds=", psnr=40, rel_rmse=0.02") is None
+    assert "fails p99.9>0.001" in str(passes(project, expression=dimmed, bounds=", p999=1e-3"))
+    assert "got brightness" in str(passes(project, bounds=", brightness=1"))
+
+
+@pytest.mark.parametrize("processes", [(), ("-p", "xdist", "-n", "2")])
+def test_a_report_of_all_checks_lies_beside_the_junit_file(
+    processes: tuple[str, ...], project: Path
+) -> None:
+    said = str(passes(project, "--junitxml", "out/junit.xml", *processes, expression=SHIFTED))
+    file = project / "out" / "junit.goldens.html"
+    assert f"report of goldens: {Path('out', file.name)}" in said
+    (shown,) = items(file)
+    assert shown["name"] == "goldens/test_it/noise/a.exr"
+    assert shown["words"] == "shifted by (1, 0)"
+    assert keys(shown, valued=True)[:2] == ["a", "b"]
+    accept = dict(shown["commands"])["Accept as the golden"]
+    assert accept == "pytest test_it.py::test_a_picture --golden-update"
+    assert passes(project, "--junitxml", "out/junit.xml", *processes) is None
+    assert [each["status"] for each in items(file)] == ["same"]
+
+
+def test_a_picture_without_a_golden_is_in_the_report(project: Path) -> None:
+    (project / "goldens" / "test_it" / "noise" / "a.exr").unlink()
+    assert passes(project, "--junitxml", "junit.xml")
+    (shown,) = items(project / "junit.goldens.html")
+    assert (shown["status"], keys(shown)) == ("extra", ["b"])
+
+
+def test_an_image_of_no_known_shape_is_refused(project: Path) -> None:
+    said = str(passes(project, expression="np.zeros((2, 3, 4, 5))"))
+    assert "image must be [H, W], [H, W, C] or" in said
