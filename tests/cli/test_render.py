@@ -335,7 +335,7 @@ def test_ctrl_c_ends_with_130_and_one_line(tmp_path: Path, monkeypatch: pytest.M
     refused(render(*pair(tmp_path), "-o", tmp_path / "out"), 130, "interrupted")
 
 
-HEAVY = ("torch", "numpy", "OpenEXR", "OpenImageIO", "defocus_core")
+HEAVY = ("torch", "numpy", "OpenEXR", "OpenImageIO")
 
 
 @pytest.mark.parametrize(
@@ -346,7 +346,7 @@ HEAVY = ("torch", "numpy", "OpenEXR", "OpenImageIO", "defocus_core")
         (["render", "--help"], HEAVY),
         (["render", "{c}", "{z}", "-o", "{out}", "--dry-run"], HEAVY),
         (["render", "{c}", "{z}", "-o", "{out}"], HEAVY),
-        (["info", "{z}"], ("torch", "defocus_core")),
+        (["info", "{z}"], ("torch",)),
     ],
 )
 def test_what_needs_no_torch_does_not_wait_for_it(

@@ -197,7 +197,7 @@ def test_another_renderer_does_all_again_and_another_release_nothing(
     monkeypatch.setattr(identity, "version", lambda: "99.0")
     again(folders, out)
     assert len(computed) == 3, "a release changes no picture by itself"
-    monkeypatch.setattr(identity, "renderer_version", lambda: 99)
+    monkeypatch.setattr(identity, "RENDERER_VERSION", 99)
     again(folders, out)
     assert len(computed) == 6
 

@@ -17,17 +17,16 @@ import json
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache, lru_cache
+from functools import lru_cache
 from hashlib import blake2b
-from importlib.util import find_spec
 from pathlib import Path
-from runpy import run_path
 from stat import S_ISREG
 from typing import Any
 
 from defocus_core.batch.jobs.job import Job, Shot, Taken
 from defocus_core.batch.journal.plain_values import plain
 from defocus_core.batch.lenses.lens import LENS_FILES
+from defocus_core.renderer_version import RENDERER_VERSION
 from defocus_core.system.text import version
 
 DIGEST = 16  # bytes of a hash
@@ -96,7 +95,7 @@ def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
 def recipe(job: Job) -> str:
     """The hash of everything that decides the outputs of a job but the bytes of its inputs."""
     names = {role: path.name for role, path in job.files.items()}
-    return digest({"settings": settings(job), "names": names, "renderer": renderer_version()})
+    return digest({"settings": settings(job), "names": names, "renderer": RENDERER_VERSION})
 
 
 def name(recipe: str, inputs: Mapping[str, Stamp]) -> str:
@@ -110,19 +109,9 @@ def digest(value: object) -> str:
     return blake2b(text.encode(), digest_size=DIGEST).hexdigest()
 
 
-@cache
-def renderer_version() -> int:
-    """The version of the renderer, read without importing the core, which would import torch."""
-    core = find_spec("defocus_core")
-    assert core is not None
-    assert core.origin is not None
-    constants = run_path(str(Path(core.origin).with_name("renderer_version.py")))
-    return int(constants["RENDERER_VERSION"])
-
-
 def versions() -> dict[str, Any]:
     """The versions of the package and of the renderer, as records have them."""
-    return {"version": version(), "renderer": renderer_version()}
+    return {"version": version(), "renderer": RENDERER_VERSION}
 
 
 def stamp(path: Path) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading,
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.plain_values import plain, typed
 from defocus_core.batch.lenses.lens import Draw, Lens
-from defocus_core.renderer.renderer_version import RENDERER_VERSION
+from defocus_core.renderer_version import RENDERER_VERSION
 
 PICTURE = Picture("a", Path("in/a.exr"), Path("in/z.exr"))
 JOB = Job(PICTURE, Lens(50.0, 2.0, 2000.0), Reading(), Outputs(Path("out")), Machine())
@@ -64,14 +64,14 @@ def test_another_renderer_is_another_recipe_and_another_release_is_not(
     before = identity.recipe(JOB)
     monkeypatch.setattr(identity, "version", lambda: "99.0")
     assert identity.recipe(JOB) == before
-    monkeypatch.setattr(identity, "renderer_version", lambda: 99)
+    monkeypatch.setattr(identity, "RENDERER_VERSION", 99)
     assert identity.recipe(JOB) != before
 
 
 def test_the_version_of_the_renderer_is_that_of_the_core_and_is_read_without_torch() -> None:
     code = (
-        "import sys; from defocus_core.batch.journal.identity import renderer_version as read;"
-        "print(read(), 'torch' in sys.modules or 'defocus_core' in sys.modules)"
+        "import sys; from defocus_core.batch.journal.identity import versions;"
+        "print(versions()['renderer'], 'torch' in sys.modules)"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout.split() == [str(RENDERER_VERSION), "False"]
