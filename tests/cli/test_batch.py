@@ -354,7 +354,7 @@ def test_a_scheduler_that_is_none_is_refused(
     assert not out.exists()
 
 
-HEAVY = ("torch", "numpy", "OpenEXR", "OpenImageIO", "defocus_core", "distributed", "pandas")
+HEAVY = ("torch", "numpy", "OpenEXR", "OpenImageIO", "distributed", "pandas")
 
 
 def test_a_finished_batch_of_a_thousand_jobs_ends_at_once(

@@ -18,7 +18,7 @@ SIZE = (200, 300)
 # with, in bytes, and the bound.
 _PEAK = """
 import sys, torch
-from defocus_cli.system import memory
+from defocus_core.system import memory
 from defocus_core import Settings, Stream, memory_bound
 from defocus_core import scenery
 
