@@ -19,7 +19,14 @@ import click
 from defocus_cli.options.types import option_name
 from defocus_cli.words.console import Due, print_json, say_what_is_logged
 from defocus_cli.words.endings import Interrupted, exit_code_of
-from defocus_core.errors import UsageProblem, UserError, did_you_mean, one_line, reason
+from defocus_core.errors import (
+    DefocusError,
+    UsageProblem,
+    did_you_mean,
+    one_line,
+    reason,
+    with_dashes,
+)
 from defocus_core.system.interrupts import Terminated, put_off, terminations
 from defocus_core.system.text import version
 
@@ -51,7 +58,7 @@ class LazyGroup(click.Group):
         """The command that ``args`` start with, and what is left of them."""
         if args[0] not in COMMANDS:
             remedy = did_you_mean(args[0], COMMANDS, "see 'defocus --help'")
-            raise UsageProblem(args[0], "no such command", remedy)
+            raise UsageProblem("", "no such command", remedy, path=args[0])
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> object:
@@ -107,7 +114,7 @@ def main(args: Sequence[str] | None = None) -> int:
     except Terminated as ended:
         line = f"ended by {ended.signal_name}; pictures that were finished are kept"
         return _fail(line, 128 + ended.number)
-    except UserError as error:
+    except DefocusError as error:
         return _fail(str(error), exit_code_of(error))
     except click.ClickException as error:
         return _fail(error_line(error), error.exit_code)
@@ -154,10 +161,11 @@ def _clause(error: click.ClickException) -> str:
 
 def _fail(line: str, code: int) -> int:
     """Say why a command failed, on stderr and, if ``--json`` asks for a document, on stdout."""
+    line = with_dashes(line)
     with suppress(OSError):
         click.echo(f"defocus: {line}", err=True)
     if Due.json:
-        with suppress(OSError, UserError):  # nobody reads stdout, or it cannot be written
+        with suppress(OSError, DefocusError):  # nobody reads stdout, or it cannot be written
             print_json(error={"message": line, "exit_code": code})
     return code
 

@@ -1,44 +1,70 @@
-"""Errors of the user, in one line: ``SUBJECT: problem; remedy``."""
+"""Errors of the user, as data: code, path, field, problem and remedy."""
 
 from __future__ import annotations
 
 import re
 import unicodedata
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
 
-class UserError(Exception):
-    """A mistake with a subject, a problem and a remedy, shown without a traceback.
+_OPTION = re.compile("‹([a-z][a-z-]*)›")
+
+
+class DefocusError(Exception):
+    """A mistake of a user, as data: what is wrong, where, and what to do about it.
+
+    Texts name options in angle quotes, like ‹focus›: the command line writes ``--focus``.
 
     Args:
-        subject: the file or option concerned.
-        problem: what is wrong with it, without a full stop.
+        code: what kind of mistake it is, a word of `CODES`.
+        problem: what is wrong, without a full stop.
         remedy: what to do about it; the empty string if there is nothing to propose.
-        code: why a picture is `Rejected`, for programs.
+        path: the file concerned, or what else the mistake is in.
+        field: the option or key concerned, in the file if there is one.
     """
 
-    def __init__(self, subject: str | Path, problem: str, remedy: str = "", code: str = "") -> None:
-        self.subject = printable(str(subject))
+    def __init__(
+        self,
+        code: str,
+        problem: str,
+        remedy: str = "",
+        *,
+        path: str | Path | None = None,
+        field: str = "",
+    ) -> None:
+        super().__init__(code, problem)
+        self.code = code
         self.problem = one_line(problem)
         self.remedy = one_line(remedy)
-        self.code = code
-        super().__init__(self.subject, self.problem, self.remedy, self.code)
+        self.path = None if path is None else printable(str(path))
+        self.field = field
+
+    @property
+    def subject(self) -> str:
+        """File, option or key that the mistake is in, in words."""
+        if self.path is None:
+            return f"‹{self.field}›"
+        return f"{self.path}: {self.field}" if self.field else self.path
 
     def __str__(self) -> str:
         line = f"{self.subject}: {self.problem}"
         return f"{line}; {self.remedy}" if self.remedy else line
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # By default an exception unpickles from its arguments alone; workers send these home.
+        return type(self), (self.code, self.problem, self.remedy), self.__dict__
 
-class UsageProblem(UserError):  # noqa: N818 - click has a UsageError
+
+class UsageProblem(DefocusError):  # noqa: N818 - click has a UsageError
     """Something is asked for that makes no sense."""
 
 
-class InputError(UserError):
+class InputError(DefocusError):
     """A file cannot be read, understood or written."""
 
 
@@ -93,3 +119,8 @@ def first_line(path: Path, text: str) -> str:
 def alike(note: str) -> str:
     """A note without its numbers, so that those of many pictures are alike."""
     return re.sub(r"\d[\d.,]*", "N", note)
+
+
+def with_dashes(text: str) -> str:
+    """``text`` with the options that it names as they are on a command line."""
+    return _OPTION.sub(r"--\1", text)

@@ -188,8 +188,10 @@ def _refuse_others(ctx: click.Context, *, timing: bool) -> None:
     for name, option in (_ERRORS_ALONE if timing else _TIMES_ALONE).items():
         if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             if timing:
-                raise UsageProblem(option, "means nothing with --time", "leave one of them out")
-            raise UsageProblem(option, "means nothing without --time", "add --time")
+                raise UsageProblem(
+                    "", "means nothing with --time", "leave one of them out", path=option
+                )
+            raise UsageProblem("", "means nothing without --time", "add --time", path=option)
 
 
 def _errors(

@@ -14,7 +14,7 @@ from defocus_cli.words import conversion as conversion_report
 from defocus_cli.words.endings import Failures
 from defocus_core.batch.depth.conversion import convert, places, refuse_existing
 from defocus_core.batch.jobs.job import Reading
-from defocus_core.errors import UserError
+from defocus_core.errors import DefocusError
 
 
 @click.command(
@@ -76,7 +76,7 @@ def command(
     for place in wanted:
         try:
             converted = convert(place, reading)
-        except UserError as error:
+        except DefocusError as error:
             failures.add(error)
             continue
         records.append(conversion_report.record(converted))

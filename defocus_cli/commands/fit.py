@@ -21,7 +21,7 @@ from defocus_core.batch.jobs.pairing import find_pictures
 from defocus_core.batch.jobs.random_lenses import Sampling
 from defocus_core.batch.lenses.radius_set import read_radius_set
 from defocus_core.batch.rendering import lens_fit, lens_match
-from defocus_core.errors import InputError, UsageProblem, UserError
+from defocus_core.errors import DefocusError, InputError, UsageProblem
 
 _MOST_BLADES = 99
 _Find = Callable[[Callable[[int, int], None]], dict[str, Any]]  # progress in, a record out
@@ -182,9 +182,9 @@ def command(
     places = [out and (out / f"{p.stem}.toml" if many else out) for p in pictures]
     for named in filter(None, places):
         if named.suffix != ".toml":
-            raise UsageProblem("-o", f"{named} is no lens file", "let it end in .toml")
+            raise UsageProblem("", f"{named} is no lens file", "let it end in .toml", path="-o")
         if named.exists() and not overwrite:
-            raise InputError(named, "is there already", "give another -o, or --overwrite")
+            raise InputError("", "is there already", "give another -o, or --overwrite", path=named)
     if many and out is not None:
         out.mkdir(parents=True, exist_ok=True)
     records, failures = [], Failures()
@@ -192,7 +192,7 @@ def command(
         try:
             with tile_bar() as progress:
                 record = find(progress)
-        except UserError as error:
+        except DefocusError as error:
             failures.add(error)
             continue
         if place is not None:
@@ -242,12 +242,16 @@ def _refuse_idle(
     """Refuse what has no effect, with or without a set to match."""
     if match is None:
         if seed is not None:
-            raise UsageProblem("--seed", "has no effect without --match", "leave it out")
+            raise UsageProblem("", "has no effect without --match", "leave it out", field="seed")
         if blurred is None:
-            raise UsageProblem("BLURRED", "is missing", "give the blurred picture, or --match SET")
+            raise UsageProblem(
+                "", "is missing", "give the blurred picture, or --match SET", path="BLURRED"
+            )
         return
     beside = {"BLURRED": blurred, "--right": right, "--blades": options.blades != (0,)}
     beside |= {f"--{name}": getattr(options, name) for name in ("exposure", "gamma", "shift")}
     for name, value in beside.items():
         if value:
-            raise UsageProblem(name, "stands beside --match, which needs none", "remove one")
+            raise UsageProblem(
+                "", "stands beside --match, which needs none", "remove one", path=name
+            )

@@ -102,7 +102,7 @@ def update(
             console.tell(f"{change_words(record)}: {compare_report.line(record)}")
         batch_report.end(fresh.summary)
         if not fresh.complete:
-            raise InputError(jobs_file, "has jobs that made no picture", "mend them first")
+            raise InputError("", "has jobs that made no picture", "mend them first", path=jobs_file)
         if not changed:
             console.tell(f"{folder}: {counted(len(records), 'golden')}, none changes")
             return 0
@@ -150,7 +150,9 @@ def check(
     if must_fail:
         for option, value in {**asked.reports, "--only": only}.items():
             if value:
-                raise UsageProblem(option, "means nothing with --must-fail", "leave it out")
+                raise UsageProblem(
+                    "", "means nothing with --must-fail", "leave it out", path=option
+                )
         return _plant(folder, asked, as_json=as_json)
     start = time.perf_counter()
     store = read_store(folder)

@@ -15,7 +15,7 @@ from defocus_cli.words import inspection as inspection_report
 from defocus_cli.words.endings import Failures
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
-from defocus_core.errors import UserError
+from defocus_core.errors import DefocusError
 from defocus_core.io.shots.frame_patterns import is_pattern
 from defocus_core.reports.inspection import shot_summary
 from defocus_core.reports.inspection.inspection import inspect, inspect_pairs
@@ -111,7 +111,7 @@ def command(
     for file in files:  # each is reported before the next is read
         try:
             record = inspect(file, reading, lens, lone=len(files) == 1)
-        except UserError as error:
+        except DefocusError as error:
             failures.add(error)
             continue
         records.append(record)

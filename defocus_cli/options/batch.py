@@ -145,7 +145,9 @@ class ShardType(click.ParamType[Shard]):
         match = re.fullmatch(r"\s*(\d{1,6})\s*/\s*(\d{1,6})\s*", str(value))
         if not match or not 1 <= int(match[1]) <= int(match[2]):
             problem = f"'{value}' is no part of a batch"
-            raise UsageProblem(option_name(param), problem, "write it like 2/8, from 1/8 to 8/8")
+            raise UsageProblem(
+                "", problem, "write it like 2/8, from 1/8 to 8/8", path=option_name(param)
+            )
         return Shard(int(match[1]), int(match[2]))
 
 

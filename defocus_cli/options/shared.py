@@ -55,7 +55,7 @@ def over_options(command: Command) -> Command:
 
     def make(over: Path | None, over_depth: Path | None) -> tuple[Path, Path | None] | None:
         if over is None and over_depth is not None:
-            raise UsageProblem("--over-depth", "stands without --over", "give the plate")
+            raise UsageProblem("", "stands without --over", "give the plate", field="over-depth")
         return None if over is None else (over, over_depth)
 
     option = functools.partial(grouped_option, "Files", type=FilePath(), default=None)
@@ -170,7 +170,7 @@ def _outputs(
     ):
         if value is not None and outputs.format != kind:
             problem = f"says nothing about {outputs.format}"
-            raise UsageProblem(option, problem, f"leave it out, or use --format {kind}")
+            raise UsageProblem("", problem, f"leave it out, or use --format {kind}", path=option)
     return replace(
         outputs,
         exr_type=exr_type or outputs.exr_type,
@@ -199,7 +199,7 @@ def rendering_options(command: Command) -> Command:
 
 def _machine(*, quality: str | None, tolerance: float | None = None, **others: Any) -> Machine:
     if quality is not None and tolerance is not None:
-        raise UsageProblem("--tolerance", "stands beside --quality", "keep one of them")
+        raise UsageProblem("", "stands beside --quality", "keep one of them", field="tolerance")
     return Machine(quality=quality or Machine.quality, tolerance=tolerance, **others)
 
 

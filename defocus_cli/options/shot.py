@@ -143,7 +143,9 @@ def shot_lens_options(*, required: bool) -> Decorator:
     ) -> ShotLenses | None:
         flags = {n.replace("_", "-"): value for n, value in values.items() if value is not None}
         if interpolate is not None and not animate:
-            raise UsageProblem("--interpolate", "has no keys to go between", "add --animate FILE")
+            raise UsageProblem(
+                "", "has no keys to go between", "add --animate FILE", field="interpolate"
+            )
         if not (required or flags or animate or metadata or lens_file is not None):
             return None
         refuse_contradiction(flags, "--")

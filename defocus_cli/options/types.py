@@ -32,7 +32,7 @@ class FilePath(click.ParamType[Path]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """A path that is not empty, as ``"$UNSET"`` would be."""
         if not str(value):
-            raise UsageProblem(option_name(param), "is empty", "give a path")
+            raise UsageProblem("", "is empty", "give a path", path=option_name(param))
         return Path(value)
 
 
@@ -75,7 +75,7 @@ class Listed(click.ParamType[tuple[Any, ...]]):
             except ValueError:
                 problem = f"'{word.strip()}' is no {self.name}"
                 remedy = f"write like {self.example}"
-                raise UsageProblem(option_name(param), problem, remedy) from None
+                raise UsageProblem("", problem, remedy, path=option_name(param)) from None
         return tuple(dict.fromkeys(values))
 
 

@@ -11,14 +11,14 @@ from typing import Any
 
 import click
 
-from defocus_core.errors import InputError, printable, reason
+from defocus_core.errors import InputError, printable, reason, with_dashes
 from defocus_core.io.safe_files import spoken
 from defocus_core.system.text import version
 
 
 def say(line: str) -> None:
     """One line on stderr, above the progress bar if there is one."""
-    line = printable(line)
+    line = with_dashes(printable(line))
     # A closed stderr is no reason to lose the picture.
     with spoken(), suppress(OSError):
         if "tqdm" in sys.modules and sys.stderr is not None:
@@ -49,7 +49,7 @@ def tell(line: str) -> None:
         InputError: it cannot be written.
         BrokenPipeError: who read it has gone.
     """
-    _print(printable(line))
+    _print(with_dashes(printable(line)))
 
 
 class Due:
@@ -66,16 +66,20 @@ def print_json(**document: Any) -> None:
         BrokenPipeError: who read it has gone.
     """
     Due.json = False
-    _print(json.dumps({"defocus": version(), **document}, indent=1, allow_nan=False))
+    document = {"defocus": version(), **document}
+    text = json.dumps(document, indent=1, allow_nan=False)
+    _print(with_dashes(text.replace(r"\u2039", "‹").replace(r"\u203a", "›")))
 
 
 def _print(text: str) -> None:
     if sys.stdout is None:  # closed by whoever started us
-        raise InputError("stdout", "is closed", "send it to a file or to another program")
+        raise InputError("", "is closed", "send it to a file or to another program", path="stdout")
     try:
         click.echo(text)
     except BrokenPipeError:
         raise
     except OSError as error:
         remedy = "free some space" if error.errno == ENOSPC else "check where it leads"
-        raise InputError("stdout", f"cannot be written: {reason(error)}", remedy) from error
+        raise InputError(
+            "", f"cannot be written: {reason(error)}", remedy, path="stdout"
+        ) from error

@@ -11,7 +11,7 @@ from defocus_cli.words import job as job_report
 from defocus_cli.words.endings import SomeFailed
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.workers.plan import Plan
-from defocus_core.errors import Rejected, UserError
+from defocus_core.errors import DefocusError, Rejected
 from defocus_core.system.text import counted, duration
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def report_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) ->
 
 def _forecasts(
     todo: Sequence[Job], *, alone: bool = False
-) -> tuple[Mapping[int, Forecast], Sequence[UserError]]:
+) -> tuple[Mapping[int, Forecast], Sequence[DefocusError]]:
     """Forecasts by number, and the errors of the other jobs, said or, of a lone job, raised."""
     from defocus_core.batch.rendering import forecast
 
@@ -124,7 +124,7 @@ def _batch_lines(totals: Mapping[str, Any], samples: int) -> Iterator[str]:
         )
 
 
-def _end(unusable: Sequence[UserError], usable: int, what: str) -> None:
+def _end(unusable: Sequence[DefocusError], usable: int, what: str) -> None:
     """Fail if a job would fail; one that would be rejected is no failure."""
     failing = sum(not isinstance(error, Rejected) for error in unusable)
     if failing:

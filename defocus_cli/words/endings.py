@@ -9,10 +9,10 @@ from __future__ import annotations
 import click
 
 from defocus_cli.words import console
-from defocus_core.errors import UsageProblem, UserError
+from defocus_core.errors import DefocusError, UsageProblem
 
 
-def exit_code_of(error: UserError) -> int:
+def exit_code_of(error: DefocusError) -> int:
     """2 for a command line that makes no sense, 3 for a file that cannot be used."""
     return 2 if isinstance(error, UsageProblem) else 3
 
@@ -33,12 +33,12 @@ class Failures:
     """Errors of files that others stand beside: those are done, and the last error ends it."""
 
     def __init__(self) -> None:
-        self._errors: list[UserError] = []
+        self._errors: list[DefocusError] = []
 
     def __bool__(self) -> bool:
         return bool(self._errors)
 
-    def add(self, error: UserError) -> None:
+    def add(self, error: DefocusError) -> None:
         """Keep an error; the one before is said now."""
         if self._errors:
             console.say(f"defocus: {self._errors[-1]}")

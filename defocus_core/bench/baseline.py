@@ -44,12 +44,14 @@ class Baseline:
             InputError: there would be nothing to compare.
         """
         if (self.threads, self.device) != (threads, device):
-            problem = f"was measured on {self.device} with --threads {self.threads}"
-            remedy = f"add --device {self.device} --threads {self.threads}, or store a new one"
-            raise InputError(self.path, problem, remedy)
+            problem = f"was measured on {self.device} with ‹threads› {self.threads}"
+            remedy = f"add ‹device› {self.device} ‹threads› {self.threads}, or store a new one"
+            raise InputError("", problem, remedy, path=self.path)
         if not any(case.name in self.fft_units for case in cases):
             problem = "holds none of the cases asked for"
-            raise InputError(self.path, problem, "ask for the same sizes, radii and qualities")
+            raise InputError(
+                "", problem, "ask for the same sizes, radii and qualities", path=self.path
+            )
 
     def compare(self, costs: Mapping[Case, Cost]) -> list[dict[str, Any]]:
         """The ratio, new to stored, of each case that both have; the slowest first."""
@@ -89,12 +91,14 @@ def read_baseline(path: Path) -> Baseline:
         fft_units = {str(row["case"]): float(row["fft_units"]) for row in document["rows"]}
         threads, device = int(document["threads"]), str(document["device"])
     except OSError as error:
-        raise InputError(path, f"cannot be read: {reason(error)}", "check the path") from error
+        raise InputError(
+            "", f"cannot be read: {reason(error)}", "check the path", path=path
+        ) from error
     except (ValueError, TypeError, KeyError) as error:
         problem = f"is no stored run ({type(error).__name__}: {reason(error)})"
         raise InputError(
-            path, problem, "make one with: defocus bench --time --json > FILE"
+            "", problem, "make one with: defocus bench ‹time› ‹json› > FILE", path=path
         ) from None
     if not all(value > 0 for value in fft_units.values()):
-        raise InputError(path, "holds a time that is not positive", "store a new run")
+        raise InputError("", "holds a time that is not positive", "store a new run", path=path)
     return Baseline(path, threads, device, fft_units)

@@ -107,7 +107,9 @@ def time_case(case: Case, *, device: str, threads: int) -> Cost:
         return measured(work, FftUnit(image), repeats=_REPEATS)[1]
     except torch.OutOfMemoryError:
         problem = "does not fit into the memory of the GPU"
-        raise InputError(case.name, problem, "leave that size out or use --device cpu") from None
+        raise InputError(
+            "", problem, "leave that size out or use ‹device› cpu", path=case.name
+        ) from None
 
 
 def measured(work: Callable[[], Tensor], unit: FftUnit, *, repeats: int) -> tuple[Tensor, Cost]:

@@ -69,7 +69,7 @@ def sample_set() -> Path:
         if any((root / "sample_scenes").glob("*/camera.json")):
             return root / "sample_scenes"
     problem = "is missing, and the sample scenes are not part of an installed package"
-    raise UsageProblem("--truth", problem, "name a directory of <scene>/camera.json")
+    raise UsageProblem("", problem, "name a directory of <scene>/camera.json", field="truth")
 
 
 def find_shots(root: Path) -> list[Shot]:
@@ -79,13 +79,17 @@ def find_shots(root: Path) -> list[Shot]:
         InputError: there is no set, or a file of it is missing or damaged.
     """
     if not root.is_dir():
-        raise InputError(root, "is no directory", "name one that holds <scene>/camera.json")
+        raise InputError(
+            "", "is no directory", "name one that holds <scene>/camera.json", path=root
+        )
     cameras = sorted(root.glob("*/camera.json"))
     if not cameras:
-        raise InputError(root, "holds no <scene>/camera.json", "name a directory of such scenes")
+        raise InputError(
+            "", "holds no <scene>/camera.json", "name a directory of such scenes", path=root
+        )
     shots = [shot for camera in cameras for shot in _shots(camera)]
     if not shots:
-        raise InputError(root, "holds no shot", "list shots in camera.json")
+        raise InputError("", "holds no shot", "list shots in camera.json", path=root)
     return shots
 
 
@@ -94,17 +98,21 @@ def _shots(file: Path) -> list[Shot]:
         camera: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         shots = [_shot(file.parent, camera, shot) for shot in camera["shots"]]
     except OSError as error:
-        raise InputError(file, f"cannot be read: {reason(error)}", "check it") from error
+        raise InputError("", f"cannot be read: {reason(error)}", "check it", path=file) from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         problem = f"does not describe a camera ({type(error).__name__}: {reason(error)})"
-        raise InputError(file, problem, "compare it with those of sample_scenes") from error
+        raise InputError(
+            "", problem, "compare it with those of sample_scenes", path=file
+        ) from error
     for shot in shots:
         for path in (shot.folder / "rgb.exr", shot.folder / "depth.exr", shot.truth):
             if not path.is_file():
-                raise InputError(path, "is missing", f"add it or take the shot out of {file}")
+                raise InputError(
+                    "", "is missing", f"add it or take the shot out of {file}", path=path
+                )
         if min(camera["width"], camera["height"]) - 2 * shot.border < LEAST_INNER:
             problem = f"{shot.name} leaves no picture within its border of {shot.border} px"
-            raise InputError(file, problem, "use larger pictures or less blur")
+            raise InputError("", problem, "use larger pictures or less blur", path=file)
     return shots
 
 
@@ -149,5 +157,5 @@ def _rgb(path: Path, size: tuple[int, int]) -> Tensor:
     if color.pixels.shape != (*size, 3):
         shape = "x".join(map(str, color.pixels.shape))
         problem = f"is {shape} (height, width, channels), not {size[0]}x{size[1]}x3 as depth.exr is"
-        raise InputError(path, problem, "write RGB of the size of the depth")
+        raise InputError("", problem, "write RGB of the size of the depth", path=path)
     return torch.from_numpy(color.pixels.transpose(2, 0, 1).copy())

@@ -51,11 +51,11 @@ _ROWS = (
         "ssim", "structural similarity of sRGB-encoded luma, 1 if equal", "", "high", color=True
     ),
     Metric("p99.9", "99.9th percentile of the greatest differences of the pixels"),
-    Metric("share", "share of pixels with a difference of more than --over"),
-    Metric("flip", "mean of FLIP, with --flip", "", color=True),
-    Metric("flip-max", "greatest FLIP of a pixel, with --flip", "", color=True),
+    Metric("share", "share of pixels with a difference of more than ‹over›"),
+    Metric("flip", "mean of FLIP, with ‹flip›", "", color=True),
+    Metric("flip-max", "greatest FLIP of a pixel, with ‹flip›", "", color=True),
     *(
-        Metric(f"{place}-{name}", f"{name} {words} depth edges, with --coc", unit, better)
+        Metric(f"{place}-{name}", f"{name} {words} depth edges, with ‹coc›", unit, better)
         for place, words in (("edges", "near"), ("elsewhere", "away from"))
         for name, unit, better in (
             *(("max", "", "low"), ("mean", "", "low"), ("rmse", "", "low")),

@@ -106,10 +106,12 @@ def _refuse_damaged_png(path: Path) -> None:
         end = at + 8 + size
         if int.from_bytes(data[end : end + 4], "big") != zlib.crc32(data[at + 4 : end]):
             problem = f"is truncated or damaged (the checksum of its chunk {kind!r} is wrong)"
-            raise InputError(path, problem, "write or copy it again")
+            raise InputError("", problem, "write or copy it again", path=path)
         at = end + 4
     if kind != b"IEND" or at != len(data):
-        raise InputError(path, "is damaged (it does not end as PNG does)", "write or copy it again")
+        raise InputError(
+            "", "is damaged (it does not end as PNG does)", "write or copy it again", path=path
+        )
 
 
 def color_layers(names: Sequence[str]) -> Iterator[tuple[str, ...]]:
@@ -169,7 +171,9 @@ def _from_exr(path: Path) -> Picture:
     headers = read_headers(path)
     if any(header.deep for header in headers):
         problem = "holds deep data, which is not compared"
-        raise InputError(path, problem, "flatten it first, for example with oiiotool --flatten")
+        raise InputError(
+            "", problem, "flatten it first, for example with oiiotool ‹flatten›", path=path
+        )
     counts = Counter(channel.name for header in headers for channel in header.channels)
     labels = Counter(header.label for header in headers)
     planes, types = {}, {}
@@ -179,10 +183,10 @@ def _from_exr(path: Path) -> Picture:
             name = channel.name if counts[channel.name] == 1 else f"{label}/{channel.name}"
             if name in planes:
                 problem = f"has two channels {channel.name}"
-                raise InputError(path, problem, "write it again with plain names")
+                raise InputError("", problem, "write it again with plain names", path=path)
             planes[name], types[name] = part.channels[channel.name], channel.type
     if not planes:
-        raise InputError(path, "has no channels", "write or copy it again")
+        raise InputError("", "has no channels", "write or copy it again", path=path)
     metadata = {
         f"{header.label}/{name}" if len(headers) > 1 else name: _spoken(raw)
         for header in headers
@@ -242,7 +246,9 @@ def _from_raster(path: Path, pages: Sequence[Raster]) -> Picture:
     import numpy as np
 
     if any(page.deep for page in pages):
-        raise InputError(path, "holds deep data, which is not compared", "flatten it first")
+        raise InputError(
+            "", "holds deep data, which is not compared", "flatten it first", path=path
+        )
     planes: dict[str, NDArray[Any]] = {}
     types: dict[str, str] = {}
     for page in pages:

@@ -160,14 +160,16 @@ def read_thresholds(
     overrides = tables.get("override", [])
     if not isinstance(overrides, list) or not all(isinstance(each, dict) for each in overrides):
         problem, remedy = "is no list of tables", "write [[override]] above files, fail and warn"
-        raise UsageProblem(f"{file}: override", problem, remedy)
+        raise UsageProblem("", problem, remedy, path=file, field="override")
     read = []
     for number, values in enumerate(overrides, 1):
         table = Table(file, f"override {number}", values)
         table.refuse_unknown(("files", *_KEYS))
         pattern = table.text("files")
         if pattern is None:
-            raise UsageProblem(table.place("files"), "is missing", "write files = 'left/*'")
+            raise UsageProblem(
+                "", "is missing", "write files = 'left/*'", path=table.place("files")
+            )
         read.append((pattern, _changes(table)))
     general = replace(default, **_changes(Table(file, "thresholds", top)))
     return Thresholds(general, tuple(read), flags)
@@ -182,7 +184,7 @@ def _changes(table: Table) -> dict[str, Any]:
             texts = [texts] if isinstance(texts, str) else texts
             if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
                 problem = f"{texts!r} is no list of rules"
-                raise UsageProblem(table.place(key), problem, f"write {key} = ['psnr<45']")
+                raise UsageProblem("", problem, f"write {key} = ['psnr<45']", path=table.place(key))
             changes[key] = tuple(read_at(table.place(key), rule, text) for text in texts)
     if "over" in table.values:
         changes["over"] = difference(table.values["over"], table.place("over"))
@@ -197,4 +199,4 @@ def difference(value: object, where: str) -> float:
     """
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf:
         return float(value)
-    raise UsageProblem(where, f"{value!r} is no difference of 0 or more", f"write {OVER}")
+    raise UsageProblem("", f"{value!r} is no difference of 0 or more", f"write {OVER}", path=where)

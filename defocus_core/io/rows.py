@@ -29,7 +29,7 @@ def read_rows(file: Path, what: str, example: str) -> Iterator[Row]:
     """
     if file.suffix.lower() not in SUFFIXES:
         remedy = f"name it after its type, {' or '.join(SUFFIXES)}"
-        raise InputError(file, f"is no {what} by its name", remedy)
+        raise InputError("", f"is no {what} by its name", remedy, path=file)
     try:
         with file.open(encoding="utf-8-sig", newline="") as opened:
             if file.suffix.lower() == ".csv":
@@ -37,9 +37,11 @@ def read_rows(file: Path, what: str, example: str) -> Iterator[Row]:
             else:
                 yield from _json_rows(file, opened, example)
     except OSError as error:
-        raise InputError(file, f"cannot be read: {reason(error)}", "check the path") from None
+        raise InputError(
+            "", f"cannot be read: {reason(error)}", "check the path", path=file
+        ) from None
     except UnicodeDecodeError:
-        raise InputError(file, "is not UTF-8 text", "save it as UTF-8") from None
+        raise InputError("", "is not UTF-8 text", "save it as UTF-8", path=file) from None
 
 
 def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
@@ -47,21 +49,23 @@ def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
     try:
         keys = [key.strip() for key in next(reader, [])]
         if not keys:
-            raise InputError(file, "is empty", "begin it with a line like color,depth")
+            raise InputError("", "is empty", "begin it with a line like color,depth", path=file)
         if twice := [key for key in keys if keys.count(key) > 1]:
             problem = f"names '{twice[0]}' twice"
-            raise InputError(f"{file}: line 1", problem, "remove one of the columns")
+            raise InputError("", problem, "remove one of the columns", path=file, field="line 1")
         for cells in reader:
             values = [cell.strip() for cell in cells]
             if any(values) and len(values) != len(keys):
                 problem = f"has {len(values)} cells, but the header names {len(keys)}"
-                raise InputError(f"{file}: line {reader.line_num}", problem, "mend that line")
+                raise InputError(
+                    "", problem, "mend that line", path=f"{file}: line {reader.line_num}"
+                )
             if any(values):
                 row = zip(keys, values, strict=True)
                 yield f"{file}: line {reader.line_num}", {key: value for key, value in row if value}
     except csv.Error as error:
         where = f"{file}: line {reader.line_num}"
-        raise InputError(where, f"is not CSV: {reason(error)}", "mend that line") from None
+        raise InputError("", f"is not CSV: {reason(error)}", "mend that line", path=where) from None
 
 
 def _json_rows(file: Path, opened: TextIO, example: str) -> Iterator[Row]:
@@ -76,9 +80,9 @@ def _json_rows(file: Path, opened: TextIO, example: str) -> Iterator[Row]:
             row = json.loads(text)
         except (ValueError, RecursionError) as error:
             problem = f"is not JSON: {reason(error)}"
-            raise InputError(f"{file}: line {number}", problem, remedy) from None
+            raise InputError("", problem, remedy, path=f"{file}: line {number}") from None
         if not isinstance(row, dict):
-            raise InputError(f"{file}: line {number}", "is no JSON object", remedy)
+            raise InputError("", "is no JSON object", remedy, path=f"{file}: line {number}")
         yield (
             f"{file}: line {number}",
             {key: value for key, value in row.items() if value not in (None, "")},

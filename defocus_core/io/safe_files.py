@@ -42,12 +42,12 @@ def read_head(path: Path, count: int = 16) -> bytes:
     try:
         str(path).encode()
     except UnicodeEncodeError:  # decoders written in C refuse it in words of their own
-        raise InputError(path, "has a name that is not UTF-8", "rename it") from None
+        raise InputError("", "has a name that is not UTF-8", "rename it", path=path) from None
     try:
         if path.is_dir():
-            raise InputError(path, "is a directory, not an image", "name a file in it")
+            raise InputError("", "is a directory, not an image", "name a file in it", path=path)
         if path.exists() and not path.is_file():  # to open a pipe is to wait for its writer
-            raise InputError(path, "is not a regular file", "copy what it holds to one")
+            raise InputError("", "is not a regular file", "copy what it holds to one", path=path)
         with path.open("rb") as file:
             head = file.read(count)
     except FileNotFoundError as error:
@@ -56,9 +56,9 @@ def read_head(path: Path, count: int = 16) -> bytes:
         if isinstance(error, OSError) and error.errno == errno.ELOOP:
             raise missing(path) from error
         remedy = "check its permissions"
-        raise InputError(path, f"cannot be opened: {reason(error)}", remedy) from error
+        raise InputError("", f"cannot be opened: {reason(error)}", remedy, path=path) from error
     if not head:
-        raise InputError(path, "is empty (zero bytes)", "write or copy it again")
+        raise InputError("", "is empty (zero bytes)", "write or copy it again", path=path)
     return head
 
 
@@ -66,8 +66,8 @@ def missing(path: Path, what: str = "file") -> InputError:
     """The InputError for a path at which nothing is, or a link that leads to nothing."""
     if path.is_symlink():
         problem = "is a symbolic link that leads to nothing"
-        return InputError(path, problem, "make the link anew, or name another path")
-    return InputError(path, f"no such {what}", "check the name")
+        return InputError("", problem, "make the link anew, or name another path", path=path)
+    return InputError("", f"no such {what}", "check the name", path=path)
 
 
 def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
@@ -84,13 +84,15 @@ def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
     """
     claim = f"its header claims {width}×{height} px"
     if width < 1 or height < 1:
-        raise InputError(path, f"is damaged: {claim}", "write or copy it again")
+        raise InputError("", f"is damaged: {claim}", "write or copy it again", path=path)
     if width * height > MAX_PIXELS:
-        raise InputError(path, f"{claim}, more than {MAX_PIXELS}", "cut it into smaller images")
+        raise InputError(
+            "", f"{claim}, more than {MAX_PIXELS}", "cut it into smaller images", path=path
+        )
     size, decoded = path.stat().st_size, width * height * pixel_bytes
     if decoded > max(UNASKED_BYTES, size * MAX_RATIO):
         problem = f"{claim}, but the file has only {size} bytes"
-        raise InputError(path, problem, "write or copy it again")
+        raise InputError("", problem, "write or copy it again", path=path)
 
 
 @contextmanager
@@ -217,4 +219,4 @@ def unwritable(path: Path, error: OSError) -> InputError:
         errno.EISDIR: "it is a directory; name another output",
     }
     remedy = remedies.get(error.errno or 0, "name an output directory you may write to")
-    return InputError(path, f"cannot be written: {reason(error)}", remedy)
+    return InputError("", f"cannot be written: {reason(error)}", remedy, path=path)

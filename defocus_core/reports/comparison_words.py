@@ -55,7 +55,7 @@ def line(record: Comparison) -> str:
     if record.notes:
         parts.append(f"noted: {'; '.join(record.notes)}")
     if record.proposal:
-        parts.append(f"--fail '{record.proposal}' lets it pass")
+        parts.append(f"‹fail› '{record.proposal}' lets it pass")
     return f"{record.name}: {': '.join([word, ', '.join(parts)] if parts else [word])}"
 
 

@@ -32,10 +32,10 @@ def refuse_unplottable(path: Path) -> None:
     """
     if path.suffix.lower() not in SUFFIXES:
         problem = f"{path} has no suffix of a picture"
-        raise UsageProblem("--plot", problem, f"use one of {', '.join(SUFFIXES)}")
+        raise UsageProblem("", problem, f"use one of {', '.join(SUFFIXES)}", field="plot")
     if find_spec("matplotlib") is None:
         problem = "needs matplotlib, which is not installed"
-        raise UsageProblem("--plot", problem, "run: pip install 'defocus[bench]'")
+        raise UsageProblem("", problem, "run: pip install 'defocus[bench]'", field="plot")
 
 
 def draw(path: Path, rows: Sequence[Row]) -> None:

@@ -42,7 +42,7 @@ def spread(
             yield from pool.map(work, pieces, chunksize=_AT_ONCE)
         except BrokenProcessPool:
             problem = f"a process of {subject} died, perhaps for want of memory"
-            raise InputError(subject, problem, "use fewer --processes") from None
+            raise InputError("", problem, "use fewer ‹processes›", path=subject) from None
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 

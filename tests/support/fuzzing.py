@@ -163,7 +163,7 @@ def outcome(path: Path) -> dict[str, Any]:
 
     from defocus_cli.words.inspection import lines
     from defocus_core.batch.jobs.job import Reading
-    from defocus_core.errors import UserError
+    from defocus_core.errors import DefocusError
     from defocus_core.io.images.raster import read_pages
     from defocus_core.io.images.tags import set_tag
     from defocus_core.reports.inspection.inspection import inspect
@@ -175,7 +175,7 @@ def outcome(path: Path) -> dict[str, Any]:
             for page in read_pages(path):
                 for name, tag in page.tags.items():  # as they would be written
                     set_tag(oiio.ImageSpec(), name, tag)
-    except UserError as error:
+    except DefocusError as error:
         return _judged(error, str(error))
     except BaseException as error:
         return {"wrong": f"{type(error).__name__}: {error}"}

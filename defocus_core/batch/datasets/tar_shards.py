@@ -188,7 +188,9 @@ def _pack(path: Path, samples: Iterable[Sample]) -> None:
                     if getattr(error, "errno", None) is not None:  # the tar cannot be written
                         raise
                     problem = f"changed while it was packed: {reason(error)}"
-                    raise InputError(str(member.source), problem, "pack it again") from None
+                    raise InputError(
+                        "", problem, "pack it again", path=str(member.source)
+                    ) from None
 
 
 def _opened(source: Path | bytes) -> BinaryIO:
@@ -216,7 +218,9 @@ def _has_size(path: Path, size: object) -> bool:
 
 def _size(path: Path) -> int:
     if path.is_symlink():  # which may lead to any file of this machine
-        raise InputError(path, "is a symbolic link, not an output", "put the file itself there")
+        raise InputError(
+            "", "is a symbolic link, not an output", "put the file itself there", path=path
+        )
     try:
         return path.stat().st_size
     except OSError as error:
@@ -224,7 +228,7 @@ def _size(path: Path) -> int:
 
 
 def _gone(path: Path, error: OSError) -> InputError:
-    return InputError(path, f"cannot be packed: {reason(error)}", "render the batch again")
+    return InputError("", f"cannot be packed: {reason(error)}", "render the batch again", path=path)
 
 
 def _name(member: Member) -> str:

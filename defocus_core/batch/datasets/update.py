@@ -70,7 +70,7 @@ def _followed(out: Path, records: list[Record]) -> list[Path]:
     folder, before = out / tar_shards.FOLDER, tar_shards.listed(out)
     if before is None:
         problem = f"may hold other samples than {sample_index.NAME}"
-        note(f"{folder}: warning: {problem}; --shards-size packs them again")
+        note(f"{folder}: warning: {problem}; ‹shards-size› packs them again")
         return []
     written = tar_shards.write(out, records, before.limit)
     if tar_shards.listed(out) != before:

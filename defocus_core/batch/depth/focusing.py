@@ -52,7 +52,7 @@ def focused(lens: Lens, depth: Depth) -> Lens:
                 raise
             rejected = error
     problem = f"{rejected.problem}, with the last of {ATTEMPTS} lenses drawn for it"
-    raise Rejected(rejected.subject, problem, rejected.remedy, rejected.code)
+    raise Rejected(rejected.code, problem, rejected.remedy, path=rejected.subject)
 
 
 def signed_radius(
@@ -70,7 +70,9 @@ def signed_radius(
     radius: NDArray[np.float32] = _thin_lens(lens, size).signed_radius(depth_mm).float().numpy()
     if not np.isfinite(radius).all():
         problem = f"f/{lens.fnum:g} blurs beyond all numbers in this picture"
-        raise UsageProblem("--fnumber", problem, "check the lens options and the depth's unit")
+        raise UsageProblem(
+            "", problem, "check the lens options and the depth's unit", field="fnumber"
+        )
     return radius
 
 
@@ -146,10 +148,10 @@ def _refuse_blur(ends: list[float], depth: Depth, rows: slice) -> None:
     if not -ends[0] <= _MOST_PX:
         nearest = float(depth.something(rows).min())
         problem = f"has a depth of {nearest:.3g} m, which is blurred by {-ends[0]:.2g} px"
-        raise InputError(depth.path, problem, "check --depth-unit and --focus")
+        raise InputError("", problem, "check ‹depth-unit› and ‹focus›", path=depth.path)
     if not ends[1] <= _FARTHEST_PX:
         problem = f"is blurred by {ends[1]:.2g} px: focus is hardly beyond the focal length"
-        raise InputError(depth.path, problem, "give --focus in the scene")
+        raise InputError("", problem, "give ‹focus› in the scene", path=depth.path)
 
 
 def _with_nothing(radius: Any, farthest: float, depth: Depth) -> Any:
@@ -172,7 +174,7 @@ def _ends_of_radii(depth: Depth) -> tuple[float, float]:
     most = max((float(radius.max()) for radius in of_bands if radius.size), default=0.0)
     if max(-least, most) > _MOST_PX:
         problem = f"has a CoC radius of {max(-least, most):.2g} px"
-        raise InputError(depth.path, problem, "check --depth-format coc")
+        raise InputError("", problem, "check ‹depth-format› coc", path=depth.path)
     return least, most
 
 
@@ -192,7 +194,7 @@ def _thin_lens(lens: Lens, size: tuple[int, int]) -> DefocusLens:
         thin_lens.sharp_range = lens.sharp_range
     except ValueError as error:
         option = f"{lens.focus_source}focus"
-        raise UsageProblem(option, reason(error), "check the lens options") from error
+        raise UsageProblem("", reason(error), "check the lens options", path=option) from error
     return thin_lens
 
 
@@ -212,15 +214,16 @@ def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
     option = f"{lens.focus_source}focus-at"
     if not (0 <= x < width and 0 <= y < height):
         raise UsageProblem(
-            option,
+            "",
             f"{x},{y} lies outside {depth.path} of {width}x{height} px",
             f"give X from 0 to {width - 1} and Y from 0 to {height - 1}",
+            path=option,
         )
     row, column = y + depth.overscan.top, x + depth.overscan.left
     place = slice(row, row + 1), slice(column, column + 1)
     if depth.nothing is not None and depth.nothing[place].any():
         problem = f"{x},{y} has an alpha of 0 in {depth.path}, and nothing to focus on"
-        raise UsageProblem(option, problem, "give a pixel of the element")
+        raise UsageProblem("", problem, "give a pixel of the element", path=option)
     foc_dist = float(depth.metres[place][0, 0]) * MM_PER_M
     refuse_near_focus(foc_dist, lens.foclen, f"{option}: {depth.path} at {x},{y}")
     return foc_dist
@@ -241,12 +244,12 @@ def _at_percentile(lens: Lens, depth: Depth) -> float:
         remedy = "give the focus as a distance"
         what = "is all sky" if depth.nothing is None else "is sky or has an alpha of 0 everywhere"
         problem = f"{what}, with nothing to focus on"
-        raise Rejected(depth.path, problem, remedy, "no-valid-depth")
+        raise Rejected("no-valid-depth", problem, remedy, path=depth.path)
     foc_dist = metres * MM_PER_M
     if foc_dist <= lens.foclen:
         where, far = Percentile(lens.focus_percentile), length_text(lens.foclen)
         problem = f"has {length_text(foc_dist)} at {where}, not beyond the focal length {far}"
-        raise Rejected(depth.path, problem, "focus farther away", "focus-too-near")
+        raise Rejected("focus-too-near", problem, "focus farther away", path=depth.path)
     return foc_dist
 
 
@@ -266,7 +269,7 @@ def _within_max_coc(lens: Lens, depth: Depth) -> Lens:
     radius = float(np.abs(extremes).max())
     if radius > lens.max_coc:
         problem = f"would get a CoC radius of {radius:.2f} px, more than {lens.max_coc:g}px"
-        raise Rejected(depth.path, problem, "allow a larger max-coc", "coc-too-large")
+        raise Rejected("coc-too-large", problem, "allow a larger max-coc", path=depth.path)
     return lens
 
 
@@ -288,4 +291,4 @@ def quality_of(machine: Machine, coc_px: tuple[float, float]) -> str:
             f"{error.most:.1f} px, got {error.tolerance:g}"
         )
         remedy = f"give more: that is what {error.quality} has"
-        raise UsageProblem("--tolerance", problem, remedy) from None
+        raise UsageProblem("", problem, remedy, field="tolerance") from None

@@ -65,7 +65,7 @@ def _of_radii(
         return
     height, width = depth.metres.shape
     greatest = max(abs(end) for end in ends)
-    remedy = f"check {'the declared format or unit' if declared else '--depth-unit'} and --focus"
+    remedy = f"check {'the declared format or unit' if declared else '‹depth-unit›'} and ‹focus›"
     nearer = sum(_nearer_than(depth.metres[rows], lens) for rows in bands(depth.metres.shape))
     if nearer:
         where = f"nearer than the focal length {length_text(lens.foclen)}"
@@ -114,10 +114,10 @@ def _of_file(depth: Depth) -> Iterator[str]:
     path, channel = depth.path, depth.channel.lower()
     if path.suffix.lower() == ".pfm" and (path.parent / "calib.txt").is_file():
         problem = "calib.txt beside it tells of disparity, but depth is taken as metres"
-        yield f"{path}: {problem}; say --depth-format middlebury, or metres"
+        yield f"{path}: {problem}; say ‹depth-format› middlebury, or metres"
     if any(word in channel for word in _UNREAL):
         problem = f"channel {depth.channel} is one that Unreal writes in centimetres"
-        yield f"{path}: {problem}, but depth is taken as metres; say --depth-format unreal-mrq"
+        yield f"{path}: {problem}, but depth is taken as metres; say ‹depth-format› unreal-mrq"
     if channel == _HYPERSIM and path.suffix.lower() in (".hdf5", ".h5"):
         problem = "array dataset is that of Hypersim, whose numbers are distances to the point"
-        yield f"{path}: {problem}; say --depth-format hypersim, or metres"
+        yield f"{path}: {problem}; say ‹depth-format› hypersim, or metres"

@@ -31,7 +31,7 @@ def matched(lens: Lens, depth: Depth) -> Lens:
     disparity = disparities(depth)
     if not disparity.numel():
         problem = "has an alpha of 0 everywhere, and nothing that could be blurred"
-        raise Rejected(depth.path, problem, "leave it out", "no-valid-depth")
+        raise Rejected("no-valid-depth", problem, "leave it out", path=depth.path)
     nearest = 1 / (_LIFE_SIZE * lens.foclen)
     blur = matched_blur(disparity, lens.radii_px, nearest=nearest)
     focus = _six_digits(blur.focus)

@@ -82,7 +82,7 @@ class Animation:
             return keys[first].text
         if not all(isinstance(end, int | float | tuple) for end in ends):
             problem = f"is {keys[first].text}, which has nothing between it and another key"
-            raise UsageProblem(keys[first].where, problem, "give distances")
+            raise UsageProblem("", problem, "give distances", path=keys[first].where)
         return _between(name, ends, share)
 
 
@@ -129,7 +129,7 @@ def read_animation(
     for text in files:
         option, _, name = text.rpartition("=") if not (root / text).exists() else ("", "", text)
         if option:
-            refuse_unknown([option], tuple(PARSERS), "--animate", "a lens", "option")
+            refuse_unknown([option], tuple(PARSERS), "‹animate›", "a lens", "option")
         file = root / name
         if file.suffix.lower() == ".toml" and not option:
             of_file, interpolation = _of_toml(file, interpolation)
@@ -170,7 +170,9 @@ def keys_of_table(values: Mapping[str, Any], where: str) -> dict[str, dict[int, 
     for name, table in values.items():
         if not isinstance(table, dict) or not table:
             remedy = f'write {name} = {{1001 = "1.2m", 1060 = "4m"}}'
-            raise UsageProblem(f"{where} {name}", f"{table!r:.40} is no table of frames", remedy)
+            raise UsageProblem(
+                "", f"{table!r:.40} is no table of frames", remedy, path=f"{where} {name}"
+            )
         refuse_unknown([name], tuple(PARSERS), where, "a lens", "option")
         keys[name] = {
             frame_of(frame, f"{where} {name}"): Key(text_of(value), f"{where} {name}: {frame}")
@@ -186,7 +188,7 @@ def _of_toml(file: Path, interpolation: str | None) -> tuple[Keys, str | None]:
     refuse_unknown(tables, ("animate",), file, "a file of keys", "table")
     values = tables.get("animate")
     if not isinstance(values, dict):
-        raise InputError(file, "has no table [animate]", remedy)
+        raise InputError("", "has no table [animate]", remedy, path=file)
     values, said = interpolation_of(values, f"{file}: [animate]")
     return keys_of_table(values, f"{file}: [animate]"), interpolation or said
 
@@ -200,7 +202,7 @@ def interpolation_of(values: Mapping[str, Any], where: str) -> tuple[dict[str, A
     said = values.get("interpolation")
     if said is not None and said not in INTERPOLATIONS:
         remedy = f"choose from {', '.join(INTERPOLATIONS)}"
-        raise UsageProblem(f"{where} interpolation", f"'{said}' is not known", remedy)
+        raise UsageProblem("", f"'{said}' is not known", remedy, path=f"{where} interpolation")
     return {name: value for name, value in values.items() if name != "interpolation"}, said
 
 
@@ -208,7 +210,9 @@ def _add(every: dict[str, Mapping[int, Key]], keys: Keys, file: Path) -> None:
     for name, of_option in keys.items():
         if name in every:
             where = next(iter(every[name].values())).where
-            raise UsageProblem(file, f"animates {name}, as does {where}", "remove one of them")
+            raise UsageProblem(
+                "", f"animates {name}, as does {where}", "remove one of them", path=file
+            )
         every[name] = of_option
 
 
@@ -222,7 +226,9 @@ def _checked(name: str, key: Key) -> str:
     except ValueError:
         degrees = 0.0
     if not 0 < degrees < 180:
-        raise UsageProblem(key.where, f"'{text}' is no field of view", "give degrees, like 40")
+        raise UsageProblem(
+            "", f"'{text}' is no field of view", "give degrees, like 40", path=key.where
+        )
     return text
 
 

@@ -154,11 +154,11 @@ def make_lens(
     if not radii:
         refuse_missing(values, _DASHES, lacking)
     if options.get("vignetting") and "cat-eye" not in values:
-        problem, remedy = "darkens nothing without a rim", "add --cat-eye 1.05:1.5, or leave it out"
-        raise UsageProblem("--vignetting", problem, remedy)
+        problem, remedy = "darkens nothing without a rim", "add ‹cat-eye› 1.05:1.5, or leave it out"
+        raise UsageProblem("", problem, remedy, field="vignetting")
     if options.get("noise-seed") and "noise" not in values:
-        problem, remedy = "changes nothing without noise", "add --noise 4000:3, or leave it out"
-        raise UsageProblem("--noise-seed", problem, remedy)
+        problem, remedy = "changes nothing without noise", "add ‹noise› 4000:3, or leave it out"
+        raise UsageProblem("", problem, remedy, field="noise-seed")
     for name in OF_BLADES:
         source = _DASHES if name in options else f"{file}: "
         refuse_idle(name, values.get(name), values.get("blades"), source)
@@ -232,7 +232,9 @@ def refuse_contradiction(values: Mapping[str, Any], source: str) -> None:
     dashes = _DASHES if source == _DASHES else ""
     for one, other in ALTERNATIVES:
         if one in values and other in values:
-            raise UsageProblem(f"{source}{one}", f"contradicts {dashes}{other}", "give one of them")
+            raise UsageProblem(
+                "", f"contradicts {dashes}{other}", "give one of them", path=f"{source}{one}"
+            )
 
 
 def refuse_missing(values: Mapping[str, Any], source: str, lacking: Path | None = None) -> None:
@@ -245,11 +247,11 @@ def refuse_missing(values: Mapping[str, Any], source: str, lacking: Path | None 
             continue
         if source == _DASHES:
             either = f" or --{other}" if other else ""
-            remedy = f"add --{name} {example}{either}, or a --lens FILE that has it"
+            remedy = f"add --{name} {example}{either}, or a ‹lens› FILE that has it"
         else:
             either = f" or {other}" if other else ""
             remedy = f'write {name} = "{example}"{either} below [lens]'
-        raise UsageProblem(f"{source}{name}", problem, remedy)
+        raise UsageProblem("", problem, remedy, path=f"{source}{name}")
 
 
 def refuse_optics(names: Iterable[str], source: str) -> None:
@@ -258,7 +260,7 @@ def refuse_optics(names: Iterable[str], source: str) -> None:
         if name in _OPTICS:
             problem = "changes nothing: with depth-format coc, the files hold the radii"
             remedy = f"leave it out; {', '.join(SHAPES)} shape the opening"
-            raise UsageProblem(f"{source}{name}", problem, remedy)
+            raise UsageProblem("", problem, remedy, path=f"{source}{name}")
 
 
 def shape_of(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -269,10 +271,10 @@ def shape_of(options: Mapping[str, Any]) -> dict[str, Any]:
 def refuse_idle(name: str, value: object, blades: object, source: str) -> None:
     """Raise UsageProblem if an option of blades has a ``value``, but the aperture no ``blades``."""
     if value and not blades:
-        example = "--blades" if source == _DASHES else "blades ="
+        example = "‹blades›" if source == _DASHES else "blades ="
         problem = f"{OF_BLADES[name]} blades; this aperture has none"
         remedy = f"give it some, like {example} 6, or leave it out"
-        raise UsageProblem(f"{source}{name}", problem, remedy)
+        raise UsageProblem("", problem, remedy, path=f"{source}{name}")
 
 
 def refuse_near_focus(foc_dist: float, foclen: float, where: str) -> None:
@@ -281,4 +283,4 @@ def refuse_near_focus(foc_dist: float, foclen: float, where: str) -> None:
         near, far = length_text(foc_dist), length_text(foclen)
         problem = f"{near} is not farther than the focal length {far}"
         remedy = "focus farther away than that, or give a shorter focal length"
-        raise UsageProblem(where, problem, remedy)
+        raise UsageProblem("", problem, remedy, path=where)

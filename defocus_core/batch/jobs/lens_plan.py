@@ -171,7 +171,7 @@ def _refuse_beside_match(
     refuse_matched((name for point in points for name in point.options), sweep.place(""))
     if radii:
         problem = "finds a lens of depth, and with depth-format coc the files hold radii"
-        raise UsageProblem(sample.place("match"), problem, "give depth, or leave it out")
+        raise UsageProblem("", problem, "give depth, or leave it out", path=sample.place("match"))
 
 
 def _refuse_frame(entry: Entry) -> None:
@@ -179,7 +179,7 @@ def _refuse_frame(entry: Entry) -> None:
     if entry.picture.frame is not None:
         problem = f"'{entry.picture.stem}' is a frame of a shot, which match would blur by itself"
         remedy = "name the files by a pattern with *, or leave match out"
-        raise UsageProblem(entry.where, problem, remedy)
+        raise UsageProblem("", problem, remedy, path=entry.where)
 
 
 def lens_file_of(lens: Table) -> Path | None:
@@ -223,7 +223,9 @@ def _refuse_taken(options: Iterable[str], taken: Mapping[str, str], source: str)
     """Refuse options that another table of the jobs file sets, too."""
     for name in options:
         if name in taken:
-            raise UsageProblem(f"{source}{name}", f"is in [{taken[name]}], too", "remove one")
+            raise UsageProblem(
+                "", f"is in [{taken[name]}], too", "remove one", path=f"{source}{name}"
+            )
 
 
 def _with_alternative(name: str) -> set[str]:

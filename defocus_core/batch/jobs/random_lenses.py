@@ -93,17 +93,23 @@ def read_sampling(table: Table) -> Sampling:
     count, seed = table.whole("n", 1), table.whole("seed", 0)
     if count is None or seed is None:
         key = "n" if count is None else "seed"
-        raise UsageProblem(table.place(key), "is missing", f"write {key} = 7 below [sample]")
+        raise UsageProblem(
+            "", "is missing", f"write {key} = 7 below [sample]", path=table.place(key)
+        )
     options = {name: text_of(table.values[name]) for name in PARSERS if name in table.values}
     refuse_contradiction(options, f"{table.file}: [sample] ")
     for name, text in options.items():
         if read_at(table.place(name), distribution, name, text) is None:
             remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
-            raise UsageProblem(table.place(name), f"'{text}' is nothing to draw from", remedy)
+            raise UsageProblem(
+                "", f"'{text}' is nothing to draw from", remedy, path=table.place(name)
+            )
     match = table.text("match")
     if not options and match is None:
         remedy = 'write fnumber = "loguniform(1.4, 16)" below [sample]'
-        raise UsageProblem(f"{table.file}: [sample]", "draws no option of the lens", remedy)
+        raise UsageProblem(
+            "", "draws no option of the lens", remedy, path=table.file, field="[sample]"
+        )
     if match is None:
         return Sampling(count, seed, options)
     refuse_matched((name for name in MATCHED if name in table.values), table.place(""))
@@ -119,7 +125,7 @@ def refuse_matched(names: Iterable[str], source: str) -> None:
     for name in names:
         if name in MATCHED:
             problem = "stands beside match in [sample], which finds focus and f-number"
-            raise UsageProblem(f"{source}{name}", problem, "remove one of them")
+            raise UsageProblem("", problem, "remove one of them", path=f"{source}{name}")
 
 
 @lru_cache(maxsize=4096)

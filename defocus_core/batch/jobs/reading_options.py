@@ -183,9 +183,13 @@ def reading_values(values: Mapping[str, Any], where: Callable[[str], str]) -> di
     for name, value in values.items():
         if name in GEOMETRIES:
             if value is not True:
-                raise UsageProblem(where(name), f"{value!r} is not true", f"write {name} = true")
+                raise UsageProblem(
+                    "", f"{value!r} is not true", f"write {name} = true", path=where(name)
+                )
             if fields.setdefault("geometry", name) != name:
-                raise UsageProblem(where(name), "contradicts the other", "give one of them")
+                raise UsageProblem(
+                    "", "contradicts the other", "give one of them", path=where(name)
+                )
         elif name in PARSERS:
             fields[name.replace("-", "_")] = _parsed(name, value, where(name))
     return fields
@@ -206,7 +210,7 @@ def lens_file_reading(file: Path | None) -> dict[str, Any]:
 
 
 def make_reading(
-    fields: Mapping[str, Any], below: Mapping[str, Any], edge_width_place: str = "--edge-width"
+    fields: Mapping[str, Any], below: Mapping[str, Any], edge_width_place: str = "‹edge-width›"
 ) -> Reading:
     """The reading of the fields that are set, over those of a lens file.
 
@@ -218,15 +222,15 @@ def make_reading(
     repair, width = reading.depth_repair, reading.edge_width
     if width is not None and (repair == "off" or (repair != "auto" and width == 0)):
         problem = f"of {width:g}px contradicts depth-repair {repair}"
-        raise UsageProblem(edge_width_place, problem, "leave one of them out")
+        raise UsageProblem("", problem, "leave one of them out", path=edge_width_place)
     return reading
 
 
 def _parsed(name: str, value: object, where: str) -> Any:
     if PARSERS[name] is str and not (isinstance(value, str) and value and "\0" not in value):
-        raise UsageProblem(where, f"{value!r} is not a text", "write it in quotes")
+        raise UsageProblem("", f"{value!r} is not a text", "write it in quotes", path=where)
     if isinstance(value, bool):
         raise UsageProblem(
-            where, f"{str(value).lower()} is no value of it", "see 'defocus help depth'"
+            "", f"{str(value).lower()} is no value of it", "see 'defocus help depth'", path=where
         )
     return read_at(where, PARSERS[name], text_of(value))

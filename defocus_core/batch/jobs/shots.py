@@ -47,7 +47,9 @@ class Together:
         for name, value in asked.items():
             if value is not None:
                 problem = "is for the frames of a shot, but no path numbers them"
-                raise UsageProblem(self.place(name), problem, "give patterns like 'shot.####.exr'")
+                raise UsageProblem(
+                    "", problem, "give patterns like 'shot.####.exr'", path=self.place(name)
+                )
 
 
 def read_together(table: Table) -> Together:
@@ -90,7 +92,9 @@ def with_shot(
         return list(jobs)
     if together.focus_smooth is not None and not any(map(_is_found, jobs)):
         problem = "smooths nothing: the depth does not decide the focus"
-        raise UsageProblem(together.place("focus-smooth"), problem, "leave it out, or focus-at X,Y")
+        raise UsageProblem(
+            "", problem, "leave it out, or focus-at X,Y", path=together.place("focus-smooth")
+        )
     places = {picture.frame: place for place, picture in enumerate(every)}
     steady = together.steady is not False
 

@@ -66,7 +66,7 @@ def read_sweep(table: Table) -> list[Point]:
 def _refuse_many(count: int, where: str) -> None:
     if count > MOST_LENSES:
         problem = f"makes {count} lenses for each picture"
-        raise UsageProblem(where, problem, f"ask for at most {MOST_LENSES}")
+        raise UsageProblem("", problem, f"ask for at most {MOST_LENSES}", path=where)
 
 
 def _points(table: Table, axes: Sequence[Sequence[Mapping[str, str]]]) -> list[Point]:
@@ -77,14 +77,14 @@ def _points(table: Table, axes: Sequence[Sequence[Mapping[str, str]]]) -> list[P
             twice = next((name for name in part if name in options), None)
             if twice is not None:
                 problem = "is in lenses, too"
-                raise UsageProblem(table.place(twice), problem, "sweep it in one place")
+                raise UsageProblem("", problem, "sweep it in one place", path=table.place(twice))
             options |= part
         refuse_contradiction(options, f"{table.file}: [sweep] ")
         names = (name for name in PARSERS if name in options)
         suffix = "".join(f"_{tag(name, parsed(name, options[name]))}" for name in names)
         if suffix in points:
             problem = f"has two lenses named '{suffix[1:]}'"
-            raise UsageProblem(f"{table.file}: [sweep]", problem, "remove one of them")
+            raise UsageProblem("", problem, "remove one of them", path=table.file, field="[sweep]")
         points[suffix] = Point(suffix, options)
     return list(points.values())
 
@@ -95,7 +95,7 @@ def _values(name: str, value: object, where: str, file: Path) -> list[str]:
         return _range(name, value, where)
     if not isinstance(value, list) or not value:
         remedy = f"write a list, or a range: {_RANGE_EXAMPLE.removeprefix('write it ')}"
-        raise UsageProblem(where, f"{value!r} is no list of values", remedy)
+        raise UsageProblem("", f"{value!r} is no list of values", remedy, path=where)
     _refuse_many(len(value), where)
     return [based(name, checked(name, one, where), file) for one in value]
 
@@ -104,7 +104,7 @@ def _sets(table: Table) -> list[dict[str, str]]:
     sets, where = table.values["lenses"], table.place("lenses")
     if not isinstance(sets, list) or not sets or not all(isinstance(one, dict) for one in sets):
         remedy = 'write lenses = [{focus = "1m", fnumber = 2}, {focus = "2m", fnumber = 4}]'
-        raise UsageProblem(where, "is no list of lenses", remedy)
+        raise UsageProblem("", "is no list of lenses", remedy, path=where)
     _refuse_many(len(sets), where)
     refuse_unknown((name for one in sets for name in one), tuple(PARSERS), where, "a lens")
     return [
@@ -120,7 +120,7 @@ def _range(name: str, text: str, where: str) -> list[str]:
     """Texts of the values of a range; its ends are as they are written, values between rounded."""
     match = _RANGE.fullmatch(text.strip())
     if not match:
-        raise UsageProblem(where, f"'{text}' is no range", _RANGE_EXAMPLE)
+        raise UsageProblem("", f"'{text}' is no range", _RANGE_EXAMPLE, path=where)
     low, high = (_end(name, match[side].strip(), where) for side in (1, 2))
     fit = ("disparity", "depth", "log") if name == "focus" else ("steps", "log")
     count, scale = int(match[3]), match[4] or fit[0]
@@ -135,7 +135,7 @@ def _range(name: str, text: str, where: str) -> list[str]:
         (scale == "log" and min(low, high) <= 0, "needs ends above 0 in log", "write in steps"),
     ):
         if wrong:
-            raise UsageProblem(where, problem, remedy)
+            raise UsageProblem("", problem, remedy, path=where)
     _refuse_many(count, where)
     to, back = SCALES[scale]
     shares = (index / (count - 1) for index in range(1, count - 1))
@@ -149,5 +149,7 @@ def _range(name: str, text: str, where: str) -> list[str]:
 def _end(name: str, text: str, where: str) -> float:
     value: Any = parsed(name, checked(name, text, where))
     if isinstance(value, Percentile | tuple | Path | str):
-        raise UsageProblem(where, f"'{text}' is no end of a range", "write a list of values")
+        raise UsageProblem(
+            "", f"'{text}' is no end of a range", "write a list of values", path=where
+        )
     return float(value)

@@ -29,7 +29,7 @@ def read_toml(file: Path, *, what: str, remedy: str) -> dict[str, Any]:
     try:
         return tomllib.loads(_text(file, what, remedy))
     except (ValueError, RecursionError) as error:  # ValueError: a number of 5000 digits
-        raise InputError(file, f"is not TOML: {reason(error)}", "mend that line") from None
+        raise InputError("", f"is not TOML: {reason(error)}", "mend that line", path=file) from None
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,9 @@ class Table:
         if value is None:
             return None
         if not isinstance(value, str) or not value or "\0" in value:
-            raise UsageProblem(self.place(key), f"{value!r} is not a text", "write it in quotes")
+            raise UsageProblem(
+                "", f"{value!r} is not a text", "write it in quotes", path=self.place(key)
+            )
         return value
 
     def parsed(self, key: str, parse: Callable[[str], T]) -> T | None:
@@ -73,14 +75,16 @@ class Table:
             if each == word:
                 return each
         remedy = did_you_mean(str(word), known, f"choose from {', '.join(known)}")
-        raise UsageProblem(self.place(key), f"'{word}' is not known", remedy)
+        raise UsageProblem("", f"'{word}' is not known", remedy, path=self.place(key))
 
     def flag(self, key: str) -> bool | None:
         """True or false, or None."""
         value = self.values.get(key)
         if value is None or isinstance(value, bool):
             return value
-        raise UsageProblem(self.place(key), f"{value!r} is neither true nor false", "write true")
+        raise UsageProblem(
+            "", f"{value!r} is neither true nor false", "write true", path=self.place(key)
+        )
 
     def whole(self, key: str, least: int, most: int | None = None) -> int | None:
         """A whole number of at least ``least`` and at most ``most``, or None."""
@@ -89,7 +93,7 @@ class Table:
             return value
         limits = f"{least} or more" if most is None else f"{least} to {most}"
         problem = f"{value!r} is not a whole number of {limits}"
-        raise UsageProblem(self.place(key), problem, f"write it like {max(least, 1)}")
+        raise UsageProblem("", problem, f"write it like {max(least, 1)}", path=self.place(key))
 
 
 def refuse_unknown(
@@ -110,7 +114,7 @@ def refuse_unknown(
     for key in keys:
         if key not in known:
             remedy = did_you_mean(key.replace("_", "-"), known, f"{owner} knows {', '.join(known)}")
-            raise UsageProblem(where, f"unknown {what} '{key}'", remedy)
+            raise UsageProblem("", f"unknown {what} '{key}'", remedy, path=where)
 
 
 def table(file: Path, tables: Mapping[str, Any], name: str) -> Table:
@@ -122,7 +126,7 @@ def table(file: Path, tables: Mapping[str, Any], name: str) -> Table:
     values = tables.get(name, {})
     if not isinstance(values, dict):
         remedy = f"write [{name}] above the keys that belong to it"
-        raise UsageProblem(f"{file}: {name}", "is not a table", remedy)
+        raise UsageProblem("", "is not a table", remedy, path=file, field=name)
     return Table(file, name, values)
 
 
@@ -132,9 +136,9 @@ def _text(file: Path, what: str, remedy: str) -> str:
             data = opened.read(LARGEST_FILE + 1)  # not all of /dev/zero
         text = data.decode("utf-8-sig")
     except OSError as error:
-        raise InputError(file, f"cannot be read: {reason(error)}", remedy) from None
+        raise InputError("", f"cannot be read: {reason(error)}", remedy, path=file) from None
     except UnicodeDecodeError:
-        raise InputError(file, "is not a text file", remedy) from None
+        raise InputError("", "is not a text file", remedy, path=file) from None
     if "\0" in text or len(data) > LARGEST_FILE:
-        raise InputError(file, f"is not a {what}", remedy)
+        raise InputError("", f"is not a {what}", remedy, path=file)
     return text

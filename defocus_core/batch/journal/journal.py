@@ -67,7 +67,9 @@ def require_journal(out: Path) -> None:
         InputError: there is no journal.
     """
     if not any(out.glob("journal*.jsonl")):
-        raise InputError(out, "has no journal", "name the directory that a batch writes to")
+        raise InputError(
+            "", "has no journal", "name the directory that a batch writes to", path=out
+        )
 
 
 def read_all(out: Path) -> list[Record]:
@@ -100,7 +102,7 @@ def read(path: Path) -> list[Record]:
         return []
     except OSError as error:
         remedy = "check its permissions"
-        raise InputError(path, f"cannot be read: {reason(error)}", remedy) from error
+        raise InputError("", f"cannot be read: {reason(error)}", remedy, path=path) from error
     lines = [(number, line) for number, line in enumerate(data.split(b"\n"), 1) if line]
     if lines and not _is_whole(lines[-1][1]):
         lines.pop()
@@ -125,7 +127,7 @@ def _block(
         fault = "is broken" if record is None else fault_of(record, outside)
         if fault:
             remedy = "remove that line and the outputs of its job, which is done again"
-            raise InputError(path, f"line {number}{_sample_words(line)} {fault}", remedy)
+            raise InputError("", f"line {number}{_sample_words(line)} {fault}", remedy, path=path)
     return records
 
 
@@ -240,7 +242,9 @@ class Journal:
         """Refuse to go on where nobody will find what is written."""
         if not is_at(self.path, self._number):
             problem = "was removed or replaced while jobs were done"
-            raise InputError(self.path, problem, "run the same command again, to go on or anew")
+            raise InputError(
+                "", problem, "run the same command again, to go on or anew", path=self.path
+            )
 
     def _cut_torn_tail(self) -> None:
         """Remove a record that was being written when its writer died; end the last whole line."""

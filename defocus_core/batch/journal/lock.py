@@ -64,7 +64,7 @@ def locked(out: Path, shard: Shard | None = None, *, say: Say) -> Iterator[Check
         if owner is None or owner.token != lease.token:
             name = _holder(lease)
             problem = f"was taken over by {name}" if name else "was removed while jobs were done"
-            raise LockLost(path, problem, "run the same command again, to go on or anew")
+            raise LockLost("", problem, "run the same command again, to go on or anew", path=path)
 
     try:
         _refuse_others(out, path, shard, say)
@@ -149,9 +149,11 @@ def _acquired(path: Path, say: Say) -> SoftFileLease:
 
 def _held(path: Path, name: str | None) -> InputError:
     if name is None:
-        return InputError(path, "names no holder", "if nobody writes to that directory, remove it")
+        return InputError(
+            "", "names no holder", "if nobody writes to that directory, remove it", path=path
+        )
     problem = f"{path.parent} is being written by {name}"
-    return InputError(path, problem, "wait for it, stop it, or choose another -o")
+    return InputError("", problem, "wait for it, stop it, or choose another -o", path=path)
 
 
 def _holder(lease: SoftFileLease) -> str | None:

@@ -72,7 +72,9 @@ def progress(out: Path) -> Progress:
     parts = shards(out)
     runs = (None, *parts)
     if not any(path(out, run).exists() for run in runs for path in (journal_path, run_path)):
-        raise InputError(out, "has no journal", "name the directory that a batch writes to")
+        raise InputError(
+            "", "has no journal", "name the directory that a batch writes to", path=out
+        )
     records = {run: read(journal_path(out, run)) for run in runs}
     every = in_order(list(records.values()))
     live = Ledger(out, every).live

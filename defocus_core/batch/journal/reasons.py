@@ -10,11 +10,11 @@ import errno
 from typing import Literal, NamedTuple
 
 from defocus_core.errors import (
+    DefocusError,
     InputError,
     Rejected,
     TooLarge,
     UsageProblem,
-    UserError,
     one_line,
     reason,
 )
@@ -56,7 +56,7 @@ def verdict(error: BaseException, step: Step) -> Verdict:
 
 def error_line(error: BaseException) -> str:
     """An exception in one line, ``SUBJECT: problem; remedy`` where a user can mend it."""
-    if isinstance(error, UserError):
+    if isinstance(error, DefocusError):
         return str(error)
     if isinstance(error, OSError) and error.filename:
         return one_line(f"{error.filename}: {reason(error)}")

@@ -28,7 +28,7 @@ def write(rendering: Rendering) -> Outcome:
     outcome, outputs = rendering.outcome, rendering.outcome.job.outputs
     if not outputs.root.is_dir():  # created again, it would have no journal
         problem = "was removed while jobs were done"
-        raise InputError(outputs.root, problem, "run the same command again")
+        raise InputError("", problem, "run the same command again", path=outputs.root)
     with written_together():
         warnings = [warning for kind in outputs.rows for warning in _write_kind(rendering, kind)]
     if outputs.format == "exr" and any(kind.image for kind in outputs.rows):
@@ -114,9 +114,9 @@ def _repair(outcome: Outcome, kind: Kind) -> dict[str, str]:
     if not kind.rendered:
         return {}
     reading = outcome.job.reading
-    asked = [f"--depth-repair {reading.depth_repair}"] * (reading.depth_repair != "auto")
+    asked = [f"‹depth-repair› {reading.depth_repair}"] * (reading.depth_repair != "auto")
     if reading.edge_width is not None:
-        asked.append(f"--edge-width {reading.edge_width:g}px")
+        asked.append(f"‹edge-width› {reading.edge_width:g}px")
     values = {
         "depth_repair_asked": " ".join(asked),
         "depth_repair": repair_attribute(outcome.repair),

@@ -12,7 +12,7 @@ from defocus_core.batch.depth.repair_words import repair_record, repair_words
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.rendering.memory_budget import base_mb, regions_at_once
 from defocus_core.batch.rendering.outcome import Outcome
-from defocus_core.errors import UserError
+from defocus_core.errors import DefocusError
 from defocus_core.io.arrays import scratch_folder
 from defocus_core.system.process import set_to_render
 from defocus_core.system.text import duration
@@ -75,7 +75,7 @@ def work_per_second(device: str, threads: int) -> float:
     return cost(stream).work / min(seconds[1:])
 
 
-def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[UserError]]:
+def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusError]]:
     """Forecasts of jobs, or of `MOST_READ` spread evenly over more; their inputs are decoded.
 
     Returns:
@@ -96,7 +96,7 @@ def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[UserError]
     for number in (k * (len(jobs) - 1) // max(count - 1, 1) for k in range(count)):
         try:
             by_number[number] = _forecast(jobs[number], device, rate)
-        except UserError as error:
+        except DefocusError as error:
             unusable.append(error)
     return by_number, unusable
 

@@ -81,7 +81,9 @@ def fit_pair(
     focal = options.foclen / options.sensor_width if reading.needs_lens else None
     color, depth = read(pair.picture, reading, lens_focal=focal)
     if depth.is_radius:
-        raise InputError(depth.path, "holds radii: there is no lens to be found", "give depth")
+        raise InputError(
+            "", "holds radii: there is no lens to be found", "give depth", path=depth.path
+        )
     seen = []
     for path in filter(None, (pair.blurred, pair.right)):
         other = read_color(path)
@@ -89,7 +91,7 @@ def fit_pair(
         if other.shape[:2] != color.shape[:2]:
             (height, width), (wide, high) = color.shape[:2], other.size
             problem = f"is {wide}x{high} px but {color.path} is {width}x{height} px"
-            raise InputError(path, problem, "give pictures of one size")
+            raise InputError("", problem, "give pictures of one size", path=path)
         seen.append(_light(other))
     sharp = _light(color)
     count = min(len(each) for each in (sharp, *seen))
@@ -110,7 +112,7 @@ def fit_pair(
         )
     except ValueError as error:
         problem, _, remedy = str(error).partition("; ")
-        raise InputError(pair.blurred, problem, remedy or "give another pair") from None
+        raise InputError("", problem, remedy or "give another pair", path=pair.blurred) from None
     radius = evenly((found.strength * (found.focus - disparity)).numpy())
     return {
         "picture": str(pair.picture.color),
@@ -224,5 +226,5 @@ def _partner(picture: Picture, place: Path) -> Path:
     found = sorted(path for path in place.iterdir() if path.stem == picture.stem)
     if len(found) != 1:
         problem = f"holds {len(found)} files named {picture.stem}"
-        raise InputError(place, problem, "name blurred pictures as the sharp ones")
+        raise InputError("", problem, "name blurred pictures as the sharp ones", path=place)
     return found[0]

@@ -37,7 +37,9 @@ def match_picture(
     focal = foclen / sensor_width if reading.needs_lens else None
     _, depth = read(picture, reading, lens_focal=focal)
     if depth.is_radius:
-        raise InputError(depth.path, "holds radii: there is no lens to be found", "give depth")
+        raise InputError(
+            "", "holds radii: there is no lens to be found", "give depth", path=depth.path
+        )
     asked = sampling.radii(picture.stem, 0)
     lens = Lens(foclen, float("nan"), None, sensor_width=sensor_width, radii_px=asked)
     lens = matched(lens, depth)

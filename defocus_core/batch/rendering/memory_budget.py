@@ -220,10 +220,11 @@ def regions_at_once(job: Job, stream: Stream, holding: Holding, device: str) -> 
             return at_once, bound
     beside = base_mb() + holding.files_mb
     raise TooLarge(
-        job.picture.color,
+        "",
         f"needs {_sum(base_mb(), holding.files_mb, bound)} to render, "
         f"but {min(limit_mb(job.machine), beside + room):.0f} MB are allowed",
         _remedy(job, bound, threads > 1 and needed(1, 1) <= room, device),
+        path=job.picture.color,
     )
 
 
@@ -235,13 +236,13 @@ def _sum(base: float, files: float, rendering: float) -> str:
 
 def _remedy(job: Job, needed_mb: float, with_one_thread: bool, device: str) -> str:
     if with_one_thread:
-        return "use --threads 1"
+        return "use ‹threads› 1"
     machine = memory.available_mb(device)
     enough = enough_mb(job, needed_mb)
     if device == "cpu" and (machine is None or enough < machine + base_mb()):
-        return f"use --memory {_size(enough)}"
+        return f"use ‹memory› {_size(enough)}"
     if job.machine.quality != "draft":
-        return "use --quality draft, a smaller picture, or a machine with more"
+        return "use ‹quality› draft, a smaller picture, or a machine with more"
     return "use a smaller picture or a machine with more"
 
 

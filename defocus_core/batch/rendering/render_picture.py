@@ -105,8 +105,8 @@ def _fill(images: _Images, loaded: Loaded, streams: Streams, progress: Progress 
             torch.cuda.empty_cache()
             if most == 1:
                 problem = "does not fit into the memory of the GPU"
-                remedy = "use --device cpu, or a smaller --tile"
-                raise TooLarge(job.picture.color, problem, remedy) from None
+                remedy = "use ‹device› cpu, or a smaller ‹tile›"
+                raise TooLarge("", problem, remedy, path=job.picture.color) from None
             most = 1
 
 

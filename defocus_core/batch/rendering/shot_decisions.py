@@ -17,7 +17,7 @@ from defocus_core.batch.jobs.job import Job, Shot, Taken
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.rendering.memory_budget import holding
 from defocus_core.batch.rendering.outcome import Loaded
-from defocus_core.errors import UserError
+from defocus_core.errors import DefocusError
 from defocus_core.io.arrays import Keeping, Windows
 from defocus_core.io.shots.frame_patterns import in_words
 
@@ -64,7 +64,7 @@ def _mean_focus(frames: Sequence[Taken], job: Job, read: Read) -> float:
     for frame in frames:
         try:
             found.append(_own_focus(frame, job, read))
-        except UserError as error:
+        except DefocusError as error:
             failed.append(error)
     if not found:
         raise failed[0]

@@ -56,7 +56,7 @@ def with_neighbours(
         return outcome, radius, None
     if loaded.is_layered and job.shot.motion is not None:
         problem = "has no effect: layers, of deep pixels or of a plate, hold what is hidden"
-        raise UsageProblem("--motion", problem, "leave it out")
+        raise UsageProblem("", problem, "leave it out", field="motion")
     quiets = repair is not None and repair.noise is not None
     if not quiets and job.shot.motion is None:
         return outcome, radius, None
@@ -91,8 +91,10 @@ class Neighbours:
         others = (place for place in range(len(window)) if place != self._place)
         self._order = sorted(others, key=lambda place: (abs(place - self._place), place))
         if self._shot.motion is not None and loaded.holding.scratch:
-            problem = "is too large for --motion in the memory that is allowed"
-            raise TooLarge(job.picture.color, problem, "allow more --memory, or leave out --motion")
+            problem = "is too large for ‹motion› in the memory that is allowed"
+            raise TooLarge(
+                "", problem, "allow more ‹memory›, or leave out ‹motion›", path=job.picture.color
+            )
 
     def quiet_radius(self, radius: Any, noise: float) -> Any:
         """Radii [H, W] px averaged with those of the neighbours where the scene is still."""
@@ -173,7 +175,9 @@ class Neighbours:
             self._most_mb(),
         )
         if motion.to_next.shape[1:] != self._loaded.depth.metres.shape:
-            raise InputError(picture.color, "has motion vectors of another size", "render it again")
+            raise InputError(
+                "", "has motion vectors of another size", "render it again", path=picture.color
+            )
         return motion
 
     def _radius(self, place: int) -> Any:
@@ -197,7 +201,9 @@ class Neighbours:
             height, width, channels = color.shape
             own = self._loaded.color.path
             problem = f"is {width}x{height} px of {channels} channels, unlike {own}"
-            raise InputError(picture.color, problem, "give frames of one size, or --no-steady")
+            raise InputError(
+                "", problem, "give frames of one size, or ‹no-steady›", path=picture.color
+            )
         return color, depth
 
     def _most_mb(self) -> float:

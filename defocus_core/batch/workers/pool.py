@@ -143,7 +143,9 @@ class Pool:
             self.failed_starts += 1
             if self.failed_starts >= _FAILED_STARTS:
                 problem = f"die when they start (exit code {each.process.exitcode})"
-                raise InputError("worker processes", problem, "see if 'defocus render' works")
+                raise InputError(
+                    "", problem, "see if 'defocus render' works", path="worker processes"
+                )
             if each.flight:
                 self.returned.append(list(each.flight.items()))
             return

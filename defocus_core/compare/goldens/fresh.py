@@ -74,7 +74,9 @@ def _chosen(jobs: Sequence[Job], only: Sequence[str]) -> Sequence[Job]:
     for pattern in only:
         if not any(matches(name, pattern) for job in jobs for name in job.names.values()):
             problem = f"'{pattern}' matches no picture of the jobs"
-            raise UsageProblem("--only", problem, "name one like render/spheres.exr, or 'render/*'")
+            raise UsageProblem(
+                "", problem, "name one like render/spheres.exr, or 'render/*'", field="only"
+            )
     wanted = [
         job
         for job in jobs

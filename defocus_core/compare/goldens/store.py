@@ -72,16 +72,18 @@ def read_store(folder: Path, *, new: bool = False) -> Store:
     if not file.exists():
         if new:
             return Store(folder, {})
-        raise missing(file, "file of goldens; make them with defocus golden update --accept")
+        raise missing(file, "file of goldens; make them with defocus golden update ‹accept›")
     try:
         with file.open("rb") as opened:
             samples = json.loads(opened.read(_LARGEST))["samples"]
         sound = all(isinstance(sample["files"], list) for sample in samples.values())
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         problem = f"cannot be read: {reason(error)}"
-        raise InputError(file, problem, "restore it from your version control") from None
+        raise InputError("", problem, "restore it from your version control", path=file) from None
     if not sound:
-        raise InputError(file, "has no list of files", "restore it from your version control")
+        raise InputError(
+            "", "has no list of files", "restore it from your version control", path=file
+        )
     return Store(folder, samples)
 
 

@@ -47,7 +47,7 @@ class Declared:
     def named(self) -> str:
         """The option that asks for the format, as errors name it."""
         name = self.reading.depth_format
-        return "--depth-kind disparity" if name is None else f"--depth-format {name}"
+        return "‹depth-kind› disparity" if name is None else f"‹depth-format› {name}"
 
 
 def refuse_idle(declared: Declared, rule: str) -> None:
@@ -78,13 +78,13 @@ def refuse_idle(declared: Declared, rule: str) -> None:
         kind = "disparity" if disparity else row.name
         if reading.depth_format is None and not disparity:
             kind = "planar depth"
-        raise UsageProblem(f"--{option}", f"means nothing for {kind}", "leave it out")
+        raise UsageProblem("", f"means nothing for {kind}", "leave it out", field=option)
     if reading.depth_range is None:
         return
     for option in ("depth_unit", "depth_scale", "baseline", "doffs"):
         if getattr(reading, option) is not None:
-            name = f"--{option.replace('_', '-')}"
-            raise UsageProblem(name, "stands beside --depth-range", "give one of them")
+            name = f"‹{option.replace('_', '-')}›"
+            raise UsageProblem("", "stands beside ‹depth-range›", "give one of them", path=name)
 
 
 def ask(declared: Declared, option: str, value: str) -> NoReturn:
@@ -95,7 +95,7 @@ def ask(declared: Declared, option: str, value: str) -> NoReturn:
     """
     note = declared.row.note
     problem = f"leaves --{option} open" + (f": {note}" if note else "")
-    raise UsageProblem(declared.named, problem, f"add --{option} {value}")
+    raise UsageProblem("", problem, f"add ‹{option}› {value}", path=declared.named)
 
 
 def geometry_of(declared: Declared) -> str:
@@ -119,11 +119,11 @@ def focal_of(declared: Declared, picture_width: int, lens_focal: float | None) -
     if geometry == "ask":
         problem = "leaves open whether the numbers are depth or the distance to the point"
         problem += f" ({row.note})" if row.note else ""
-        raise UsageProblem(declared.named, problem, "add --planar or --radial")
+        raise UsageProblem("", problem, "add ‹planar› or ‹radial›", path=declared.named)
     if geometry == "planar":
         return None
     if reading.fov is not None and reading.focal_px is not None:
-        raise UsageProblem("--fov", "stands beside --focal-px", "give one of them")
+        raise UsageProblem("", "stands beside ‹focal-px›", "give one of them", field="fov")
     if reading.focal_px is not None:
         return reading.focal_px * width / picture_width  # it is that of the colour
     if reading.fov is not None:
@@ -132,6 +132,6 @@ def focal_of(declared: Declared, picture_width: int, lens_focal: float | None) -
         return row.focal_px if row.focal_width is None else row.focal_px * width / row.focal_width
     if lens_focal is not None:
         return lens_focal * width
-    name = "--radial" if reading.geometry else declared.named
+    name = "‹radial›" if reading.geometry else declared.named
     problem = "is the distance to the point, and nothing says the field of view"
-    raise UsageProblem(name, problem, "add --fov 60deg or --focal-px PX")
+    raise UsageProblem("", problem, "add ‹fov› 60deg or ‹focal-px› PX", path=name)

@@ -74,7 +74,7 @@ class Depth:
     def warnings(self) -> tuple[str, ...]:
         """What was taken for granted, and what was replaced, for people."""
         granted = (
-            f"{self.path.name}: 16 bits read as millimetres; say --depth-unit or --depth-format"
+            f"{self.path.name}: 16 bits read as millimetres; say ‹depth-unit› or ‹depth-format›"
         )
         replaced = f"{self.path.name}: {self.replaced_words}"
         return *([granted] * self.by_custom), *([replaced] * bool(self.replaced_words))
@@ -170,18 +170,18 @@ def require_valid(depth: Depth) -> None:
         return
     what = "NaN or infinite" if depth.is_radius else "NaN or ≤ 0"
     problem = f"is {what} in {counted(count, 'pixel')}, the first at {first}"
-    remedy = "fill the holes, and write inf for sky; or say --invalid far, or fill"
+    remedy = "fill the holes, and write inf for sky; or say ‹invalid› far, or fill"
     if depth.data_window:
         problem = f"{problem}; its data window is {depth.data_window} only"
-        remedy = "render the whole display window, or give the colour alpha; or say --invalid far"
+        remedy = "render the whole display window, or give the colour alpha; or say ‹invalid› far"
     if depth.whole and depth.named:
-        remedy = "say --invalid far if they are sky, or fill if they are holes"
+        remedy = "say ‹invalid› far if they are sky, or fill if they are holes"
     elif depth.whole:
         remedy = (
-            "say --depth-format, since 0 is a hole for some and sky for others; "
-            "or --invalid far, or fill"
+            "say ‹depth-format›, since 0 is a hole for some and sky for others; "
+            "or ‹invalid› far, or fill"
         )
-    raise InputError(depth.path, problem, remedy)
+    raise InputError("", problem, remedy, path=depth.path)
 
 
 def _strided(samples: Samples, step: int) -> Samples:
@@ -250,14 +250,18 @@ def _replaced(depth: Depth, how: str) -> Depth:
         return depth
     if depth.is_radius:
         problem = f"is NaN or infinite in {counted(count, 'pixel')}"
-        raise InputError(depth.path, problem, "radii have no far: mend them, leave --invalid out")
+        raise InputError(
+            "", problem, "radii have no far: mend them, leave ‹invalid› out", path=depth.path
+        )
     if how == "far":
         for rows in bands(shape):
             set_far(depth.metres, rows)
         words = f"{counted(count, 'invalid pixel')} taken as infinitely far"
     else:
         if not fill_from_farther(depth.metres):
-            raise InputError(depth.path, "has no pixel with a depth", "check --depth-format")
+            raise InputError(
+                "", "has no pixel with a depth", "check ‹depth-format›", path=depth.path
+            )
         words = f"{counted(count, 'invalid pixel')} filled from the farther neighbour"
     note = f"{depth.note}, {words}"
     return replace(depth, note=note, replaced=count, replaced_words=words)

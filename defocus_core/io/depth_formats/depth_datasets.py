@@ -20,7 +20,7 @@ DEPTH_DATASETS = (
         geometry="radial",
         focal_px=886.81,
         focal_width=1024,
-        note="NaN is sky or a window; scenes with a tilted or shifted lens need --focal-px",
+        note="NaN is sky or a window; scenes with a tilted or shifted lens need ‹focal-px›",
     ),
     DepthFormat(
         name="hypersim-marigold",
@@ -91,7 +91,7 @@ DEPTH_DATASETS = (
         channels=("depths", "rawDepths"),
         axes="NWH",
         holes="rawDepths",
-        note="--part N chooses the frame; pixels without raw depth are invalid",
+        note="‹part› N chooses the frame; pixels without raw depth are invalid",
     ),
     DepthFormat(
         name="scannet",
@@ -152,7 +152,7 @@ DEPTH_DATASETS = (
         bits="float16",
         invalid=(0,),
         needs=("depth-scale",),
-        note="--depth-scale is scale_adjustment of frame_annotations.jgz",
+        note="‹depth-scale› is scale_adjustment of frame_annotations.jgz",
     ),
     DepthFormat(
         name="mvs-synth",
@@ -212,7 +212,7 @@ DEPTH_DATASETS = (
         channels=("depth",),
         invalid=(0,),
         needs=("depth-scale",),
-        note="without a metric scale: --depth-scale says metres of 1",
+        note="without a metric scale: ‹depth-scale› says metres of 1",
     ),
     DepthFormat(
         name="eden",

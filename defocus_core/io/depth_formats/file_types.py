@@ -64,11 +64,13 @@ def read_numbers(
     if is_exr(head):
         return _allowed(path, exr_samples(path, reading, keeping, overscan), reading)
     if path.suffix.lower() == ".exr":
-        raise InputError(path, "is not an OpenEXR file", "check what wrote it")
+        raise InputError("", "is not an OpenEXR file", "check what wrote it", path=path)
     if container_type(head):
         return _allowed(path, _from_container(path, reading, container_type(head)), reading)
     if reading.depth_channel is not None:
-        raise UsageProblem("--depth-channel", f"{path} has no named channels", "leave it out")
+        raise UsageProblem(
+            "", f"{path} has no named channels", "leave it out", field="depth-channel"
+        )
     if is_float_map(head):
         samples = _from_map(path, reading)
     elif bare_type(head):
@@ -89,7 +91,7 @@ def _allowed(path: Path, samples: Samples, reading: DepthReading) -> Samples:
         problem = (
             f"is read as {_article(samples.type)}, and {row.name} comes as {', '.join(row.files)}"
         )
-        raise InputError(path, problem, "check --depth-format")
+        raise InputError("", problem, "check ‹depth-format›", path=path)
     return samples
 
 
@@ -132,7 +134,7 @@ def _array_name(path: Path, entries: Mapping[str, Entry], reading: DepthReading)
     if reading.depth_channel is not None:
         if reading.depth_channel not in entries:
             problem = f"has no array {reading.depth_channel}; it has {names}"
-            raise InputError(path, problem, "check --depth-channel")
+            raise InputError("", problem, "check ‹depth-channel›", path=path)
         return reading.depth_channel
     for pattern in reading.row.channels:
         for name in entries:
@@ -140,7 +142,7 @@ def _array_name(path: Path, entries: Mapping[str, Entry], reading: DepthReading)
                 return name
     if len(entries) == 1:
         return next(iter(entries))
-    raise InputError(path, f"holds the arrays {names}", "choose one with --depth-channel")
+    raise InputError("", f"holds the arrays {names}", "choose one with ‹depth-channel›", path=path)
 
 
 def _frame(path: Path, entry: Entry, row: DepthFormat, part: int | None) -> NDArray[Any]:
@@ -164,14 +166,16 @@ def _map_of(path: Path, values: NDArray[Any], row: DepthFormat, part: int | None
     if values.ndim != 2:
         shape = " × ".join(str(n) for n in values.shape)
         problem = f"has {shape} numbers, not height × width"
-        raise InputError(path, problem, "save one map a file, or say its --depth-format")
+        raise InputError("", problem, "save one map a file, or say its ‹depth-format›", path=path)
     return values.T if row.axes.endswith("WH") else values
 
 
 def _chosen_frame(path: Path, count: int, part: int | None) -> int:
     """The frame that ``--part`` chooses of several."""
     if part is None:
-        raise InputError(path, f"holds {count} frames", "choose one with --part, counted from 0")
+        raise InputError(
+            "", f"holds {count} frames", "choose one with ‹part›, counted from 0", path=path
+        )
     require_part(path, part, count)
     return part
 
@@ -183,7 +187,7 @@ def _from_raster(path: Path, reading: DepthReading, keeping: Keeping) -> Samples
     row = reading.row
     raster = choose_page(path, read_pages(path, wanted=WANTED), reading.part)
     if raster.deep:
-        raise InputError(path, "holds deep data", "flatten it first")
+        raise InputError("", "holds deep data", "flatten it first", path=path)
     bits = {"uint8": "8-bit", "uint16": "16-bit"}.get(raster.type, raster.type)
     kind = f"{bits} {path.suffix[1:].upper()}"
     metadata = png_text(path) if row.sidecar == "text-chunks" else {}
@@ -202,7 +206,7 @@ def _from_raster(path: Path, reading: DepthReading, keeping: Keeping) -> Samples
     for window, samples in read_samples(path, raster.page):
         if samples.shape[2] >= 3 and (samples[:, :, :1] != samples[:, :, 1:3]).any():
             problem = f"has channels {', '.join(raster.channels)}; depth is one channel"
-            raise InputError(path, problem, "save the depth as a single grey channel")
+            raise InputError("", problem, "save the depth as a single grey channel", path=path)
         values[window] = samples[:, :, 0]
     file_type = {"uint16": "16-bit PNG", "uint8": "8-bit PNG"}.get(raster.type, "float TIFF")
     return Samples(values, file_type, kind, metadata=metadata)
@@ -212,8 +216,8 @@ def _refuse_unsuited(path: Path, raster: Raster, reading: DepthReading) -> None:
     """Refuse pictures of 8 bits, and of several channels, unless options declare them as depth."""
     if raster.type == "uint8" and not reading.says_scale:
         problem = "has 8 bits, too few for depth and without a metric scale"
-        remedy = f"save depth as {WANTED}; or say --depth-range NEAR FAR and --depth-kind"
-        raise InputError(path, problem, remedy)
+        remedy = f"save depth as {WANTED}; or say ‹depth-range› NEAR FAR and ‹depth-kind›"
+        raise InputError("", problem, remedy, path=path)
     if len(raster.channels) != 1 and not reading.says_scale:
         problem = f"has channels {', '.join(raster.channels)}; depth is one channel"
-        raise InputError(path, problem, "save the depth as a single grey channel")
+        raise InputError("", problem, "save the depth as a single grey channel", path=path)

@@ -23,7 +23,7 @@ NETWORKS = (
         invalid_infinity=True,
         mask=Mask(("mask.png", "{stem}_mask.png"), "invalid", "zero"),
         unitless=True,
-        note="version 1 has no scale: give --depth-scale",
+        note="version 1 has no scale: give ‹depth-scale›",
     ),
     DepthFormat(
         name="depth-pro",
@@ -51,7 +51,7 @@ NETWORKS = (
         rule="",
         channels=("depths", "depth", "*"),
         axes="NHW",
-        note="the metric model writes depth, the others disparity; --part N chooses the frame",
+        note="the metric model writes depth, the others disparity; ‹part› N chooses the frame",
     ),
     DepthFormat(
         name="depth-anything-3",

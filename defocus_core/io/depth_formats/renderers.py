@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from defocus_core.io.depth_formats.rules import ANY, FLOATS, UNREAL_DEPTH, DepthFormat
 
-_SCENE = "units of the scene, as metres unless --depth-unit says otherwise"
+_SCENE = "units of the scene, as metres unless ‹depth-unit› says otherwise"
 _ALPHA = f"{_SCENE}; where alpha is 0 is sky"
 
 RENDERERS = (
     DepthFormat(
         name="metres",
-        title="any file of depth, in the unit of --depth-unit",
+        title="any file of depth, in the unit of ‹depth-unit›",
         files=ANY,
         unitless=True,
     ),
@@ -24,11 +24,11 @@ RENDERERS = (
     ),
     DepthFormat(
         name="coc",
-        title="signed radius of the circle of confusion in px, as 'render --outputs coc' writes it",
+        title="signed radius of the circle of confusion in px, as 'render ‹outputs› coc' writes it",
         files=FLOATS,
         rule="radius",
         channels=("coc",),
-        note="used as it is: of the lens, only --blades and --blade-rotation have an effect",
+        note="used as it is: of the lens, only ‹blades› and ‹blade-rotation› have an effect",
     ),
     DepthFormat(
         name="blender",
@@ -83,7 +83,7 @@ RENDERERS = (
         files=("EXR",),
         channels=("R", "*"),
         geometry="ask",
-        note="its Depth strategy is --planar, its Range strategy --radial",
+        note="its Depth strategy is ‹planar›, its Range strategy ‹radial›",
     ),
     DepthFormat(
         name="carla",
@@ -98,7 +98,7 @@ RENDERERS = (
         title="Habitat, pinhole camera",
         files=FLOATS,
         invalid=(0,),
-        note="an equirectangular camera writes the distance to the point: --radial",
+        note="an equirectangular camera writes the distance to the point: ‹radial›",
     ),
     DepthFormat(
         name="mujoco-warp",
@@ -134,7 +134,7 @@ RENDERERS = (
         files=("EXR", "16-bit PNG", "8-bit PNG", "float TIFF"),
         channels=("ZDepth*", "Z", "R", "*"),
         needs=("depth-range",),
-        note="--depth-range is the distance of black, then of white",
+        note="‹depth-range› is the distance of black, then of white",
     ),
     DepthFormat(
         name="colmap",

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from defocus_core.io.depth_formats.samples import Samples
 
 MM_PER_M = 1000.0
-_CALIBRATION = {"focal-px": "--focal-px PX", "baseline": "--baseline 65mm"}
+_CALIBRATION = {"focal-px": "‹focal-px› PX", "baseline": "‹baseline› 65mm"}
 
 
 def resolved(
@@ -90,11 +90,11 @@ def _rule(declared: Declared) -> str:
         return by_kind
     if by_kind is not None and by_kind != rule:
         holds = {"scale": "depth", "inverse": "disparity"}.get(rule, declared.row.title)
-        problem = f"contradicts --depth-format {declared.row.name}, which is {holds}"
-        raise UsageProblem("--depth-kind", problem, "leave one of them out")
+        problem = f"contradicts ‹depth-format› {declared.row.name}, which is {holds}"
+        raise UsageProblem("", problem, "leave one of them out", field="depth-kind")
     if reading.depth_range is not None and reading.depth_format is None and by_kind is None:
         problem = "does not say whether the numbers are depth or disparity"
-        raise UsageProblem("--depth-range", problem, "add --depth-kind disparity, or depth")
+        raise UsageProblem("", problem, "add ‹depth-kind› disparity, or depth", field="depth-range")
     return rule
 
 
@@ -108,14 +108,16 @@ def _ends(declared: Declared, *, disparity: bool) -> tuple[float, float] | None:
     ends, is_relative = reading.depth_range, "depth-range" in row.needs or not row.rule
     if ends is None:
         if disparity and is_relative and reading.depth_scale is None:
-            remedy = "NEAR FAR, like 1m 20m; or --depth-scale and --doffs, as 1/z = scale v + doffs"
+            remedy = "NEAR FAR, like 1m 20m; or ‹depth-scale› and ‹doffs›, as 1/z = scale v + doffs"
             ask(declared, "depth-range", remedy)
         if not disparity and "depth-range" in row.needs:
             ask(declared, "depth-range", "NEAR FAR, like 1m 20m")
         return None
     near, far = (end / MM_PER_M for end in ends)
     if near == far:
-        raise UsageProblem("--depth-range", "has the same distance twice", "give two distances")
+        raise UsageProblem(
+            "", "has the same distance twice", "give two distances", field="depth-range"
+        )
     return near, far
 
 
@@ -139,8 +141,8 @@ def _within(declared: Declared) -> None:
         if finite.size:
             least, most = min(least, float(finite.min())), max(most, float(finite.max()))
     if least < -1e-3 or most > 1 + 1e-3:
-        problem = f"has floats from {least:.4g} to {most:.4g}, and --depth-range is of 0 and 1"
-        raise InputError(declared.path, problem, "give --depth-scale and --doffs instead")
+        problem = f"has floats from {least:.4g} to {most:.4g}, and ‹depth-range› is of 0 and 1"
+        raise InputError("", problem, "give ‹depth-scale› and ‹doffs› instead", path=declared.path)
 
 
 def _depth_decoding(declared: Declared) -> Decoding:
@@ -162,8 +164,8 @@ def _depth_decoding(declared: Declared) -> Decoding:
         if unit is None:
             problem = f"has {samples.channel or 'numbers'} in whole numbers, whose unit is unknown"
             named = samples.type == "HEIC"
-            remedy = "say --depth-format apple-heic" if named else "say --depth-unit mm"
-            raise InputError(declared.path, problem, remedy)
+            remedy = "say ‹depth-format› apple-heic" if named else "say ‹depth-unit› mm"
+            raise InputError("", problem, remedy, path=declared.path)
     words = UNIT_WORDS.get(unit or "", "")
     scale = row.scale * UNITS[unit or "m"]
     if row.integer_scale is not None and samples.is_integer:
@@ -189,7 +191,9 @@ def _disparity_decoding(declared: Declared) -> Decoding:
         return Decoding("inverse", facts.scale, facts.shift or 0.0, words=words)
     if row.per_metre:
         if row.sidecar:
-            raise InputError(declared.path, f"has no {row.sidecar} metadata", "check what wrote it")
+            raise InputError(
+                "", f"has no {row.sidecar} metadata", "check what wrote it", path=declared.path
+            )
         unit = UNITS[reading.depth_unit or "m"]
         scale = row.scale * (reading.depth_scale or 1.0)
         return Decoding("inverse", scale, focal_baseline=unit, words=f"{row.name}, 1 / z")
@@ -217,19 +221,19 @@ def _by_calibration(declared: Declared) -> Decoding:
         words = f"disparity, 1/z = {scale:g} v{f' + {doffs:g}' if doffs else ''}"
         return Decoding("inverse", scale, doffs, words=words)
     missing = [n for n, value in zip(_CALIBRATION, (focal, baseline), strict=True) if value is None]
-    names = " and ".join(f"--{name}" for name in missing)
+    names = " and ".join(f"‹{name}›" for name in missing)
     why = f": there is no {row.sidecar} beside {declared.path}" if row.sidecar else ""
     remedy = f"add {' and '.join(_CALIBRATION[name] for name in missing)}"
     if row.name == "disparity":
-        remedy += ", or --depth-range NEAR FAR, or --depth-scale"
-    raise UsageProblem(declared.named, f"leaves {names} open{why}", remedy)
+        remedy += ", or ‹depth-range› NEAR FAR, or ‹depth-scale›"
+    raise UsageProblem("", f"leaves {names} open{why}", remedy, path=declared.named)
 
 
 def _logarithm_decoding(declared: Declared) -> Decoding:
     facts = declared.facts
     if facts is None or facts.ends is None:
         problem = f"has no text chunks near and far, which {declared.row.name} needs"
-        raise InputError(declared.path, problem, "check what wrote or edited it")
+        raise InputError("", problem, "check what wrote or edited it", path=declared.path)
     near, far = facts.ends
     words = f"{declared.row.name}, from {near:.6g} m to {far:.6g} m"
     return Decoding("log", ends=facts.ends, words=words)

@@ -20,7 +20,7 @@ STEREO_DATASETS = (
         rule="inverse",
         focal_px=1050.0,
         baseline=1.0,
-        note="pictures of 15 mm need --focal-px 450",
+        note="pictures of 15 mm need ‹focal-px› 450",
         aliases=("flyingthings3d", "monkaa", "driving"),
     ),
     DepthFormat(

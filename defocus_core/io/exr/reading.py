@@ -30,10 +30,6 @@ if TYPE_CHECKING:
 
     Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
 
-_NO_PIECES = (
-    "is too large to be held in --memory, and its pixels cannot be had piece by piece",
-    "allow more --memory, or save it in scan lines, ZIP compressed",
-)
 _STRIP_BYTES = 1 << 25  # of pixels, decoded at once
 _LARGEST_TILE = 1 << 26  # bytes, decoded at once
 _LIMITS = ("limits:imagesize_MB", "limits:channels")  # of OpenImageIO: all of memory, and 1024
@@ -147,7 +143,12 @@ def _pieces(path: Path, header: Header, types: Mapping[str, str], keeping: Keepi
         wide, high = spec.tile_width or spec.width, spec.tile_height or _ROWS
         cell_bytes = min(wide, spec.width) * min(high, spec.height) * header.pixel_bytes
         if spec.tile_width and keeping.scratch and cell_bytes > _LARGEST_TILE:
-            raise InputError(path, *_NO_PIECES)
+            raise InputError(
+                "no-pieces",
+                "is too large to be held in ‹memory›, and its pixels cannot be had piece by piece",
+                "allow more ‹memory›, or save it in scan lines, ZIP compressed",
+                path=path,
+            )
         cells = max(1, _STRIP_BYTES // cell_bytes)
         across = min(cells, -(-spec.width // wide))
         wide, high = across * wide, cells // across * high

@@ -66,7 +66,7 @@ def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[He
     known = {name.casefold(): name for name in views}
     if view is not None and view.casefold() not in known:
         problem = f"has no view {view}; it has {', '.join(views)}"
-        raise InputError(path, problem, "check --view")
+        raise InputError("", problem, "check ‹view›", path=path)
     chosen = views[0] if view is None else known[view.casefold()]
     return tuple(_restricted(header, views, chosen) for header in headers)
 
@@ -81,7 +81,9 @@ def require_view(paths: Sequence[Path], view: str | None) -> None:
         return
     exrs = [path for path in paths if is_exr(read_head(path))]
     if not any(views_of(read_headers(path)) for path in exrs):
-        raise InputError(paths[0], f"has no views, and so no view {view}", "leave --view out")
+        raise InputError(
+            "", f"has no views, and so no view {view}", "leave ‹view› out", path=paths[0]
+        )
 
 
 def default_warning(headers: Sequence[Header], view: str | None) -> str:
@@ -89,7 +91,7 @@ def default_warning(headers: Sequence[Header], view: str | None) -> str:
     views = views_of(headers)
     if view is not None or len(views) < 2:
         return ""
-    return f"view {views[0]} taken, the default of {', '.join(views)}; --view names another"
+    return f"view {views[0]} taken, the default of {', '.join(views)}; ‹view› names another"
 
 
 def name_in_view(name: str, view: str) -> str:

@@ -69,7 +69,9 @@ def choose_color(
     aspect, (least, most) = chosen.header.pixel_aspect, _ASPECTS
     if not least <= aspect <= most:
         problem = f"has pixels {aspect:g} times as wide as high"
-        raise InputError(path, problem, f"resample it to pixels of {least:g} to {most:g} times")
+        raise InputError(
+            "", problem, f"resample it to pixels of {least:g} to {most:g} times", path=path
+        )
     return chosen
 
 
@@ -79,7 +81,7 @@ def _chosen_color(
     searched = _flat(_headers_of_part(path, headers, part))
     layers = [each for header in searched for each in _color_layers(header)]
     if layer is not None:
-        return _named(path, layers, layer, "colour layer", "--color-layer")
+        return _named(path, layers, layer, "colour layer", "‹color-layer›")
     candidates = [each for each in layers if {"R", "RY"} & each.channels.keys()] or layers
     for known in (
         [c for c in candidates if c.default],
@@ -89,8 +91,8 @@ def _chosen_color(
             return known[0]
     if not candidates:
         problem = f"has no colour channels (R, G, B or Y), only {_listing(searched)}"
-        raise InputError(path, problem, "name a file that has them")
-    return _only(path, candidates, "colour layer", "--color-layer")
+        raise InputError("", problem, "name a file that has them", path=path)
+    return _only(path, candidates, "colour layer", "‹color-layer›")
 
 
 def choose_depth(
@@ -105,7 +107,7 @@ def choose_depth(
     searched = _flat(_headers_of_part(path, headers, part))
     every = channels_of(path, headers, part)
     if channel is not None:
-        return _named(path, every, channel, "channel", "--depth-channel")
+        return _named(path, every, channel, "channel", "‹depth-channel›")
     candidates = [c for c in every if _is_depth(c)]
     if not candidates and len(every) == 1 and every[0].name not in NO_DEPTH:
         candidates = every
@@ -115,9 +117,9 @@ def choose_depth(
         candidates = in_depth_part if len(in_depth_part) == 1 else candidates
     if not candidates:
         problem = f"has no depth channel, only {_listing(searched)}"
-        remedy = "if one of them is the depth, say --depth-channel NAME"
-        raise NoDepthChannel(path, problem, remedy)
-    return _only(path, candidates, "depth channel", "--depth-channel")
+        remedy = "if one of them is the depth, say ‹depth-channel› NAME"
+        raise NoDepthChannel("", problem, remedy, path=path)
+    return _only(path, candidates, "depth channel", "‹depth-channel›")
 
 
 def channels_of(path: Path, headers: Sequence[Header], part: int | None) -> list[ChannelGroup]:
@@ -152,7 +154,7 @@ def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str])
             if isnt:
                 problem = f"has {pattern}, which is depth or whole numbers and is never averaged"
             known = f"it has {', '.join(light[:40])}" if light else "it has none"
-            raise InputError(path, problem, f"check --blur-channels: {known}")
+            raise InputError("", problem, f"check ‹blur-channels›: {known}", path=path)
     folded_patterns = [pattern.casefold() for pattern in patterns]
     return tuple(
         name for name in light if any(fnmatchcase(name.casefold(), p) for p in folded_patterns)
@@ -172,8 +174,8 @@ def require_part(path: Path, part: int, count: int) -> None:
     """
     if not 0 <= part < count:
         problem = f"has no part {part}, only {count}"
-        remedy = "leave --part out" if count == 1 else f"--part counts from 0 to {count - 1}"
-        raise InputError(path, problem, remedy)
+        remedy = "leave ‹part› out" if count == 1 else f"‹part› counts from 0 to {count - 1}"
+        raise InputError("", problem, remedy, path=path)
 
 
 def _headers_of_part(path: Path, headers: Sequence[Header], part: int | None) -> Sequence[Header]:
@@ -247,7 +249,9 @@ def _named(
     matches = exact or [c for c in groups if folded in {n.casefold() for n in _names(c)}]
     if not matches:
         known = ", ".join(_labels(groups)) or "none"
-        raise InputError(path, f"has no {kind} {wanted}; it has {known}", f"check {option}")
+        raise InputError(
+            "", f"has no {kind} {wanted}; it has {known}", f"check {option}", path=path
+        )
     return _only(path, matches, kind, option)
 
 
@@ -276,7 +280,9 @@ def _only(path: Path, candidates: Sequence[ChannelGroup], kind: str, option: str
         return candidates[0]
     labels = _labels(candidates)
     problem = f"has {len(candidates)} candidates for the {kind}: {', '.join(labels)}"
-    raise InputError(path, problem, f"choose one, like {option} {labels[0]}, or a part with --part")
+    raise InputError(
+        "", problem, f"choose one, like {option} {labels[0]}, or a part with ‹part›", path=path
+    )
 
 
 def _listing(headers: Sequence[Header]) -> str:

@@ -103,7 +103,9 @@ def choose_page(path: Path, pages: Sequence[_Page], part: int | None) -> _Page:
     whole = [page for page in pages if page.whole]
     if len(whole) == 1:
         return whole[0]
-    raise InputError(path, f"has {len(pages)} pages", "choose one with --part, counted from 0")
+    raise InputError(
+        "", f"has {len(pages)} pages", "choose one with ‹part›, counted from 0", path=path
+    )
 
 
 def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice], NDArray[Any]]]:
@@ -128,14 +130,14 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
         kind = _SAMPLES.get(str(spec.format))
         if kind is None:
             problem = f"has samples of type {spec.format}"
-            raise InputError(path, problem, "save it with 8, 16 or float samples")
+            raise InputError("", problem, "save it with 8, 16 or float samples", path=path)
         for rows in _strips(spec):
             with _as_input_error(path):
                 samples = _decoded(file, page, spec, rows, kind)
                 # A truncated JPEG comes back filled with grey, and only the error flag says so.
                 if samples is None or file.has_error:
                     problem = f"is truncated or damaged ({first_line(path, file.geterror())})"
-                    raise InputError(path, problem, _AGAIN)
+                    raise InputError("", problem, _AGAIN, path=path)
             yield _upright(spec, rows, samples)
 
 
@@ -148,7 +150,7 @@ def _as_input_error(path: Path) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:
-        raise InputError(path, f"cannot be read ({reason(error)})", _AGAIN) from error
+        raise InputError("", f"cannot be read ({reason(error)})", _AGAIN, path=path) from error
 
 
 @contextmanager
@@ -164,11 +166,11 @@ def _opened(path: Path, formats: str) -> Iterator[Any]:
         error = oiio.geterror()
         why = "unknown format" if "format reader" in error else first_line(path, error)
         problem = f"is not an image that can be read ({why})"
-        raise InputError(path, problem, f"use {formats}")
+        raise InputError("", problem, f"use {formats}", path=path)
     try:
         if file.format_name() not in _KINDS:
             problem = f"is of type {file.format_name().upper()}, which is not read"
-            raise InputError(path, problem, f"use {formats}")
+            raise InputError("", problem, f"use {formats}", path=path)
         yield file
     finally:
         file.close()
@@ -217,7 +219,7 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
     check_size(path, width, height, spec.pixel_bytes(True))
     if spec.get_int_attribute("tiff:PhotometricInterpretation", 1) == 0 and spec.format != "uint8":
         problem = f"stores white as 0 in {spec.format}, which is decoded as its negative"
-        raise InputError(path, problem, "save it with black as 0")
+        raise InputError("", problem, "save it with black as 0", path=path)
     if spec.get_int_attribute("Orientation", 1) in (5, 6, 7, 8):
         width, height = height, width
     return Raster(

@@ -33,7 +33,7 @@ class FrameChoice:
 
     numbers: tuple[int, ...] | None = None
     missing: str = "error"
-    source: str = field(default="--frames", compare=False)
+    source: str = field(default="‹frames›", compare=False)
 
 
 ALL = FrameChoice()
@@ -65,7 +65,7 @@ def frame_choice(
         return FrameChoice(frame_numbers(frames, source), missing, source)
     if not keyed:
         problem = "asks for the frames that have keys"
-        raise UsageProblem(source, problem, "animate the lens, like --animate FILE")
+        raise UsageProblem("", problem, "animate the lens, like ‹animate› FILE", path=source)
     return FrameChoice(keyed, missing, source)
 
 
@@ -81,11 +81,13 @@ def frame_numbers(text: str, where: str) -> tuple[int, ...]:
     try:
         numbers = sorted({int(number) for number in FrameSet(text.replace(" ", ""))})
     except MaxSizeException:
-        raise UsageProblem(where, f"'{text}' is too many frames", "ask for fewer") from None
+        raise UsageProblem(
+            "", f"'{text}' is too many frames", "ask for fewer", path=where
+        ) from None
     except ValueError:
         numbers = []
     if not numbers or "." in text:
-        raise UsageProblem(where, f"'{text}' names no frames", _EXAMPLE)
+        raise UsageProblem("", f"'{text}' names no frames", _EXAMPLE, path=where)
     return tuple(numbers)
 
 
@@ -99,7 +101,7 @@ def frames_of(pattern: Path) -> dict[int, Path]:
     from fileseq.filesequence import FileSequence
 
     if len(_FIELD.findall(pattern.name)) > 1:
-        raise InputError(pattern, "has two numbers in its name", "give a pattern with one")
+        raise InputError("", "has two numbers in its name", "give a pattern with one", path=pattern)
     try:
         found = FileSequence.findSequenceOnDisk(
             str(pattern), strictPadding=True, pad_style=PAD_STYLE_HASH1
@@ -107,7 +109,7 @@ def frames_of(pattern: Path) -> dict[int, Path]:
         return {int(number): Path(found.frame(number)) for number in sorted(found.frameSet() or ())}
     except (ValueError, OSError):
         remedy = "check the path; each # stands for a digit, and %04d is ####"
-        raise InputError(pattern, "matches no file", remedy) from None
+        raise InputError("", "matches no file", remedy, path=pattern) from None
 
 
 def chosen(
@@ -134,12 +136,12 @@ def chosen(
     if choice.missing == "error":
         path, lost = next(iter(lacking.items()))
         others = "".join(f", {other} {in_words(n)}" for other, n in [*lacking.items()][1:])
-        remedy = "say --missing skip to leave them out, or name others with --frames"
-        raise InputError(path, f"lacks {in_words(lost)}{others}", remedy)
+        remedy = "say ‹missing› skip to leave them out, or name others with ‹frames›"
+        raise InputError("", f"lacks {in_words(lost)}{others}", remedy, path=path)
     kept = tuple(number for number in wanted if all(number in of for of in patterns.values()))
     if not kept:
         path = next(iter(lacking))
-        raise InputError(path, f"lacks {in_words(lacking[path])}", "check --frames")
+        raise InputError("", f"lacks {in_words(lacking[path])}", "check ‹frames›", path=path)
     return kept, words
 
 

@@ -45,14 +45,14 @@ def read_keys(file: Path, option: str | None) -> Keys:
     rows = _rows(file)
     first = next(rows, None)
     if first is None:
-        raise InputError(file, "has no key", "write lines like 1001 1.2m")
+        raise InputError("", "has no key", "write lines like 1001 1.2m", path=file)
     suffix, is_curve = file.suffix.lower(), len(first[1]) == 2 and _is_frame(first[1][0])
     if option is None and is_curve:
-        remedy = f"name the option that it is of, like --animate focus={file}"
-        raise UsageProblem(file, "is a curve of one option", remedy)
+        remedy = f"name the option that it is of, like ‹animate› focus={file}"
+        raise UsageProblem("", "is a curve of one option", remedy, path=file)
     if option is not None and not is_curve:
-        remedy = f"give it without the option, --animate {file}"
-        raise UsageProblem(file, "is no curve of lines like 1001 1.2m", remedy)
+        remedy = f"give it without the option, ‹animate› {file}"
+        raise UsageProblem("", "is no curve of lines like 1001 1.2m", remedy, path=file)
     every = [first, *rows]
     if option is not None:
         return {option: _curve(every)}
@@ -66,7 +66,9 @@ def frame_of(text: str, where: str) -> int:
         InputError: the text is none.
     """
     if not _is_frame(text):
-        raise InputError(where, f"'{text}' is no frame", "begin the line with a frame, like 1001")
+        raise InputError(
+            "", f"'{text}' is no frame", "begin the line with a frame, like 1001", path=where
+        )
     return round(float(text))
 
 
@@ -84,17 +86,23 @@ def _rows(file: Path) -> Iterator[tuple[str, list[str]]]:
             data = opened.read(_LARGEST_FILE + 1)
         text = data.decode("utf-8-sig")
     except OSError as error:
-        raise InputError(file, f"cannot be read: {reason(error)}", "check the path") from None
+        raise InputError(
+            "", f"cannot be read: {reason(error)}", "check the path", path=file
+        ) from None
     except UnicodeDecodeError:
-        raise InputError(file, "is not UTF-8 text", "save it as UTF-8") from None
+        raise InputError("", "is not UTF-8 text", "save it as UTF-8", path=file) from None
     if "\0" in text or len(data) > _LARGEST_FILE:
-        raise InputError(file, "is no file of keys", "give CSV, TOML, .chan or lines of a curve")
+        raise InputError(
+            "", "is no file of keys", "give CSV, TOML, .chan or lines of a curve", path=file
+        )
     lines = text.splitlines()
     if file.suffix.lower() == ".csv":
         try:
             cells = list(csv.reader(lines, strict=True))
         except csv.Error as error:
-            raise InputError(file, f"is not CSV: {reason(error)}", "mend that line") from None
+            raise InputError(
+                "", f"is not CSV: {reason(error)}", "mend that line", path=file
+            ) from None
     else:
         cells = [line.replace(",", " ").split() for line in lines]
     for number, row in enumerate(cells, 1):
@@ -107,7 +115,9 @@ def _curve(rows: Sequence[tuple[str, list[str]]]) -> dict[int, Key]:
     keys: dict[int, Key] = {}
     for where, cells in rows:
         if len(cells) != 2:
-            raise InputError(where, "is not a frame and a value", "write it like 1001 1.2m")
+            raise InputError(
+                "", "is not a frame and a value", "write it like 1001 1.2m", path=where
+            )
         _add(keys, frame_of(cells[0], where), Key(cells[1], where))
     return keys
 
@@ -118,7 +128,7 @@ def _chan(rows: Sequence[tuple[str, list[str]]], file: Path) -> Keys:
         if len(cells) < _CHAN_COLUMNS:
             problem = f"has {len(cells)} numbers, and none of the lens"
             remedy = "export the camera with its vertical field of view, the eighth number"
-            raise InputError(where, problem, remedy)
+            raise InputError("", problem, remedy, path=where)
         _add(keys, frame_of(cells[0], where), Key(cells[_CHAN_COLUMNS - 1], where))
     return {FIELD_OF_VIEW: keys}
 
@@ -128,16 +138,16 @@ def _columns(rows: Sequence[tuple[str, list[str]]], file: Path) -> Keys:
     names = [name.lower().replace("_", "-").replace(" ", "-") for name in header]
     if "frame" not in names:
         remedy = "begin it with a line like frame,focus,fnumber"
-        raise InputError(place, "names no column frame", remedy)
+        raise InputError("", "names no column frame", remedy, path=place)
     if twice := [name for name in names if names.count(name) > 1]:
-        raise InputError(place, f"names '{twice[0]}' twice", "remove one of the columns")
+        raise InputError("", f"names '{twice[0]}' twice", "remove one of the columns", path=place)
     if ("x" in names) != ("y" in names):
-        raise InputError(place, "names one of x and y", "give both, the pixel of focus-at")
+        raise InputError("", "names one of x and y", "give both, the pixel of focus-at", path=place)
     keys: dict[str, dict[int, Key]] = {name: {} for name in names if name not in ("frame", "y")}
     for where, cells in lines:
         if len(cells) != len(names):
             problem = f"has {len(cells)} cells, but the header names {len(names)}"
-            raise InputError(where, problem, "mend that line")
+            raise InputError("", problem, "mend that line", path=where)
         row = dict(zip(names, cells, strict=True))
         frame = frame_of(row.pop("frame"), where)
         if "x" in row:
@@ -153,5 +163,5 @@ def _columns(rows: Sequence[tuple[str, list[str]]], file: Path) -> Keys:
 def _add(keys: dict[int, Key], frame: int, key: Key) -> None:
     if frame in keys:
         problem = f"is another key of frame {frame}, like {keys[frame].where}"
-        raise InputError(key.where, problem, "remove one of them")
+        raise InputError("", problem, "remove one of them", path=key.where)
     keys[frame] = key

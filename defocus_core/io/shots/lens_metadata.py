@@ -153,7 +153,7 @@ def _exif_numbers(path: Path) -> dict[str, float]:
     file = oiio.ImageInput.open(str(path))
     if not file:
         oiio.geterror()
-        raise InputError(path, "cannot be read as a picture", "check what wrote it")
+        raise InputError("", "cannot be read as a picture", "check what wrote it", path=path)
     tags = tags_of(file.spec())
     file.close()
     return {

@@ -54,7 +54,7 @@ def read_motion(files: Iterable[Path], channel: str, overscan: Overscan = NO_OVE
         names += there
     layers = ", ".join(sorted({name.rpartition(".")[0] for name in names} - {""})) or "none"
     problem = f"has no motion vectors '{channel}'"
-    raise InputError(path, problem, f"its layers are {layers}; name one with --motion")
+    raise InputError("", problem, f"its layers are {layers}; name one with ‹motion›", path=path)
 
 
 def _vectors(names: list[str], channel: str) -> dict[str, str]:

@@ -79,9 +79,9 @@ class Gallery:
 
     def _item(self, row: Row, losses: Sequence[str], truth: Path) -> Item:
         layers, full, lens = self._drawings[row.scene, row.shot, row.method]
-        words = ["defocus", "bench", "--truth", truth]
+        words = ["defocus", "bench", "‹truth›", truth]
         if row.method not in BASELINES:
-            words += ["--quality", row.method]
+            words += ["‹quality›", row.method]
         return Item(
             name=f"{row.scene} {row.shot} {row.method}",
             status=_WORSE if losses else _OK,

@@ -11,7 +11,7 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.errors import UserError
+from defocus_core.errors import DefocusError
 from defocus_core.io.array_files.containers import container_type
 from defocus_core.io.arrays import IN_MEMORY, bands
 from defocus_core.io.depth_formats.file_types import read_numbers
@@ -83,7 +83,7 @@ def evidence_of(path: Path, reading: DepthReading, info: FileInfo) -> tuple[str,
     try:
         scaled = reading if reading.says_scale else replace(reading, depth_scale=1.0)
         samples = read_numbers(path, scaled, IN_MEMORY, None)
-    except UserError:  # another line of the report says why
+    except DefocusError:  # another line of the report says why
         return tuple(sentences)
     if reading.depth_format is None:
         sentences += _numbers_evidence(path, samples, reading)
@@ -124,11 +124,11 @@ def _numbers_evidence(path: Path, samples: Samples, reading: DepthReading) -> It
             shown = ", ".join(names[:5])
             yield (
                 f"0 in {_percent(zero)} of the 16-bit pixels: holes of {shown} and others, or far "
-                "away by a network; say --depth-format, and --invalid far or fill for holes"
+                "away by a network; say ‹depth-format›, and ‹invalid› far or fill for holes"
             )
     if samples.type == "8-bit PNG" and not reading.says_scale:
         yield (
-            "8 bits: relative depth of a network; say --depth-range NEAR FAR, and --depth-kind "
+            "8 bits: relative depth of a network; say ‹depth-range› NEAR FAR, and ‹depth-kind› "
             "disparity if bright is near, or depth if bright is far"
         )
     has_sidecar = any(path.with_name(place).is_file() for _, place in _BESIDE.values())
@@ -145,7 +145,7 @@ def _faults(samples: Samples) -> Iterator[str]:
         yield (
             f"warning: {_percent(mixed / edges)} of the pixels at depth edges lie between near "
             "and far: the depth looks bilinearly resampled or anti-aliased; resample it by "
-            "nearest, or leave it to --depth-repair auto"
+            "nearest, or leave it to ‹depth-repair› auto"
         )
 
 
@@ -184,7 +184,7 @@ def _rows_of(file_type: str) -> list[Any]:
 def _say(*names: str) -> str:
     """Formats that fit, and the option that names one."""
     listed = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
-    return f"{listed}; say --depth-format {names[0] if len(names) == 1 else 'NAME'}"
+    return f"{listed}; say ‹depth-format› {names[0] if len(names) == 1 else 'NAME'}"
 
 
 def _percent(share: float) -> str:

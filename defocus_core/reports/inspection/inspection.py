@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.errors import InputError, UserError
+from defocus_core.errors import DefocusError, InputError
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.exr_channels import NO_DEPTH
@@ -168,7 +168,7 @@ def inspect_pairs(
         evidence = evidence_of_pair(
             Path(color), Path(depth), reading, keeping=keeping, lens_focal=lens_focal
         )
-    except UserError:  # the two cannot be read as one picture, as with --part of one of them
+    except DefocusError:  # the two cannot be read as one picture, as with --part of one of them
         return []
     return [{"color": color, "depth": depth, "evidence": list(evidence)}]
 

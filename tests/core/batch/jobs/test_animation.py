@@ -7,7 +7,7 @@ from defocus_core.batch.jobs.animation import Animation, read_animation
 from defocus_core.batch.jobs.job import Picture
 from defocus_core.batch.jobs.lens_options import parsed
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
-from defocus_core.errors import UsageProblem, UserError
+from defocus_core.errors import DefocusError, UsageProblem
 
 
 def animation(folder: Path, text: str, name: str = "pull.csv", **how: str) -> Animation:
@@ -91,7 +91,7 @@ def test_keys_in_toml_say_how_they_are_joined(tmp_path: Path) -> None:
     ],
 )
 def test_what_makes_no_sense_is_refused(tmp_path: Path, name: str, text: str, problem: str) -> None:
-    with pytest.raises(UserError, match=problem):
+    with pytest.raises(DefocusError, match=problem):
         animation(tmp_path, text, name)
 
 

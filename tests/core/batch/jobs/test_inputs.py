@@ -10,7 +10,7 @@ import pytest
 from jobs_files import FIXED, jobs, names, touch
 
 from defocus_core.batch.jobs.job import Picture
-from defocus_core.errors import InputError, UsageProblem, UserError
+from defocus_core.errors import DefocusError, InputError, UsageProblem
 from defocus_core.io.wildcards import matching
 
 
@@ -174,7 +174,7 @@ def test_tables_and_lists_and_patterns_come_one_after_another(tmp_path: Path) ->
 )
 def test_what_is_wrong_is_told_with_its_place(tmp_path: Path, inputs: str, words: str) -> None:
     touch(tmp_path, "1.png", "1.jpg", "2.png", "1.npy", "3.npy", "c.exr", "l.txt")
-    with pytest.raises(UserError, match=words):
+    with pytest.raises(DefocusError, match=words):
         jobs(tmp_path, FIXED, inputs=inputs or "\n")
 
 
@@ -205,7 +205,7 @@ def test_what_is_wrong_in_a_list_is_told_with_its_line(
 ) -> None:
     touch(tmp_path, "c.exr")
     (tmp_path / name).write_text(text)
-    with pytest.raises(UserError, match=words):
+    with pytest.raises(DefocusError, match=words):
         jobs(tmp_path, FIXED, inputs=f'list = "{name}"')
 
 

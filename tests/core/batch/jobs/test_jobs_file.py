@@ -11,7 +11,7 @@ from jobs_files import FIXED, LENS, jobs, jobs_file, names, touch
 from defocus_core.batch.jobs.job import Machine, Outputs, Reading
 from defocus_core.batch.jobs.jobs_file import read_jobs
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.errors import InputError, UsageProblem, UserError
+from defocus_core.errors import DefocusError, InputError, UsageProblem
 
 
 def test_every_table_reaches_the_job(tmp_path: Path) -> None:
@@ -136,7 +136,7 @@ def test_a_lens_file_that_is_not_there_is_input(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["[inputs", "\0", "\xff"])
 def test_what_is_no_toml_is_refused_as_input(tmp_path: Path, text: str) -> None:
     (tmp_path / "jobs.toml").write_bytes(text.encode("latin-1"))
-    with pytest.raises(UserError, match=r"jobs\.toml: is not ") as caught:
+    with pytest.raises(DefocusError, match=r"jobs\.toml: is not ") as caught:
         read_jobs(tmp_path / "jobs.toml", Outputs(tmp_path), Machine())
     assert caught.value.exit_code == 3
 

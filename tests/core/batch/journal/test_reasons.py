@@ -27,16 +27,21 @@ def full() -> InputError:
 @pytest.mark.parametrize(
     ("error", "step", "status", "reason"),
     [
-        (InputError(HERE, "is damaged"), "read", "failed", "input-unusable"),
+        (InputError("", "is damaged", path=HERE), "read", "failed", "input-unusable"),
         (FileNotFoundError(errno.ENOENT, "gone", "a.exr"), "read", "failed", "input-unusable"),
-        (UsageProblem("--focus-at", "lies outside"), "render", "failed", "settings-unusable"),
-        (TooLarge(HERE, "does not fit"), "render", "failed", "out-of-memory"),
+        (
+            UsageProblem("", "lies outside", field="focus-at"),
+            "render",
+            "failed",
+            "settings-unusable",
+        ),
+        (TooLarge("", "does not fit", path=HERE), "render", "failed", "out-of-memory"),
         (MemoryError(), "write", "failed", "out-of-memory"),
         (RuntimeError("[enforce fail] can't allocate memory"), "render", "failed", "out-of-memory"),
-        (InputError(HERE, "cannot be written"), "write", "failed", "output-unwritable"),
+        (InputError("", "cannot be written", path=HERE), "write", "failed", "output-unwritable"),
         (full(), "write", "failed", "no-space"),
         (RuntimeError("wires crossed"), "render", "failed", "fault"),
-        (Rejected(HERE, "blurs", "", "coc-too-large"), "render", "rejected", "coc-too-large"),
+        (Rejected("coc-too-large", "blurs", "", path=HERE), "render", "rejected", "coc-too-large"),
     ],
 )
 def test_an_exception_has_a_status_and_a_reason(

@@ -136,7 +136,7 @@ def test_processes_that_cannot_start_are_told_of(tmp_path: Path) -> None:
 
 def test_what_cannot_be_recorded_stops_all(tmp_path: Path) -> None:
     def done(number: int, result: Any) -> None:
-        raise InputError("disk", "is full")
+        raise InputError("", "is full", path="disk")
 
     pool = Pool(2, chunks_of(tmp_path, *"abcdef"), done, lambda: False, fake_worker.serve)
     with pytest.raises(InputError, match="is full"):
