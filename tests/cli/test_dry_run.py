@@ -139,7 +139,8 @@ def short(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Job]
         memory_budget.limit_mb(Machine())  # kept for the tests that come later
         monkeypatch.setattr(memory, "available_mb", lambda device="cpu": 100.0)
         monkeypatch.setattr(
-            "defocus_core.memory_bound", lambda _, threads, at_once: 1e6 * bound(threads, at_once)
+            "defocus_core.evaluation.cost.memory_bound",
+            lambda _, threads, at_once: 1e6 * bound(threads, at_once),
         )
         color, depth = pair(tmp_path)
         lens, outputs = Lens(50.0, 2.0, 2000.0), Outputs(tmp_path / "out")
@@ -172,7 +173,7 @@ def test_what_does_not_fit_is_refused_with_what_would_help(
 def test_the_sizes_of_a_refusal_add_up(short: Callable[..., Job]) -> None:
     with pytest.raises(TooLarge) as refusal:
         regions_at_once(short(lambda threads, at_once: 450.0), 80.0)
-    numbers = [int(word) for word in re.findall(r"\d+", refusal.value.format_message())]
+    numbers = [int(word) for word in re.findall(r"\d+", str(refusal.value))]
     needed, program, files, rendering, allowed = numbers[-5:]
     assert needed == program + files + rendering
     assert (files, rendering) == (30, 450)

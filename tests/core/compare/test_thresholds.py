@@ -96,4 +96,4 @@ def test_a_pattern_without_a_slash_means_names_in_any_folder() -> None:
 def test_a_file_that_makes_no_sense_is_refused(text: str, words: str, tmp_path: Path) -> None:
     with pytest.raises(UsageProblem) as caught:
         read_thresholds(write(tmp_path, text))
-    assert words in caught.value.format_message()
+    assert words in str(caught.value)

@@ -295,7 +295,7 @@ def test_bad_files_are_told_in_one_line_and_nothing_is_printed(
     for name, problem in names.items():
         with pytest.raises(InputError, match=problem) as caught:
             read_color(tmp_path / name)
-        line = caught.value.format_message()
+        line = str(caught.value)
         assert line.startswith(f"{tmp_path / name}: ")
         assert "\n" not in line
         assert "; " in line
