@@ -2,6 +2,7 @@
 
 import signal
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -44,3 +45,29 @@ def known_rate() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(forecast, "work_per_second", lambda device, threads: 1e9)
         yield
+
+
+# Why a test may be skipped: a run fails if another one is, since what never runs rots.
+ALLOWED_SKIPS = ("needs a GPU", "needs ../shared", "runs as root", "not on this system")
+
+
+def skipped(terminal: pytest.TerminalReporter) -> Counter[str]:
+    """How many tests were skipped for each reason."""
+    reports = terminal.stats.get("skipped", [])
+    reasons = (str(report.longrepr[2]) for report in reports if isinstance(report.longrepr, tuple))
+    return Counter(reason.removeprefix("Skipped: ") for reason in reasons)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    terminal = session.config.pluginmanager.get_plugin("terminalreporter")
+    if terminal is None or hasattr(session.config, "workerinput") or session.exitstatus:
+        return
+    if any(not reason.startswith(ALLOWED_SKIPS) for reason in skipped(terminal)):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    for reason, count in sorted(skipped(terminalreporter).items()):
+        word = "skipped" if reason.startswith(ALLOWED_SKIPS) else "SKIPPED, which fails the run"
+        terminalreporter.write_line(f"{count} {word}: {reason}")

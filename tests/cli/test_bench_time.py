@@ -167,7 +167,7 @@ def test_a_missing_baseline_is_refused_before_the_work(tmp_path: Path) -> None:
 
 def test_the_peak_begins_anew() -> None:
     if not memory.held_mb():
-        pytest.skip("this system does not tell")
+        pytest.skip("not on this system: it does not tell")
     block = bytearray(64 * memory.MB)
     block[::4096] = bytes(len(block[::4096]))
     high = memory.peak_mb()

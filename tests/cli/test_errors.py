@@ -133,7 +133,7 @@ def test_zero_bytes(name: str, depth: Path, color: Path, out: Path) -> None:
     refused_input(render(color, empty, "-o", out), empty, "empty")
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere names are Unicode")
+@pytest.mark.skipif(sys.platform != "linux", reason="not on this system: names are Unicode")
 def test_a_name_that_is_not_utf_8(color: Path, depth: Path, out: Path) -> None:
     odd = color.rename(color.with_name(os.fsdecode(b"\xff.exr")))
     for files in ((odd, depth), (odd,)):

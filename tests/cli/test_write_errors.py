@@ -56,7 +56,7 @@ def test_an_output_that_is_a_directory(color: Path, depth: Path, out: Path) -> N
     assert files_under(out) == set()
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may read and write everything")
+@pytest.mark.skipif(os.geteuid() == 0, reason="runs as root, who may read and write everything")
 def test_what_may_not_be_read_or_written(color: Path, depth: Path, out: Path) -> None:
     color.chmod(0)
     refused_input(render(color, depth, "-o", out), color, "Permission denied")

@@ -17,7 +17,7 @@ from defocus_core import DefocusLens, render
 TRUTH = Path(__file__).parents[3] / "shared" / "truth"
 pytestmark = pytest.mark.skipif(
     not (TRUTH / "quick" / "camera.json").exists(),
-    reason="there is no path-traced truth beside the repository",
+    reason="needs ../shared/truth",
 )
 
 

@@ -82,7 +82,9 @@ def test_double_precision_takes_twice_the_memory() -> None:
     assert 1.4 < double / memory_bound(stream("cards"), 1, 1) <= 2.0
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="no system to reset the peak")
+@pytest.mark.skipif(
+    not sys.platform.startswith("linux"), reason="not on this system: no peak to reset"
+)
 @pytest.mark.parametrize(
     "case",
     [

@@ -116,9 +116,7 @@ def test_psnr_is_that_of_the_demo() -> None:
     assert found.psnr == pytest.approx(psnr(*shown))
 
 
-@pytest.mark.skipif(
-    not (TRUTH / "score.py").exists(), reason="there is no path-traced truth beside the repository"
-)
+@pytest.mark.skipif(not (TRUTH / "score.py").exists(), reason="needs ../shared/truth")
 def test_errors_are_those_of_the_truths_own_script() -> None:
     pytest.importorskip("scipy")
     spec = importlib.util.spec_from_file_location("score", TRUTH / "score.py")

@@ -106,7 +106,7 @@ def test_products_are_not_rounded_as_the_caller_allows() -> None:
     for a, b in zip(found, wanted, strict=True):
         torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-5)
     if torch.equal(rounded, exactly):
-        pytest.skip("this machine rounds no products")
+        pytest.skip("not on this system: it rounds no products")
 
 
 def test_the_callers_modes_do_not_change_a_lens(mode) -> None:

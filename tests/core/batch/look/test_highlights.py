@@ -35,7 +35,7 @@ def encoded(planes: dict[str, Any]) -> Any:
     return 255 * np.where(low, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
 
-@pytest.mark.skipif(not REAL.exists(), reason="the photographs are not here")
+@pytest.mark.skipif(not REAL.exists(), reason="needs ../shared/real")
 @pytest.mark.parametrize("name", PHOTOGRAPHS)
 def test_nothing_changes_beyond_the_reach_of_lights(tmp_path: Path, name: str) -> None:
     (color, depth, *kind), lens, (beyond, changed) = PHOTOGRAPHS[name]

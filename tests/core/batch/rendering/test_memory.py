@@ -328,7 +328,7 @@ def test_where_no_region_fits_a_gpu_the_picture_is_refused(
 def test_a_megabyte_is_that_of_the_option() -> None:
     assert memory_budget.limit_mb(Machine(memory=byte_count("500MB"))) == 500
     if not memory.held_mb():
-        pytest.skip("this system does not tell")
+        pytest.skip("not on this system: it does not tell")
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     assert memory.held_mb() == pytest.approx(pages * os.sysconf("SC_PAGE_SIZE") / 1e6, rel=0.02)
 

@@ -52,7 +52,7 @@ def test_five_lenses_cost_at_most_four_times_one(tmp_path: Path, threads: str) -
     assert five < 4 * one
 
 
-@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="nothing overlaps on one core")
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="not on this system: one core")
 def test_rendering_is_busy(tmp_path: Path) -> None:
     for number in range(16):
         scene(tmp_path, f"{number:02}", number)

@@ -70,7 +70,7 @@ def _pass_on(stream: IO[bytes], lines: Queue[bytes]) -> None:
     lines.put(b"")
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="memory is bounded as Linux does it")
+@pytest.mark.skipif(sys.platform != "linux", reason="not on this system: no Linux")
 def test_damaged_files_are_refused_in_one_line_or_read(tmp_path: Path) -> None:
     found: list[dict[str, Any]] = []
     first = 0

@@ -13,7 +13,7 @@ from defocus_core.reports.html.shell import command_line
 WORDS = ["plain", "a b", "$HOME `id` \"'", "line\nbreak", "tab\tbell\a", "über", "-", "", "\\x41"]
 
 
-@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+@pytest.mark.skipif(shutil.which("bash") is None, reason="not on this system: no bash")
 def test_bash_reads_the_words_as_they_are() -> None:
     line = command_line(["printf", "%s\\0", *WORDS, Path("bytes\udcff")])
     ran = subprocess.run(["bash", "-c", line], capture_output=True, check=True)
