@@ -48,7 +48,7 @@ def test_sky_beside_what_is_in_focus_is_not_doubted() -> None:
 def test_centimetres_taken_for_metres_leave_nothing_in_focus() -> None:
     (line,) = warnings(SCENE * 100)
     assert "nothing is in focus at 2m: depth goes from 100m to 4000m" in line
-    assert line.endswith("check --depth-unit and --focus")
+    assert line.endswith("check ‹depth-unit› and ‹focus›")
 
 
 def test_metres_taken_for_millimetres_lie_nearer_than_the_focal_length() -> None:
@@ -76,7 +76,7 @@ def test_all_sky_has_no_range() -> None:
 
 def test_whoever_declared_the_unit_is_not_asked_to_declare_it() -> None:
     (line,) = warnings(SCENE * 100, declared=True)
-    assert line.endswith("check the declared format or unit and --focus")
+    assert line.endswith("check the declared format or unit and ‹focus›")
 
 
 def test_a_pfm_beside_calib_txt_may_be_disparity(tmp_path: Path) -> None:
@@ -84,20 +84,20 @@ def test_a_pfm_beside_calib_txt_may_be_disparity(tmp_path: Path) -> None:
     assert not warnings(SCENE, path=path)
     (tmp_path / "calib.txt").write_text("cam0=[1 0 0; 0 1 0; 0 0 1]\n")
     (line,) = warnings(SCENE, path=path)
-    assert "--depth-format middlebury" in line
+    assert "‹depth-format› middlebury" in line
     assert not warnings(SCENE, path=path, declared=True)
 
 
 def test_channels_of_unreal_are_in_centimetres() -> None:
     channel = "FinalImageMovieRenderQueue_WorldDepth.R"
     (line,) = warnings(SCENE, channel=channel)
-    assert "--depth-format unreal-mrq" in line
+    assert "‹depth-format› unreal-mrq" in line
     assert not warnings(SCENE, channel=channel, declared=True)
 
 
 def test_the_array_of_hypersim_holds_distances_to_the_point() -> None:
     path = "frame.0000.depth_meters.hdf5"
     (line,) = warnings(SCENE, path=path, channel="dataset")
-    assert "--depth-format hypersim" in line
+    assert "‹depth-format› hypersim" in line
     assert not warnings(SCENE, path=path, channel="dataset", declared=True)
     assert not warnings(SCENE, path="depth.npz", channel="dataset")

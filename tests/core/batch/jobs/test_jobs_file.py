@@ -138,7 +138,6 @@ def test_what_is_no_toml_is_refused_as_input(tmp_path: Path, text: str) -> None:
     (tmp_path / "jobs.toml").write_bytes(text.encode("latin-1"))
     with pytest.raises(DefocusError, match=r"jobs\.toml: is not ") as caught:
         read_jobs(tmp_path / "jobs.toml", Outputs(tmp_path), Machine())
-    assert caught.value.exit_code == 3
 
 
 def test_more_jobs_than_anybody_means_are_refused_before_they_are_made(tmp_path: Path) -> None:
