@@ -41,8 +41,9 @@ class DefocusError(Exception):
         self.code = code
         self.problem = one_line(problem)
         self.remedy = one_line(remedy)
-        self.path = None if path is None else printable(str(path))
-        self.field = field
+        caller = _OPTION.fullmatch(str(path))  # an option that the caller gave himself
+        self.path = None if path is None or caller else printable(str(path))
+        self.field = caller[1] if caller else field
 
     @property
     def subject(self) -> str:

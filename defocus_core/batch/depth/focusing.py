@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.depth.matching import matched
 from defocus_core.batch.jobs.job import Machine
-from defocus_core.batch.jobs.lens_options import refuse_near_focus
+from defocus_core.batch.jobs.lens_options import at, refuse_near_focus
 from defocus_core.batch.jobs.random_lenses import drawn_lens
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.quantities import Percentile, length_text
@@ -193,7 +193,7 @@ def _thin_lens(lens: Lens, size: tuple[int, int]) -> DefocusLens:
         thin_lens.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
         thin_lens.sharp_range = lens.sharp_range
     except ValueError as error:
-        option = f"{lens.focus_source}focus"
+        option = at(lens.focus_source, "focus")
         raise UsageProblem("", reason(error), "check the lens options", path=option) from error
     return thin_lens
 
@@ -211,7 +211,7 @@ def _focused_once(lens: Lens, depth: Depth) -> Lens:
 
 def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
     (x, y), (width, height) = pixel, depth.size
-    option = f"{lens.focus_source}focus-at"
+    option = at(lens.focus_source, "focus-at")
     if not (0 <= x < width and 0 <= y < height):
         raise UsageProblem(
             "",

@@ -8,8 +8,8 @@ lens file holds them, and reading options if it likes::
     focus = "2m"
     blades = 6
 
-The ``source`` of options is how errors about one of them begin: two dashes for the command line,
-else the file or table, with a colon and a blank.
+The ``source`` of options is how errors about one of them begin: `CALLER` where the caller gave
+them himself, else the file or table, with a colon and a blank.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ ALTERNATIVES = (
 )
 # Options that change nothing of an opening without blades.
 OF_BLADES = {"blade-rotation": "turns", "blade-curvature": "bends"}
-_DASHES = "--"
+CALLER = "‹"
 _REQUIRED = {"focal-length": "50mm", "fnumber": "1.4", "focus": "2m"}  # with an example of each
 # What decides the radii: nothing where a file holds them. The others are the shape of the opening.
 _OPTICS = (
@@ -91,6 +91,11 @@ def checked(name: str, value: object, where: str) -> str:
     text = text_of(value)
     read_at(where, parsed, name, text)
     return text
+
+
+def at(source: str, name: str) -> str:
+    """How an error about an option begins."""
+    return f"‹{name}›" if source == CALLER else f"{source}{name}"
 
 
 def tag(name: str, value: Any) -> str:
@@ -145,14 +150,14 @@ def make_lens(
         UsageProblem: an option is missing or has no effect, contradicts another or makes no sense.
     """
     options = {name: value for name, value in flags.items() if value is not None}
-    refuse_contradiction(options, _DASHES)
+    refuse_contradiction(options, CALLER)
     stored = {} if file is None else read_lens_file(file)
     if radii:
-        refuse_optics(options, _DASHES)
+        refuse_optics(options, CALLER)
         stored = shape_of(stored)
     values = merged({name: parsed(name, text) for name, text in stored.items()}, options)
     if not radii:
-        refuse_missing(values, _DASHES, lacking)
+        refuse_missing(values, CALLER, lacking)
     if options.get("vignetting") and "cat-eye" not in values:
         problem, remedy = "darkens nothing without a rim", "add ‹cat-eye› 1.05:1.5, or leave it out"
         raise UsageProblem("", problem, remedy, field="vignetting")
@@ -160,11 +165,11 @@ def make_lens(
         problem, remedy = "changes nothing without noise", "add ‹noise› 4000:3, or leave it out"
         raise UsageProblem("", problem, remedy, field="noise-seed")
     for name in OF_BLADES:
-        source = _DASHES if name in options else f"{file}: "
+        source = CALLER if name in options else f"{file}: "
         refuse_idle(name, values.get(name), values.get("blades"), source)
-    lens = lens_of(values, _DASHES if {"focus", "focus-at"} & options.keys() else f"{file}: ")
+    lens = lens_of(values, CALLER if {"focus", "focus-at"} & options.keys() else f"{file}: ")
     if lens.foc_dist is not None:
-        refuse_near_focus(lens.foc_dist, lens.foclen, f"{lens.focus_source}focus")
+        refuse_near_focus(lens.foc_dist, lens.foclen, at(lens.focus_source, "focus"))
     return lens
 
 
@@ -229,12 +234,10 @@ def based(name: str, text: str, file: Path) -> str:
 
 def refuse_contradiction(values: Mapping[str, Any], source: str) -> None:
     """Raise UsageProblem if two options set the same, like an f-number and a diameter."""
-    dashes = _DASHES if source == _DASHES else ""
     for one, other in ALTERNATIVES:
         if one in values and other in values:
-            raise UsageProblem(
-                "", f"contradicts {dashes}{other}", "give one of them", path=f"{source}{one}"
-            )
+            problem = f"contradicts {at(CALLER, other) if source == CALLER else other}"
+            raise UsageProblem("", problem, "give one of them", path=at(source, one))
 
 
 def refuse_missing(values: Mapping[str, Any], source: str, lacking: Path | None = None) -> None:
@@ -245,13 +248,13 @@ def refuse_missing(values: Mapping[str, Any], source: str, lacking: Path | None 
         other = others.get(name)
         if name in values or other in values:
             continue
-        if source == _DASHES:
-            either = f" or --{other}" if other else ""
-            remedy = f"add --{name} {example}{either}, or a ‹lens› FILE that has it"
+        if source == CALLER:
+            either = f" or ‹{other}›" if other else ""
+            remedy = f"add ‹{name}› {example}{either}, or a ‹lens› FILE that has it"
         else:
             either = f" or {other}" if other else ""
             remedy = f'write {name} = "{example}"{either} below [lens]'
-        raise UsageProblem("", problem, remedy, path=f"{source}{name}")
+        raise UsageProblem("", problem, remedy, path=at(source, name))
 
 
 def refuse_optics(names: Iterable[str], source: str) -> None:
@@ -260,7 +263,7 @@ def refuse_optics(names: Iterable[str], source: str) -> None:
         if name in _OPTICS:
             problem = "changes nothing: with depth-format coc, the files hold the radii"
             remedy = f"leave it out; {', '.join(SHAPES)} shape the opening"
-            raise UsageProblem("", problem, remedy, path=f"{source}{name}")
+            raise UsageProblem("", problem, remedy, path=at(source, name))
 
 
 def shape_of(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -271,10 +274,10 @@ def shape_of(options: Mapping[str, Any]) -> dict[str, Any]:
 def refuse_idle(name: str, value: object, blades: object, source: str) -> None:
     """Raise UsageProblem if an option of blades has a ``value``, but the aperture no ``blades``."""
     if value and not blades:
-        example = "‹blades›" if source == _DASHES else "blades ="
+        example = "‹blades›" if source == CALLER else "blades ="
         problem = f"{OF_BLADES[name]} blades; this aperture has none"
         remedy = f"give it some, like {example} 6, or leave it out"
-        raise UsageProblem("", problem, remedy, path=f"{source}{name}")
+        raise UsageProblem("", problem, remedy, path=at(source, name))
 
 
 def refuse_near_focus(foc_dist: float, foclen: float, where: str) -> None:

@@ -16,6 +16,7 @@ from defocus_core.batch.jobs.lens_options import (
     ALTERNATIVES,
     OF_BLADES,
     PARSERS,
+    at,
     based,
     checked,
     lens_of,
@@ -202,7 +203,7 @@ def _check_lens(options: Mapping[str, str], source: str, *, radii: bool, matched
         refuse_missing({**options, **found}, source)
         nearest = min(_extremes(options, "focus"), default=math.inf)
         longest = max(_extremes(options, "focal-length"))
-        refuse_near_focus(nearest, longest, f"{source}focus")
+        refuse_near_focus(nearest, longest, at(source, "focus"))
     bladed = any(_extremes(options, "blades"))
     for name in OF_BLADES:
         refuse_idle(name, any(_extremes(options, name)), bladed, source)
@@ -224,7 +225,7 @@ def _refuse_taken(options: Iterable[str], taken: Mapping[str, str], source: str)
     for name in options:
         if name in taken:
             raise UsageProblem(
-                "", f"is in [{taken[name]}], too", "remove one", path=f"{source}{name}"
+                "", f"is in [{taken[name]}], too", "remove one", path=at(source, name)
             )
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from defocus_core.batch.jobs.lens_options import PARSERS, lens_of, parsed, refuse_contradiction
+from defocus_core.batch.jobs.lens_options import PARSERS, at, lens_of, parsed, refuse_contradiction
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.batch.lenses.lens import Draw, Lens
 from defocus_core.batch.lenses.quantities import (
@@ -125,7 +125,7 @@ def refuse_matched(names: Iterable[str], source: str) -> None:
     for name in names:
         if name in MATCHED:
             problem = "stands beside match in [sample], which finds focus and f-number"
-            raise UsageProblem("", problem, "remove one of them", path=f"{source}{name}")
+            raise UsageProblem("", problem, "remove one of them", path=at(source, name))
 
 
 @lru_cache(maxsize=4096)

@@ -39,7 +39,7 @@ class Together:
     steady: bool | None = None
     focus_smooth: int | None = None
     motion: str | None = None
-    place: Callable[[str], str] = lambda name: f"--{name}"
+    place: Callable[[str], str] = lambda name: f"‹{name}›"
 
     def refuse_lone(self) -> None:
         """Raise UsageProblem if anything is asked of frames where there is no shot."""

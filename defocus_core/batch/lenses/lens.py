@@ -70,7 +70,7 @@ class Lens:
     noise_seed: int = 0
     radii_px: tuple[float, float, float] | None = None  # mean, median, 99th percentile of the blur
     draw: Draw | None = None  # of a random lens; another can be drawn from it
-    # How errors about its focus begin: the file that sets it, or two dashes.
+    # How errors about its focus begin: the file that sets it, if one does.
     focus_source: str = field(default="", compare=False)
 
     @property

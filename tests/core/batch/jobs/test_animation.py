@@ -115,7 +115,7 @@ def test_flags_complete_keys_and_may_not_contradict_them(tmp_path: Path) -> None
     lens, _ = ShotLenses({"focal-length": 50.0}, animation=shot).of(picture)
     assert (lens.foclen, lens.fnum, lens.foc_dist) == (50, 2, 2000)
     for name in ("focus", "focus-at", "aperture-diameter"):
-        with pytest.raises(UsageProblem, match=f"--{name}: is given, and .* is animated"):
+        with pytest.raises(UsageProblem, match=f"‹{name}›: is given, and .* is animated"):
             ShotLenses({"focal-length": 50.0, name: 1.0}, animation=shot)
     with pytest.raises(UsageProblem, match="no frame number"):
         ShotLenses({"focal-length": 50.0}, animation=shot).of(Picture("a", *[Path("a.exr")] * 2))

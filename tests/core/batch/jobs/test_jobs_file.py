@@ -136,7 +136,7 @@ def test_a_lens_file_that_is_not_there_is_input(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["[inputs", "\0", "\xff"])
 def test_what_is_no_toml_is_refused_as_input(tmp_path: Path, text: str) -> None:
     (tmp_path / "jobs.toml").write_bytes(text.encode("latin-1"))
-    with pytest.raises(DefocusError, match=r"jobs\.toml: is not ") as caught:
+    with pytest.raises(DefocusError, match=r"jobs\.toml: is not "):
         read_jobs(tmp_path / "jobs.toml", Outputs(tmp_path), Machine())
 
 

@@ -27,9 +27,9 @@ def test_a_file_and_flags_of_the_same_values_are_the_same_lens(tmp_path: Path) -
 
 
 def test_a_round_aperture_cannot_be_turned(tmp_path: Path) -> None:
-    with pytest.raises(UsageProblem, match="--blade-rotation: turns blades"):
+    with pytest.raises(UsageProblem, match="‹blade-rotation›: turns blades"):
         make_lens({**FLAGS, "blade-rotation": 30.0}, None)
-    with pytest.raises(UsageProblem, match=r"--blade-rotation: .*like --blades 6"):
+    with pytest.raises(UsageProblem, match=r"‹blade-rotation›: .*like ‹blades› 6"):
         make_lens({**FLAGS, "blades": 0, "blade-rotation": 30.0}, None)
     for text in ("blade-rotation = 30\n", "blades = 0\nblade-rotation = 30\n"):
         path = lens_file(tmp_path, text)
@@ -67,13 +67,13 @@ def test_an_aperture_diameter_is_an_f_number() -> None:
 @pytest.mark.parametrize("missing", ["focal-length", "fnumber", "focus"])
 def test_what_is_missing_is_named_with_both_ways_to_give_it(missing: str) -> None:
     flags = {name: value for name, value in FLAGS.items() if name != missing}
-    with pytest.raises(UsageProblem, match=f"--{missing}.*--lens"):
+    with pytest.raises(UsageProblem, match=f"‹{missing}›.*‹lens›"):
         make_lens(flags, None)
 
 
 @pytest.mark.parametrize(("more", "value"), [("aperture-diameter", 25.0), ("focus-at", (1, 1))])
 def test_two_ways_to_say_one_thing_contradict(more: str, value: object) -> None:
-    with pytest.raises(UsageProblem, match=f"contradicts --{more}"):
+    with pytest.raises(UsageProblem, match=f"contradicts ‹{more}›"):
         make_lens({**FLAGS, more: value}, None)
 
 
@@ -85,7 +85,7 @@ def test_a_file_may_not_contradict_itself(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("foc_dist", [49.0, 50.0])
 def test_a_lens_cannot_focus_nearer_than_its_focal_length(foc_dist: float) -> None:
-    with pytest.raises(UsageProblem, match=r"--focus: .* not farther than the focal length 50mm"):
+    with pytest.raises(UsageProblem, match=r"‹focus›: .* not farther than the focal length 50mm"):
         make_lens({**FLAGS, "focus": foc_dist}, None)
 
 
