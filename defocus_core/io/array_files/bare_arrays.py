@@ -40,7 +40,7 @@ def read_bare(path: Path) -> NDArray[Any]:
     head = read_head(path, 32)
     if head.startswith(_DPT_MAGIC):
         if len(head) < 12:
-            raise InputError("", "is truncated in its header", _AGAIN, path=path)
+            raise InputError("damaged", "is truncated in its header", _AGAIN, path=path)
         width, height = struct.unpack("<2i", head[4:12])
         return _rows(path, 12, width, height)
     header = _COLMAP.match(head)
@@ -48,7 +48,8 @@ def read_bare(path: Path) -> NDArray[Any]:
     width, height, channels = (int(number) for number in header.groups())
     if channels != 1:
         problem = f"has {channels} channels; depth is one"
-        raise InputError("", problem, "name a file of depth_maps, not of normal_maps", path=path)
+        remedy = "name a file of depth_maps, not of normal_maps"
+        raise InputError("not-one-channel", problem, remedy, path=path)
     return _rows(path, header.end(), width, height)
 
 
@@ -73,5 +74,5 @@ def _rows(path: Path, start: int, width: int, height: int) -> NDArray[Any]:
     there, wanted = path.stat().st_size - start, width * height * 4
     if there != wanted:
         problem = f"has {there} bytes of pixels, and {width}×{height} px of float32 are {wanted}"
-        raise InputError("", problem, _AGAIN, path=path)
+        raise InputError("wrong-size", problem, _AGAIN, path=path)
     return np.memmap(path, "<f4", "r", start, (height, width))

@@ -77,11 +77,10 @@ def read_entries(path: Path) -> dict[str, Entry]:
         raise
     except Exception as error:  # h5py, zipfile and NumPy raise half a dozen types
         problem = f"is a truncated or damaged {kind} file ({reason(error)})"
-        raise InputError("", problem, _AGAIN, path=path) from error
+        raise InputError("damaged", problem, _AGAIN, path=path) from error
     if not entries:
-        raise InputError(
-            "", f"is a {kind} file without an array of numbers", "check its name", path=path
-        )
+        problem = f"is a {kind} file without an array of numbers"
+        raise InputError("no-such-channel", problem, "check its name", path=path)
     return entries
 
 
@@ -104,7 +103,7 @@ def _loading(path: Path, load: Callable[[int | None], NDArray[Any]]) -> Any:
             raise
         except Exception as error:
             problem = f"is truncated or damaged ({reason(error)})"
-            raise InputError("", problem, _AGAIN, path=path) from error
+            raise InputError("damaged", problem, _AGAIN, path=path) from error
 
     return guarded
 
@@ -144,7 +143,8 @@ def _hdf5(path: Path) -> Iterator[tuple[str, Entry]]:
         import h5py
     except ImportError:
         problem = "is an HDF5 file, which is read with h5py, and h5py is not installed"
-        raise InputError("", problem, "run: pip install 'defocus[hdf5]'", path=path) from None
+        remedy = "run: pip install 'defocus[hdf5]'"
+        raise InputError("needs-extra", problem, remedy, path=path) from None
     entries: list[tuple[str, Entry]] = []
 
     def load(name: str, index: int | None) -> NDArray[Any]:
@@ -169,7 +169,8 @@ def _hdf5(path: Path) -> Iterator[tuple[str, Entry]]:
 def _matlab(path: Path) -> Iterator[tuple[str, Entry]]:
     if (size := path.stat().st_size) > _LARGEST_MATLAB:
         problem = f"is a MATLAB file of {size} bytes"
-        raise InputError("", problem, "save it with -v7.3, which is read in pieces", path=path)
+        remedy = "save it with -v7.3, which is read in pieces"
+        raise InputError("too-large", problem, remedy, path=path)
     data = path.read_bytes()
     order = {b"IM": "<", b"MI": ">"}[data[126:128]]
     room = _LARGEST_MATLAB

@@ -181,7 +181,7 @@ def require_valid(depth: Depth) -> None:
             "say ‹depth-format›, since 0 is a hole for some and sky for others; "
             "or ‹invalid› far, or fill"
         )
-    raise InputError("", problem, remedy, path=depth.path)
+    raise InputError("invalid-depth", problem, remedy, path=depth.path)
 
 
 def _strided(samples: Samples, step: int) -> Samples:
@@ -250,18 +250,16 @@ def _replaced(depth: Depth, how: str) -> Depth:
         return depth
     if depth.is_radius:
         problem = f"is NaN or infinite in {counted(count, 'pixel')}"
-        raise InputError(
-            "", problem, "radii have no far: mend them, leave ‹invalid› out", path=depth.path
-        )
+        remedy = "radii have no far: mend them, leave ‹invalid› out"
+        raise InputError("invalid-depth", problem, remedy, path=depth.path)
     if how == "far":
         for rows in bands(shape):
             set_far(depth.metres, rows)
         words = f"{counted(count, 'invalid pixel')} taken as infinitely far"
     else:
         if not fill_from_farther(depth.metres):
-            raise InputError(
-                "", "has no pixel with a depth", "check ‹depth-format›", path=depth.path
-            )
+            remedy = "check ‹depth-format›"
+            raise InputError("invalid-depth", "has no pixel with a depth", remedy, path=depth.path)
         words = f"{counted(count, 'invalid pixel')} filled from the farther neighbour"
     note = f"{depth.note}, {words}"
     return replace(depth, note=note, replaced=count, replaced_words=words)

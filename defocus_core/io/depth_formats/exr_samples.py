@@ -47,7 +47,7 @@ def exr_samples(
     pixels = parts[header.index].channels.get(chosen.source)
     if pixels is None:
         problem = f"has {chosen.name} at a lower resolution than its other channels"
-        raise InputError("", problem, "save the depth without subsampling", path=path)
+        raise InputError("subsampled", problem, "save the depth without subsampling", path=path)
     kind = {"float16": "half", "float32": "float"}.get(pixels.dtype.name, pixels.dtype.name)
     place = f" of part {header.label}" if len(headers) > 1 else ""
     view = f" in view {header.shown}" if header.shown else ""
@@ -86,7 +86,7 @@ def choose_depth_channel(
         if reading.depth_format is not None and named is None:  # then it is said to be depth
             return choose_depth(path, headers, channel="R", part=reading.part)
         remedy = "R, G and B are equal: if they are the depth, say ‹depth-channel› R"
-        raise NoDepthChannel("", error.problem, remedy, path=path) from None
+        raise NoDepthChannel("no-depth", error.problem, remedy, path=path) from None
 
 
 def _by_pattern(row: DepthFormat, every: Sequence[ChannelGroup]) -> ChannelGroup | None:

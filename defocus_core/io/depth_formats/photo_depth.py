@@ -63,7 +63,8 @@ def read_heic(path: Path) -> PhotoDepth:
         import pillow_heif
     except ImportError:
         problem = "is a HEIC file, read with pillow-heif, and pillow-heif is not installed"
-        raise InputError("", problem, "run: pip install 'defocus[heif]'", path=path) from None
+        remedy = "run: pip install 'defocus[heif]'"
+        raise InputError("needs-extra", problem, remedy, path=path) from None
     import numpy as np
 
     try:
@@ -72,11 +73,10 @@ def read_heic(path: Path) -> PhotoDepth:
             values = np.asarray(images[0]) if images else None
     except Exception as error:
         problem = f"is a damaged HEIC file ({reason(error)})"
-        raise InputError("", problem, "copy it again", path=path) from error
+        raise InputError("damaged", problem, "copy it again", path=path) from error
     if values is None:
-        raise InputError(
-            "", "has no depth image", "take the photograph in portrait mode", path=path
-        )
+        remedy = "take the photograph in portrait mode"
+        raise InputError("no-depth", "has no depth image", remedy, path=path)
     return PhotoDepth(
         values if values.ndim == 2 else values[:, :, 0], dict(images[0].info["metadata"] or {})
     )
@@ -94,14 +94,15 @@ def read_gdepth(path: Path) -> PhotoDepth:
     metadata = {name: one or other for name, one, other in _PROPERTY.findall(packet)}
     metadata |= dict(_ELEMENT.findall(packet))
     if b"Data" not in metadata:
-        raise InputError("", "has no GDepth in its XMP", "check what took or edited it", path=path)
+        remedy = "check what took or edited it"
+        raise InputError("no-depth", "has no GDepth in its XMP", remedy, path=path)
     data = metadata.pop(b"Data")
     try:
         values = _decoded(base64.b64decode(data, validate=False))
     except (InputError, ValueError) as error:  # it would name the scratch file
         why = error.problem if isinstance(error, InputError) else reason(error)
         problem = f"has a damaged GDepth image ({why})"
-        raise InputError("", problem, "copy the photograph again", path=path) from error
+        raise InputError("damaged", problem, "copy the photograph again", path=path) from error
     words = {
         name.decode("ascii", "replace"): text.decode("utf-8", "replace")
         for name, text in metadata.items()

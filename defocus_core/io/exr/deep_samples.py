@@ -213,7 +213,7 @@ def _check_alpha(path: Path, values: dict[str, NDArray[Any]]) -> None:
     wrong = int(np.count_nonzero(~((alpha >= 0) & (alpha <= 1 + _ROUNDING))))
     if wrong:
         problem = f"has an alpha that is not between 0 and 1 in {wrong} samples"
-        raise InputError("", problem, "render or save it again", path=path)
+        raise InputError("out-of-range", problem, "render or save it again", path=path)
     values[ALPHA] = np.minimum(alpha, 1)
 
 

@@ -48,4 +48,4 @@ def opened(path: Path, header: Header) -> Iterator[Any]:
 
 def damaged(path: Path, why: str) -> InputError:
     """The error for a file whose pixels cannot be decoded."""
-    return InputError("", f"is truncated or damaged ({why})", AGAIN, path=path)
+    return InputError("damaged", f"is truncated or damaged ({why})", AGAIN, path=path)

@@ -103,9 +103,8 @@ def choose_page(path: Path, pages: Sequence[_Page], part: int | None) -> _Page:
     whole = [page for page in pages if page.whole]
     if len(whole) == 1:
         return whole[0]
-    raise InputError(
-        "", f"has {len(pages)} pages", "choose one with ‹part›, counted from 0", path=path
-    )
+    remedy = "choose one with ‹part›, counted from 0"
+    raise InputError("ambiguous", f"has {len(pages)} pages", remedy, path=path)
 
 
 def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice], NDArray[Any]]]:
@@ -130,14 +129,15 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
         kind = _SAMPLES.get(str(spec.format))
         if kind is None:
             problem = f"has samples of type {spec.format}"
-            raise InputError("", problem, "save it with 8, 16 or float samples", path=path)
+            remedy = "save it with 8, 16 or float samples"
+            raise InputError("unsupported", problem, remedy, path=path)
         for rows in _strips(spec):
             with _as_input_error(path):
                 samples = _decoded(file, page, spec, rows, kind)
                 # A truncated JPEG comes back filled with grey, and only the error flag says so.
                 if samples is None or file.has_error:
                     problem = f"is truncated or damaged ({first_line(path, file.geterror())})"
-                    raise InputError("", problem, _AGAIN, path=path)
+                    raise InputError("damaged", problem, _AGAIN, path=path)
             yield _upright(spec, rows, samples)
 
 
@@ -150,7 +150,8 @@ def _as_input_error(path: Path) -> Iterator[None]:
     except InputError:
         raise
     except Exception as error:
-        raise InputError("", f"cannot be read ({reason(error)})", _AGAIN, path=path) from error
+        problem = f"cannot be read ({reason(error)})"
+        raise InputError("unreadable", problem, _AGAIN, path=path) from error
 
 
 @contextmanager
@@ -164,13 +165,15 @@ def _opened(path: Path, formats: str) -> Iterator[Any]:
     file = oiio.ImageInput.open(str(path), config)
     if not file:
         error = oiio.geterror()
-        why = "unknown format" if "format reader" in error else first_line(path, error)
+        unknown = "format reader" in error
+        why = "unknown format" if unknown else first_line(path, error)
         problem = f"is not an image that can be read ({why})"
-        raise InputError("", problem, f"use {formats}", path=path)
+        code = "wrong-type" if unknown else "damaged"
+        raise InputError(code, problem, f"use {formats}", path=path)
     try:
         if file.format_name() not in _KINDS:
             problem = f"is of type {file.format_name().upper()}, which is not read"
-            raise InputError("", problem, f"use {formats}", path=path)
+            raise InputError("wrong-type", problem, f"use {formats}", path=path)
         yield file
     finally:
         file.close()
@@ -219,7 +222,7 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
     check_size(path, width, height, spec.pixel_bytes(True))
     if spec.get_int_attribute("tiff:PhotometricInterpretation", 1) == 0 and spec.format != "uint8":
         problem = f"stores white as 0 in {spec.format}, which is decoded as its negative"
-        raise InputError("", problem, "save it with black as 0", path=path)
+        raise InputError("unsupported", problem, "save it with black as 0", path=path)
     if spec.get_int_attribute("Orientation", 1) in (5, 6, 7, 8):
         width, height = height, width
     return Raster(
