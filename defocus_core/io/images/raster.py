@@ -90,12 +90,12 @@ def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF or HDR") -> li
 
 
 def choose_page(path: Path, pages: Sequence[_Page], part: int | None) -> _Page:
-    """The image of a file that is meant: the only one, or that which ``--part`` counts from 0.
+    """The image of a file that is meant: the only one, or that which ``part`` counts from 0.
 
     Raises:
         InputError: there are several to choose from, or not so many.
     """
-    if len(pages) == 1:  # as of EXR files: one --part serves the colour and the depth
+    if len(pages) == 1:  # as of EXR files: one part serves the colour and the depth
         return pages[0]
     if part is not None:
         require_part(path, part, len(pages))
@@ -165,11 +165,9 @@ def _opened(path: Path, formats: str) -> Iterator[Any]:
     file = oiio.ImageInput.open(str(path), config)
     if not file:
         error = oiio.geterror()
-        unknown = "format reader" in error
-        why = "unknown format" if unknown else first_line(path, error)
+        why = "unknown format" if "format reader" in error else first_line(path, error)
         problem = f"is not an image that can be read ({why})"
-        code = "wrong-type" if unknown else "damaged"
-        raise InputError(code, problem, f"use {formats}", path=path)
+        raise InputError("unreadable", problem, f"use {formats}", path=path)
     try:
         if file.format_name() not in _KINDS:
             problem = f"is of type {file.format_name().upper()}, which is not read"
