@@ -172,7 +172,7 @@ def _map_of(path: Path, values: NDArray[Any], row: DepthFormat, part: int | None
 
 
 def _chosen_frame(path: Path, count: int, part: int | None) -> int:
-    """The frame that ``--part`` chooses of several."""
+    """The frame that ``part`` chooses of several."""
     if part is None:
         remedy = "choose one with ‹part›, counted from 0"
         raise InputError("ambiguous", f"holds {count} frames", remedy, path=path)

@@ -81,7 +81,7 @@ def _own_sky(samples: Samples, row: DepthFormat) -> float:
 
 
 def _rule(declared: Declared) -> str:
-    """scale, inverse, log or radius: of the format, or by --depth-kind."""
+    """scale, inverse, log or radius: of the format, or by depth_kind."""
     reading, rule = declared.reading, declared.rule
     by_kind = {"depth": "scale", "disparity": "inverse"}.get(reading.depth_kind or "")
     if not rule:

@@ -38,7 +38,7 @@ class ChannelGroup:
 
     Attributes:
         header: the part that they are in.
-        name: as ``--color-layer`` or ``--depth-channel`` has it inside its part.
+        name: as ``layer`` or ``depth_channel`` has it inside its part.
         channels: canonical name to the name in the file: R, G, B or Y, with RY and BY if there is
             chroma, then A; the name of a depth channel to itself.
         default: whether it is the part's colour layer of plain names, without a prefix.
@@ -179,7 +179,7 @@ def require_part(path: Path, part: int, count: int) -> None:
 
 
 def _headers_of_part(path: Path, headers: Sequence[Header], part: int | None) -> Sequence[Header]:
-    # One --part serves the colour and the depth file; where there is one part, it chooses nothing.
+    # One part serves the colour and the depth file; where there is one part, it chooses nothing.
     if part is None or len(headers) == 1:
         return headers
     require_part(path, part, len(headers))
