@@ -11,13 +11,15 @@ import re
 import struct
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from defocus_core.errors import InputError
 from defocus_core.io.safe_files import check_size, read_head
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
 
 _DPT_MAGIC = b"PIEH"  # 202021.25 as float32
 _COLMAP = re.compile(rb"(\d{1,7})&(\d{1,7})&(\d{1,3})&")
@@ -68,8 +70,6 @@ def read_headerless(path: Path, size: tuple[int, int]) -> NDArray[Any]:
 
 
 def _rows(path: Path, start: int, width: int, height: int) -> NDArray[Any]:
-    import numpy as np
-
     check_size(path, width, height, 4)
     there, wanted = path.stat().st_size - start, width * height * 4
     if there != wanted:

@@ -16,13 +16,15 @@ from functools import partial
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from defocus_core.errors import InputError, reason
 from defocus_core.io.safe_files import check_size, read_head
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _MATLAB_5, _MATLAB_73 = b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"
@@ -109,8 +111,6 @@ def _loading(path: Path, load: Callable[[int | None], NDArray[Any]]) -> Any:
 
 
 def _npz(path: Path) -> Iterator[tuple[str, Entry]]:
-    import numpy as np
-
     with zipfile.ZipFile(path) as archive:
         members = [name for name in archive.namelist() if name.endswith(".npy")]
         for member in members:
@@ -130,8 +130,6 @@ def _npz(path: Path) -> Iterator[tuple[str, Entry]]:
 def _npz_array(
     path: Path, member: str, shape: tuple[int, ...], itemsize: int, index: int | None
 ) -> NDArray[Any]:
-    import numpy as np
-
     checked(path, shape, itemsize)
     with zipfile.ZipFile(path) as archive, archive.open(member) as file:
         values: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
@@ -167,8 +165,6 @@ def _hdf5(path: Path) -> Iterator[tuple[str, Entry]]:
 
 
 def _matlab(path: Path) -> Iterator[tuple[str, Entry]]:
-    import numpy as np
-
     try:
         from scipy.io import loadmat, whosmat
     except ImportError:

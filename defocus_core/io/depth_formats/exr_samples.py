@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.depth_formats.reading import DepthReading
@@ -108,8 +110,6 @@ def _alpha(chosen: ChannelGroup) -> str | None:
 
 def _is_grey(part: Part) -> bool:
     """Whether R, G and B of a part are equal: depth may have been saved as a grey picture."""
-    import numpy as np
-
     planes: Sequence[Any] = [part.channels.get(name) for name in "RGB"]
     if any(plane is None for plane in planes):
         return False

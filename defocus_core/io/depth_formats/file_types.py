@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.array_files.bare_arrays import bare_type, read_bare, read_headerless
 from defocus_core.io.array_files.containers import Entry, container_type, read_entries
@@ -32,7 +35,6 @@ from defocus_core.io.safe_files import read_head
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
 
 WANTED = "EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres"
 
@@ -182,8 +184,6 @@ def _chosen_frame(path: Path, count: int, part: int | None) -> int:
 
 def _from_raster(path: Path, reading: DepthReading, keeping: Keeping) -> Samples:
     """Numbers of a PNG, TIFF or JPEG: one channel, or the bits of a pixel of several."""
-    import numpy as np
-
     row = reading.row
     raster = choose_page(path, read_pages(path, wanted=WANTED), reading.part)
     if raster.deep:

@@ -13,14 +13,14 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.images.raster import read_pages, read_samples
 from defocus_core.io.safe_files import quiet, read_head
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _XMP, _EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _EXTENSION_HEAD = 32 + 8  # digest, length of all, offset of this part
@@ -65,8 +65,6 @@ def read_heic(path: Path) -> PhotoDepth:
         problem = "is a HEIC file, read with pillow-heif, and pillow-heif is not installed"
         remedy = "run: pip install 'defocus[heif]'"
         raise InputError("needs-extra", problem, remedy, path=path) from None
-    import numpy as np
-
     try:
         with quiet():
             images = pillow_heif.open_heif(str(path)).info.get("depth_images") or []
@@ -129,8 +127,6 @@ def _xmp(data: bytes) -> Iterator[bytes]:
 
 def _decoded(data: bytes) -> NDArray[Any]:
     """First channel [H, W] of an encoded image, 8 or 16 bit."""
-    import numpy as np
-
     suffix = ".png" if data.startswith(b"\x89PNG") else ".jpg"
     with tempfile.NamedTemporaryFile(suffix=suffix) as file:  # OpenImageIO reads files alone
         file.write(data)

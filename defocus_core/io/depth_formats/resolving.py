@@ -6,6 +6,8 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.declared import Declared, ask, focal_of, refuse_idle
 from defocus_core.io.depth_formats.reading import DepthReading
@@ -127,8 +129,6 @@ def _within(declared: Declared) -> None:
     Raises:
         InputError: there are such numbers.
     """
-    import numpy as np
-
     from defocus_core.io.arrays import bands
 
     values = declared.samples.values

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.array_files.float_maps import is_float_map
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands, count_of
@@ -83,8 +85,6 @@ def read_color(
 
 def count_beyond(color: Color, most: float) -> tuple[int, str]:
     """Number of pixels of a colour image that are NaN or beyond ±most, and the first as x,y."""
-    import numpy as np
-
     return count_of(
         (
             ~np.logical_and.reduce([np.abs(p[rows]) <= np.float32(most) for p in color.planes]),
@@ -113,8 +113,6 @@ def require_finite(color: Color) -> None:
 
 
 def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
-    import numpy as np
-
     if raster.deep:
         raise InputError("deep-data", "holds deep data", "flatten it first", path=path)
     names = raster.channels
