@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.errors import InputError, reason
+from defocus_core.errors import InputError
+from defocus_core.io.damage import decoding
 from defocus_core.io.safe_files import check_size, read_head
 
 if TYPE_CHECKING:
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _MATLAB_5, _MATLAB_73 = b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"
-_AGAIN = "write or copy it again"
 _NUMERIC = "fiu"  # kinds of NumPy types
 # MATLAB 5: classes of arrays of numbers, and types of elements: numbers, array and compressed.
 _CLASSES = {"double": "float64", "single": "float32", "logical": "uint8"}
@@ -69,17 +69,12 @@ def read_entries(path: Path) -> dict[str, Entry]:
     """
     kind = container_type(read_head(path))
     list_entries = {"NPZ": _npz, "HDF5": _hdf5, "MATLAB": _matlab}[kind]
-    try:
+    with decoding(path, f"is a truncated or damaged {kind} file"):
         entries = {
             name: entry
             for name, entry in list_entries(path)
             if len(entry.shape) >= 2 and min(entry.shape) > 0
         }
-    except InputError:
-        raise
-    except Exception as error:  # h5py, zipfile and NumPy raise half a dozen types
-        problem = f"is a truncated or damaged {kind} file ({reason(error)})"
-        raise InputError("damaged", problem, _AGAIN, path=path) from error
     if not entries:
         problem = f"is a {kind} file without an array of numbers"
         raise InputError("no-such-channel", problem, "check its name", path=path)
@@ -99,13 +94,8 @@ def _loading(path: Path, load: Callable[[int | None], NDArray[Any]]) -> Any:
     """A loader that raises InputError if the file is damaged."""
 
     def guarded(index: int | None) -> NDArray[Any]:
-        try:
+        with decoding(path):
             return load(index)
-        except InputError:
-            raise
-        except Exception as error:
-            problem = f"is truncated or damaged ({reason(error)})"
-            raise InputError("damaged", problem, _AGAIN, path=path) from error
 
     return guarded
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from defocus_core.errors import InputError, reason
+from defocus_core.io.damage import AGAIN, damaged
 from defocus_core.io.safe_files import check_size, read_head
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 NPY_MAGIC = b"\x93NUMPY"
-_AGAIN = "write or copy it again"
 # The scale ends with its line, or with one blank: the byte of a pixel may look like a blank too.
 _PFM_HEADER = re.compile(rb"(Pf|PF)\s+(\S+)\s+(\S+)\s+(\S+)(?:[ \t\r]*\n|\s)")
 
@@ -87,8 +87,7 @@ def read_npy(path: Path, *, integers: bool) -> NDArray[Any]:
         if "Python objects" in str(error):
             problem, remedy = "holds Python objects, not numbers", "save an array of floats"
             raise InputError("not-numbers", problem, remedy, path=path) from error
-        problem = f"is a truncated or damaged NPY file ({reason(error)})"
-        raise InputError("damaged", problem, _AGAIN, path=path) from error
+        raise damaged(path, reason(error), "is a truncated or damaged NPY file") from error
     if values.dtype.kind not in ("fiu" if integers else "f"):
         problem = f"holds {values.dtype} numbers, whose unit is unknown"
         whole = values.dtype.kind in "iu"
@@ -114,8 +113,7 @@ def _pfm(path: Path) -> NDArray[Any]:
         if not math.isfinite(scale) or scale == 0:
             raise ValueError(f"scale {scale:g}")
     except ValueError as error:
-        problem = f"has a damaged PFM header ({error})"
-        raise InputError("damaged", problem, _AGAIN, path=path) from error
+        raise damaged(path, str(error), "has a damaged PFM header") from error
     if header[1] == b"PF":
         problem = "is a colour PFM (PF); depth has one channel (Pf)"
         raise InputError("not-one-channel", problem, "save it grey", path=path)
@@ -123,9 +121,9 @@ def _pfm(path: Path) -> NDArray[Any]:
     held, wanted = path.stat().st_size - header.end(), width * height * 4
     if held < wanted:
         problem = f"is truncated: {held} bytes of pixels, {wanted} expected"
-        raise InputError("damaged", problem, _AGAIN, path=path)
+        raise InputError("damaged", problem, AGAIN, path=path)
     if held > wanted:
         problem = f"holds {held - wanted} bytes more than the {wanted} of pixels of its header"
-        raise InputError("damaged", problem, _AGAIN, path=path)
+        raise InputError("damaged", problem, AGAIN, path=path)
     dtype = np.dtype("<f4" if scale < 0 else ">f4")
     return np.memmap(path, dtype, "r", header.end(), (height, width))[::-1]

@@ -11,7 +11,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_core.errors import InputError, first_line
-from defocus_core.io.exr.opening import damaged, opened
+from defocus_core.io.damage import damaged
+from defocus_core.io.exr.opening import opened
 from defocus_core.io.exr.windows import Window
 
 if TYPE_CHECKING:

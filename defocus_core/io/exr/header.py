@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 from defocus_core.errors import InputError
+from defocus_core.io.damage import damaged
 from defocus_core.io.exr.windows import Overscan, Window
 from defocus_core.io.safe_files import check_size, read_head
 
@@ -142,8 +143,7 @@ def read_headers(path: Path) -> tuple[Header, ...]:
         remedy = "write it again with plain names"
         raise InputError("not-utf-8", problem, remedy, path=path) from error
     except (OSError, ValueError, struct.error) as error:
-        problem = f"has a damaged OpenEXR header ({error})"
-        raise InputError("damaged", problem, "write or copy it again", path=path) from error
+        raise damaged(path, str(error), "has a damaged OpenEXR header") from error
     for header in headers:
         check_size(path, header.data.width, header.data.height, header.pixel_bytes)
         check_size(path, header.display.width, header.display.height, header.pixel_bytes)

@@ -11,8 +11,9 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from defocus_core.errors import InputError, first_line, reason
+from defocus_core.errors import InputError, first_line
 from defocus_core.io.arrays import bands
+from defocus_core.io.damage import damaged, decoding
 from defocus_core.io.images.color_space import ColorSpace, color_space
 from defocus_core.io.images.exr_channels import require_part
 from defocus_core.io.images.tags import Tag, tags_of
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 _KINDS = ("png", "jpeg", "tiff", "hdr")
-_AGAIN = "write or copy it again"
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
 _TILES_BYTES = 1 << 26  # of a row of tiles, decoded
@@ -82,7 +82,7 @@ def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF or HDR") -> li
         InputError: missing, empty, damaged, of unreasonable size, or not an image.
     """
     read_head(path)
-    with _as_input_error(path), _opened(path, wanted) as file:
+    with decoding(path, "cannot be read"), quiet(), _opened(path, wanted) as file:
         pages = [_raster(path, file, 0)]
         while file.seek_subimage(len(pages), 0):
             pages.append(_raster(path, file, len(pages)))
@@ -122,7 +122,8 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
         InputError: it is damaged, or has samples of another type.
     """
     with ExitStack() as stack:
-        with _as_input_error(path):  # not around the yield: it silences all that is printed
+        # Not around the yield: it silences all that is printed.
+        with decoding(path, "cannot be read"), quiet():
             file = stack.enter_context(_opened(path, "an image"))
             file.seek_subimage(page, 0)
             spec = file.spec()
@@ -132,26 +133,12 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
             remedy = "save it with 8, 16 or float samples"
             raise InputError("unsupported", problem, remedy, path=path)
         for rows in _strips(spec):
-            with _as_input_error(path):
+            with decoding(path, "cannot be read"), quiet():
                 samples = _decoded(file, page, spec, rows, kind)
                 # A truncated JPEG comes back filled with grey, and only the error flag says so.
                 if samples is None or file.has_error:
-                    problem = f"is truncated or damaged ({first_line(path, file.geterror())})"
-                    raise InputError("damaged", problem, _AGAIN, path=path)
+                    raise damaged(path, first_line(path, file.geterror()))
             yield _upright(spec, rows, samples)
-
-
-@contextmanager
-def _as_input_error(path: Path) -> Iterator[None]:
-    """Turn every exception of a decoder into an InputError, and discard what it prints."""
-    try:
-        with quiet():
-            yield
-    except InputError:
-        raise
-    except Exception as error:
-        problem = f"cannot be read ({reason(error)})"
-        raise InputError("unreadable", problem, _AGAIN, path=path) from error
 
 
 @contextmanager
