@@ -26,6 +26,7 @@ class DefocusError(Exception):
         remedy: what to do about it; the empty string if there is nothing to propose.
         path: the file concerned, or what else the mistake is in.
         field: the option or key concerned, in the file if there is one.
+        value: what the option is set to, where that is a part of the mistake.
     """
 
     def __init__(
@@ -36,6 +37,7 @@ class DefocusError(Exception):
         *,
         path: str | Path | None = None,
         field: str = "",
+        value: str = "",
     ) -> None:
         super().__init__(code, problem)
         self.code = code
@@ -44,12 +46,13 @@ class DefocusError(Exception):
         caller = _OPTION.fullmatch(str(path))  # an option that the caller gave himself
         self.path = None if path is None or caller else printable(str(path))
         self.field = caller[1] if caller else field
+        self.value = printable(value)
 
     @property
     def subject(self) -> str:
         """File, option or key that the mistake is in, in words."""
         if self.path is None:
-            return f"‹{self.field}›"
+            return f"‹{self.field}› {self.value}".rstrip()
         return f"{self.path}: {self.field}" if self.field else self.path
 
     def __str__(self) -> str:

@@ -142,13 +142,23 @@ def test_what_computes_is_pure_torch_without_files_or_prints(path: Path) -> None
 @pytest.mark.parametrize("path", LIGHT, ids=name_of)
 def test_what_is_heavy_is_imported_inside_functions(path: Path) -> None:
     reached = set(on_import(ast.parse(path.read_text())))
-    assert not {name.split(".")[0] for name in reached} & HEAVY
+    # Files are decoded with numpy; help must not reach the modules that do, as is tested below.
+    heavy = HEAVY - ({"numpy"} if wing(module(path)) == "io" else set())
+    assert not {name.split(".")[0] for name in reached} & heavy
     assert not {wing(name) for name in reached if name.startswith("defocus_core.")} & {*TORCH}
 
 
-@pytest.mark.parametrize("name", ["defocus_cli.main", "defocus_core"])
-def test_nothing_heavy_is_imported_at_the_start(name: str) -> None:
-    code = f"import {name}, sys; print(*sys.modules)"
+@pytest.mark.parametrize(
+    "start",
+    [
+        "import defocus_core",
+        "import defocus_cli.main",
+        "from defocus_cli.main import main; main(['--help'])",  # it imports all commands
+        "from defocus_cli.main import main; main(['help', 'depth'])",
+    ],
+)
+def test_nothing_heavy_is_imported_at_the_start(start: str) -> None:
+    code = f"{start}; import sys; print(*sys.modules)"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not set(ran.stdout.split()) & HEAVY
 

@@ -15,7 +15,7 @@ from defocus_cli.options.lens import lens_decorators
 from defocus_cli.options.types import Command, Decorator, bundle, grouped_option
 from defocus_core.batch.jobs.animation import INTERPOLATIONS, Animation, read_animation
 from defocus_core.batch.jobs.job import Reading
-from defocus_core.batch.jobs.lens_options import refuse_contradiction
+from defocus_core.batch.jobs.lens_options import CALLER, refuse_contradiction
 from defocus_core.batch.jobs.reading_options import lens_file_reading
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
 from defocus_core.batch.jobs.shots import LONGEST_SMOOTH, Together
@@ -148,7 +148,7 @@ def shot_lens_options(*, required: bool) -> Decorator:
             )
         if not (required or flags or animate or metadata or lens_file is not None):
             return None
-        refuse_contradiction(flags, "--")
+        refuse_contradiction(flags, CALLER)
         given, stored = click.get_current_context().params, lens_file_reading(lens_file)
         reading = {name: given.get(name) or stored.get(name) for name in _SCALE}
         radii = Reading(depth_format=reading["depth_format"]).holds_radii

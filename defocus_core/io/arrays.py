@@ -218,7 +218,7 @@ def scratch_folder() -> Path:
 def _no_room(folder: Path, size: int, error: OSError) -> InputError:
     problem = f"has no room for {size / 10**6:.0f} MB of scratch: {reason(error)}"
     remedy = "free some, let TMPDIR name another directory, or allow more ‹memory›"
-    return InputError("", problem, remedy, path=folder)
+    return InputError("no-space", problem, remedy, path=folder)
 
 
 def to_device(values: Any, device: torch.device) -> torch.Tensor:

@@ -29,7 +29,7 @@ def read_rows(file: Path, what: str, example: str) -> Iterator[Row]:
     """
     if file.suffix.lower() not in SUFFIXES:
         remedy = f"name it after its type, {' or '.join(SUFFIXES)}"
-        raise InputError("", f"is no {what} by its name", remedy, path=file)
+        raise InputError("wrong-type", f"is no {what} by its name", remedy, path=file)
     try:
         with file.open(encoding="utf-8-sig", newline="") as opened:
             if file.suffix.lower() == ".csv":
@@ -37,11 +37,10 @@ def read_rows(file: Path, what: str, example: str) -> Iterator[Row]:
             else:
                 yield from _json_rows(file, opened, example)
     except OSError as error:
-        raise InputError(
-            "", f"cannot be read: {reason(error)}", "check the path", path=file
-        ) from None
+        problem = f"cannot be read: {reason(error)}"
+        raise InputError("unreadable", problem, "check the path", path=file) from None
     except UnicodeDecodeError:
-        raise InputError("", "is not UTF-8 text", "save it as UTF-8", path=file) from None
+        raise InputError("not-utf-8", "is not UTF-8 text", "save it as UTF-8", path=file) from None
 
 
 def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
@@ -49,23 +48,23 @@ def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
     try:
         keys = [key.strip() for key in next(reader, [])]
         if not keys:
-            raise InputError("", "is empty", "begin it with a line like color,depth", path=file)
+            remedy = "begin it with a line like color,depth"
+            raise InputError("empty", "is empty", remedy, path=file)
         if twice := [key for key in keys if keys.count(key) > 1]:
             problem = f"names '{twice[0]}' twice"
-            raise InputError("", problem, "remove one of the columns", path=file, field="line 1")
+            remedy = "remove one of the columns"
+            raise InputError("duplicate", problem, remedy, path=file, field="line 1")
         for cells in reader:
             values = [cell.strip() for cell in cells]
             if any(values) and len(values) != len(keys):
                 problem = f"has {len(values)} cells, but the header names {len(keys)}"
-                raise InputError(
-                    "", problem, "mend that line", path=f"{file}: line {reader.line_num}"
-                )
+                raise _malformed(file, reader.line_num, problem, "mend that line")
             if any(values):
                 row = zip(keys, values, strict=True)
                 yield f"{file}: line {reader.line_num}", {key: value for key, value in row if value}
     except csv.Error as error:
-        where = f"{file}: line {reader.line_num}"
-        raise InputError("", f"is not CSV: {reason(error)}", "mend that line", path=where) from None
+        problem = f"is not CSV: {reason(error)}"
+        raise _malformed(file, reader.line_num, problem, "mend that line") from None
 
 
 def _json_rows(file: Path, opened: TextIO, example: str) -> Iterator[Row]:
@@ -80,10 +79,14 @@ def _json_rows(file: Path, opened: TextIO, example: str) -> Iterator[Row]:
             row = json.loads(text)
         except (ValueError, RecursionError) as error:
             problem = f"is not JSON: {reason(error)}"
-            raise InputError("", problem, remedy, path=f"{file}: line {number}") from None
+            raise _malformed(file, number, problem, remedy) from None
         if not isinstance(row, dict):
-            raise InputError("", "is no JSON object", remedy, path=f"{file}: line {number}")
+            raise _malformed(file, number, "is no JSON object", remedy)
         yield (
             f"{file}: line {number}",
             {key: value for key, value in row.items() if value not in (None, "")},
         )
+
+
+def _malformed(file: Path, line: int, problem: str, remedy: str) -> InputError:
+    return InputError("malformed", problem, remedy, path=file, field=f"line {line}")

@@ -42,12 +42,15 @@ def read_head(path: Path, count: int = 16) -> bytes:
     try:
         str(path).encode()
     except UnicodeEncodeError:  # decoders written in C refuse it in words of their own
-        raise InputError("", "has a name that is not UTF-8", "rename it", path=path) from None
+        remedy = "rename it"
+        raise InputError("not-utf-8", "has a name that is not UTF-8", remedy, path=path) from None
     try:
         if path.is_dir():
-            raise InputError("", "is a directory, not an image", "name a file in it", path=path)
+            remedy = "name a file in it"
+            raise InputError("wrong-type", "is a directory, not an image", remedy, path=path)
         if path.exists() and not path.is_file():  # to open a pipe is to wait for its writer
-            raise InputError("", "is not a regular file", "copy what it holds to one", path=path)
+            remedy = "copy what it holds to one"
+            raise InputError("wrong-type", "is not a regular file", remedy, path=path)
         with path.open("rb") as file:
             head = file.read(count)
     except FileNotFoundError as error:
@@ -56,9 +59,10 @@ def read_head(path: Path, count: int = 16) -> bytes:
         if isinstance(error, OSError) and error.errno == errno.ELOOP:
             raise missing(path) from error
         remedy = "check its permissions"
-        raise InputError("", f"cannot be opened: {reason(error)}", remedy, path=path) from error
+        problem = f"cannot be opened: {reason(error)}"
+        raise InputError("unreadable", problem, remedy, path=path) from error
     if not head:
-        raise InputError("", "is empty (zero bytes)", "write or copy it again", path=path)
+        raise InputError("empty", "is empty (zero bytes)", "write or copy it again", path=path)
     return head
 
 
@@ -66,8 +70,9 @@ def missing(path: Path, what: str = "file") -> InputError:
     """The InputError for a path at which nothing is, or a link that leads to nothing."""
     if path.is_symlink():
         problem = "is a symbolic link that leads to nothing"
-        return InputError("", problem, "make the link anew, or name another path", path=path)
-    return InputError("", f"no such {what}", "check the name", path=path)
+        remedy = "make the link anew, or name another path"
+        return InputError("not-found", problem, remedy, path=path)
+    return InputError("not-found", f"no such {what}", "check the name", path=path)
 
 
 def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
@@ -84,15 +89,14 @@ def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
     """
     claim = f"its header claims {width}×{height} px"
     if width < 1 or height < 1:
-        raise InputError("", f"is damaged: {claim}", "write or copy it again", path=path)
+        raise InputError("damaged", f"is damaged: {claim}", "write or copy it again", path=path)
     if width * height > MAX_PIXELS:
-        raise InputError(
-            "", f"{claim}, more than {MAX_PIXELS}", "cut it into smaller images", path=path
-        )
+        remedy = "cut it into smaller images"
+        raise InputError("too-large", f"{claim}, more than {MAX_PIXELS}", remedy, path=path)
     size, decoded = path.stat().st_size, width * height * pixel_bytes
     if decoded > max(UNASKED_BYTES, size * MAX_RATIO):
         problem = f"{claim}, but the file has only {size} bytes"
-        raise InputError("", problem, "write or copy it again", path=path)
+        raise InputError("damaged", problem, "write or copy it again", path=path)
 
 
 @contextmanager
@@ -219,4 +223,4 @@ def unwritable(path: Path, error: OSError) -> InputError:
         errno.EISDIR: "it is a directory; name another output",
     }
     remedy = remedies.get(error.errno or 0, "name an output directory you may write to")
-    return InputError("", f"cannot be written: {reason(error)}", remedy, path=path)
+    return InputError("unwritable", f"cannot be written: {reason(error)}", remedy, path=path)

@@ -42,7 +42,8 @@ def spread(
             yield from pool.map(work, pieces, chunksize=_AT_ONCE)
         except BrokenProcessPool:
             problem = f"a process of {subject} died, perhaps for want of memory"
-            raise InputError("", problem, "use fewer ‹processes›", path=subject) from None
+            remedy = "use fewer ‹processes›"
+            raise InputError("worker-died", problem, remedy, path=subject) from None
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import base64
 import struct
-import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from image_files import png_chunk, save
+from optional_libraries import require_scipy
 
 
 def png(path: Path, values: Any, dtype: type = np.uint16) -> Path:
@@ -59,21 +59,11 @@ def with_text(path: Path, **texts: str) -> Path:
 
 
 def matlab(path: Path, name: str, values: Any, *, compressed: bool = False) -> Path:
-    """A MATLAB 5 file of one array of doubles, column by column."""
+    """A MATLAB 5 file of one array; the test is left out where scipy is not installed."""
+    require_scipy()
+    from scipy.io import savemat
 
-    def element(kind: int, data: bytes) -> bytes:
-        return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
-
-    values = np.asarray(values, np.float64)
-    body = element(6, struct.pack("<II", 6, 0))
-    body += element(5, np.array(values.shape, "<i4").tobytes())
-    body += element(1, name.encode()) + element(9, values.tobytes(order="F"))
-    matrix = element(14, body)
-    if compressed:
-        packed = zlib.compress(matrix)
-        matrix = struct.pack("<II", 15, len(packed)) + packed
-    head = b"MATLAB 5.0 MAT-file, Platform: GLNXA64".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
-    path.write_bytes(head + matrix)
+    savemat(path, {name: values}, do_compression=compressed)
     return path
 
 

@@ -1,7 +1,7 @@
 """HDF5 and HEIC files for the tests: by h5py where it is installed, else by small stand-ins.
 
 A stand-in has the few names of the library that defocus uses, and files of its own that begin as
-real ones do.
+real ones do. Scipy has none: what needs it is left out where it is not installed.
 """
 
 from __future__ import annotations
@@ -84,3 +84,9 @@ def with_heic(monkeypatch: pytest.MonkeyPatch, depth: Any, **metadata: float) ->
     image.__array_interface__ = depth.__array_interface__
     module.open_heif = lambda _: SimpleNamespace(info={"depth_images": [image]})
     monkeypatch.setitem(sys.modules, "pillow_heif", module)
+
+
+def require_scipy() -> None:
+    """Leave the test out where scipy is not installed."""
+    if find_spec("scipy") is None:
+        pytest.skip("scipy is not installed")

@@ -11,17 +11,19 @@ import re
 import struct
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from defocus_core.errors import InputError
+from defocus_core.io.damage import AGAIN
 from defocus_core.io.safe_files import check_size, read_head
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
 
 _DPT_MAGIC = b"PIEH"  # 202021.25 as float32
 _COLMAP = re.compile(rb"(\d{1,7})&(\d{1,7})&(\d{1,3})&")
-_AGAIN = "write or copy it again"
 
 
 def bare_type(head: bytes) -> str:
@@ -40,7 +42,7 @@ def read_bare(path: Path) -> NDArray[Any]:
     head = read_head(path, 32)
     if head.startswith(_DPT_MAGIC):
         if len(head) < 12:
-            raise InputError("", "is truncated in its header", _AGAIN, path=path)
+            raise InputError("damaged", "is truncated in its header", AGAIN, path=path)
         width, height = struct.unpack("<2i", head[4:12])
         return _rows(path, 12, width, height)
     header = _COLMAP.match(head)
@@ -48,7 +50,8 @@ def read_bare(path: Path) -> NDArray[Any]:
     width, height, channels = (int(number) for number in header.groups())
     if channels != 1:
         problem = f"has {channels} channels; depth is one"
-        raise InputError("", problem, "name a file of depth_maps, not of normal_maps", path=path)
+        remedy = "name a file of depth_maps, not of normal_maps"
+        raise InputError("not-one-channel", problem, remedy, path=path)
     return _rows(path, header.end(), width, height)
 
 
@@ -67,11 +70,9 @@ def read_headerless(path: Path, size: tuple[int, int]) -> NDArray[Any]:
 
 
 def _rows(path: Path, start: int, width: int, height: int) -> NDArray[Any]:
-    import numpy as np
-
     check_size(path, width, height, 4)
     there, wanted = path.stat().st_size - start, width * height * 4
     if there != wanted:
         problem = f"has {there} bytes of pixels, and {width}×{height} px of float32 are {wanted}"
-        raise InputError("", problem, _AGAIN, path=path)
+        raise InputError("wrong-size", problem, AGAIN, path=path)
     return np.memmap(path, "<f4", "r", start, (height, width))

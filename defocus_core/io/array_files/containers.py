@@ -1,7 +1,7 @@
 """Named arrays in one file: NPZ, HDF5 with MATLAB 7.3, and MATLAB 5.
 
 MATLAB 7.3 is HDF5 behind a block of text, its axes in reverse order as HDF5 shows them. MATLAB 5
-(MathWorks, "MAT-File Format") is a list of elements, each of a type, a length and padded data.
+(MathWorks, "MAT-File Format") is a list of elements, each of a type, a length and data.
 """
 
 from __future__ import annotations
@@ -13,25 +13,27 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.errors import InputError, reason
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.errors import InputError
+from defocus_core.io.damage import decoding
 from defocus_core.io.safe_files import check_size, read_head
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _MATLAB_5, _MATLAB_73 = b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"
-_AGAIN = "write or copy it again"
 _NUMERIC = "fiu"  # kinds of NumPy types
-# MATLAB 5: types of data elements, and of arrays.
-_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8"}
-_TYPES |= {13: "u8"}
-_MATRIX, _COMPRESSED = 14, 15
-_CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4"}
+# MATLAB 5: classes of arrays of numbers, and types of elements: numbers, array and compressed.
+_CLASSES = {"double": "float64", "single": "float32", "logical": "uint8"}
+_CLASSES |= {f"{sign}int{bits}": f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32)}
+_TYPES, _MATRIX, _COMPRESSED = {*range(1, 8), 9, 12, 13}, 14, 15
 _LARGEST_MATLAB = 2**28  # bytes, since it is decompressed at once
 
 
@@ -63,25 +65,19 @@ def read_entries(path: Path) -> dict[str, Entry]:
     """The arrays of numbers in a container, by name, of two axes or more; none is loaded.
 
     Raises:
-        InputError: it is damaged, has no such array, or h5py is missing.
+        InputError: it is damaged, has no such array, or h5py or scipy is missing.
     """
     kind = container_type(read_head(path))
     list_entries = {"NPZ": _npz, "HDF5": _hdf5, "MATLAB": _matlab}[kind]
-    try:
+    with decoding(path, f"is a truncated or damaged {kind} file"):
         entries = {
             name: entry
             for name, entry in list_entries(path)
             if len(entry.shape) >= 2 and min(entry.shape) > 0
         }
-    except InputError:
-        raise
-    except Exception as error:  # h5py, zipfile and NumPy raise half a dozen types
-        problem = f"is a truncated or damaged {kind} file ({reason(error)})"
-        raise InputError("", problem, _AGAIN, path=path) from error
     if not entries:
-        raise InputError(
-            "", f"is a {kind} file without an array of numbers", "check its name", path=path
-        )
+        problem = f"is a {kind} file without an array of numbers"
+        raise InputError("no-such-channel", problem, "check its name", path=path)
     return entries
 
 
@@ -98,20 +94,13 @@ def _loading(path: Path, load: Callable[[int | None], NDArray[Any]]) -> Any:
     """A loader that raises InputError if the file is damaged."""
 
     def guarded(index: int | None) -> NDArray[Any]:
-        try:
+        with decoding(path):
             return load(index)
-        except InputError:
-            raise
-        except Exception as error:
-            problem = f"is truncated or damaged ({reason(error)})"
-            raise InputError("", problem, _AGAIN, path=path) from error
 
     return guarded
 
 
 def _npz(path: Path) -> Iterator[tuple[str, Entry]]:
-    import numpy as np
-
     with zipfile.ZipFile(path) as archive:
         members = [name for name in archive.namelist() if name.endswith(".npy")]
         for member in members:
@@ -131,8 +120,6 @@ def _npz(path: Path) -> Iterator[tuple[str, Entry]]:
 def _npz_array(
     path: Path, member: str, shape: tuple[int, ...], itemsize: int, index: int | None
 ) -> NDArray[Any]:
-    import numpy as np
-
     checked(path, shape, itemsize)
     with zipfile.ZipFile(path) as archive, archive.open(member) as file:
         values: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
@@ -144,7 +131,8 @@ def _hdf5(path: Path) -> Iterator[tuple[str, Entry]]:
         import h5py
     except ImportError:
         problem = "is an HDF5 file, which is read with h5py, and h5py is not installed"
-        raise InputError("", problem, "run: pip install 'defocus[hdf5]'", path=path) from None
+        remedy = "run: pip install 'defocus[hdf5]'"
+        raise InputError("needs-extra", problem, remedy, path=path) from None
     entries: list[tuple[str, Entry]] = []
 
     def load(name: str, index: int | None) -> NDArray[Any]:
@@ -167,53 +155,63 @@ def _hdf5(path: Path) -> Iterator[tuple[str, Entry]]:
 
 
 def _matlab(path: Path) -> Iterator[tuple[str, Entry]]:
+    try:
+        from scipy.io import loadmat, whosmat
+    except ImportError:
+        problem = "is a MATLAB 5 file, which is read with scipy, and scipy is not installed"
+        remedy = "run: pip install 'defocus[mat]'"
+        raise InputError("needs-extra", problem, remedy, path=path) from None
+
+    def load(
+        file: bytes, name: str, shape: tuple[int, ...], dtype: str, index: int | None
+    ) -> NDArray[Any]:
+        checked(path, shape, np.dtype(dtype).itemsize)
+        values: NDArray[Any] = loadmat(BytesIO(file))[name]
+        if values.dtype.kind == "c":
+            problem = f"holds complex numbers in {name}"
+            raise InputError("not-numbers", problem, "save real numbers", path=path)
+        values = values.astype(dtype, copy=False)  # it may be stored in a smaller type
+        return values if index is None else values[index]
+
+    for file in _matlab_arrays(path):
+        for name, shape, kind in whosmat(BytesIO(file)):
+            if (dtype := _CLASSES.get(kind)) is not None:
+                loader = _loading(path, partial(load, file, name, shape, dtype))
+                yield name, Entry(shape, dtype, loader)
+
+
+def _matlab_arrays(path: Path) -> Iterator[bytes]:
+    """A MATLAB 5 file for each array that holds no other, without compression.
+
+    Scipy inflates an array however large it becomes, and ends the process where the number of a
+    type is none that it knows.
+    """
     if (size := path.stat().st_size) > _LARGEST_MATLAB:
         problem = f"is a MATLAB file of {size} bytes"
-        raise InputError("", problem, "save it with -v7.3, which is read in pieces", path=path)
-    data = path.read_bytes()
+        remedy = "save it with -v7.3, which is read in pieces"
+        raise InputError("too-large", problem, remedy, path=path)
+    data, room = path.read_bytes(), _LARGEST_MATLAB
     order = {b"IM": "<", b"MI": ">"}[data[126:128]]
-    room = _LARGEST_MATLAB
-    for kind, body in _elements(data[128:], order):
+    for kind, element in _elements(data[128:], order):
         if kind == _COMPRESSED:
-            decompress = zlib.decompressobj()
-            body = decompress.decompress(body, room + 1)
-            room -= len(body)
-            if room < 0 or not decompress.eof:
+            inflate = zlib.decompressobj()
+            element = inflate.decompress(element[8:], room + 1)
+            room -= len(element)
+            if room < 0 or not inflate.eof:
                 raise ValueError("arrays of more than 256 MiB, or cut short")
-            kind, body = next(_elements(body, order))
-        if kind == _MATRIX and (named := _matrix(body, order)) is not None:
-            name, values = named
-            load = lambda index, v=values: v if index is None else v[index]  # noqa: E731
-            yield name, Entry(values.shape, values.dtype.name, load)
+            kind, element = next(_elements(element, order))
+        types = {part for part, _ in _elements(element[8:], order)} if kind == _MATRIX else {0}
+        if types <= _TYPES:
+            yield data[:128] + element
 
 
 def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
-    """Type and data of each element; those of up to four bytes have both in one word."""
+    """Type and bytes of each element; those of up to four bytes have all in two words."""
     place = 0
-    while place + 8 <= len(data):
+    while place < len(data):
         kind, size = struct.unpack_from(f"{order}II", data, place)
-        start = place + 8
-        if kind >> 16:
-            kind, size, start = kind & 0xFFFF, kind >> 16, place + 4
-            place += 8
-        else:
-            place = start + (size if kind == _COMPRESSED else -(-size // 8) * 8)
-        body = data[start : start + size]
-        if len(body) < size:
+        end = place + 8 + (0 if kind >> 16 else size)
+        if end > len(data):
             raise ValueError("it ends early")
-        yield kind, body
-
-
-def _matrix(body: bytes, order: str) -> tuple[str, NDArray[Any]] | None:
-    """Name and values of an array element; None of what is not an array of numbers."""
-    import numpy as np
-
-    parts = list(_elements(body, order))
-    flags = struct.unpack_from(f"{order}I", parts[0][1])[0]
-    if (flags & 0xFF) not in _CLASSES or flags & 0x800:  # complex
-        return None
-    shape = tuple(np.frombuffer(parts[1][1], f"{order}i4").tolist())
-    name, (kind, data) = parts[2][1].decode("ascii", "replace"), parts[3]
-    stored = np.frombuffer(data, np.dtype(f"{order}{_TYPES[kind]}"))
-    values = stored.astype(_CLASSES[flags & 0xFF]).reshape(shape, order="F")
-    return name, values
+        yield kind & 0xFFFF, data[place:end]
+        place = end if kind == _COMPRESSED else -(-end // 8) * 8

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from defocus_core.errors import InputError, reason
+from defocus_core.io.damage import AGAIN, damaged
 from defocus_core.io.safe_files import check_size, read_head
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 NPY_MAGIC = b"\x93NUMPY"
-_AGAIN = "write or copy it again"
 # The scale ends with its line, or with one blank: the byte of a pixel may look like a blank too.
 _PFM_HEADER = re.compile(rb"(Pf|PF)\s+(\S+)\s+(\S+)\s+(\S+)(?:[ \t\r]*\n|\s)")
 
@@ -63,7 +63,8 @@ def read_float_map(path: Path, *, integers: bool = False) -> FloatMap:
     if values.ndim != 2:
         shape = " × ".join(str(n) for n in values.shape) or "no"
         problem = f"has {shape} numbers, not height × width"
-        raise InputError("", problem, "save one map a file, or say its ‹depth-format›", path=path)
+        remedy = "save one map a file, or say its ‹depth-format›"
+        raise InputError("wrong-shape", problem, remedy, path=path)
     return FloatMap(values, "NPY")
 
 
@@ -85,17 +86,18 @@ def read_npy(path: Path, *, integers: bool) -> NDArray[Any]:
     except Exception as error:
         if "Python objects" in str(error):
             problem, remedy = "holds Python objects, not numbers", "save an array of floats"
-            raise InputError("", problem, remedy, path=path) from error
-        problem = f"is a truncated or damaged NPY file ({reason(error)})"
-        raise InputError("", problem, _AGAIN, path=path) from error
+            raise InputError("not-numbers", problem, remedy, path=path) from error
+        raise damaged(path, reason(error), "is a truncated or damaged NPY file") from error
     if values.dtype.kind not in ("fiu" if integers else "f"):
         problem = f"holds {values.dtype} numbers, whose unit is unknown"
         whole = values.dtype.kind in "iu"
-        raise InputError("", problem, "say ‹depth-unit› mm" if whole else "save floats", path=path)
+        remedy = "say ‹depth-unit› mm" if whole else "save floats"
+        raise InputError("unknown-unit", problem, remedy, path=path)
     if values.size == 0 or values.ndim < 2:
         shape = " × ".join(str(n) for n in values.shape) or "no"
         problem = f"has {shape} numbers, not height × width"
-        raise InputError("", problem, "save one map a file, or say its ‹depth-format›", path=path)
+        remedy = "save one map a file, or say its ‹depth-format›"
+        raise InputError("wrong-shape", problem, remedy, path=path)
     check_size(path, values.shape[-1], values.size // values.shape[-1], values.itemsize)
     return values
 
@@ -111,18 +113,17 @@ def _pfm(path: Path) -> NDArray[Any]:
         if not math.isfinite(scale) or scale == 0:
             raise ValueError(f"scale {scale:g}")
     except ValueError as error:
-        raise InputError("", f"has a damaged PFM header ({error})", _AGAIN, path=path) from error
+        raise damaged(path, str(error), "has a damaged PFM header") from error
     if header[1] == b"PF":
-        raise InputError(
-            "", "is a colour PFM (PF); depth has one channel (Pf)", "save it grey", path=path
-        )
+        problem = "is a colour PFM (PF); depth has one channel (Pf)"
+        raise InputError("not-one-channel", problem, "save it grey", path=path)
     check_size(path, width, height, 4)
     held, wanted = path.stat().st_size - header.end(), width * height * 4
     if held < wanted:
         problem = f"is truncated: {held} bytes of pixels, {wanted} expected"
-        raise InputError("", problem, _AGAIN, path=path)
+        raise InputError("damaged", problem, AGAIN, path=path)
     if held > wanted:
         problem = f"holds {held - wanted} bytes more than the {wanted} of pixels of its header"
-        raise InputError("", problem, _AGAIN, path=path)
+        raise InputError("damaged", problem, AGAIN, path=path)
     dtype = np.dtype("<f4" if scale < 0 else ">f4")
     return np.memmap(path, dtype, "r", header.end(), (height, width))[::-1]

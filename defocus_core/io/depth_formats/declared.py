@@ -44,10 +44,12 @@ class Declared:
         return self.facts.rule if self.facts is not None and self.facts.rule else self.row.rule
 
     @property
-    def named(self) -> str:
-        """The option that asks for the format, as errors name it."""
+    def asked_by(self) -> dict[str, str]:
+        """The option that asks for the format, and its value: what errors are about."""
         name = self.reading.depth_format
-        return "‹depth-kind› disparity" if name is None else f"‹depth-format› {name}"
+        if name is None:
+            return {"field": "depth-kind", "value": "disparity"}
+        return {"field": "depth-format", "value": name}
 
 
 def refuse_idle(declared: Declared, rule: str) -> None:
@@ -78,13 +80,14 @@ def refuse_idle(declared: Declared, rule: str) -> None:
         kind = "disparity" if disparity else row.name
         if reading.depth_format is None and not disparity:
             kind = "planar depth"
-        raise UsageProblem("", f"means nothing for {kind}", "leave it out", field=option)
+        raise UsageProblem("idle-option", f"means nothing for {kind}", "leave it out", field=option)
     if reading.depth_range is None:
         return
     for option in ("depth_unit", "depth_scale", "baseline", "doffs"):
         if getattr(reading, option) is not None:
-            name = f"‹{option.replace('_', '-')}›"
-            raise UsageProblem("", "stands beside ‹depth-range›", "give one of them", path=name)
+            name = option.replace("_", "-")
+            problem = "stands beside ‹depth-range›"
+            raise UsageProblem("contradiction", problem, "give one of them", field=name)
 
 
 def ask(declared: Declared, option: str, value: str) -> NoReturn:
@@ -94,8 +97,8 @@ def ask(declared: Declared, option: str, value: str) -> NoReturn:
         UsageProblem: always.
     """
     note = declared.row.note
-    problem = f"leaves --{option} open" + (f": {note}" if note else "")
-    raise UsageProblem("", problem, f"add ‹{option}› {value}", path=declared.named)
+    problem = f"leaves ‹{option}› open" + (f": {note}" if note else "")
+    raise UsageProblem("missing-option", problem, f"add ‹{option}› {value}", **declared.asked_by)
 
 
 def geometry_of(declared: Declared) -> str:
@@ -119,11 +122,13 @@ def focal_of(declared: Declared, picture_width: int, lens_focal: float | None) -
     if geometry == "ask":
         problem = "leaves open whether the numbers are depth or the distance to the point"
         problem += f" ({row.note})" if row.note else ""
-        raise UsageProblem("", problem, "add ‹planar› or ‹radial›", path=declared.named)
+        remedy = "add ‹planar› or ‹radial›"
+        raise UsageProblem("missing-option", problem, remedy, **declared.asked_by)
     if geometry == "planar":
         return None
     if reading.fov is not None and reading.focal_px is not None:
-        raise UsageProblem("", "stands beside ‹focal-px›", "give one of them", field="fov")
+        remedy = "give one of them"
+        raise UsageProblem("contradiction", "stands beside ‹focal-px›", remedy, field="fov")
     if reading.focal_px is not None:
         return reading.focal_px * width / picture_width  # it is that of the colour
     if reading.fov is not None:
@@ -132,6 +137,6 @@ def focal_of(declared: Declared, picture_width: int, lens_focal: float | None) -
         return row.focal_px if row.focal_width is None else row.focal_px * width / row.focal_width
     if lens_focal is not None:
         return lens_focal * width
-    name = "‹radial›" if reading.geometry else declared.named
+    by = {"field": "radial"} if reading.geometry else declared.asked_by
     problem = "is the distance to the point, and nothing says the field of view"
-    raise UsageProblem("", problem, "add ‹fov› 60deg or ‹focal-px› PX", path=name)
+    raise UsageProblem("missing-option", problem, "add ‹fov› 60deg or ‹focal-px› PX", **by)

@@ -8,6 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
 from defocus_core.io.depth_formats.file_types import read_numbers
@@ -22,9 +25,6 @@ from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    import numpy as np
-    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,6 @@ class Depth:
 
     def valid(self, rows: slice) -> NDArray[np.bool_]:
         """Where some rows have a depth: the file may have NaN, 0 and negative numbers."""
-        import numpy as np
-
         band = self.metres[rows]
         if self.is_radius:
             finite: NDArray[np.bool_] = np.isfinite(band)
@@ -181,7 +179,7 @@ def require_valid(depth: Depth) -> None:
             "say ‹depth-format›, since 0 is a hole for some and sky for others; "
             "or ‹invalid› far, or fill"
         )
-    raise InputError("", problem, remedy, path=depth.path)
+    raise InputError("invalid-depth", problem, remedy, path=depth.path)
 
 
 def _strided(samples: Samples, step: int) -> Samples:
@@ -194,8 +192,6 @@ def _decode(
     samples: Samples, decoding: Decoding, keeping: Keeping, overscan: Overscan
 ) -> tuple[Any, bool]:
     """Metres [H, W] of the numbers, and whether 65504 of a half was taken as sky."""
-    import numpy as np
-
     values = samples.values
     own = isinstance(values, Scratch) or (values.flags.owndata and values.flags.writeable)
     # Numbers that were read are not needed any more: metres take their place.
@@ -213,8 +209,6 @@ def _decode(
 
 def _apply_marks(path: Path, row: DepthFormat, samples: Samples, metres: Any) -> tuple[str, ...]:
     """Set what alpha, another array or a mask beside the file marks; what was used, in words."""
-    import numpy as np
-
     words, marks = [], []
     if samples.within is not None:
         set_outside(metres, samples.within)
@@ -250,18 +244,16 @@ def _replaced(depth: Depth, how: str) -> Depth:
         return depth
     if depth.is_radius:
         problem = f"is NaN or infinite in {counted(count, 'pixel')}"
-        raise InputError(
-            "", problem, "radii have no far: mend them, leave ‹invalid› out", path=depth.path
-        )
+        remedy = "radii have no far: mend them, leave ‹invalid› out"
+        raise InputError("invalid-depth", problem, remedy, path=depth.path)
     if how == "far":
         for rows in bands(shape):
             set_far(depth.metres, rows)
         words = f"{counted(count, 'invalid pixel')} taken as infinitely far"
     else:
         if not fill_from_farther(depth.metres):
-            raise InputError(
-                "", "has no pixel with a depth", "check ‹depth-format›", path=depth.path
-            )
+            remedy = "check ‹depth-format›"
+            raise InputError("invalid-depth", "has no pixel with a depth", remedy, path=depth.path)
         words = f"{counted(count, 'invalid pixel')} filled from the farther neighbour"
     note = f"{depth.note}, {words}"
     return replace(depth, note=note, replaced=count, replaced_words=words)

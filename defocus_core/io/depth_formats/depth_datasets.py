@@ -1,7 +1,7 @@
 """Formats of data sets that store depth: one row each.
 
 Where a row gives a value both as invalid and as sky, the value is invalid: a user says what it is
-by ``--invalid far`` or ``--invalid fill``.
+by invalid = far or fill.
 """
 
 from __future__ import annotations

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.depth_formats.reading import DepthReading
@@ -47,7 +49,7 @@ def exr_samples(
     pixels = parts[header.index].channels.get(chosen.source)
     if pixels is None:
         problem = f"has {chosen.name} at a lower resolution than its other channels"
-        raise InputError("", problem, "save the depth without subsampling", path=path)
+        raise InputError("subsampled", problem, "save the depth without subsampling", path=path)
     kind = {"float16": "half", "float32": "float"}.get(pixels.dtype.name, pixels.dtype.name)
     place = f" of part {header.label}" if len(headers) > 1 else ""
     view = f" in view {header.shown}" if header.shown else ""
@@ -86,7 +88,7 @@ def choose_depth_channel(
         if reading.depth_format is not None and named is None:  # then it is said to be depth
             return choose_depth(path, headers, channel="R", part=reading.part)
         remedy = "R, G and B are equal: if they are the depth, say ‹depth-channel› R"
-        raise NoDepthChannel("", error.problem, remedy, path=path) from None
+        raise NoDepthChannel("no-depth", error.problem, remedy, path=path) from None
 
 
 def _by_pattern(row: DepthFormat, every: Sequence[ChannelGroup]) -> ChannelGroup | None:
@@ -108,8 +110,6 @@ def _alpha(chosen: ChannelGroup) -> str | None:
 
 def _is_grey(part: Part) -> bool:
     """Whether R, G and B of a part are equal: depth may have been saved as a grey picture."""
-    import numpy as np
-
     planes: Sequence[Any] = [part.channels.get(name) for name in "RGB"]
     if any(plane is None for plane in planes):
         return False

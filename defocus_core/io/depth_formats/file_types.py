@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.array_files.bare_arrays import bare_type, read_bare, read_headerless
 from defocus_core.io.array_files.containers import Entry, container_type, read_entries
@@ -32,7 +35,6 @@ from defocus_core.io.safe_files import read_head
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
 
 WANTED = "EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres"
 
@@ -64,13 +66,12 @@ def read_numbers(
     if is_exr(head):
         return _allowed(path, exr_samples(path, reading, keeping, overscan), reading)
     if path.suffix.lower() == ".exr":
-        raise InputError("", "is not an OpenEXR file", "check what wrote it", path=path)
+        raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
     if container_type(head):
         return _allowed(path, _from_container(path, reading, container_type(head)), reading)
     if reading.depth_channel is not None:
-        raise UsageProblem(
-            "", f"{path} has no named channels", "leave it out", field="depth-channel"
-        )
+        problem = f"{path} has no named channels"
+        raise UsageProblem("idle-option", problem, "leave it out", field="depth-channel")
     if is_float_map(head):
         samples = _from_map(path, reading)
     elif bare_type(head):
@@ -91,7 +92,7 @@ def _allowed(path: Path, samples: Samples, reading: DepthReading) -> Samples:
         problem = (
             f"is read as {_article(samples.type)}, and {row.name} comes as {', '.join(row.files)}"
         )
-        raise InputError("", problem, "check ‹depth-format›", path=path)
+        raise InputError("wrong-type", problem, "check ‹depth-format›", path=path)
     return samples
 
 
@@ -134,7 +135,7 @@ def _array_name(path: Path, entries: Mapping[str, Entry], reading: DepthReading)
     if reading.depth_channel is not None:
         if reading.depth_channel not in entries:
             problem = f"has no array {reading.depth_channel}; it has {names}"
-            raise InputError("", problem, "check ‹depth-channel›", path=path)
+            raise InputError("no-such-channel", problem, "check ‹depth-channel›", path=path)
         return reading.depth_channel
     for pattern in reading.row.channels:
         for name in entries:
@@ -142,7 +143,8 @@ def _array_name(path: Path, entries: Mapping[str, Entry], reading: DepthReading)
                 return name
     if len(entries) == 1:
         return next(iter(entries))
-    raise InputError("", f"holds the arrays {names}", "choose one with ‹depth-channel›", path=path)
+    remedy = "choose one with ‹depth-channel›"
+    raise InputError("ambiguous", f"holds the arrays {names}", remedy, path=path)
 
 
 def _frame(path: Path, entry: Entry, row: DepthFormat, part: int | None) -> NDArray[Any]:
@@ -166,28 +168,26 @@ def _map_of(path: Path, values: NDArray[Any], row: DepthFormat, part: int | None
     if values.ndim != 2:
         shape = " × ".join(str(n) for n in values.shape)
         problem = f"has {shape} numbers, not height × width"
-        raise InputError("", problem, "save one map a file, or say its ‹depth-format›", path=path)
+        remedy = "save one map a file, or say its ‹depth-format›"
+        raise InputError("wrong-shape", problem, remedy, path=path)
     return values.T if row.axes.endswith("WH") else values
 
 
 def _chosen_frame(path: Path, count: int, part: int | None) -> int:
-    """The frame that ``--part`` chooses of several."""
+    """The frame that ``part`` chooses of several."""
     if part is None:
-        raise InputError(
-            "", f"holds {count} frames", "choose one with ‹part›, counted from 0", path=path
-        )
+        remedy = "choose one with ‹part›, counted from 0"
+        raise InputError("ambiguous", f"holds {count} frames", remedy, path=path)
     require_part(path, part, count)
     return part
 
 
 def _from_raster(path: Path, reading: DepthReading, keeping: Keeping) -> Samples:
     """Numbers of a PNG, TIFF or JPEG: one channel, or the bits of a pixel of several."""
-    import numpy as np
-
     row = reading.row
     raster = choose_page(path, read_pages(path, wanted=WANTED), reading.part)
     if raster.deep:
-        raise InputError("", "holds deep data", "flatten it first", path=path)
+        raise InputError("deep-data", "holds deep data", "flatten it first", path=path)
     bits = {"uint8": "8-bit", "uint16": "16-bit"}.get(raster.type, raster.type)
     kind = f"{bits} {path.suffix[1:].upper()}"
     metadata = png_text(path) if row.sidecar == "text-chunks" else {}
@@ -206,7 +206,8 @@ def _from_raster(path: Path, reading: DepthReading, keeping: Keeping) -> Samples
     for window, samples in read_samples(path, raster.page):
         if samples.shape[2] >= 3 and (samples[:, :, :1] != samples[:, :, 1:3]).any():
             problem = f"has channels {', '.join(raster.channels)}; depth is one channel"
-            raise InputError("", problem, "save the depth as a single grey channel", path=path)
+            remedy = "save the depth as a single grey channel"
+            raise InputError("not-one-channel", problem, remedy, path=path)
         values[window] = samples[:, :, 0]
     file_type = {"uint16": "16-bit PNG", "uint8": "8-bit PNG"}.get(raster.type, "float TIFF")
     return Samples(values, file_type, kind, metadata=metadata)
@@ -217,7 +218,8 @@ def _refuse_unsuited(path: Path, raster: Raster, reading: DepthReading) -> None:
     if raster.type == "uint8" and not reading.says_scale:
         problem = "has 8 bits, too few for depth and without a metric scale"
         remedy = f"save depth as {WANTED}; or say ‹depth-range› NEAR FAR and ‹depth-kind›"
-        raise InputError("", problem, remedy, path=path)
+        raise InputError("unknown-unit", problem, remedy, path=path)
     if len(raster.channels) != 1 and not reading.says_scale:
         problem = f"has channels {', '.join(raster.channels)}; depth is one channel"
-        raise InputError("", problem, "save the depth as a single grey channel", path=path)
+        remedy = "save the depth as a single grey channel"
+        raise InputError("not-one-channel", problem, remedy, path=path)

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.io.arrays import bands
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 
 def set_far(metres: Any, rows: slice) -> None:
     """Make invalid pixels of some rows infinitely far, in place."""
-    import numpy as np
-
     band = metres[rows]
     metres[rows] = np.where(band > 0, band, np.float32(np.inf))
 
 
 def set_outside(metres: Any, within: tuple[slice, slice]) -> None:
     """Make the depth invalid outside some rows and columns."""
-    import numpy as np
-
     (height, width), (rows, columns) = metres.shape, within
     for outside in (
         (slice(0, rows.start), slice(0, width)),
@@ -43,8 +38,6 @@ def fill_from_farther(metres: Any) -> bool:
     Returns:
         Whether there was any depth to fill from.
     """
-    import numpy as np
-
     height, _ = metres.shape
     empty = np.ones(height, bool)
     for rows in bands(metres.shape):
@@ -65,8 +58,6 @@ def fill_from_farther(metres: Any) -> bool:
 
 def _filled_along_rows(band: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Rows whose invalid pixels have the farther of the nearest valid ones left and right."""
-    import numpy as np
-
     columns = np.arange(band.shape[1])
     left = np.maximum.accumulate(np.where(valid, columns, -1), axis=1)
     right = np.where(valid, columns, band.shape[1])[:, ::-1]

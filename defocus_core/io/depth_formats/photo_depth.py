@@ -13,14 +13,14 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.images.raster import read_pages, read_samples
 from defocus_core.io.safe_files import quiet, read_head
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _XMP, _EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _EXTENSION_HEAD = 32 + 8  # digest, length of all, offset of this part
@@ -63,20 +63,18 @@ def read_heic(path: Path) -> PhotoDepth:
         import pillow_heif
     except ImportError:
         problem = "is a HEIC file, read with pillow-heif, and pillow-heif is not installed"
-        raise InputError("", problem, "run: pip install 'defocus[heif]'", path=path) from None
-    import numpy as np
-
+        remedy = "run: pip install 'defocus[heif]'"
+        raise InputError("needs-extra", problem, remedy, path=path) from None
     try:
         with quiet():
             images = pillow_heif.open_heif(str(path)).info.get("depth_images") or []
             values = np.asarray(images[0]) if images else None
     except Exception as error:
         problem = f"is a damaged HEIC file ({reason(error)})"
-        raise InputError("", problem, "copy it again", path=path) from error
+        raise InputError("damaged", problem, "copy it again", path=path) from error
     if values is None:
-        raise InputError(
-            "", "has no depth image", "take the photograph in portrait mode", path=path
-        )
+        remedy = "take the photograph in portrait mode"
+        raise InputError("no-depth", "has no depth image", remedy, path=path)
     return PhotoDepth(
         values if values.ndim == 2 else values[:, :, 0], dict(images[0].info["metadata"] or {})
     )
@@ -94,14 +92,15 @@ def read_gdepth(path: Path) -> PhotoDepth:
     metadata = {name: one or other for name, one, other in _PROPERTY.findall(packet)}
     metadata |= dict(_ELEMENT.findall(packet))
     if b"Data" not in metadata:
-        raise InputError("", "has no GDepth in its XMP", "check what took or edited it", path=path)
+        remedy = "check what took or edited it"
+        raise InputError("no-depth", "has no GDepth in its XMP", remedy, path=path)
     data = metadata.pop(b"Data")
     try:
         values = _decoded(base64.b64decode(data, validate=False))
     except (InputError, ValueError) as error:  # it would name the scratch file
         why = error.problem if isinstance(error, InputError) else reason(error)
         problem = f"has a damaged GDepth image ({why})"
-        raise InputError("", problem, "copy the photograph again", path=path) from error
+        raise InputError("damaged", problem, "copy the photograph again", path=path) from error
     words = {
         name.decode("ascii", "replace"): text.decode("utf-8", "replace")
         for name, text in metadata.items()
@@ -128,8 +127,6 @@ def _xmp(data: bytes) -> Iterator[bytes]:
 
 def _decoded(data: bytes) -> NDArray[Any]:
     """First channel [H, W] of an encoded image, 8 or 16 bit."""
-    import numpy as np
-
     suffix = ".png" if data.startswith(b"\x89PNG") else ".jpg"
     with tempfile.NamedTemporaryFile(suffix=suffix) as file:  # OpenImageIO reads files alone
         file.write(data)

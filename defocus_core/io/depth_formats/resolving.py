@@ -6,6 +6,8 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.declared import Declared, ask, focal_of, refuse_idle
 from defocus_core.io.depth_formats.reading import DepthReading
@@ -81,7 +83,7 @@ def _own_sky(samples: Samples, row: DepthFormat) -> float:
 
 
 def _rule(declared: Declared) -> str:
-    """scale, inverse, log or radius: of the format, or by --depth-kind."""
+    """scale, inverse, log or radius: of the format, or by depth_kind."""
     reading, rule = declared.reading, declared.rule
     by_kind = {"depth": "scale", "disparity": "inverse"}.get(reading.depth_kind or "")
     if not rule:
@@ -91,10 +93,11 @@ def _rule(declared: Declared) -> str:
     if by_kind is not None and by_kind != rule:
         holds = {"scale": "depth", "inverse": "disparity"}.get(rule, declared.row.title)
         problem = f"contradicts ‹depth-format› {declared.row.name}, which is {holds}"
-        raise UsageProblem("", problem, "leave one of them out", field="depth-kind")
+        raise UsageProblem("contradiction", problem, "leave one of them out", field="depth-kind")
     if reading.depth_range is not None and reading.depth_format is None and by_kind is None:
         problem = "does not say whether the numbers are depth or disparity"
-        raise UsageProblem("", problem, "add ‹depth-kind› disparity, or depth", field="depth-range")
+        remedy = "add ‹depth-kind› disparity, or depth"
+        raise UsageProblem("missing-option", problem, remedy, field="depth-range")
     return rule
 
 
@@ -115,9 +118,8 @@ def _ends(declared: Declared, *, disparity: bool) -> tuple[float, float] | None:
         return None
     near, far = (end / MM_PER_M for end in ends)
     if near == far:
-        raise UsageProblem(
-            "", "has the same distance twice", "give two distances", field="depth-range"
-        )
+        problem = "has the same distance twice"
+        raise UsageProblem("out-of-range", problem, "give two distances", field="depth-range")
     return near, far
 
 
@@ -127,8 +129,6 @@ def _within(declared: Declared) -> None:
     Raises:
         InputError: there are such numbers.
     """
-    import numpy as np
-
     from defocus_core.io.arrays import bands
 
     values = declared.samples.values
@@ -142,7 +142,8 @@ def _within(declared: Declared) -> None:
             least, most = min(least, float(finite.min())), max(most, float(finite.max()))
     if least < -1e-3 or most > 1 + 1e-3:
         problem = f"has floats from {least:.4g} to {most:.4g}, and ‹depth-range› is of 0 and 1"
-        raise InputError("", problem, "give ‹depth-scale› and ‹doffs› instead", path=declared.path)
+        remedy = "give ‹depth-scale› and ‹doffs› instead"
+        raise InputError("out-of-range", problem, remedy, path=declared.path)
 
 
 def _depth_decoding(declared: Declared) -> Decoding:
@@ -165,7 +166,7 @@ def _depth_decoding(declared: Declared) -> Decoding:
             problem = f"has {samples.channel or 'numbers'} in whole numbers, whose unit is unknown"
             named = samples.type == "HEIC"
             remedy = "say ‹depth-format› apple-heic" if named else "say ‹depth-unit› mm"
-            raise InputError("", problem, remedy, path=declared.path)
+            raise InputError("unknown-unit", problem, remedy, path=declared.path)
     words = UNIT_WORDS.get(unit or "", "")
     scale = row.scale * UNITS[unit or "m"]
     if row.integer_scale is not None and samples.is_integer:
@@ -191,9 +192,8 @@ def _disparity_decoding(declared: Declared) -> Decoding:
         return Decoding("inverse", facts.scale, facts.shift or 0.0, words=words)
     if row.per_metre:
         if row.sidecar:
-            raise InputError(
-                "", f"has no {row.sidecar} metadata", "check what wrote it", path=declared.path
-            )
+            problem = f"has no {row.sidecar} metadata"
+            raise InputError("no-metadata", problem, "check what wrote it", path=declared.path)
         unit = UNITS[reading.depth_unit or "m"]
         scale = row.scale * (reading.depth_scale or 1.0)
         return Decoding("inverse", scale, focal_baseline=unit, words=f"{row.name}, 1 / z")
@@ -226,14 +226,15 @@ def _by_calibration(declared: Declared) -> Decoding:
     remedy = f"add {' and '.join(_CALIBRATION[name] for name in missing)}"
     if row.name == "disparity":
         remedy += ", or ‹depth-range› NEAR FAR, or ‹depth-scale›"
-    raise UsageProblem("", f"leaves {names} open{why}", remedy, path=declared.named)
+    raise UsageProblem("missing-option", f"leaves {names} open{why}", remedy, **declared.asked_by)
 
 
 def _logarithm_decoding(declared: Declared) -> Decoding:
     facts = declared.facts
     if facts is None or facts.ends is None:
         problem = f"has no text chunks near and far, which {declared.row.name} needs"
-        raise InputError("", problem, "check what wrote or edited it", path=declared.path)
+        remedy = "check what wrote or edited it"
+        raise InputError("no-metadata", problem, remedy, path=declared.path)
     near, far = facts.ends
     words = f"{declared.row.name}, from {near:.6g} m to {far:.6g} m"
     return Decoding("log", ends=facts.ends, words=words)

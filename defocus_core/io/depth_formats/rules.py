@@ -54,11 +54,11 @@ class DepthFormat:
     """A depth convention: one row of the table.
 
     Attributes:
-        name: as ``--depth-format`` has it.
+        name: as ``depth_format`` has it.
         title: which data set, renderer or network writes it.
         files: types of file it may come in, as `Samples.type` has them.
         rule: scale, inverse, log, or radius, whose numbers are signed CoC radii in px; empty
-            where ``--depth-kind`` must say whether they are depth or disparity.
+            where ``depth_kind`` must say whether they are depth or disparity.
         scale: what 1 in the file is: metres of depth, px of disparity.
         integer_scale: what 1 is where the numbers are integers; None for `scale`.
         per_metre: whether disparity is in 1/m rather than in px.
@@ -85,7 +85,7 @@ class DepthFormat:
         mask: what marks pixels.
         alpha: whether nothing is where the alpha of the EXR is 0.
         needs: options without which it cannot be decoded.
-        unitless: whether its unit is that of a scene, so that ``--depth-unit`` may say it.
+        unitless: whether its unit is that of a scene, so that ``depth_unit`` may say it.
         note: what else a user should know.
         aliases: other names.
     """

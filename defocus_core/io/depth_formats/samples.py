@@ -86,7 +86,7 @@ def divided(path: Path, values: Any, alpha: Any, how: str, keeping: Keeping) -> 
     usable = alpha is not None and tuple(alpha.shape) == tuple(values.shape[:2])
     if how == "on" and not usable:
         problem = "cannot be divided by alpha: the colour has no alpha of its size"
-        raise InputError("", problem, "leave ‹unpremultiply-depth› out", path=path)
+        raise InputError("no-such-channel", problem, "leave ‹unpremultiply-depth› out", path=path)
     if not usable or how == "off" or (how == "auto" and not _is_multiplied(values, alpha)):
         return values, ""
     result = keeping.new(tuple(values.shape), np.float32)

@@ -71,7 +71,7 @@ def facts_of(name: str, path: Path, metadata: Mapping[str, Any]) -> Facts | None
                 return _SIDECAR_READERS[name](place, path)
     except (OSError, ValueError, KeyError, IndexError, configparser.Error) as error:
         problem = f"does not say what {name} of {path.name} should ({reason(error)})"
-        raise InputError("", problem, _CHECK, path=place) from None
+        raise InputError("malformed", problem, _CHECK, path=place) from None
     return None
 
 
@@ -221,7 +221,7 @@ def marked_pixels(
     values = _mask_values(place)
     if values.shape != shape:
         own, depth = (f"{w}x{h} px" for h, w in (values.shape, shape))
-        raise InputError("", f"is {own} and {path} is {depth}", _CHECK, path=place)
+        raise InputError("wrong-size", f"is {own} and {path} is {depth}", _CHECK, path=place)
     if isinstance(mask.where, int):
         return values == mask.where, place
     return (values == 0) == (mask.where == "zero"), place

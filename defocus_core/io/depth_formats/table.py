@@ -2,7 +2,7 @@
 
 Nothing is read off the range of the values. A file without a named format follows the custom of its
 type: floats are metres, and 16-bit integers of PNG and TIFF millimetres; integers of EXR and NPY
-have no custom, so that their unit must be set (``--depth-unit``).
+have no custom, so that their unit must be set (``depth_unit``).
 
 A new format is a row of `renderers`, `depth_datasets`, `stereo_datasets` or `networks`, and a line
 of ``help/depth.md``, which the test of that topic prints; the other modules read this table.

@@ -11,7 +11,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_core.errors import InputError, first_line
-from defocus_core.io.exr.opening import damaged, opened
+from defocus_core.io.damage import damaged
+from defocus_core.io.exr.opening import opened
 from defocus_core.io.exr.windows import Window
 
 if TYPE_CHECKING:
@@ -213,7 +214,7 @@ def _check_alpha(path: Path, values: dict[str, NDArray[Any]]) -> None:
     wrong = int(np.count_nonzero(~((alpha >= 0) & (alpha <= 1 + _ROUNDING))))
     if wrong:
         problem = f"has an alpha that is not between 0 and 1 in {wrong} samples"
-        raise InputError("", problem, "render or save it again", path=path)
+        raise InputError("out-of-range", problem, "render or save it again", path=path)
     values[ALPHA] = np.minimum(alpha, 1)
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 from defocus_core.errors import InputError
+from defocus_core.io.damage import damaged
 from defocus_core.io.exr.windows import Overscan, Window
 from defocus_core.io.safe_files import check_size, read_head
 
@@ -133,16 +134,16 @@ def read_headers(path: Path) -> tuple[Header, ...]:
         InputError: not an OpenEXR file, a damaged header, or a size that the file cannot hold.
     """
     if not is_exr(read_head(path)):
-        raise InputError("", "is not an OpenEXR file", "check what wrote it", path=path)
+        raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
     try:
         with path.open("rb") as file:
             headers = tuple(_parts(file))
     except UnicodeDecodeError as error:
         problem = f"has a name in its header that is not UTF-8, {error.object!r}"
-        raise InputError("", problem, "write it again with plain names", path=path) from error
+        remedy = "write it again with plain names"
+        raise InputError("not-utf-8", problem, remedy, path=path) from error
     except (OSError, ValueError, struct.error) as error:
-        problem = f"has a damaged OpenEXR header ({error})"
-        raise InputError("", problem, "write or copy it again", path=path) from error
+        raise damaged(path, str(error), "has a damaged OpenEXR header") from error
     for header in headers:
         check_size(path, header.data.width, header.data.height, header.pixel_bytes)
         check_size(path, header.display.width, header.display.height, header.pixel_bytes)

@@ -6,15 +6,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.errors import InputError, first_line
+from defocus_core.errors import first_line
+from defocus_core.io.damage import damaged
 from defocus_core.system.interrupts import put_off
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from defocus_core.io.exr.header import Header
-
-AGAIN = "write or copy it again"
 
 
 @contextmanager
@@ -44,8 +43,3 @@ def opened(path: Path, header: Header) -> Iterator[Any]:
     finally:
         file.close()
         oiio.geterror()  # or the next file would be blamed
-
-
-def damaged(path: Path, why: str) -> InputError:
-    """The error for a file whose pixels cannot be decoded."""
-    return InputError("", f"is truncated or damaged ({why})", AGAIN, path=path)

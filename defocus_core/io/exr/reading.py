@@ -12,12 +12,13 @@ from dataclasses import dataclass
 from itertools import groupby, product
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.errors import InputError, first_line, reason
+from defocus_core.errors import InputError, first_line
 from defocus_core.io.arrays import IN_MEMORY, Keeping
+from defocus_core.io.damage import damaged, decoding
 from defocus_core.io.exr.chroma import planes_of
 from defocus_core.io.exr.deep_layers import DeepLayers, deep_layers, flat_channels
 from defocus_core.io.exr.header import Header, read_headers
-from defocus_core.io.exr.opening import damaged, opened
+from defocus_core.io.exr.opening import opened
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
 from defocus_core.io.safe_files import quiet
 from defocus_core.system.interrupts import put_off
@@ -72,16 +73,11 @@ def read_parts(
         InputError: the file cannot be read, or not all of it.
     """
     headers = read_headers(path) if headers is None else headers
-    try:
-        with quiet(), _unlimited():
-            if any(header.subsampled for header in headers):  # OpenImageIO does not open it
-                planes = planes_of(path, headers, wanted, overscan)
-                return tuple(Part(*pair) for pair in zip(headers, planes, strict=True))
-            return tuple(_part(path, header, keeping, wanted, overscan) for header in headers)
-    except InputError:
-        raise
-    except Exception as error:  # the libraries raise half a dozen types
-        raise damaged(path, reason(error)) from error
+    with decoding(path), quiet(), _unlimited():
+        if any(header.subsampled for header in headers):  # OpenImageIO does not open it
+            planes = planes_of(path, headers, wanted, overscan)
+            return tuple(Part(*pair) for pair in zip(headers, planes, strict=True))
+        return tuple(_part(path, header, keeping, wanted, overscan) for header in headers)
 
 
 def read_layers(
@@ -103,13 +99,8 @@ def read_layers(
     Raises:
         InputError: the file cannot be read, or not all of it.
     """
-    try:
-        with quiet(), _unlimited():
-            return deep_layers(path, header, names, keeping, overscan)
-    except InputError:
-        raise
-    except Exception as error:  # the libraries raise half a dozen types
-        raise damaged(path, reason(error)) from error
+    with decoding(path), quiet(), _unlimited():
+        return deep_layers(path, header, names, keeping, overscan)
 
 
 def _part(

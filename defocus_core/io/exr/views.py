@@ -66,7 +66,7 @@ def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[He
     known = {name.casefold(): name for name in views}
     if view is not None and view.casefold() not in known:
         problem = f"has no view {view}; it has {', '.join(views)}"
-        raise InputError("", problem, "check ‹view›", path=path)
+        raise InputError("no-such-view", problem, "check ‹view›", path=path)
     chosen = views[0] if view is None else known[view.casefold()]
     return tuple(_restricted(header, views, chosen) for header in headers)
 
@@ -81,9 +81,8 @@ def require_view(paths: Sequence[Path], view: str | None) -> None:
         return
     exrs = [path for path in paths if is_exr(read_head(path))]
     if not any(views_of(read_headers(path)) for path in exrs):
-        raise InputError(
-            "", f"has no views, and so no view {view}", "leave ‹view› out", path=paths[0]
-        )
+        problem = f"has no views, and so no view {view}"
+        raise InputError("no-such-view", problem, "leave ‹view› out", path=paths[0])
 
 
 def default_warning(headers: Sequence[Header], view: str | None) -> str:

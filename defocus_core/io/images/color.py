@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.array_files.float_maps import is_float_map
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands, count_of
@@ -67,23 +69,22 @@ def read_color(
             overscan=overscan,
         )
     if path.suffix.lower() == ".exr":
-        raise InputError("", "is not an OpenEXR file", "check what wrote it", path=path)
+        raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
     if is_float_map(head):
         problem = "is a map of floats without colour"
-        raise InputError("", problem, "use EXR, PNG, JPEG, TIFF or HDR for colour", path=path)
+        remedy = "use EXR, PNG, JPEG, TIFF or HDR for colour"
+        raise InputError("no-color", problem, remedy, path=path)
     if layer is not None:
-        raise UsageProblem("", f"{path} has no layers", "leave it out", field="color-layer")
+        remedy = "leave it out"
+        raise UsageProblem("idle-option", f"{path} has no layers", remedy, field="color-layer")
     if blur_channels:
-        raise UsageProblem(
-            "", f"{path} has no further channels", "leave it out", field="blur-channels"
-        )
+        problem = f"{path} has no further channels"
+        raise UsageProblem("idle-option", problem, "leave it out", field="blur-channels")
     return _from_raster(path, choose_page(path, read_pages(path), part), keeping)
 
 
 def count_beyond(color: Color, most: float) -> tuple[int, str]:
     """Number of pixels of a colour image that are NaN or beyond ±most, and the first as x,y."""
-    import numpy as np
-
     return count_of(
         (
             ~np.logical_and.reduce([np.abs(p[rows]) <= np.float32(most) for p in color.planes]),
@@ -106,22 +107,20 @@ def require_finite(color: Color) -> None:
     if infinite:
         problem = f"is NaN or infinite in {counted(infinite, 'pixel')}, the first at"
         remedy = "render or save it again with finite values"
-        raise InputError("", f"{problem} {first_infinite}", remedy, path=color.path)
+        raise InputError("not-finite", f"{problem} {first_infinite}", remedy, path=color.path)
     problem = f"is beyond ±{BRIGHTEST:g} in {counted(count, 'pixel')}, the first at {first}"
-    raise InputError("", problem, "scale it: light has no unit here", path=color.path)
+    raise InputError("out-of-range", problem, "scale it: light has no unit here", path=color.path)
 
 
 def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
-    import numpy as np
-
     if raster.deep:
-        raise InputError("", "holds deep data", "flatten it first", path=path)
+        raise InputError("deep-data", "holds deep data", "flatten it first", path=path)
     names = raster.channels
     wanted = "RGBA" if {"R", "G", "B"} <= set(names) else "YA"
     channels = tuple(c for c in wanted if c in names)
     if channels in ((), ("A",)):
         problem = f"has no colour channels (R, G, B or Y), only {', '.join(names)}"
-        raise InputError("", problem, "save it as RGB or grey", path=path)
+        raise InputError("no-color", problem, "save it as RGB or grey", path=path)
     which = [names.index(c) for c in channels]
     size = raster.height, raster.width
     planes = tuple(keeping.new(size, np.float32) for _ in channels)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
-
-    import numpy as np
-    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,6 @@ class Color:
     @property
     def pixels(self) -> NDArray[np.float32]:
         """The whole image, float32 [H, W, C]."""
-        import numpy as np
-
         return np.stack(
             [plane[:] for plane in self.planes[: len(self.channels)]], axis=2, dtype=np.float32
         )

@@ -87,7 +87,7 @@ def write_image(
         return [warning] if clamped else []
     if path.suffix.lower() not in FORMATS:
         problem = "has a suffix of no format that can be written"
-        raise UsageProblem("", problem, f"use .exr, {', '.join(FORMATS)}", path=path)
+        raise UsageProblem("wrong-type", problem, f"use .exr, {', '.join(FORMATS)}", path=path)
     codec = FORMATS[path.suffix.lower()]
     metadata = {
         name: value
@@ -212,7 +212,7 @@ def encoded_samples(
     with _memory(path) as memory:
         if error := _encoder_error(memory, size, iter(samples), codec, attributes):
             problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
-            raise InputError("", problem, "write EXR instead", path=path)
+            raise InputError("unwritable", problem, "write EXR instead", path=path)
         yield memory
 
 

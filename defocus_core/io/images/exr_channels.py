@@ -38,7 +38,7 @@ class ChannelGroup:
 
     Attributes:
         header: the part that they are in.
-        name: as ``--color-layer`` or ``--depth-channel`` has it inside its part.
+        name: as ``layer`` or ``depth_channel`` has it inside its part.
         channels: canonical name to the name in the file: R, G, B or Y, with RY and BY if there is
             chroma, then A; the name of a depth channel to itself.
         default: whether it is the part's colour layer of plain names, without a prefix.
@@ -69,9 +69,8 @@ def choose_color(
     aspect, (least, most) = chosen.header.pixel_aspect, _ASPECTS
     if not least <= aspect <= most:
         problem = f"has pixels {aspect:g} times as wide as high"
-        raise InputError(
-            "", problem, f"resample it to pixels of {least:g} to {most:g} times", path=path
-        )
+        remedy = f"resample it to pixels of {least:g} to {most:g} times"
+        raise InputError("unsupported", problem, remedy, path=path)
     return chosen
 
 
@@ -91,7 +90,7 @@ def _chosen_color(
             return known[0]
     if not candidates:
         problem = f"has no colour channels (R, G, B or Y), only {_listing(searched)}"
-        raise InputError("", problem, "name a file that has them", path=path)
+        raise InputError("no-color", problem, "name a file that has them", path=path)
     return _only(path, candidates, "colour layer", "‹color-layer›")
 
 
@@ -118,7 +117,7 @@ def choose_depth(
     if not candidates:
         problem = f"has no depth channel, only {_listing(searched)}"
         remedy = "if one of them is the depth, say ‹depth-channel› NAME"
-        raise NoDepthChannel("", problem, remedy, path=path)
+        raise NoDepthChannel("no-depth", problem, remedy, path=path)
     return _only(path, candidates, "depth channel", "‹depth-channel›")
 
 
@@ -154,7 +153,8 @@ def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str])
             if isnt:
                 problem = f"has {pattern}, which is depth or whole numbers and is never averaged"
             known = f"it has {', '.join(light[:40])}" if light else "it has none"
-            raise InputError("", problem, f"check ‹blur-channels›: {known}", path=path)
+            remedy = f"check ‹blur-channels›: {known}"
+            raise InputError("no-such-channel", problem, remedy, path=path)
     folded_patterns = [pattern.casefold() for pattern in patterns]
     return tuple(
         name for name in light if any(fnmatchcase(name.casefold(), p) for p in folded_patterns)
@@ -175,11 +175,11 @@ def require_part(path: Path, part: int, count: int) -> None:
     if not 0 <= part < count:
         problem = f"has no part {part}, only {count}"
         remedy = "leave ‹part› out" if count == 1 else f"‹part› counts from 0 to {count - 1}"
-        raise InputError("", problem, remedy, path=path)
+        raise InputError("no-such-part", problem, remedy, path=path)
 
 
 def _headers_of_part(path: Path, headers: Sequence[Header], part: int | None) -> Sequence[Header]:
-    # One --part serves the colour and the depth file; where there is one part, it chooses nothing.
+    # One part serves the colour and the depth file; where there is one part, it chooses nothing.
     if part is None or len(headers) == 1:
         return headers
     require_part(path, part, len(headers))
@@ -249,9 +249,8 @@ def _named(
     matches = exact or [c for c in groups if folded in {n.casefold() for n in _names(c)}]
     if not matches:
         known = ", ".join(_labels(groups)) or "none"
-        raise InputError(
-            "", f"has no {kind} {wanted}; it has {known}", f"check {option}", path=path
-        )
+        problem = f"has no {kind} {wanted}; it has {known}"
+        raise InputError("no-such-channel", problem, f"check {option}", path=path)
     return _only(path, matches, kind, option)
 
 
@@ -280,9 +279,8 @@ def _only(path: Path, candidates: Sequence[ChannelGroup], kind: str, option: str
         return candidates[0]
     labels = _labels(candidates)
     problem = f"has {len(candidates)} candidates for the {kind}: {', '.join(labels)}"
-    raise InputError(
-        "", problem, f"choose one, like {option} {labels[0]}, or a part with ‹part›", path=path
-    )
+    remedy = f"choose one, like {option} {labels[0]}, or a part with ‹part›"
+    raise InputError("ambiguous", problem, remedy, path=path)
 
 
 def _listing(headers: Sequence[Header]) -> str:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.exr.chroma import rgb_of, weights_of
 from defocus_core.io.exr.header import Header, Raw, read_headers
@@ -17,7 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
 
 _NEARLY_SQUARE = 1e-3  # difference of the sides of a pixel as a share of one
 _THUMBNAIL = "preview"  # attribute of an EXR header
@@ -72,8 +74,6 @@ def _planes(
 
     A picture that is smaller than its frame is an element, with nothing around it.
     """
-    import numpy as np
-
     header, names = chosen.header, tuple(chosen.channels)
     planes = [part.channels[name] for name in chosen.channels.values()]
     if "RY" in names:
@@ -110,8 +110,6 @@ def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
 
 def _one_type(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
     """Channels of one type: half if all are half, else float32."""
-    import numpy as np
-
     if all(plane.dtype == np.float16 for plane in planes):
         return tuple(planes)
     floats = []

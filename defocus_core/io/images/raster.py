@@ -11,8 +11,9 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from defocus_core.errors import InputError, first_line, reason
+from defocus_core.errors import InputError, first_line
 from defocus_core.io.arrays import bands
+from defocus_core.io.damage import damaged, decoding
 from defocus_core.io.images.color_space import ColorSpace, color_space
 from defocus_core.io.images.exr_channels import require_part
 from defocus_core.io.images.tags import Tag, tags_of
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 _KINDS = ("png", "jpeg", "tiff", "hdr")
-_AGAIN = "write or copy it again"
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
 _TILES_BYTES = 1 << 26  # of a row of tiles, decoded
@@ -82,7 +82,7 @@ def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF or HDR") -> li
         InputError: missing, empty, damaged, of unreasonable size, or not an image.
     """
     read_head(path)
-    with _as_input_error(path), _opened(path, wanted) as file:
+    with decoding(path, "cannot be read"), quiet(), _opened(path, wanted) as file:
         pages = [_raster(path, file, 0)]
         while file.seek_subimage(len(pages), 0):
             pages.append(_raster(path, file, len(pages)))
@@ -90,12 +90,12 @@ def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF or HDR") -> li
 
 
 def choose_page(path: Path, pages: Sequence[_Page], part: int | None) -> _Page:
-    """The image of a file that is meant: the only one, or that which ``--part`` counts from 0.
+    """The image of a file that is meant: the only one, or that which ``part`` counts from 0.
 
     Raises:
         InputError: there are several to choose from, or not so many.
     """
-    if len(pages) == 1:  # as of EXR files: one --part serves the colour and the depth
+    if len(pages) == 1:  # as of EXR files: one part serves the colour and the depth
         return pages[0]
     if part is not None:
         require_part(path, part, len(pages))
@@ -103,9 +103,8 @@ def choose_page(path: Path, pages: Sequence[_Page], part: int | None) -> _Page:
     whole = [page for page in pages if page.whole]
     if len(whole) == 1:
         return whole[0]
-    raise InputError(
-        "", f"has {len(pages)} pages", "choose one with ‹part›, counted from 0", path=path
-    )
+    remedy = "choose one with ‹part›, counted from 0"
+    raise InputError("ambiguous", f"has {len(pages)} pages", remedy, path=path)
 
 
 def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice], NDArray[Any]]]:
@@ -123,34 +122,23 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
         InputError: it is damaged, or has samples of another type.
     """
     with ExitStack() as stack:
-        with _as_input_error(path):  # not around the yield: it silences all that is printed
+        # Not around the yield: it silences all that is printed.
+        with decoding(path, "cannot be read"), quiet():
             file = stack.enter_context(_opened(path, "an image"))
             file.seek_subimage(page, 0)
             spec = file.spec()
         kind = _SAMPLES.get(str(spec.format))
         if kind is None:
             problem = f"has samples of type {spec.format}"
-            raise InputError("", problem, "save it with 8, 16 or float samples", path=path)
+            remedy = "save it with 8, 16 or float samples"
+            raise InputError("unsupported", problem, remedy, path=path)
         for rows in _strips(spec):
-            with _as_input_error(path):
+            with decoding(path, "cannot be read"), quiet():
                 samples = _decoded(file, page, spec, rows, kind)
                 # A truncated JPEG comes back filled with grey, and only the error flag says so.
                 if samples is None or file.has_error:
-                    problem = f"is truncated or damaged ({first_line(path, file.geterror())})"
-                    raise InputError("", problem, _AGAIN, path=path)
+                    raise damaged(path, first_line(path, file.geterror()))
             yield _upright(spec, rows, samples)
-
-
-@contextmanager
-def _as_input_error(path: Path) -> Iterator[None]:
-    """Turn every exception of a decoder into an InputError, and discard what it prints."""
-    try:
-        with quiet():
-            yield
-    except InputError:
-        raise
-    except Exception as error:
-        raise InputError("", f"cannot be read ({reason(error)})", _AGAIN, path=path) from error
 
 
 @contextmanager
@@ -166,11 +154,11 @@ def _opened(path: Path, formats: str) -> Iterator[Any]:
         error = oiio.geterror()
         why = "unknown format" if "format reader" in error else first_line(path, error)
         problem = f"is not an image that can be read ({why})"
-        raise InputError("", problem, f"use {formats}", path=path)
+        raise InputError("unreadable", problem, f"use {formats}", path=path)
     try:
         if file.format_name() not in _KINDS:
             problem = f"is of type {file.format_name().upper()}, which is not read"
-            raise InputError("", problem, f"use {formats}", path=path)
+            raise InputError("wrong-type", problem, f"use {formats}", path=path)
         yield file
     finally:
         file.close()
@@ -219,7 +207,7 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
     check_size(path, width, height, spec.pixel_bytes(True))
     if spec.get_int_attribute("tiff:PhotometricInterpretation", 1) == 0 and spec.format != "uint8":
         problem = f"stores white as 0 in {spec.format}, which is decoded as its negative"
-        raise InputError("", problem, "save it with black as 0", path=path)
+        raise InputError("unsupported", problem, "save it with black as 0", path=path)
     if spec.get_int_attribute("Orientation", 1) in (5, 6, 7, 8):
         width, height = height, width
     return Raster(

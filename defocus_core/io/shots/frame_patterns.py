@@ -65,7 +65,8 @@ def frame_choice(
         return FrameChoice(frame_numbers(frames, source), missing, source)
     if not keyed:
         problem = "asks for the frames that have keys"
-        raise UsageProblem("", problem, "animate the lens, like ‹animate› FILE", path=source)
+        remedy = "animate the lens, like ‹animate› FILE"
+        raise UsageProblem("missing-option", problem, remedy, path=source)
     return FrameChoice(keyed, missing, source)
 
 
@@ -81,13 +82,12 @@ def frame_numbers(text: str, where: str) -> tuple[int, ...]:
     try:
         numbers = sorted({int(number) for number in FrameSet(text.replace(" ", ""))})
     except MaxSizeException:
-        raise UsageProblem(
-            "", f"'{text}' is too many frames", "ask for fewer", path=where
-        ) from None
+        problem = f"'{text}' is too many frames"
+        raise UsageProblem("too-large", problem, "ask for fewer", path=where) from None
     except ValueError:
         numbers = []
     if not numbers or "." in text:
-        raise UsageProblem("", f"'{text}' names no frames", _EXAMPLE, path=where)
+        raise UsageProblem("malformed", f"'{text}' names no frames", _EXAMPLE, path=where)
     return tuple(numbers)
 
 
@@ -101,7 +101,8 @@ def frames_of(pattern: Path) -> dict[int, Path]:
     from fileseq.filesequence import FileSequence
 
     if len(_FIELD.findall(pattern.name)) > 1:
-        raise InputError("", "has two numbers in its name", "give a pattern with one", path=pattern)
+        remedy = "give a pattern with one"
+        raise InputError("ambiguous", "has two numbers in its name", remedy, path=pattern)
     try:
         found = FileSequence.findSequenceOnDisk(
             str(pattern), strictPadding=True, pad_style=PAD_STYLE_HASH1
@@ -109,7 +110,7 @@ def frames_of(pattern: Path) -> dict[int, Path]:
         return {int(number): Path(found.frame(number)) for number in sorted(found.frameSet() or ())}
     except (ValueError, OSError):
         remedy = "check the path; each # stands for a digit, and %04d is ####"
-        raise InputError("", "matches no file", remedy, path=pattern) from None
+        raise InputError("not-found", "matches no file", remedy, path=pattern) from None
 
 
 def chosen(
@@ -137,11 +138,12 @@ def chosen(
         path, lost = next(iter(lacking.items()))
         others = "".join(f", {other} {in_words(n)}" for other, n in [*lacking.items()][1:])
         remedy = "say ‹missing› skip to leave them out, or name others with ‹frames›"
-        raise InputError("", f"lacks {in_words(lost)}{others}", remedy, path=path)
+        raise InputError("missing-frames", f"lacks {in_words(lost)}{others}", remedy, path=path)
     kept = tuple(number for number in wanted if all(number in of for of in patterns.values()))
     if not kept:
         path = next(iter(lacking))
-        raise InputError("", f"lacks {in_words(lacking[path])}", "check ‹frames›", path=path)
+        remedy = "check ‹frames›"
+        raise InputError("missing-frames", f"lacks {in_words(lacking[path])}", remedy, path=path)
     return kept, words
 
 

@@ -21,6 +21,27 @@ _CHAN_COLUMNS = 8
 _LARGEST_FILE = 2**26  # bytes
 
 
+class _Line(NamedTuple):
+    """The cells of a line of a file."""
+
+    file: Path
+    number: int
+    cells: list[str]
+
+    @property
+    def field(self) -> str:
+        """The line in the words of an error."""
+        return f"line {self.number}"
+
+    def frame(self, text: str) -> int:
+        """The number of a frame that one of the cells says."""
+        return frame_of(text, self.file, self.field)
+
+    def malformed(self, problem: str, remedy: str) -> InputError:
+        """The error for a line that makes no sense."""
+        return InputError("malformed", problem, remedy, path=self.file, field=self.field)
+
+
 class Key(NamedTuple):
     """The value of an option at a frame, as a text, and its place in a file for errors."""
 
@@ -45,30 +66,34 @@ def read_keys(file: Path, option: str | None) -> Keys:
     rows = _rows(file)
     first = next(rows, None)
     if first is None:
-        raise InputError("", "has no key", "write lines like 1001 1.2m", path=file)
-    suffix, is_curve = file.suffix.lower(), len(first[1]) == 2 and _is_frame(first[1][0])
+        raise InputError("empty", "has no key", "write lines like 1001 1.2m", path=file)
+    suffix, is_curve = file.suffix.lower(), len(first.cells) == 2 and _is_frame(first.cells[0])
     if option is None and is_curve:
         remedy = f"name the option that it is of, like ‹animate› focus={file}"
-        raise UsageProblem("", "is a curve of one option", remedy, path=file)
+        raise UsageProblem("missing-option", "is a curve of one option", remedy, path=file)
     if option is not None and not is_curve:
         remedy = f"give it without the option, ‹animate› {file}"
-        raise UsageProblem("", "is no curve of lines like 1001 1.2m", remedy, path=file)
+        raise UsageProblem("idle-option", "is no curve of lines like 1001 1.2m", remedy, path=file)
     every = [first, *rows]
     if option is not None:
         return {option: _curve(every)}
-    return _chan(every, file) if suffix == ".chan" else _columns(every, file)
+    return _chan(every) if suffix == ".chan" else _columns(every)
 
 
-def frame_of(text: str, where: str) -> int:
+def frame_of(text: str, where: str | Path, field: str = "") -> int:
     """The number of a frame.
+
+    Args:
+        text: the number as it is written.
+        where: the file or the table that it stands in, for errors.
+        field: the line or the key that it stands in, for errors.
 
     Raises:
         InputError: the text is none.
     """
     if not _is_frame(text):
-        raise InputError(
-            "", f"'{text}' is no frame", "begin the line with a frame, like 1001", path=where
-        )
+        remedy = "begin the line with a frame, like 1001"
+        raise InputError("malformed", f"'{text}' is no frame", remedy, path=where, field=field)
     return round(float(text))
 
 
@@ -79,89 +104,86 @@ def _is_frame(text: str) -> bool:
         return False
 
 
-def _rows(file: Path) -> Iterator[tuple[str, list[str]]]:
-    """Place and cells of each line that is neither empty nor a comment."""
+def _rows(file: Path) -> Iterator[_Line]:
+    """The lines that are neither empty nor a comment."""
     try:
         with file.open("rb") as opened:
             data = opened.read(_LARGEST_FILE + 1)
         text = data.decode("utf-8-sig")
     except OSError as error:
-        raise InputError(
-            "", f"cannot be read: {reason(error)}", "check the path", path=file
-        ) from None
+        problem = f"cannot be read: {reason(error)}"
+        raise InputError("unreadable", problem, "check the path", path=file) from None
     except UnicodeDecodeError:
-        raise InputError("", "is not UTF-8 text", "save it as UTF-8", path=file) from None
+        raise InputError("not-utf-8", "is not UTF-8 text", "save it as UTF-8", path=file) from None
     if "\0" in text or len(data) > _LARGEST_FILE:
-        raise InputError(
-            "", "is no file of keys", "give CSV, TOML, .chan or lines of a curve", path=file
-        )
+        remedy = "give CSV, TOML, .chan or lines of a curve"
+        raise InputError("wrong-type", "is no file of keys", remedy, path=file)
     lines = text.splitlines()
     if file.suffix.lower() == ".csv":
         try:
             cells = list(csv.reader(lines, strict=True))
         except csv.Error as error:
-            raise InputError(
-                "", f"is not CSV: {reason(error)}", "mend that line", path=file
-            ) from None
+            problem = f"is not CSV: {reason(error)}"
+            raise InputError("malformed", problem, "mend that line", path=file) from None
     else:
         cells = [line.replace(",", " ").split() for line in lines]
     for number, row in enumerate(cells, 1):
         stripped = [cell.strip() for cell in row]
         if any(stripped) and not stripped[0].startswith("#"):
-            yield f"{file}: line {number}", stripped
+            yield _Line(file, number, stripped)
 
 
-def _curve(rows: Sequence[tuple[str, list[str]]]) -> dict[int, Key]:
+def _curve(lines: Sequence[_Line]) -> dict[int, Key]:
     keys: dict[int, Key] = {}
-    for where, cells in rows:
-        if len(cells) != 2:
-            raise InputError(
-                "", "is not a frame and a value", "write it like 1001 1.2m", path=where
-            )
-        _add(keys, frame_of(cells[0], where), Key(cells[1], where))
+    for line in lines:
+        if len(line.cells) != 2:
+            raise line.malformed("is not a frame and a value", "write it like 1001 1.2m")
+        _add(keys, line, line.frame(line.cells[0]), line.cells[1])
     return keys
 
 
-def _chan(rows: Sequence[tuple[str, list[str]]], file: Path) -> Keys:
+def _chan(lines: Sequence[_Line]) -> Keys:
     keys: dict[int, Key] = {}
-    for where, cells in rows:
-        if len(cells) < _CHAN_COLUMNS:
-            problem = f"has {len(cells)} numbers, and none of the lens"
+    for line in lines:
+        if len(line.cells) < _CHAN_COLUMNS:
+            problem = f"has {len(line.cells)} numbers, and none of the lens"
             remedy = "export the camera with its vertical field of view, the eighth number"
-            raise InputError("", problem, remedy, path=where)
-        _add(keys, frame_of(cells[0], where), Key(cells[_CHAN_COLUMNS - 1], where))
+            raise line.malformed(problem, remedy)
+        _add(keys, line, line.frame(line.cells[0]), line.cells[_CHAN_COLUMNS - 1])
     return {FIELD_OF_VIEW: keys}
 
 
-def _columns(rows: Sequence[tuple[str, list[str]]], file: Path) -> Keys:
-    (place, header), *lines = rows
-    names = [name.lower().replace("_", "-").replace(" ", "-") for name in header]
+def _columns(lines: Sequence[_Line]) -> Keys:
+    header, *below = lines
+    names = [name.lower().replace("_", "-").replace(" ", "-") for name in header.cells]
     if "frame" not in names:
         remedy = "begin it with a line like frame,focus,fnumber"
-        raise InputError("", "names no column frame", remedy, path=place)
+        raise header.malformed("names no column frame", remedy)
     if twice := [name for name in names if names.count(name) > 1]:
-        raise InputError("", f"names '{twice[0]}' twice", "remove one of the columns", path=place)
+        problem, remedy = f"names '{twice[0]}' twice", "remove one of the columns"
+        raise InputError("duplicate", problem, remedy, path=header.file, field=header.field)
     if ("x" in names) != ("y" in names):
-        raise InputError("", "names one of x and y", "give both, the pixel of focus-at", path=place)
+        raise header.malformed("names one of x and y", "give both, the pixel of focus-at")
     keys: dict[str, dict[int, Key]] = {name: {} for name in names if name not in ("frame", "y")}
-    for where, cells in lines:
-        if len(cells) != len(names):
-            problem = f"has {len(cells)} cells, but the header names {len(names)}"
-            raise InputError("", problem, "mend that line", path=where)
-        row = dict(zip(names, cells, strict=True))
-        frame = frame_of(row.pop("frame"), where)
+    for line in below:
+        if len(line.cells) != len(names):
+            problem = f"has {len(line.cells)} cells, but the header names {len(names)}"
+            raise line.malformed(problem, "mend that line")
+        row = dict(zip(names, line.cells, strict=True))
+        frame = line.frame(row.pop("frame"))
         if "x" in row:
             row["x"] = f"{row['x']},{row.pop('y')}".strip(",")
         for name, text in row.items():
             if text:
-                _add(keys[name], frame, Key(text, f"{where}: {name}"))
+                _add(keys[name], line, frame, text, f": {name}")
     if "x" in keys:
         keys["focus-at"] = keys.pop("x")
     return keys
 
 
-def _add(keys: dict[int, Key], frame: int, key: Key) -> None:
+def _add(keys: dict[int, Key], line: _Line, frame: int, text: str, column: str = "") -> None:
+    field = f"{line.field}{column}"
     if frame in keys:
         problem = f"is another key of frame {frame}, like {keys[frame].where}"
-        raise InputError("", problem, "remove one of them", path=key.where)
-    keys[frame] = key
+        raise InputError("duplicate", problem, "remove one of them", path=line.file, field=field)
+    keys[frame] = Key(text, f"{line.file}: {field}")

@@ -153,7 +153,8 @@ def _exif_numbers(path: Path) -> dict[str, float]:
     file = oiio.ImageInput.open(str(path))
     if not file:
         oiio.geterror()
-        raise InputError("", "cannot be read as a picture", "check what wrote it", path=path)
+        remedy = "check what wrote it"
+        raise InputError("unreadable", "cannot be read as a picture", remedy, path=path)
     tags = tags_of(file.spec())
     file.close()
     return {

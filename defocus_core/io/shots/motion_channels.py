@@ -54,7 +54,8 @@ def read_motion(files: Iterable[Path], channel: str, overscan: Overscan = NO_OVE
         names += there
     layers = ", ".join(sorted({name.rpartition(".")[0] for name in names} - {""})) or "none"
     problem = f"has no motion vectors '{channel}'"
-    raise InputError("", problem, f"its layers are {layers}; name one with ‹motion›", path=path)
+    remedy = f"its layers are {layers}; name one with ‹motion›"
+    raise InputError("no-such-channel", problem, remedy, path=path)
 
 
 def _vectors(names: list[str], channel: str) -> dict[str, str]:

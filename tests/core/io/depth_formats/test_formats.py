@@ -15,9 +15,9 @@ import pytest
 from command_line import read_exr, refused, run, write_exr
 from depth_files import colmap, dpt, gdepth, matlab, npy, pfm, png, with_text
 from optional_libraries import HEIC_MAGIC, with_hdf5, with_heic, write_hdf5
+from refusals import refuses
 
 from defocus_core.batch.jobs.reading_options import PARSERS, make_reading
-from defocus_core.errors import InputError
 from defocus_core.io.depth_formats.depth import read_depth, require_valid
 from defocus_core.io.depth_formats.table import FORMATS
 
@@ -477,7 +477,7 @@ def test_invalid_pixels_are_told_from_sky_and_refused(name: str, tmp_path: Path)
     np.testing.assert_array_equal(depth.invalid, np.isnan(example.metres))
     np.testing.assert_array_equal(np.isposinf(depth.metres), np.isposinf(example.metres))
     if depth.invalid.any():
-        with pytest.raises(InputError, match=r"is NaN or ≤ 0 in .* pixel.*--invalid far"):
+        with refuses("invalid-depth", "‹invalid› far", path=example.path):
             require_valid(depth)
     else:
         require_valid(depth)

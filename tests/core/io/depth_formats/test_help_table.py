@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from defocus_cli.commands.help import text
+from defocus_core.errors import with_dashes
 from defocus_core.io.depth_formats.rules import ANY, FLOATS, SKY, DepthFormat
 from defocus_core.io.depth_formats.table import ROWS
 
@@ -85,7 +86,7 @@ def needed(row: DepthFormat) -> str:
 def line(row: DepthFormat) -> str:
     names = ", ".join(f"`{name}`" for name in (row.name, *row.aliases))
     geometry = " (radial)" if row.geometry == "radial" else ""
-    title = f"{row.title}; {row.note}" if row.note else row.title
+    title = with_dashes(f"{row.title}; {row.note}" if row.note else row.title)
     cells = (names, title, files(row), f"{rule(row)}{geometry}", marks(row), needed(row))
     return f"| {' | '.join(cells)} |"
 

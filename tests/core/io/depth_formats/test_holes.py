@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from depth_files import npy
+from refusals import refuses
 
-from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.depth_formats.depth import read_depth, require_valid
 from defocus_core.io.depth_formats.holes import fill_from_farther
@@ -47,7 +47,7 @@ def test_depth_stays_as_it_is() -> None:
 
 def test_nothing_can_be_filled_from_nothing(tmp_path: Path) -> None:
     path = npy(tmp_path / "a.npy", [[0.0, NAN]])
-    with pytest.raises(InputError, match="has no pixel with a depth"):
+    with refuses("invalid-depth", path=path):
         read_depth(path, DepthReading(invalid="fill"))
 
 
@@ -71,5 +71,5 @@ def test_16_bits_with_holes_are_asked_for_their_format(tmp_path: Path) -> None:
     from depth_files import png
 
     path = png(tmp_path / "a.png", [[0, 1000]])
-    with pytest.raises(InputError, match=r"in 1 pixel.*say --depth-format, since 0 is a hole for"):
+    with refuses("invalid-depth", "in 1 pixel", "‹depth-format›", path=path):
         require_valid(read_depth(path))

@@ -19,6 +19,7 @@ from image_files import (
     write_deep,
     write_window,
 )
+from refusals import refuses
 
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io import arrays
@@ -194,7 +195,7 @@ def layered(path: Path, *layers: str) -> Path:
 
 def test_several_colour_layers_are_listed_and_chosen_by_name(tmp_path: Path) -> None:
     path = layered(tmp_path / "a.exr", "ViewLayer.Emit", "ViewLayer.DiffCol")
-    with pytest.raises(InputError, match=r"DiffCol, ViewLayer.Emit; .*--color-layer"):
+    with refuses("ambiguous", "DiffCol, ViewLayer.Emit", "‹color-layer›", path=path):
         read_color(path)
     expected = random_planes("RGB", seed=1)
     for name in ("ViewLayer.DiffCol", "viewlayer.diffcol"):
@@ -202,7 +203,7 @@ def test_several_colour_layers_are_listed_and_chosen_by_name(tmp_path: Path) -> 
         np.testing.assert_array_equal(color.pixels[..., 1], expected["G"])
         assert color.channels == ("R", "G", "B")
         assert set(color.extras) == {f"ViewLayer.Emit.{c}" for c in "RGB"}
-    with pytest.raises(InputError, match=r"no colour layer beauty; it has ViewLayer.DiffCol"):
+    with refuses("no-such-channel", "it has ViewLayer.DiffCol", path=path):
         read_color(path, layer="beauty")
 
 
@@ -216,7 +217,7 @@ def test_the_default_layer_needs_no_choice(tmp_path: Path) -> None:
 def test_parts_are_listed_and_chosen_by_number_or_name(tmp_path: Path) -> None:
     left, right = random_planes("RGB", seed=0), random_planes("RGB", seed=1)
     path = multi_part(tmp_path / "a.exr", left=dict(left), right=dict(right))
-    with pytest.raises(InputError, match=r"left/RGB, right/RGB; .*--part"):
+    with refuses("ambiguous", "left/RGB, right/RGB", "‹part›", path=path):
         read_color(path)
     for color in (
         read_color(path, part=1),
@@ -225,21 +226,21 @@ def test_parts_are_listed_and_chosen_by_number_or_name(tmp_path: Path) -> None:
     ):
         np.testing.assert_array_equal(color.pixels[..., 0], right["R"])
         np.testing.assert_array_equal(color.extras["left.R"], left["R"])
-    with pytest.raises(InputError, match=r"no part 2, only 2"):
+    with refuses("no-such-part", path=path):
         read_color(path, part=2)
 
 
 @pytest.mark.parametrize("names", ["Z", "XYZ", "RG"])
 def test_no_colour_names_the_channels_there_are(tmp_path: Path, names: str) -> None:
     write_exr(tmp_path / "a.exr", random_planes(names), {})
-    with pytest.raises(InputError, match=rf"only {', '.join(sorted(names))}"):
+    with refuses("no-color", f"only {', '.join(sorted(names))}"):
         read_color(tmp_path / "a.exr")
 
 
 def test_lone_chroma_is_not_taken_for_colour(tmp_path: Path) -> None:
     planes = random_planes("Y")
     write_exr(tmp_path / "a.exr", {**planes, "RY": planes["Y"]}, {})
-    with pytest.raises(InputError, match="no colour channels"):
+    with refuses("no-color"):
         read_color(tmp_path / "a.exr")
 
 
@@ -251,7 +252,7 @@ def test_a_header_that_lies_about_chroma_is_an_error(tmp_path: Path) -> None:
         sampling = data.index(name) + len(name) + 8  # behind the type and what is reserved
         data[sampling : sampling + 8] = struct.pack("<II", 2, 2)
     path.write_bytes(data)
-    with pytest.raises(InputError, match="truncated or damaged"):
+    with refuses("damaged", path=path):
         read_color(path)
 
 
@@ -261,7 +262,7 @@ def test_what_stores_white_as_0_is_refused_beyond_8_bit(tmp_path: Path) -> None:
     black_is_0 = struct.pack("<HHII", 262, 3, 1, 1)
     assert black_is_0 in data
     path.write_bytes(data.replace(black_is_0, struct.pack("<HHII", 262, 3, 1, 0)))
-    with pytest.raises(InputError, match="stores white as 0"):
+    with refuses("unsupported", path=path):
         read_color(path)
 
 
@@ -280,26 +281,24 @@ def test_bad_files_are_told_in_one_line_and_nothing_is_printed(
     for name in ("text.exr", "text.png", "text.txt"):
         (tmp_path / name).write_text("not an image\n" * 20)
     names = {
-        "missing.png": "no such file",
-        ".": "is a directory",
-        "empty.exr": "is empty",
-        "empty.png": "is empty",
-        "half.exr": "truncated or damaged",
-        "half.png": "truncated or damaged",
-        "half.tif": "truncated or damaged",
-        "text.exr": "not an OpenEXR file",
-        "text.png": "not an image",
-        "text.txt": "not an image",
-        "deep.exr": "has no colour channels",
+        "missing.png": "not-found",
+        ".": "wrong-type",
+        "empty.exr": "empty",
+        "empty.png": "empty",
+        "half.exr": "damaged",
+        "half.png": "damaged",
+        "half.tif": "damaged",
+        "text.exr": "wrong-type",
+        "text.png": "unreadable",
+        "text.txt": "unreadable",
+        "deep.exr": "no-color",
     }
-    for name, problem in names.items():
-        with pytest.raises(InputError, match=problem) as caught:
+    for name, code in names.items():
+        with refuses(code, kind=InputError, path=tmp_path / name) as caught:
             read_color(tmp_path / name)
         line = str(caught.value)
-        assert line.startswith(f"{tmp_path / name}: ")
         assert "\n" not in line
         assert "; " in line
-        assert caught.value.exit_code == 3
     assert capfd.readouterr() == ("", "")
 
 
@@ -308,13 +307,13 @@ def test_a_png_claiming_a_gigapixel_is_refused(tmp_path: Path) -> None:
     sound = path.read_bytes()
     head = (30_000).to_bytes(4, "big") * 2 + bytes([16, 2, 0, 0, 0])
     path.write_bytes(sound[:8] + png_chunk(b"IHDR", head) + sound[33:])
-    with pytest.raises(InputError, match="claims"):
+    with refuses("unreadable", path=path):
         read_color(path)
 
 
 def test_a_layer_is_asked_only_of_exr(tmp_path: Path) -> None:
     path = save(tmp_path / "a.png", integers(8, 3))
-    with pytest.raises(UsageProblem, match="--color-layer"):
+    with refuses("idle-option", kind=UsageProblem, field="color-layer"):
         read_color(path, layer="x")
     # One --part serves the colour and the depth file.
     assert read_color(path, part=1).channels == ("R", "G", "B")
@@ -325,7 +324,7 @@ def test_infinite_colour_is_refused_by_name() -> None:
     require_finite(Color(tuple(np.moveaxis(pixels, 2, 0)), ("R", "G", "B"), Path("a.exr")))
     pixels[1, 2, 0] = np.inf
     pixels[2, 0, 1] = np.nan
-    with pytest.raises(InputError, match=r"is NaN or infinite in 2 pixels, the first at 2,1"):
+    with refuses("not-finite", "in 2 pixels", "at 2,1", path=Path("a.exr")):
         require_finite(Color(tuple(np.moveaxis(pixels, 2, 0)), ("R", "G", "B"), Path("a.exr")))
 
 
@@ -335,7 +334,7 @@ def test_light_too_bright_to_be_summed_is_refused(beyond: float) -> None:
     plane = np.full((3, 4), 1e30, np.float32)
     require_finite(Color((plane,), ("Y",), Path("a.exr")))
     plane[2, 1] = beyond
-    with pytest.raises(InputError, match=r"beyond ±1e\+30 in 1 pixel, the first at 1,2; scale it"):
+    with refuses("out-of-range", "in 1 pixel", "at 1,2", path=Path("a.exr")):
         require_finite(Color((plane,), ("Y",), Path("a.exr")))
     assert BRIGHTEST == statistics.BRIGHTEST
 

@@ -14,9 +14,10 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import header
+from refusals import refuses
 
 from defocus_core.batch.look.preview import diverging, largest, write_preview, write_signed_preview
-from defocus_core.errors import InputError, UsageProblem
+from defocus_core.errors import UsageProblem
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.images.encode import FORMATS, display_encoded, write_image
@@ -145,7 +146,7 @@ def test_the_same_picture_makes_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_an_unknown_suffix_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageProblem, match=r"\.exr, \.png"):
+    with refuses("wrong-type", ".exr, .png", kind=UsageProblem):
         write_image(tmp_path / "a.gif", picture(), "RGB", attributes={})
 
 
@@ -157,7 +158,7 @@ def test_a_full_disk_leaves_nothing_behind(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(InputError, match="No space left on device; free some space"):
+    with refuses("unwritable", "No space left on device; free some space"):
         write_image(tmp_path / f"new/deep/a{suffix}", picture(), "RGB", attributes={})
     assert left_behind(tmp_path) == []
 
@@ -168,7 +169,7 @@ def test_a_failure_inside_the_exr_encoder_leaves_the_old_file(tmp_path: Path) ->
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (500, hard))
     try:
-        with pytest.raises(InputError, match="cannot be written: File too large"):
+        with refuses("unwritable", "File too large", path=path):
             write_image(path, picture(), "RGB", attributes={})
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
@@ -181,7 +182,7 @@ def test_an_unwritable_output_is_an_input_error(tmp_path: Path, suffix: str) -> 
     (tmp_path / "file").touch()
     (tmp_path / f"taken{suffix}").mkdir()
     for path in (tmp_path / f"file/a{suffix}", tmp_path / f"taken{suffix}"):
-        with pytest.raises(InputError, match="cannot be written"):
+        with refuses("unwritable"):
             write_image(path, picture(), "RGB", attributes={})
     assert left_behind(tmp_path) == sorted(["file", f"taken{suffix}"])
 

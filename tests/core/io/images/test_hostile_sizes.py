@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from command_line import pair, render, run, texture
 from image_files import save
+from refusals import refuses
 
-from defocus_core.errors import InputError
 from defocus_core.io import arrays
 from defocus_core.io.array_files.float_maps import read_float_map
 from defocus_core.io.images.color import read_color
@@ -32,7 +32,7 @@ def sparse_npy(path: Path, shape: tuple[int, ...]) -> Path:
 def test_npy_obeys_the_limit_of_pixels(shape: tuple[int, ...], tmp_path: Path) -> None:
     path = sparse_npy(tmp_path / "a.npy", shape)
     for read in (describe, read_float_map):
-        with pytest.raises(InputError, match=rf"claims {shape[-1]}×{shape[-2]} px, more than"):
+        with refuses("too-large", f"{shape[-1]}×{shape[-2]} px", path=path):
             read(path)
 
 

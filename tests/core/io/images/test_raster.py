@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
-import pytest
 from command_line import WIDTH, depth_exr, ramp, read_exr, refused_input, render, run, texture
+from refusals import refuses
 
-from defocus_core.errors import InputError
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import srgb_to_linear
 from defocus_core.io.images.describe import describe
@@ -42,12 +41,12 @@ def photograph(seed: int) -> Any:
 def test_of_several_pages_one_is_chosen_by_number(tmp_path: Path) -> None:
     pages = [photograph(seed) for seed in range(3)]
     path = tiff(tmp_path / "a.tif", *pages)
-    with pytest.raises(InputError, match="has 3 pages; choose one with --part, counted from 0"):
+    with refuses("ambiguous", "3 pages", "‹part›", path=path):
         read_color(path)
     for number, page in enumerate(pages):
         expected = srgb_to_linear(page / 255)
         np.testing.assert_allclose(read_color(path, part=number).pixels, expected, rtol=1e-6)
-    with pytest.raises(InputError, match=r"no part 3, only 3; --part counts from 0 to 2"):
+    with refuses("no-such-part", "0 to 2", path=path):
         read_color(path, part=3)
 
 

@@ -1,0 +1,37 @@
+"""Damaged files: one error for what no decoder can make sense of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from defocus_core.errors import InputError, reason
+
+AGAIN = "write or copy it again"
+
+
+def damaged(path: Path, why: str, what: str = "is truncated or damaged") -> InputError:
+    """The error for a file that cannot be decoded.
+
+    Args:
+        path: the file.
+        why: the reason, of the decoder.
+        what: what is wrong, in the words of the error.
+    """
+    return InputError("damaged", f"{what} ({why})", AGAIN, path=path)
+
+
+@contextmanager
+def decoding(path: Path, what: str = "is truncated or damaged") -> Iterator[None]:
+    """Turn what a library raises in the block, half a dozen types, into the error for damage.
+
+    Raises:
+        InputError: the block raised an exception.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise damaged(path, reason(error), what) from error

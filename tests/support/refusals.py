@@ -1,0 +1,32 @@
+"""What the library refuses: a mistake of the user, by its code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from defocus_core.errors import DefocusError
+
+
+@contextmanager
+def refuses(
+    code: str,
+    *facts: str,
+    kind: type[DefocusError] = DefocusError,
+    field: str | None = None,
+    value: str | None = None,
+    path: Path | None = None,
+) -> Iterator[pytest.ExceptionInfo[DefocusError]]:
+    """Assert that the block raises the mistake, and that its problem or remedy has the facts."""
+    with pytest.raises(kind) as caught:
+        yield caught
+    error = caught.value
+    assert error.code == code, str(error)
+    assert field is None or error.field == field, str(error)
+    assert value is None or error.value == value, str(error)
+    assert path is None or error.path == str(path), str(error)
+    for fact in facts:
+        assert fact in f"{error.problem}; {error.remedy}"
