@@ -26,10 +26,10 @@ from command_line import (
 )
 from image_files import multi_part
 
-import defocus_core
 from defocus_cli.commands.render import command
 from defocus_core import QUALITIES
 from defocus_core.io.images.raster import read_samples
+from defocus_core.renderer import stream
 
 SIZE = 64
 ASKED = {"focal-length": "50mm", "fnumber": "2", "focus": "2m"}
@@ -175,13 +175,13 @@ def test_machine_options_reach_the_renderer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: dict[str, Any] = {}
-    true_stream = defocus_core.Stream
+    true_stream = stream.Stream
 
     def spy(image: Any, radius: Any, settings: Any, *more: Any, **others: Any) -> Any:
         asked.update(vars(settings), device=image.device.type)
         return true_stream(image, radius, settings, *more, **others)
 
-    monkeypatch.setattr(defocus_core, "Stream", spy)
+    monkeypatch.setattr(stream, "Stream", spy)
     machine = ("--quality", "draft", "--device", "cpu", "--threads", "3", "--tile", "64")
     ran = render(*pair(tmp_path), "-o", tmp_path / "out", *machine, "-v", "--json")
     assert (asked["quality"], asked["device"], asked["threads"]) == ("draft", "cpu", 3)
