@@ -25,6 +25,7 @@ from defocus_core.io.images.encode import write_samples
 ROOT = Path(__file__).parents[1]
 HELP = ROOT / "defocus_cli" / "help"
 DOCUMENTS = {"README": ROOT / "README.md"} | {name: HELP / f"{name}.md" for name in TOPICS}
+CONTRIBUTING = ROOT / ".github" / "CONTRIBUTING.md"
 SCENES = [path.parent.name for path in (ROOT / "sample_scenes").glob("*/rgb.exr")]
 # Commands of other programs, which need a network, a cluster or minutes.
 ELSEWHERE = {"make", "pip"}
@@ -188,6 +189,25 @@ def test_help_lists_the_topics() -> None:
 
 def test_an_unknown_topic_is_answered_by_the_topics() -> None:
     refused(run("help", "lenses"), 2, "lenses: no such topic", *TOPICS)
+
+
+def test_contributing_names_files_that_are_there() -> None:
+    known = {
+        path.name for folder in ("defocus_core", "tests") for path in (ROOT / folder).rglob("*.py")
+    }
+    for name in re.findall(r"`([\w/.]+)`", CONTRIBUTING.read_text()):
+        if "/" in name:
+            assert any((ROOT / base / name).exists() for base in ("", "defocus_core")), name
+        elif name.endswith(".py"):
+            assert name in known, name
+
+
+def test_the_tree_of_contributing_has_each_folder() -> None:
+    text = CONTRIBUTING.read_text()
+    for folder in (ROOT / "defocus_cli", ROOT / "defocus_core", ROOT / "defocus_core" / "batch"):
+        for path in folder.iterdir():
+            if path.is_dir() and path.name != "__pycache__":
+                assert re.search(rf"^ +{path.name}/ ", text, re.M), path
 
 
 def test_the_readme_is_for_the_first_five_minutes() -> None:
