@@ -1,7 +1,8 @@
 """Thin-lens defocus of RGB-D images, as a library: pictures in files, batches, and their rendering.
 
-Lengths are in mm, CoC radii in px, signed: negative nearer than focus, positive beyond. The import
-is light: the module of a name, and torch with it, is imported when the name is first used.
+Lengths are in mm, depth of files in metres, CoC radii in px, signed: negative nearer than focus,
+positive beyond. The import is light: the module of a name, and torch with it if it computes, is
+imported when the name is first used.
 """
 
 from __future__ import annotations
@@ -9,200 +10,151 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from defocus_core.depth.conversion import (
-        depth_from_disparity,
-        depth_from_logarithm,
-        planar_depth,
-    )
-    from defocus_core.depth.diagnosis import DepthRepair
-    from defocus_core.depth.guided_resize import GuidedDepth
-    from defocus_core.depth.repair import diagnose_depth, repair_depth
-    from defocus_core.depth.repair_options import DEPTH_REPAIRS, repair_options
-    from defocus_core.evaluation import baselines, metrics
-    from defocus_core.evaluation.controllability import (
-        STRENGTHS,
-        blur_made,
-        rank_correlation,
-        rises,
-    )
-    from defocus_core.evaluation.cost import Cost, cells_bytes, cost, memory_bound
-    from defocus_core.evaluation.law_checks import Check, Setting
-    from defocus_core.evaluation.lens_laws import LAWS, verify
-    from defocus_core.evaluation.metrics import Errors
-    from defocus_core.evaluation.synthetic_scenes import KINDS as SCENE_KINDS
-    from defocus_core.evaluation.synthetic_scenes import Scenery, scenery
-    from defocus_core.fitting.matched_blur import MatchedBlur, fnum_of_strength, matched_blur
-    from defocus_core.fitting.pair import Fit, fit
-    from defocus_core.optics.aperture import Aperture
-    from defocus_core.optics.axial_color import color_offset
-    from defocus_core.optics.cat_eye import CatEye
-    from defocus_core.optics.distributions import ATTEMPTS, Distribution, drawn
-    from defocus_core.optics.dual_pixel import DUAL_PIXEL_MODELS, DualPixel
-    from defocus_core.optics.pupil_field import PupilField
-    from defocus_core.optics.pupil_image import PupilImage
-    from defocus_core.optics.sensitivity import Sensitivity, sensitivities
-    from defocus_core.optics.sensor_noise import with_noise
-    from defocus_core.renderer.defocus_lens import DefocusLens
-    from defocus_core.renderer.engine.picture import shared_fill
-    from defocus_core.renderer.engine.settings import Settings
-    from defocus_core.renderer.engine.shared_fill import SharedFill
-    from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-    from defocus_core.renderer.inpainting.known_layer import Behind
-    from defocus_core.renderer.layers.ladder import (
-        UnreachableTolerance,
-        cheapest_within,
-        quantisation,
-    )
-    from defocus_core.renderer.layers.quality import QUALITIES
-    from defocus_core.renderer.layers.stacked_samples import Layered
-    from defocus_core.renderer.random_defocus import Lenses, RandomDefocus
-    from defocus_core.renderer.render import render, render_layers
-    from defocus_core.renderer.stream import Stream
-    from defocus_core.sequences.motion import Frame, chained
-    from defocus_core.sequences.seen_behind import seen_behind
-    from defocus_core.sequences.shot_repair import agreed_repair, repair_through
-    from defocus_core.sequences.temporal_mean import temporal_mean
-    from defocus_core.tensors.clipped_lights import AUTO_LIGHTS, ClippedLights, with_lights
-    from defocus_core.tensors.order_statistics import depth_percentile
-    from defocus_core.tensors.source import Pixels
-    from defocus_core.tensors.views import Views
+if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table below
+    from defocus_core.batch.datasets.finished import Sample as Sample
+    from defocus_core.batch.datasets.finished import samples as samples
+    from defocus_core.batch.jobs.job import Job as Job
+    from defocus_core.batch.run_batch import batch_jobs as batch_jobs
+    from defocus_core.batch.run_batch import run_batch as run_batch
+    from defocus_core.batch.workers.run import Summary as Summary
+    from defocus_core.compare.findings.finding import Finding as Finding
+    from defocus_core.compare.record import Comparison as Comparison
+    from defocus_core.compare.two_images import compare_images as compare_images
+    from defocus_core.depth.conversion import depth_from_disparity as depth_from_disparity
+    from defocus_core.depth.conversion import depth_from_logarithm as depth_from_logarithm
+    from defocus_core.depth.conversion import planar_depth as planar_depth
+    from defocus_core.depth.diagnosis import DepthRepair as DepthRepair
+    from defocus_core.depth.guided_resize import GuidedDepth as GuidedDepth
+    from defocus_core.depth.repair import diagnose_depth as diagnose_depth
+    from defocus_core.depth.repair import repair_depth as repair_depth
+    from defocus_core.errors import DefocusError as DefocusError
+    from defocus_core.errors import InputError as InputError
+    from defocus_core.errors import UsageProblem as UsageProblem
+    from defocus_core.evaluation import baselines as baselines
+    from defocus_core.evaluation import metrics as metrics
+    from defocus_core.evaluation.law_checks import Check as Check
+    from defocus_core.evaluation.law_checks import Setting as Setting
+    from defocus_core.evaluation.lens_laws import LAWS as LAWS
+    from defocus_core.evaluation.lens_laws import verify as verify
+    from defocus_core.evaluation.metrics import Errors as Errors
+    from defocus_core.fitting.matched_blur import MatchedBlur as MatchedBlur
+    from defocus_core.fitting.matched_blur import fnum_of_strength as fnum_of_strength
+    from defocus_core.fitting.matched_blur import matched_blur as matched_blur
+    from defocus_core.fitting.pair import Fit as Fit
+    from defocus_core.fitting.pair import fit as fit
+    from defocus_core.io.depth_formats.depth import Depth as Depth
+    from defocus_core.io.images.color_planes import Color as Color
+    from defocus_core.io.picture_files import read_color as read_color
+    from defocus_core.io.picture_files import read_depth as read_depth
+    from defocus_core.io.picture_files import write_image as write_image
+    from defocus_core.io.picture_files import write_map as write_map
+    from defocus_core.optics.aperture import Aperture as Aperture
+    from defocus_core.optics.axial_color import color_offset as color_offset
+    from defocus_core.optics.cat_eye import CatEye as CatEye
+    from defocus_core.optics.distributions import Distribution as Distribution
+    from defocus_core.optics.dual_pixel import DualPixel as DualPixel
+    from defocus_core.optics.pupil_field import PupilField as PupilField
+    from defocus_core.optics.pupil_image import PupilImage as PupilImage
+    from defocus_core.optics.sensitivity import Sensitivity as Sensitivity
+    from defocus_core.optics.sensitivity import sensitivities as sensitivities
+    from defocus_core.optics.sensor_noise import with_noise as with_noise
+    from defocus_core.renderer.defocus_lens import DefocusLens as DefocusLens
+    from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer as HiddenLayer
+    from defocus_core.renderer.layers.quality import QUALITIES as QUALITIES
+    from defocus_core.renderer.random_defocus import Lenses as Lenses
+    from defocus_core.renderer.random_defocus import RandomDefocus as RandomDefocus
+    from defocus_core.renderer.render import render as render
+    from defocus_core.renderer.render import render_layers as render_layers
+    from defocus_core.sequences.motion import Frame as Frame
+    from defocus_core.sequences.motion import chained as chained
+    from defocus_core.sequences.seen_behind import seen_behind as seen_behind
+    from defocus_core.sequences.temporal_mean import temporal_mean as temporal_mean
+    from defocus_core.tensors.clipped_lights import AUTO_LIGHTS as AUTO_LIGHTS
+    from defocus_core.tensors.clipped_lights import with_lights as with_lights
+    from defocus_core.tensors.views import Views as Views
 
-# The names of each module.
-_MODULES = {
-    "depth.conversion": "depth_from_disparity depth_from_logarithm planar_depth",
-    "depth.diagnosis": "DepthRepair",
-    "depth.guided_resize": "GuidedDepth",
-    "depth.repair": "diagnose_depth repair_depth",
-    "depth.repair_options": "DEPTH_REPAIRS repair_options",
-    "evaluation": "baselines metrics",
-    "evaluation.controllability": "STRENGTHS blur_made rank_correlation rises",
-    "evaluation.cost": "Cost cells_bytes cost memory_bound",
-    "evaluation.law_checks": "Check Setting",
-    "evaluation.lens_laws": "LAWS verify",
-    "evaluation.metrics": "Errors",
-    "evaluation.synthetic_scenes": "SCENE_KINDS Scenery scenery",
-    "fitting.matched_blur": "MatchedBlur fnum_of_strength matched_blur",
-    "fitting.pair": "Fit fit",
-    "optics.aperture": "Aperture",
-    "optics.axial_color": "color_offset",
-    "optics.cat_eye": "CatEye",
-    "optics.distributions": "ATTEMPTS Distribution drawn",
-    "optics.dual_pixel": "DUAL_PIXEL_MODELS DualPixel",
-    "optics.pupil_field": "PupilField",
-    "optics.pupil_image": "PupilImage",
-    "optics.sensitivity": "Sensitivity sensitivities",
-    "optics.sensor_noise": "with_noise",
-    "renderer.defocus_lens": "DefocusLens",
-    "renderer.engine.picture": "shared_fill",
-    "renderer.engine.settings": "Settings",
-    "renderer.engine.shared_fill": "SharedFill",
-    "renderer.inpainting.hidden_layers": "HiddenLayer",
-    "renderer.inpainting.known_layer": "Behind",
-    "renderer.layers.ladder": "UnreachableTolerance cheapest_within quantisation",
-    "renderer.layers.quality": "QUALITIES",
-    "renderer.layers.stacked_samples": "Layered",
-    "renderer.random_defocus": "Lenses RandomDefocus",
-    "renderer.render": "render render_layers",
-    "renderer.stream": "Stream",
-    "sequences.motion": "Frame chained",
-    "sequences.seen_behind": "seen_behind",
-    "sequences.shot_repair": "agreed_repair repair_through",
-    "sequences.temporal_mean": "temporal_mean",
-    "tensors.clipped_lights": "AUTO_LIGHTS ClippedLights with_lights",
-    "tensors.order_statistics": "depth_percentile",
-    "tensors.source": "Pixels",
-    "tensors.views": "Views",
+# What users need, in groups: the names of each module.
+_GROUPS = {
+    "lens and rendering": {
+        "renderer.defocus_lens": "DefocusLens",
+        "renderer.render": "render render_layers",
+        "renderer.inpainting.hidden_layers": "HiddenLayer",
+        "renderer.layers.quality": "QUALITIES",
+        "tensors.views": "Views",
+        "optics.aperture": "Aperture",
+        "optics.axial_color": "color_offset",
+        "optics.cat_eye": "CatEye",
+        "optics.dual_pixel": "DualPixel",
+        "optics.pupil_field": "PupilField",
+        "optics.pupil_image": "PupilImage",
+        "optics.sensitivity": "Sensitivity sensitivities",
+        "optics.sensor_noise": "with_noise",
+        "tensors.clipped_lights": "AUTO_LIGHTS with_lights",
+    },
+    "depth": {
+        "depth.conversion": "depth_from_disparity depth_from_logarithm planar_depth",
+        "depth.diagnosis": "DepthRepair",
+        "depth.guided_resize": "GuidedDepth",
+        "depth.repair": "diagnose_depth repair_depth",
+    },
+    "frames of a shot": {
+        "sequences.motion": "Frame chained",
+        "sequences.seen_behind": "seen_behind",
+        "sequences.temporal_mean": "temporal_mean",
+    },
+    "fitting": {
+        "fitting.matched_blur": "MatchedBlur fnum_of_strength matched_blur",
+        "fitting.pair": "Fit fit",
+    },
+    "training": {
+        "optics.distributions": "Distribution",
+        "renderer.random_defocus": "Lenses RandomDefocus",
+    },
+    "files": {
+        "io.picture_files": "read_color read_depth write_image write_map",
+        "io.images.color_planes": "Color",
+        "io.depth_formats.depth": "Depth",
+        "errors": "DefocusError InputError UsageProblem",
+    },
+    "batches": {
+        "batch.run_batch": "batch_jobs run_batch",
+        "batch.jobs.job": "Job",
+        "batch.workers.run": "Summary",
+        "batch.datasets.finished": "Sample samples",
+    },
+    "comparison": {
+        "compare.two_images": "compare_images",
+        "compare.record": "Comparison",
+        "compare.findings.finding": "Finding",
+    },
+    "metrics and laws": {
+        "evaluation": "baselines metrics",
+        "evaluation.metrics": "Errors",
+        "evaluation.law_checks": "Check Setting",
+        "evaluation.lens_laws": "LAWS verify",
+    },
 }
-_RENAMED = {"SCENE_KINDS": "KINDS"}
-_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names.split()}
-
-
-def __getattr__(name: str) -> Any:
-    """Import the module of a name that is used for the first time."""
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module = import_module(f"{__name__}.{_MODULE_OF[name]}")
-    value = globals()[name] = getattr(module, _RENAMED.get(name, name))
-    return value
+_MODULE_OF = {
+    name: module
+    for modules in _GROUPS.values()
+    for module, names in modules.items()
+    for name in names.split()
+}
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*globals(), *_MODULE_OF})
 
 
-__all__ = [
-    "ATTEMPTS",
-    "AUTO_LIGHTS",
-    "DEPTH_REPAIRS",
-    "DUAL_PIXEL_MODELS",
-    "LAWS",
-    "QUALITIES",
-    "SCENE_KINDS",
-    "STRENGTHS",
-    "Aperture",
-    "Behind",
-    "CatEye",
-    "Check",
-    "ClippedLights",
-    "Cost",
-    "DefocusLens",
-    "DepthRepair",
-    "Distribution",
-    "DualPixel",
-    "Errors",
-    "Fit",
-    "Frame",
-    "GuidedDepth",
-    "HiddenLayer",
-    "Layered",
-    "Lenses",
-    "MatchedBlur",
-    "Pixels",
-    "PupilField",
-    "PupilImage",
-    "RandomDefocus",
-    "Scenery",
-    "Sensitivity",
-    "Setting",
-    "Settings",
-    "SharedFill",
-    "Stream",
-    "UnreachableTolerance",
-    "Views",
-    "agreed_repair",
-    "baselines",
-    "blur_made",
-    "cells_bytes",
-    "chained",
-    "cheapest_within",
-    "color_offset",
-    "cost",
-    "depth_from_disparity",
-    "depth_from_logarithm",
-    "depth_percentile",
-    "diagnose_depth",
-    "drawn",
-    "fit",
-    "fnum_of_strength",
-    "matched_blur",
-    "memory_bound",
-    "metrics",
-    "planar_depth",
-    "quantisation",
-    "rank_correlation",
-    "render",
-    "render_layers",
-    "repair_depth",
-    "repair_options",
-    "repair_through",
-    "rises",
-    "scenery",
-    "seen_behind",
-    "sensitivities",
-    "shared_fill",
-    "temporal_mean",
-    "verify",
-    "with_lights",
-    "with_noise",
-]
+if not TYPE_CHECKING:  # which know all names from the imports above, and no others
+    __all__ = sorted(_MODULE_OF)
+
+    def __getattr__(name: str) -> Any:
+        """Import the module of a name that is used for the first time."""
+        if name not in _MODULE_OF:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        path = f"{__name__}.{_MODULE_OF[name]}"
+        module = import_module(path)
+        value = getattr(module, name) if hasattr(module, name) else import_module(f"{path}.{name}")
+        globals()[name] = value
+        return value

@@ -27,7 +27,6 @@ _SAID = pytest.StashKey[str]()  # where the report is
 _WORD = "defocus_goldens"
 # Another processor, or another version of torch, rounds otherwise.
 _DEFAULT = {"max": 1e-4}
-_CHANNELS = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -117,6 +116,7 @@ class Golden:
             ValueError: the image has another shape, or a metric is not known.
         """
         from defocus_core.compare.record import EXTRA, Comparison
+        from defocus_core.compare.two_images import planes_of
         from defocus_core.reports.comparison_words import line
 
         __tracebackhide__ = True
@@ -126,7 +126,7 @@ class Golden:
         if self.update:
             _accept(golden, image if source is None else source)
             return
-        picture = _planes(image) if source is None else source
+        picture = planes_of(image) if source is None else source
         if not golden.exists():
             self._keep(Comparison(name, None, None, EXTRA), golden, picture)
             pytest.fail(f"{golden}: there is no such golden; make it with pytest --golden-update")
@@ -172,20 +172,17 @@ def _rules(bounds: Mapping[str, float]) -> Rules:
 def _compared(golden: Path, image: Any, name: str, rules: Rules) -> Comparison:
     """The record of a file, or of channels, and its golden."""
     from defocus_core.compare.comparison import compare_pictures
-    from defocus_core.compare.picture import Picture, read_picture
+    from defocus_core.compare.picture import read_picture
     from defocus_core.compare.record import Settings
+    from defocus_core.compare.two_images import of_planes
 
-    if isinstance(image, Path):
-        picture = read_picture(image)
-    else:
-        height, width = next(iter(image.values())).shape
-        types = {channel: plane.dtype.name for channel, plane in image.items()}
-        picture = Picture(Path(name), width, height, image, types)
+    picture = read_picture(image) if isinstance(image, Path) else of_planes(image, name)
     flip = any(rule.metric.startswith("flip") for rule in rules.fail)
     return compare_pictures(name, read_picture(golden), picture, rules, Settings(flip=flip))[0]
 
 
 def _accept(golden: Path, image: Any) -> None:
+    from defocus_core.compare.two_images import planes_of
     from defocus_core.io.exr.writing import write_exr
     from defocus_core.io.safe_files import written_whole
 
@@ -193,24 +190,4 @@ def _accept(golden: Path, image: Any) -> None:
         with written_whole(golden) as file:
             file.write(image.read_bytes())
     else:
-        write_exr(golden, _planes(image), {})
-
-
-def _planes(image: Any) -> dict[str, Any]:
-    """Channels [H, W], half or float, of an array or a tensor."""
-    import numpy as np
-
-    if hasattr(image, "detach"):  # a tensor, whose channels come first
-        values = np.asarray(image.detach().cpu().numpy())
-        values = values[0] if values.ndim == 4 and values.shape[0] == 1 else values
-        values = np.moveaxis(values, 0, -1) if values.ndim == 3 else values
-    else:
-        values = np.asarray(image)
-    if values.dtype != np.float16:
-        values = values.astype(np.float32)
-    values = values[..., None] if values.ndim == 2 else values
-    if values.ndim != 3 or values.shape[2] not in _CHANNELS or not values.size:
-        wanted = "[H, W], [H, W, C] or, as a tensor, [C, H, W] with 1 to 4 channels"
-        raise ValueError(f"image must be {wanted}, got {list(np.shape(image))}")
-    names = _CHANNELS[values.shape[2]]
-    return {name: np.ascontiguousarray(values[..., k]) for k, name in enumerate(names)}
+        write_exr(golden, planes_of(image), {})

@@ -17,12 +17,15 @@ from deep_files import write_deep_samples
 from elements import disc, element, write
 
 from defocus_cli.commands.help import TOPICS
+from defocus_core import read_color
 from defocus_core.batch.jobs.job import Machine, Outputs
 from defocus_core.batch.jobs.jobs_file import read_jobs
+from defocus_core.io.images.encode import write_samples
 
 ROOT = Path(__file__).parents[1]
 HELP = ROOT / "defocus_cli" / "help"
 DOCUMENTS = {"README": ROOT / "README.md"} | {name: HELP / f"{name}.md" for name in TOPICS}
+CONTRIBUTING = ROOT / ".github" / "CONTRIBUTING.md"
 SCENES = [path.parent.name for path in (ROOT / "sample_scenes").glob("*/rgb.exr")]
 # Commands of other programs, which need a network, a cluster or minutes.
 ELSEWHERE = {"make", "pip"}
@@ -76,6 +79,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         depth_exr(tmp_path / f"depth.{frame}.exr", depth)
     color_exr(tmp_path / "frames" / "a.exr")
     depth_exr(tmp_path / "depths" / "a.exr")
+    write_samples(tmp_path / "kitti.png", depth.shape, [kitti(depth)], "png", {})
     disparity = np.tile(np.linspace(0, 1, 320, dtype=np.float32)[None, :, None], (240, 1, 1))
     for name, pixels in (("disparity.png", disparity), ("photo.jpg", texture(320, 240))):
         picture = oiio.ImageBuf(oiio.ImageSpec(320, 240, pixels.shape[2], oiio.UINT8))
@@ -84,6 +88,13 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write_named_blocks(DOCUMENTS["conventions"].read_text(), tmp_path)  # the lens file
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+def kitti(depth: np.ndarray) -> np.ndarray:
+    """Depth [H, W] as KITTI has it, [H, W, 1], with a hole."""
+    numbers = np.round(depth * 256).astype(np.uint16)[..., None]
+    numbers[0, 0] = 0
+    return numbers
 
 
 def carry_out(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -130,10 +141,19 @@ def test_the_python_of_a_document_runs(
     if name == "look":
         assert names["views"].left.shape == names["image"].shape
         return
-    assert names["defocused"].shape == names["left"].shape == names["image"].shape
-    if name == "python":
-        assert names["lenses"].signed_radius.abs().max() <= 20.001
-        assert str(names["sample"].files["render"]) in capsys.readouterr().out
+    assert names["defocused"].shape == names["image"].shape
+    if name == "README":
+        written = read_color("out/python.exr").pixels
+        assert np.abs(written - names["defocused"][0].movedim(0, -1).numpy()).max() < 1e-3
+        return
+    assert names["left"].shape == names["image"].shape
+    assert names["lenses"].signed_radius.abs().max() <= 20.001
+    assert (names["summary"].skipped, names["summary"].statuses["ok"]) == (1, 2)
+    assert {job.lens.foc_dist for job in names["jobs"]} == {1500.0}
+    printed = capsys.readouterr().out
+    assert str(names["sample"].files["render"]) in printed
+    assert "KITTI" in printed or "kitti" in printed
+    assert "disparity.png" in printed
 
 
 def test_the_jobs_file_makes_as_many_pictures_as_it_says(desk: Path) -> None:
@@ -171,5 +191,24 @@ def test_an_unknown_topic_is_answered_by_the_topics() -> None:
     refused(run("help", "lenses"), 2, "lenses: no such topic", *TOPICS)
 
 
+def test_contributing_names_files_that_are_there() -> None:
+    known = {
+        path.name for folder in ("defocus_core", "tests") for path in (ROOT / folder).rglob("*.py")
+    }
+    for name in re.findall(r"`([\w/.]+)`", CONTRIBUTING.read_text()):
+        if "/" in name:
+            assert any((ROOT / base / name).exists() for base in ("", "defocus_core")), name
+        elif name.endswith(".py"):
+            assert name in known, name
+
+
+def test_the_tree_of_contributing_has_each_folder() -> None:
+    text = CONTRIBUTING.read_text()
+    for folder in (ROOT / "defocus_cli", ROOT / "defocus_core", ROOT / "defocus_core" / "batch"):
+        for path in folder.iterdir():
+            if path.is_dir() and path.name != "__pycache__":
+                assert re.search(rf"^ +{path.name}/ ", text, re.M), path
+
+
 def test_the_readme_is_for_the_first_five_minutes() -> None:
-    assert len(DOCUMENTS["README"].read_text().splitlines()) <= 200
+    assert len(DOCUMENTS["README"].read_text().splitlines()) <= 150

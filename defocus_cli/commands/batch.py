@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from defocus_cli.options import comparing, shared
-from defocus_cli.options.batch import Crew, ShardType, crew_options, shards_size_option
+from defocus_cli.options.batch import ShardType, crew_options, shards_size_option
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
@@ -19,8 +19,10 @@ from defocus_core.batch.jobs.jobs_file import read_jobs
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.workers import run
 from defocus_core.batch.workers.plan import Execution, make_plan
+from defocus_core.batch.workers.worker_config import WorkerConfig
 from defocus_core.errors import UsageProblem
 from defocus_core.reports.html import batches
+from defocus_core.system.process import cores
 
 
 @click.command(
@@ -67,7 +69,7 @@ def command(
     dry_run: bool,
     as_json: bool,
     verbose: bool,
-    crew: Crew,
+    crew: WorkerConfig,
     check_inputs: str,
 ) -> None:
     """Do the jobs of JOBS.toml: each picture by each lens, to OUT/<kind>/<sample>.<ext>.
@@ -135,7 +137,7 @@ def carry_out(
         written = update.index(out, shards_size, asked)
     console.say(batch_report.summary_line(summary))
     if html is not None:
-        batches.write(out, html, asked, shared.cores())
+        batches.write(out, html, asked, cores())
         written.append(html)
     if as_json:
         record = batch_report.summary_record(summary)

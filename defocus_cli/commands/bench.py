@@ -23,6 +23,7 @@ from defocus_core.bench.truth_set import find_shots, read, sample_set
 from defocus_core.errors import UsageProblem
 from defocus_core.reports import error_plot
 from defocus_core.reports.html.shots import Gallery
+from defocus_core.system.process import cores
 
 _QUALITIES = ("draft", "standard", "high")
 # By the name of the parameter; options in neither go with both.
@@ -166,7 +167,7 @@ def command(
             error_plot.refuse_unplottable(plot_file)
         gallery, truth = Gallery() if html else None, truth or sample_set()
         rows, document = _errors(
-            truth, qualities or _QUALITIES, device, threads or shared.cores(), gallery, echo
+            truth, qualities or _QUALITIES, device, threads or cores(), gallery, echo
         )
         if control:
             document |= _controls(truth, qualities or _QUALITIES, document, echo)

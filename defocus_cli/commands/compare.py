@@ -19,6 +19,7 @@ from defocus_core.compare.run import compare_all
 from defocus_core.reports import comparison_words as compare_report
 from defocus_core.reports.html import comparisons
 from defocus_core.reports.junit import write_junit
+from defocus_core.system.process import cores
 
 _METRICS = "\n".join(f"  {m.name:<15} {m.help}" for m in METRICS.values())
 _HELP = f"""Say whether B is the same as A, and if not, what happened to it.
@@ -63,7 +64,7 @@ Examples:
 @shared.machine_option(
     "--processes",
     type=click.IntRange(min=1),
-    default=shared.cores,
+    default=cores,
     metavar="N",
     help="Processes to compare directories with.  [default: one for each core]",
 )

@@ -10,12 +10,13 @@ from pathlib import Path
 import click
 
 from defocus_cli.options import comparing, shared
-from defocus_cli.options.batch import Crew, crew_options
+from defocus_cli.options.batch import crew_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_cli.words import golden as golden_report
 from defocus_core.batch.workers.plan import Execution
+from defocus_core.batch.workers.worker_config import WorkerConfig
 from defocus_core.compare.goldens.faults import plant_all
 from defocus_core.compare.goldens.fresh import Rendered, rendered
 from defocus_core.compare.goldens.store import Store, accept, change_words, read_store
@@ -78,7 +79,7 @@ def update(
     accepted: bool,
     only: tuple[str, ...],
     asked: comparing.Asked,
-    crew: Crew,
+    crew: WorkerConfig,
 ) -> int:
     """Render JOBS.toml, say what is not like the goldens in DIR, and accept it with --accept.
 
@@ -133,7 +134,7 @@ def check(
     only: tuple[str, ...],
     asked: comparing.Asked,
     as_json: bool,
-    crew: Crew,
+    crew: WorkerConfig,
 ) -> int:
     """Render JOBS.toml again, and compare with the goldens in DIR.
 
@@ -191,7 +192,9 @@ def _occasion(
     )
 
 
-def _rendered(jobs_file: Path, crew: Crew, only: Sequence[str]) -> AbstractContextManager[Rendered]:
+def _rendered(
+    jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
+) -> AbstractContextManager[Rendered]:
     report = batch_report.BatchReport(each=False)
     execution = Execution(crew.execute(), spread=crew.spread)
     return rendered(jobs_file, crew.machine, execution, report, only)

@@ -19,7 +19,7 @@ TOPICS = {
     "shots": "numbered frames, lenses that move, steadiness, motion vectors",
     "fit": "the lens between a sharp and a blurred picture, of depth of any scale",
     "compare": "comparison of pictures, thresholds, goldens, CI",
-    "python": "the renderer as a torch library, training, samples of a batch",
+    "python": "the library: files, lenses, training, batches, comparison",
     "exit-codes": "exit codes, error lines, output for scripts",
 }
 

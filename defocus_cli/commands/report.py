@@ -10,6 +10,7 @@ from defocus_cli.options import comparing, shared
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import console
 from defocus_core.reports.html import batches
+from defocus_core.system.process import cores
 from defocus_core.system.text import counted
 
 _NAME = "report.html"
@@ -32,7 +33,7 @@ def command(out: Path, html: Path | None, as_json: bool) -> None:
       defocus report out --html /var/www/out.html
     """  # noqa: D301  click reads the backspace
     path = html or out / _NAME
-    count = batches.write(out, path, None, shared.cores())
+    count = batches.write(out, path, None, cores())
     if as_json:
         console.print_json(html=str(path), samples=count)
     else:

@@ -8,7 +8,7 @@ import click
 
 from defocus_cli.commands.batch import carry_out
 from defocus_cli.options import shared
-from defocus_cli.options.batch import Crew, computed_by, crew_options, shards_size_option
+from defocus_cli.options.batch import crew_options, shards_size_option
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import console
 from defocus_core.batch.datasets import sample_index
@@ -18,6 +18,7 @@ from defocus_core.batch.journal.lock import refuse_held
 from defocus_core.batch.journal.reasons import REASONS
 from defocus_core.batch.journal.revived_jobs import failed_jobs
 from defocus_core.batch.workers.plan import Execution
+from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
 
 
 @click.command("retry", cls=GroupedCommand, short_help="Do the failed jobs of a batch once more.")
@@ -40,7 +41,7 @@ def command(
     shards_size: int | None,
     as_json: bool,
     verbose: bool,
-    crew: Crew,
+    crew: WorkerConfig,
 ) -> None:
     """Do the jobs of OUT once more that failed, with the settings that the journal has of them.
 

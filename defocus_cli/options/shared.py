@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import functools
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,13 +26,7 @@ from defocus_core.batch.jobs.job import DEVICES, QUALITIES, TILES, Machine, Outp
 from defocus_core.batch.jobs.output_kinds import KINDS, MAP_FORMATS, MAPS, in_one_file
 from defocus_core.batch.lenses.quantities import byte_count, pixel_count
 from defocus_core.errors import UsageProblem
-
-
-def cores() -> int:
-    """The number of cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+from defocus_core.system.process import cores
 
 
 def hidden_option(command: Command) -> Command:

@@ -1,1 +1,1 @@
-"""What people look at: HTML, JUnit, contact sheets, plots, the contents of a file."""
+"""What people and CI servers look at: HTML, JUnit, contact sheets, plots, contents of files."""

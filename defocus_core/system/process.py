@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import atexit
 import gc
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +17,13 @@ from contextlib import contextmanager
 from defocus_core.system import memory
 
 _SWITCH_SECONDS = 5e-4
+
+
+def cores() -> int:
+    """The number of cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def set_to_render() -> None:
@@ -40,3 +48,16 @@ def imports() -> Iterator[None]:
             atexit.register(gc.unfreeze)  # libraries expect to be cleared away at the end
         if collecting:
             gc.enable()
+
+
+@contextmanager
+def settings_kept() -> Iterator[None]:
+    """Leave torch's threads and the interpreter's switching after the block as they were."""
+    import torch
+
+    threads, interval = torch.get_num_threads(), sys.getswitchinterval()
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+        sys.setswitchinterval(interval)

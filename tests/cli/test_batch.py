@@ -14,10 +14,10 @@ from batches import JOBS, contents, in_process, jobs_file, make_believe, records
 from command_line import Terminal, color_exr, depth_exr, files_under, ramp, refused, run, texture
 
 from defocus_cli.main import main
-from defocus_cli.options.batch import Crew
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.journal.lock import locked
 from defocus_core.batch.rendering import job_steps
+from defocus_core.batch.workers.worker_config import WorkerConfig
 
 __all__ = ["in_process"]
 pytestmark = pytest.mark.usefixtures("in_process")
@@ -363,7 +363,7 @@ def test_a_finished_batch_of_a_thousand_jobs_ends_at_once(
     """It loads nothing heavy, and takes less than 2 s."""
     text = JOBS.replace('["1.5m", "2m"]', '"1m..9m @ 500 in depth"')
     path = jobs_file(tmp_path, text=text)
-    monkeypatch.setattr(Crew, "execute", lambda crew: make_believe(out))
+    monkeypatch.setattr(WorkerConfig, "execute", lambda crew: make_believe(out))
     monkeypatch.setattr(os, "fdatasync", lambda number: None)
     assert main(["batch", str(path), "-o", str(out)]) == 0
     assert len(records(out)) == 1000

@@ -27,6 +27,7 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.rendering import forecast, job_steps, memory_budget
 from defocus_core.batch.rendering.memory_budget import Holding
 from defocus_core.errors import TooLarge
+from defocus_core.evaluation import cost
 from defocus_core.system import memory
 from defocus_core.system.text import duration
 from defocus_core.tensors.tiling import TILE
@@ -139,8 +140,7 @@ def short(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Job]
         memory_budget.limit_mb(Machine())  # kept for the tests that come later
         monkeypatch.setattr(memory, "available_mb", lambda device="cpu": 100.0)
         monkeypatch.setattr(
-            "defocus_core.evaluation.cost.memory_bound",
-            lambda _, threads, at_once: 1e6 * bound(threads, at_once),
+            cost, "memory_bound", lambda _, threads, at_once: 1e6 * bound(threads, at_once)
         )
         color, depth = pair(tmp_path)
         lens, outputs = Lens(50.0, 2.0, 2000.0), Outputs(tmp_path / "out")

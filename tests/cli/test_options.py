@@ -13,12 +13,13 @@ import defocus_core
 from defocus_cli.commands.depth import command as depth_command
 from defocus_cli.commands.info import command as info
 from defocus_cli.commands.render import command as render_command
-from defocus_cli.options import shared
 from defocus_core.batch.jobs import job
 from defocus_core.batch.jobs.lens_options import PARSERS
 from defocus_core.batch.jobs.reading_options import NAMES_OF_OPTIONS
 from defocus_core.batch.lenses import lens, quantities
 from defocus_core.io.depth_formats.table import UNITS
+from defocus_core.optics import dual_pixel
+from defocus_core.system.process import cores
 
 
 def test_qualities_are_those_of_the_core() -> None:
@@ -26,7 +27,7 @@ def test_qualities_are_those_of_the_core() -> None:
 
 
 def test_models_of_dual_pixels_are_those_of_the_core() -> None:
-    assert defocus_core.DUAL_PIXEL_MODELS == lens.DUAL_PIXEL_MODELS
+    assert dual_pixel.DUAL_PIXEL_MODELS == lens.DUAL_PIXEL_MODELS
 
 
 def test_automatic_lights_are_those_of_the_core() -> None:
@@ -34,7 +35,7 @@ def test_automatic_lights_are_those_of_the_core() -> None:
 
 
 def test_threads_are_the_cores_this_process_may_use() -> None:
-    assert shared.cores() == len(os.sched_getaffinity(0))
+    assert cores() == len(os.sched_getaffinity(0))
 
 
 @pytest.mark.parametrize("command", [info, render_command])

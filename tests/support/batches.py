@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 from command_line import Ran, pair, render
 
-from defocus_cli.options.batch import Crew
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
 from defocus_core.batch.lenses.lens import lens_record
 from defocus_core.batch.workers import pipeline
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
+from defocus_core.batch.workers.worker_config import WorkerConfig
 
 JOBS = """
 [inputs]
@@ -79,7 +79,7 @@ def without_times(out: Path) -> list[dict[str, Any]]:
 @pytest.fixture
 def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Batches are computed in the process of the test, which has torch already."""
-    monkeypatch.setattr(Crew, "execute", lambda crew: pipeline.execute)
+    monkeypatch.setattr(WorkerConfig, "execute", lambda crew: pipeline.execute)
 
 
 def make_believe(out: Path) -> Execute:

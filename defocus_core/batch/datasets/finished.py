@@ -2,7 +2,7 @@
 
 ::
 
-    from defocus_cli.dataset.finished import samples
+    from defocus_core import samples
 
     for sample in samples("out"):
         sample.files["render"], sample.files["coc"], sample.lens.fnum

@@ -35,7 +35,7 @@ def write(out: Path, records: Iterable[Record]) -> Path:
         out: what the outputs' paths are relative to.
         records: of the journal; those whose status is not ``ok`` are no samples. Of the others are
             read: sample_id, size, coc_px, quality, warnings, version, renderer,
-            lens (as `report.lens_record` has it), and by role or kind inputs and outputs, each with
+            lens (as `lens_record` has it), and by role or kind inputs and outputs, each with
             its path and, where it is known, its blake2b.
 
     Returns:

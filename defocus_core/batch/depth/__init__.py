@@ -1,4 +1,4 @@
-"""Depth of a picture on its way to the renderer: resized, checked, focused on, repaired, converted.
+"""Depth of a picture with its lens: resized, focused on, matched to radii, doubted, converted.
 
 Radii are signed, in px: negative nearer than the focus.
 """

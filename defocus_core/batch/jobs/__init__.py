@@ -1,4 +1,4 @@
-"""What a user asks for: jobs, jobs files, lens files, sweeps, quantities.
+"""What is asked for: jobs, jobs files, pictures, options of lenses and of reading, sweeps, shots.
 
 Terms: a picture is colour and depth, with a hidden layer if there is one. A job is one picture, one
 lens and its outputs. A sample is what a job writes; its name is that of the picture and a suffix

@@ -73,7 +73,18 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
         UsageProblem: a key is unknown, a value makes no sense, or two contradict each other.
     """
     remedy = "give a jobs file, with tables [inputs] and [lens]"
-    stored = read_toml(path, what="jobs file", remedy=remedy)
+    return jobs_of(read_toml(path, what="jobs file", remedy=remedy), path, outputs, machine)
+
+
+def jobs_of(stored: Mapping[str, Any], path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
+    """The jobs of the tables of a jobs file; all else is as of `read_jobs`.
+
+    Args:
+        stored: the tables by name.
+        path: the file, or what errors call the tables.
+        outputs: as of `read_jobs`.
+        machine: the same.
+    """
     refuse_unknown(stored, TABLES, path, "a jobs file", "table")
     named = {name: table(path, stored, name) for name in TABLES}
     reading = _reading(named["reading"], named["lens"], named["machine"])

@@ -12,7 +12,7 @@ A record has
     settings    what was asked for: lens, reading, outputs, quality
     inputs      role to path (relative to OUT, or absolute as given), size, mtime_ns, blake2b
     outputs     kind, or kind.preview, to path relative to OUT; if ok, size, mtime_ns, blake2b, too
-    lens        what it turned out to be, as `report.lens_record`; with size, coc_px, color_note,
+    lens        what it turned out to be, as `lens_record`; with size, coc_px, color_note,
                 depth_note, device and warnings, null if not ok; depth_repair, null if nothing
                 was rendered, see `defocus_core.batch.depth.repair_words`
     quality, version (of the package), renderer (its version)

@@ -1,1 +1,1 @@
-"""Lens files that ship, one look each, and their names."""
+"""The lens of a job: its fields, quantities with units, sets of radii, lens files that ship."""

@@ -1,5 +1,5 @@
-"""What pictures look like: the opening of the lens, noise of the sensor, previews, contact sheets.
+"""What pictures look like: opening of the lens, clipped lights, noise, previews, false colour.
 
 opening: the hole that lets light in, the pupil of the core. rim: the end of the barrel before it.
-preview: a PNG to look at. sheet: pictures side by side. false colour: near, sharp and far.
+preview: a PNG to look at. false colour: near, sharp and far.
 """

@@ -1,4 +1,4 @@
-"""OpenEXR files: headers, windows, reading, writing.
+"""OpenEXR files: headers, windows, views, deep samples, reading, writing.
 
 A part: one picture of a file. The data window: the pixels that a part holds. The display window:
 the picture as it is shown. Overscan: pixels outside the display window.

@@ -1,4 +1,4 @@
-"""Files of pictures: EXR layers, raster, float maps, bare arrays, colour, kinds of output.
+"""Files of pictures: colour layers of EXR, raster files, colour spaces, tags, encoding.
 
 A part: one picture of an EXR file; a page: one of a TIFF. A layer: the channels of one colour. A
 strip: rows that are decoded or encoded at once. Linear: proportional to light; else sRGB-encoded.

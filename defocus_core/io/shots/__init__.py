@@ -1,4 +1,4 @@
-"""What a shot is made of: numbered frames, keys of a moving lens, motion vectors.
+"""Files of a shot: numbered frames, keys and metadata of a moving lens, motion vectors.
 
 Terms: a shot is a sequence of frames, files that a frame pattern numbers. A gap is a frame that the
 numbering leads to expect and that is not there. A key is a frame and the value of an option there;

@@ -1,4 +1,4 @@
-"""Reports in words and JSON: batches, jobs, plans, conversions, files, checks.
+"""What is in a file, a pair or a shot, as `defocus info` tells it: figures, evidence, repair.
 
 A record: a report as plain values, for JSON. A line: a report in words. Evidence: signs of the
 format of a depth file that nobody has named.

@@ -5,8 +5,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import conv1d, pad
 
-from defocus_core import agreed_repair, diagnose_depth, repair_depth, repair_through
+from defocus_core import diagnose_depth, repair_depth
 from defocus_core.depth.distance_scale import distance_scale
+from defocus_core.sequences.shot_repair import agreed_repair, repair_through
 
 SIZE = (96, 128)
 # Px of radius for a distance of 1 m, and the focus distance in m.

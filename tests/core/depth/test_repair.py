@@ -10,9 +10,10 @@ import torch
 from streams import Windows, put_together, same
 from torch import Tensor
 
-from defocus_core import DefocusLens, RandomDefocus, Settings, diagnose_depth, render
+from defocus_core import DefocusLens, RandomDefocus, diagnose_depth, render
 from defocus_core.depth.repair import repaired
 from defocus_core.evaluation.synthetic_scenes import scenery
+from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.stream import Stream
 from defocus_core.tensors import derived
 

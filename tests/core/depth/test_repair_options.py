@@ -8,9 +8,12 @@ from streams import Windows
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, pad
 
-from defocus_core import DepthRepair, Settings, Stream, render, repair_options
+from defocus_core import DepthRepair, render
 from defocus_core.depth.repair import repaired
+from defocus_core.depth.repair_options import repair_options
 from defocus_core.evaluation.synthetic_scenes import scenery
+from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.stream import Stream
 from defocus_core.tensors import derived
 
 SIZE = (160, 200)

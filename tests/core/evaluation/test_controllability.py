@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from defocus_core import STRENGTHS, blur_made, rank_correlation, render, rises
+from defocus_core import render
+from defocus_core.evaluation.controllability import STRENGTHS, blur_made, rank_correlation, rises
 
 
 def test_a_wider_convolution_loses_more_gradient() -> None:

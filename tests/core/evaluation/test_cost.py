@@ -10,17 +10,21 @@ from typing import Any
 import pytest
 import torch
 
-from defocus_core import Settings, Stream, cost, memory_bound
+from defocus_core.evaluation.cost import cost, memory_bound
 from defocus_core.evaluation.synthetic_scenes import KINDS, scenery
+from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.stream import Stream
 
 SIZE = (200, 300)
 # Renders a scene in a process of its own, and prints the most that it held beyond what it began
 # with, in bytes, and the bound.
 _PEAK = """
 import sys, torch
+from defocus_core.evaluation.cost import memory_bound
+from defocus_core.evaluation.synthetic_scenes import scenery
+from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.stream import Stream
 from defocus_core.system import memory
-from defocus_core import Settings, Stream, memory_bound
-from defocus_core import scenery
 
 torch.set_num_threads(1)
 memory.share_heap()

@@ -11,16 +11,8 @@ from tolerances import RENDERED
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
-from defocus_core import (
-    ATTEMPTS,
-    Aperture,
-    DefocusLens,
-    Distribution,
-    Lenses,
-    RandomDefocus,
-    Views,
-    render,
-)
+from defocus_core import Aperture, DefocusLens, Distribution, Lenses, RandomDefocus, Views, render
+from defocus_core.optics.distributions import ATTEMPTS
 
 SIZE = (12, 18)  # H, W
 

@@ -5,7 +5,8 @@ import torch
 from streams import KINDS, Windows, put_together, same
 from torch import Tensor
 
-from defocus_core import cost, render
+from defocus_core import render
+from defocus_core.evaluation.cost import cost
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer

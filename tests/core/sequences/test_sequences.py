@@ -3,8 +3,10 @@ import math
 import pytest
 import torch
 
-from defocus_core import DepthRepair, Settings, Stream, render
+from defocus_core import DepthRepair, render
 from defocus_core.depth.edge_shifts import EdgeShifts
+from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.stream import Stream
 from defocus_core.sequences.motion import Frame, approached, chained, places
 from defocus_core.sequences.seen_behind import seen_behind
 from defocus_core.sequences.shot_repair import agreed_repair, repair_through

@@ -6,7 +6,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core import AUTO_LIGHTS, ClippedLights, with_lights
+from defocus_core import AUTO_LIGHTS, with_lights
+from defocus_core.tensors.clipped_lights import ClippedLights
 
 
 def street() -> Tensor:

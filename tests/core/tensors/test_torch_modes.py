@@ -10,8 +10,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core import DefocusLens, RandomDefocus, Settings, Views, render
+from defocus_core import DefocusLens, RandomDefocus, Views, render
 from defocus_core.evaluation.synthetic_scenes import scenery
+from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.stream import Stream
 
 

@@ -11,17 +11,9 @@ import numpy as np
 import pytest
 import torch
 
-from defocus_core import (
-    Aperture,
-    DefocusLens,
-    Distribution,
-    HiddenLayer,
-    RandomDefocus,
-    Settings,
-    cheapest_within,
-    quantisation,
-    render,
-)
+from defocus_core import Aperture, DefocusLens, Distribution, HiddenLayer, RandomDefocus, render
+from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.layers.ladder import cheapest_within, quantisation
 from defocus_core.renderer.stream import Stream
 
 IMAGE, RADIUS = torch.rand(3, 12, 16), torch.linspace(-2, 3, 16).expand(12, 16)

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from command_line import color_exr, depth_exr, header, ramp, refused, run
 
-from defocus_core import ATTEMPTS
 from defocus_core.batch.depth.focusing import focused, radius_map, signed_radius
 from defocus_core.batch.jobs.random_lenses import drawn_lens
 from defocus_core.batch.lenses.lens import Draw, Lens
 from defocus_core.errors import InputError, Rejected
 from defocus_core.io.arrays import IN_MEMORY
 from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.optics.distributions import ATTEMPTS
 
 LENS = Lens(50.0, 2.0, 2000.0)
 

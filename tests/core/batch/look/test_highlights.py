@@ -61,7 +61,8 @@ def _reached(photograph: Path, radius: Any) -> Any:
     import OpenImageIO as oiio  # noqa: N813
     import torch
 
-    from defocus_core import AUTO_LIGHTS, ClippedLights
+    from defocus_core import AUTO_LIGHTS
+    from defocus_core.tensors.clipped_lights import ClippedLights
 
     pixels = oiio.ImageBuf(str(photograph)).get_pixels(oiio.FLOAT)[..., :3] ** 2.2
     image = torch.from_numpy(np.ascontiguousarray(np.moveaxis(pixels, 2, 0)))

@@ -16,13 +16,13 @@ import torch
 from command_line import color_exr, depth_exr, files_under, pair, ramp, refused, render, texture
 from image_files import save
 
-from defocus_cli.options import batch
-from defocus_cli.options.batch import Crew, computed_by
 from defocus_core.batch.jobs import output_kinds as kinds
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.quantities import byte_count
 from defocus_core.batch.rendering import memory_budget
+from defocus_core.batch.workers import worker_config
+from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
 from defocus_core.io import arrays
 from defocus_core.io.arrays import Scratch
 from defocus_core.io.exr import reading, writing
@@ -335,10 +335,10 @@ def test_a_megabyte_is_that_of_the_option() -> None:
 
 def test_processes_share_the_memory_unless_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "available_mb", lambda: 1000.0)
-    shared = Crew("local", 4, 1, "cpu", None, None).machine.memory
+    shared = WorkerConfig("local", 4, 1, "cpu", None, None).machine.memory
     assert shared == int(0.8 * 1000 / 4 * memory.MB)
-    assert Crew("local", 4, 1, "cpu", 7, None).machine.memory == 7
-    assert Crew("local", 1, 1, "cpu", None, None).machine.memory is None
+    assert WorkerConfig("local", 4, 1, "cpu", 7, None).machine.memory == 7
+    assert WorkerConfig("local", 1, 1, "cpu", None, None).machine.memory is None
 
 
 @pytest.mark.parametrize(
@@ -363,8 +363,8 @@ def test_each_core_has_a_process_if_there_is_memory_for_it(
 ) -> None:
     free = iter([available])
     monkeypatch.setattr(memory, "available_mb", lambda: next(free, 0.0))
-    monkeypatch.setattr(batch, "cores", lambda: 8)
-    crew = Crew("local", processes, threads, "cpu", 7, None)
+    monkeypatch.setattr(worker_config, "cores", lambda: 8)
+    crew = WorkerConfig("local", processes, threads, "cpu", 7, None)
     assert (crew.count, crew.machine.threads) == shared_out
     assert crew.count == shared_out[0], "whatever is free by now"
 

@@ -6,9 +6,10 @@ import pytest
 import torch
 from tolerances import ROUNDING
 
-from defocus_core import QUALITIES, UnreachableTolerance
+from defocus_core import QUALITIES
 from defocus_core.renderer.layers.ladder import (
     SHARP,
+    UnreachableTolerance,
     cheapest_within,
     evenly,
     membership,

@@ -1,0 +1,132 @@
+"""A batch from Python: run it, and go on where it was stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any
+
+from defocus_core.batch.datasets import update
+from defocus_core.batch.jobs.job import DEVICES, Job, Machine, Outputs
+from defocus_core.batch.jobs.jobs_file import jobs_of, read_jobs
+from defocus_core.batch.journal.journal import Record
+from defocus_core.batch.workers import pipeline, run
+from defocus_core.batch.workers.job_result import Result
+from defocus_core.batch.workers.plan import Chunk, Done, Execution, Plan
+from defocus_core.batch.workers.run import Summary
+from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
+from defocus_core.errors import UsageProblem
+from defocus_core.system.process import settings_kept
+
+Jobs = str | PathLike[str] | Mapping[str, Any] | Sequence[Job]
+
+
+def batch_jobs(jobs: Jobs, out: str | PathLike[str], *, overwrite: bool = False) -> list[Job]:
+    """The jobs of a batch, to look at, or to choose from before `run_batch` does them.
+
+    Args:
+        jobs: A jobs file; its tables, as ``{"inputs": {"color": …, "depth": …}, "lens": {…}}``; or
+            jobs, which are to write to ``out``.
+        out: Directory to write to.
+        overwrite: Whether they are to be done again, whatever was done before.
+
+    Raises:
+        InputError: A file cannot be read or is missing, or files do not pair up.
+        UsageProblem: A key is unknown, a value makes no sense, or two contradict each other.
+    """
+    outputs = Outputs(Path(out), overwrite=overwrite)
+    if isinstance(jobs, Mapping):
+        return jobs_of(jobs, Path("jobs"), outputs, Machine())
+    if isinstance(jobs, str | PathLike):
+        return read_jobs(Path(fspath(jobs)), outputs, Machine())
+    root = outputs.root
+    return [
+        replace(job, outputs=replace(job.outputs, root=root, overwrite=overwrite)) for job in jobs
+    ]
+
+
+def run_batch(
+    jobs: Jobs,
+    out: str | PathLike[str],
+    *,
+    processes: int = 1,
+    threads: int | None = None,
+    device: str = "auto",
+    memory: int | None = None,
+    limit: int | None = None,
+    fail_fast: bool = False,
+    overwrite: bool = False,
+    hash_inputs: bool = False,
+    ended: Callable[[Job, Record], None] | None = None,
+) -> Summary:
+    """Do the jobs of a batch that are not done yet, and write the index of its samples.
+
+    Called again, it goes on where it was stopped: what is done is not done again, unless its
+    inputs, settings or outputs changed; what failed is tried again. `samples` reads the result.
+
+    Args:
+        jobs: As of `batch_jobs`.
+        out: Directory to write to, ``OUT/<kind>/<sample>.<ext>``, with the journal.
+        processes: 1 renders in this process. More are faster for many pictures, but start this
+            program again: it needs ``if __name__ == "__main__":``.
+        threads: Of each process; None for what makes use of all cores.
+        device: auto, cpu or cuda.
+        memory: Bytes that each process may take; None for most of what is available.
+        limit: Do at most so many jobs, and leave the rest.
+        fail_fast: Whether the rest is left if a job fails.
+        overwrite: Whether all is done again, whatever was done before.
+        hash_inputs: Whether bytes of inputs are compared with those of before, not only their
+            size and time.
+        ended: Called with each job that came to its end, and its record of the journal: its
+            ``status`` is ok, rejected or failed, ``reason`` and ``message`` say why.
+
+    Returns:
+        How many ``jobs`` there are; how many were done before (``skipped``) and are ``left``; the
+        others by status, ``statuses["ok"]``, ``["rejected"]`` and ``["failed"]``, and by
+        ``reasons``; ``seconds``.
+
+    Raises:
+        InputError: A file cannot be read, or something that must not be touched is in the way.
+        UsageProblem: The jobs make no sense.
+        KeyboardInterrupt: Ctrl-C; what had been begun was finished first, unless it came twice.
+    """
+    if device not in DEVICES:
+        remedy = f"choose from {', '.join(DEVICES)}"
+        raise UsageProblem("unknown-name", f"'{device}' is not known", remedy, field="device")
+    config = WorkerConfig("local", processes, threads, device, memory, None)
+    asked = computed_by(batch_jobs(jobs, out, overwrite=overwrite), config.machine)
+    execution = Execution(
+        _execute_here if processes == 1 else config.execute(),
+        limit=limit,
+        fail_fast=fail_fast,
+        read_inputs=hash_inputs,
+        spread=config.spread,
+    )
+    summary = run.carry_out(asked, Path(out), execution, _Listener(ended))
+    if summary.interrupted and summary.left:
+        raise KeyboardInterrupt
+    update.index(Path(out), None, {job.sample_id for job in asked})
+    return summary
+
+
+@dataclass(frozen=True)
+class _Listener:
+    """Tells the caller of each job that ended."""
+
+    call: Callable[[Job, Record], None] | None
+
+    def planned(self, plan: Plan) -> None:
+        """Nothing."""
+
+    def ended(self, job: Job, record: Record, result: Result) -> None:
+        """Call the caller."""
+        if self.call is not None:
+            self.call(job, record)
+
+
+def _execute_here(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
+    """Do jobs in this process, whose settings stay as they were."""
+    with settings_kept():
+        pipeline.execute(chunks, done, stopped)

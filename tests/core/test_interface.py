@@ -1,0 +1,277 @@
+"""What Python users call: the names of the library, files, batches, comparison."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from command_line import HEIGHT, WIDTH, color_exr, depth_exr, pair, ramp, run, texture
+
+import defocus_core
+from defocus_core import (
+    DefocusError,
+    batch_jobs,
+    compare_images,
+    read_color,
+    read_depth,
+    run_batch,
+    samples,
+    write_image,
+    write_map,
+)
+
+ROOT = Path(defocus_core.__file__).parent
+NAMES = [
+    name
+    for names in defocus_core._GROUPS.values()
+    for row in names.values()
+    for name in row.split()
+]
+
+
+def tables(folder: Path, **more: Any) -> dict[str, Any]:
+    """The tables of a jobs file for one picture and three lenses."""
+    color, depth = pair(folder)
+    return {
+        "inputs": {"color": str(color), "depth": str(depth)},
+        "lens": {"focal-length": "50mm", "fnumber": 2},
+        "sweep": {"focus": ["1.5m", "2m", "3m"]},
+        "outputs": {"kinds": ["coc"]},
+        **more,
+    }
+
+
+def problem(error: pytest.ExceptionInfo[DefocusError]) -> tuple[str, str]:
+    return error.value.code, error.value.field
+
+
+def test_each_name_stands_in_one_group() -> None:
+    assert len(NAMES) == len(set(NAMES))
+    assert sorted(NAMES) == defocus_core.__all__
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_name_is_there_when_it_is_touched(name: str) -> None:
+    assert getattr(defocus_core, name) is not None
+
+
+def test_type_checkers_see_the_names_of_the_table() -> None:
+    tree = ast.parse((ROOT / "__init__.py").read_text())
+    (block,) = (
+        n for n in tree.body if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"
+    )
+    seen = {
+        alias.asname: statement.module
+        for statement in block.body
+        if isinstance(statement, ast.ImportFrom)
+        for alias in statement.names
+        if alias.asname == alias.name
+    }
+    assert seen == {
+        name: f"defocus_core.{module}" for name, module in defocus_core._MODULE_OF.items()
+    }
+
+
+def test_the_help_lists_the_names_in_their_groups() -> None:
+    text = run("help", "python").out
+    listed = {
+        group: re.findall(r"`(\w+)`", names)
+        for group, names in re.findall(r"^\| ([\w ]+) \| (`.*`) \|$", text, re.M)
+        if group in defocus_core._GROUPS
+    }
+    assert listed == {
+        group: " ".join(rows.values()).split() for group, rows in defocus_core._GROUPS.items()
+    }
+
+
+def test_an_unknown_name_is_no_attribute() -> None:
+    with pytest.raises(AttributeError, match="memory_bound"):
+        defocus_core.memory_bound  # noqa: B018
+
+
+def test_files_are_read_and_compared_without_torch(tmp_path: Path) -> None:
+    color, depth = pair(tmp_path)
+    code = (
+        "import sys; from defocus_core import compare_images, read_color, read_depth, samples\n"
+        f"read_color({str(color)!r}); read_depth({str(depth)!r})\n"
+        f"compare_images({str(color)!r}, {str(color)!r}); print('torch' in sys.modules)"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout == "False\n"
+
+
+def test_colour_is_an_array_of_linear_light(tmp_path: Path) -> None:
+    color = read_color(str(color_exr(tmp_path / "a.exr")))
+    assert color.pixels.dtype == np.float32
+    assert color.channels == ("R", "G", "B")
+    np.testing.assert_array_equal(color.pixels, texture().astype(np.float32))
+
+
+def test_depth_is_an_array_of_metres(tmp_path: Path) -> None:
+    depth = read_depth(depth_exr(tmp_path / "z.exr"))
+    assert depth.metres.dtype == np.float32
+    np.testing.assert_array_equal(depth.metres, ramp())
+    feet = read_depth(tmp_path / "z.exr", unit="ft")
+    np.testing.assert_allclose(feet.metres, 0.3048 * ramp(), rtol=1e-6)
+
+
+@pytest.mark.parametrize("suffix", ["exr", "tif"])
+def test_a_map_is_written_as_it_is(tmp_path: Path, suffix: str) -> None:
+    depth = ramp()
+    depth[0, 0] = np.inf
+    write_map(tmp_path / f"z.{suffix}", depth)
+    np.testing.assert_array_equal(read_depth(tmp_path / f"z.{suffix}", unit="m").metres, depth)
+
+
+def test_holes_become_what_is_asked_for(tmp_path: Path) -> None:
+    depth = ramp()
+    depth[3, 4] = np.nan
+    write_map(tmp_path / "z.exr", depth)
+    assert np.flatnonzero(read_depth(tmp_path / "z.exr").invalid) == [3 * WIDTH + 4]
+    assert read_depth(tmp_path / "z.exr", holes="far").metres[3, 4] == np.inf
+    assert read_depth(tmp_path / "z.exr", holes="fill").metres[3, 4] in (depth[3, 3], depth[3, 5])
+    with pytest.raises(DefocusError, match="1 pixel, the first at 4,3"):
+        read_depth(tmp_path / "z.exr", holes="error")
+
+
+@pytest.mark.parametrize(
+    ("options", "field"),
+    [
+        ({"format": "kity"}, "depth-format"),
+        ({"unit": "miles"}, "depth-unit"),
+        ({"kind": "distance"}, "depth-kind"),
+        ({"geometry": "round"}, "geometry"),
+        ({"holes": "mend"}, "invalid"),
+    ],
+)
+def test_an_option_of_depth_that_is_not_known_is_named(options: Any, field: str) -> None:
+    with pytest.raises(DefocusError) as caught:
+        read_depth("z.exr", **options)
+    assert problem(caught) == ("unknown-name", field)
+    assert f"‹{field}›" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "bits", "bound"), [("exr", 8, 0.0), ("png", 16, 2e-5), ("png", 8, 6e-3)]
+)
+def test_a_picture_is_written_and_read_again(
+    tmp_path: Path, suffix: str, bits: int, bound: float
+) -> None:
+    pixels = texture().astype(np.float32)
+    path = tmp_path / "new" / f"a.{suffix}"
+    assert write_image(path, torch.from_numpy(pixels), bits=bits, exr_type="float") == []
+    assert np.abs(read_color(path).pixels - pixels).max() <= bound
+
+
+def test_what_a_file_cannot_hold_is_said(tmp_path: Path) -> None:
+    assert write_image(tmp_path / "a.png", np.full((2, 3), 1.5)) == ["6 pixels above 1 clipped"]
+
+
+def test_arrays_and_options_that_make_no_picture_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"pixels must be .*, got \[2, 3, 5\]"):
+        write_image(tmp_path / "a.exr", np.zeros((2, 3, 5)))
+    with pytest.raises(ValueError, match=r"plane must be \[H, W\], got \[2, 3, 1\]"):
+        write_map(tmp_path / "a.exr", np.zeros((2, 3, 1)))
+    with pytest.raises(DefocusError) as caught:
+        write_map(tmp_path / "a.png", np.zeros((2, 3)))
+    assert caught.value.path == str(tmp_path / "a.png")
+    for field, options in (("bits", {"bits": 12}), ("jpeg-quality", {"jpeg_quality": 0})):
+        with pytest.raises(DefocusError) as caught:
+            write_image(tmp_path / "a.png", np.zeros((2, 3)), **options)
+        assert problem(caught) == ("out-of-range", field)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_batch_goes_on_where_it_stopped(tmp_path: Path, out: Path) -> None:
+    asked, ended = tables(tmp_path), []
+    first = run_batch(asked, out, limit=2, ended=lambda job, record: ended.append(record["status"]))
+    assert (first.statuses["ok"], first.skipped, first.left) == (2, 0, 1)
+    assert ended == ["ok", "ok"]
+    second = run_batch(asked, str(out))
+    assert (second.statuses["ok"], second.skipped, second.left) == (1, 2, 0)
+    found = list(samples(out))
+    assert [sample.lens.foc_dist for sample in found] == [1500.0, 2000.0, 3000.0]
+    coc = read_depth(found[0].files["coc"], format="coc")
+    assert coc.is_radius
+    assert coc.metres.shape == (HEIGHT, WIDTH)
+
+
+def test_the_command_line_goes_on_with_a_batch_of_python(tmp_path: Path, out: Path) -> None:
+    color, depth = pair(tmp_path)
+    file = tmp_path / "jobs.toml"
+    file.write_text(
+        f'[inputs]\ncolor = "{color}"\ndepth = "{depth}"\n[outputs]\nkinds = ["coc"]\n'
+        '[lens]\nfocal-length = "50mm"\nfnumber = 2\nfocus = "2m"\n'
+    )
+    assert run_batch(file, out).statuses["ok"] == 1
+    assert run("batch", file, "-o", out, "--processes", "1", "--json").json["done_before"] == 1
+
+
+def test_jobs_can_be_chosen_before_they_are_done(tmp_path: Path, out: Path) -> None:
+    jobs = [job for job in batch_jobs(tables(tmp_path), "elsewhere") if job.lens.foc_dist == 2000]
+    assert run_batch(jobs, out).jobs == 1
+    assert [sample.lens.foc_dist for sample in samples(out)] == [2000.0]
+    assert not Path("elsewhere").exists()
+
+
+def test_a_job_that_fails_says_why(tmp_path: Path, out: Path) -> None:
+    asked, records = tables(tmp_path, sweep={}), []
+    asked["lens"]["focus"] = "2m"
+    Path(asked["inputs"]["color"]).write_bytes(b"broken")
+    summary = run_batch(asked, out, ended=lambda job, record: records.append(record))
+    assert (summary.statuses["failed"], summary.left) == (1, 0)
+    assert asked["inputs"]["color"] in records[0]["message"]
+
+
+def test_a_batch_leaves_torch_as_it_was(tmp_path: Path, out: Path) -> None:
+    asked, interval = tables(tmp_path, outputs={"kinds": ["render"]}), sys.getswitchinterval()
+    torch.set_num_threads(2)
+    try:
+        assert run_batch(asked, out, limit=1).statuses["ok"] == 1
+        assert torch.get_num_threads() == 2
+        assert sys.getswitchinterval() == interval
+    finally:
+        torch.set_num_threads(1)
+
+
+def test_jobs_that_make_no_sense_are_refused(tmp_path: Path, out: Path) -> None:
+    with pytest.raises(DefocusError, match="unknown table 'lenses'"):
+        run_batch(tables(tmp_path, lenses={}), out)
+    with pytest.raises(DefocusError) as caught:
+        run_batch(tables(tmp_path), out, device="tpu")
+    assert problem(caught) == ("unknown-name", "device")
+    assert not out.exists()
+
+
+def test_equal_pictures_pass_and_a_moved_one_is_found_out(tmp_path: Path) -> None:
+    file, pixels = color_exr(tmp_path / "a.exr"), texture().astype(np.float32)
+    same = compare_images(file, pixels)
+    assert same.passes
+    assert same.metrics["psnr"] == 99
+    moved = compare_images(pixels, torch.from_numpy(np.roll(pixels, 2, axis=1)).movedim(-1, 0))
+    assert moved.status == "different"
+    assert moved.findings[0].name == "shifted"
+    assert moved.findings[0].values["dx"] == 2
+
+
+def test_rules_decide_about_values() -> None:
+    a = texture().astype(np.float32)
+    b = a.copy()
+    b[0, 0, 0] += 0.5
+    assert compare_images(a, b, fail=["max>0.6"], warn=["max>0.1"]).status == "warning"
+    assert compare_images(a, b, fail="max>0.4").failed == ("max>0.4",)
+    assert compare_images(a, b, region=(1, 0, 8, 8)).passes
+    assert "flip" in compare_images(a, b, flip=True).metrics
+
+
+def test_a_rule_that_lets_everything_through_is_refused() -> None:
+    with pytest.raises(DefocusError) as caught:
+        compare_images("a.exr", "b.exr", fail=["psnr>45"])
+    assert problem(caught) == ("no-rule", "fail")
