@@ -58,7 +58,7 @@ class LazyGroup(click.Group):
         """The command that ``args`` start with, and what is left of them."""
         if args[0] not in COMMANDS:
             remedy = did_you_mean(args[0], COMMANDS, "see 'defocus --help'")
-            raise UsageProblem("", "no such command", remedy, path=args[0])
+            raise UsageProblem("unknown-name", "no such command", remedy, path=args[0])
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> object:

@@ -54,6 +54,8 @@ def command(out: Path, radius: float, nearer: bool, overwrite: bool, lens: Lens)
       defocus aperture -o mirror.exr --obstruction 0.4 --radius 40px
     """  # noqa: D301  click reads the backspace
     if out.exists() and not overwrite:
-        raise InputError("", "is there already", "give another name, or --overwrite", path=out)
+        raise InputError(
+            "exists", "is there already", "give another name, or --overwrite", path=out
+        )
     write_aperture(out, lens, -radius if nearer else radius)
     console.tell(f"wrote {out}")

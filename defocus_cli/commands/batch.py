@@ -95,7 +95,9 @@ def command(
     """  # noqa: D301  click reads the backspace
     if shard is not None and shards_size is not None:
         problem = "needs the whole batch"
-        raise UsageProblem("", problem, "give it to 'defocus merge'", field="shards-size")
+        raise UsageProblem(
+            "whole-batch", problem, "give it to 'defocus merge'", field="shards-size"
+        )
     jobs = read_jobs(jobs_file, Outputs(out, overwrite=overwrite), crew.machine)
     execution = Execution(
         crew.execute(),

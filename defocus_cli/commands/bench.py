@@ -190,9 +190,14 @@ def _refuse_others(ctx: click.Context, *, timing: bool) -> None:
         if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             if timing:
                 raise UsageProblem(
-                    "", "means nothing with --time", "leave one of them out", path=option
+                    "contradiction",
+                    "means nothing with --time",
+                    "leave one of them out",
+                    path=option,
                 )
-            raise UsageProblem("", "means nothing without --time", "add --time", path=option)
+            raise UsageProblem(
+                "contradiction", "means nothing without --time", "add --time", path=option
+            )
 
 
 def _errors(

@@ -182,9 +182,13 @@ def command(
     places = [out and (out / f"{p.stem}.toml" if many else out) for p in pictures]
     for named in filter(None, places):
         if named.suffix != ".toml":
-            raise UsageProblem("", f"{named} is no lens file", "let it end in .toml", path="-o")
+            raise UsageProblem(
+                "malformed", f"{named} is no lens file", "let it end in .toml", path="-o"
+            )
         if named.exists() and not overwrite:
-            raise InputError("", "is there already", "give another -o, or --overwrite", path=named)
+            raise InputError(
+                "exists", "is there already", "give another -o, or --overwrite", path=named
+            )
     if many and out is not None:
         out.mkdir(parents=True, exist_ok=True)
     records, failures = [], Failures()
@@ -242,10 +246,15 @@ def _refuse_idle(
     """Refuse what has no effect, with or without a set to match."""
     if match is None:
         if seed is not None:
-            raise UsageProblem("", "has no effect without --match", "leave it out", field="seed")
+            raise UsageProblem(
+                "idle-option", "has no effect without --match", "leave it out", field="seed"
+            )
         if blurred is None:
             raise UsageProblem(
-                "", "is missing", "give the blurred picture, or --match SET", path="BLURRED"
+                "missing-option",
+                "is missing",
+                "give the blurred picture, or --match SET",
+                path="BLURRED",
             )
         return
     beside = {"BLURRED": blurred, "--right": right, "--blades": options.blades != (0,)}
@@ -253,5 +262,5 @@ def _refuse_idle(
     for name, value in beside.items():
         if value:
             raise UsageProblem(
-                "", "stands beside --match, which needs none", "remove one", path=name
+                "contradiction", "stands beside --match, which needs none", "remove one", path=name
             )

@@ -103,7 +103,9 @@ def update(
             console.tell(f"{change_words(record)}: {compare_report.line(record)}")
         batch_report.end(fresh.summary)
         if not fresh.complete:
-            raise InputError("", "has jobs that made no picture", "mend them first", path=jobs_file)
+            raise InputError(
+                "empty", "has jobs that made no picture", "mend them first", path=jobs_file
+            )
         if not changed:
             console.tell(f"{folder}: {counted(len(records), 'golden')}, none changes")
             return 0
@@ -152,7 +154,7 @@ def check(
         for option, value in {**asked.reports, "--only": only}.items():
             if value:
                 raise UsageProblem(
-                    "", "means nothing with --must-fail", "leave it out", path=option
+                    "contradiction", "means nothing with --must-fail", "leave it out", path=option
                 )
         return _plant(folder, asked, as_json=as_json)
     start = time.perf_counter()

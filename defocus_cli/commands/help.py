@@ -44,7 +44,7 @@ def command(topic: str | None) -> None:
         return
     if topic not in TOPICS:
         remedy = f"topics are {', '.join(TOPICS)}; for a command, add --help to it"
-        raise UsageProblem("", "no such topic", remedy, path=topic)
+        raise UsageProblem("unknown-name", "no such topic", remedy, path=topic)
     # Without a terminal, click prints the text as it is.
     click.echo_via_pager(text(topic).removesuffix("\n"))
 

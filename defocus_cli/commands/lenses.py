@@ -42,9 +42,11 @@ def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
     lenses = shipped_lenses()
     if out is not None:
         if out.suffix.lower() != ".png":
-            raise InputError("", "is no PNG", "end its name in .png", path=out)
+            raise InputError("malformed", "is no PNG", "end its name in .png", path=out)
         if out.exists() and not overwrite:
-            raise InputError("", "is there already", "give another name, or --overwrite", path=out)
+            raise InputError(
+                "exists", "is there already", "give another name, or --overwrite", path=out
+            )
         from defocus_core.reports.lens_sheet import write_sheet
 
         write_sheet(out, lenses)

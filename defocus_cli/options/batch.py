@@ -60,7 +60,7 @@ class ShardType(click.ParamType[Shard]):
         if not match or not 1 <= int(match[1]) <= int(match[2]):
             problem = f"'{value}' is no part of a batch"
             raise UsageProblem(
-                "", problem, "write it like 2/8, from 1/8 to 8/8", path=option_name(param)
+                "malformed", problem, "write it like 2/8, from 1/8 to 8/8", path=option_name(param)
             )
         return Shard(int(match[1]), int(match[2]))
 

@@ -48,7 +48,9 @@ def over_options(command: Command) -> Command:
 
     def make(over: Path | None, over_depth: Path | None) -> tuple[Path, Path | None] | None:
         if over is None and over_depth is not None:
-            raise UsageProblem("", "stands without --over", "give the plate", field="over-depth")
+            raise UsageProblem(
+                "missing-option", "stands without --over", "give the plate", field="over-depth"
+            )
         return None if over is None else (over, over_depth)
 
     option = functools.partial(grouped_option, "Files", type=FilePath(), default=None)
@@ -163,7 +165,9 @@ def _outputs(
     ):
         if value is not None and outputs.format != kind:
             problem = f"says nothing about {outputs.format}"
-            raise UsageProblem("", problem, f"leave it out, or use --format {kind}", path=option)
+            raise UsageProblem(
+                "idle-option", problem, f"leave it out, or use --format {kind}", path=option
+            )
     return replace(
         outputs,
         exr_type=exr_type or outputs.exr_type,
@@ -192,7 +196,9 @@ def rendering_options(command: Command) -> Command:
 
 def _machine(*, quality: str | None, tolerance: float | None = None, **others: Any) -> Machine:
     if quality is not None and tolerance is not None:
-        raise UsageProblem("", "stands beside --quality", "keep one of them", field="tolerance")
+        raise UsageProblem(
+            "contradiction", "stands beside --quality", "keep one of them", field="tolerance"
+        )
     return Machine(quality=quality or Machine.quality, tolerance=tolerance, **others)
 
 

@@ -144,7 +144,10 @@ def shot_lens_options(*, required: bool) -> Decorator:
         flags = {n.replace("_", "-"): value for n, value in values.items() if value is not None}
         if interpolate is not None and not animate:
             raise UsageProblem(
-                "", "has no keys to go between", "add --animate FILE", field="interpolate"
+                "idle-option",
+                "has no keys to go between",
+                "add --animate FILE",
+                field="interpolate",
             )
         if not (required or flags or animate or metadata or lens_file is not None):
             return None

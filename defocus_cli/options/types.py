@@ -32,7 +32,7 @@ class FilePath(click.ParamType[Path]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """A path that is not empty, as ``"$UNSET"`` would be."""
         if not str(value):
-            raise UsageProblem("", "is empty", "give a path", path=option_name(param))
+            raise UsageProblem("empty", "is empty", "give a path", path=option_name(param))
         return Path(value)
 
 
@@ -75,7 +75,7 @@ class Listed(click.ParamType[tuple[Any, ...]]):
             except ValueError:
                 problem = f"'{word.strip()}' is no {self.name}"
                 remedy = f"write like {self.example}"
-                raise UsageProblem("", problem, remedy, path=option_name(param)) from None
+                raise UsageProblem("malformed", problem, remedy, path=option_name(param)) from None
         return tuple(dict.fromkeys(values))
 
 

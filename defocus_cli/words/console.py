@@ -73,7 +73,9 @@ def print_json(**document: Any) -> None:
 
 def _print(text: str) -> None:
     if sys.stdout is None:  # closed by whoever started us
-        raise InputError("", "is closed", "send it to a file or to another program", path="stdout")
+        raise InputError(
+            "unreadable", "is closed", "send it to a file or to another program", path="stdout"
+        )
     try:
         click.echo(text)
     except BrokenPipeError:
@@ -81,5 +83,5 @@ def _print(text: str) -> None:
     except OSError as error:
         remedy = "free some space" if error.errno == ENOSPC else "check where it leads"
         raise InputError(
-            "", f"cannot be written: {reason(error)}", remedy, path="stdout"
+            "unwritable", f"cannot be written: {reason(error)}", remedy, path="stdout"
         ) from error

@@ -46,11 +46,11 @@ class Baseline:
         if (self.threads, self.device) != (threads, device):
             problem = f"was measured on {self.device} with ‹threads› {self.threads}"
             remedy = f"add ‹device› {self.device} ‹threads› {self.threads}, or store a new one"
-            raise InputError("", problem, remedy, path=self.path)
+            raise InputError("other-machine", problem, remedy, path=self.path)
         if not any(case.name in self.fft_units for case in cases):
             problem = "holds none of the cases asked for"
             raise InputError(
-                "", problem, "ask for the same sizes, radii and qualities", path=self.path
+                "empty", problem, "ask for the same sizes, radii and qualities", path=self.path
             )
 
     def compare(self, costs: Mapping[Case, Cost]) -> list[dict[str, Any]]:
@@ -92,13 +92,15 @@ def read_baseline(path: Path) -> Baseline:
         threads, device = int(document["threads"]), str(document["device"])
     except OSError as error:
         raise InputError(
-            "", f"cannot be read: {reason(error)}", "check the path", path=path
+            "unreadable", f"cannot be read: {reason(error)}", "check the path", path=path
         ) from error
     except (ValueError, TypeError, KeyError) as error:
         problem = f"is no stored run ({type(error).__name__}: {reason(error)})"
         raise InputError(
-            "", problem, "make one with: defocus bench ‹time› ‹json› > FILE", path=path
+            "malformed", problem, "make one with: defocus bench ‹time› ‹json› > FILE", path=path
         ) from None
     if not all(value > 0 for value in fft_units.values()):
-        raise InputError("", "holds a time that is not positive", "store a new run", path=path)
+        raise InputError(
+            "damaged", "holds a time that is not positive", "store a new run", path=path
+        )
     return Baseline(path, threads, device, fft_units)

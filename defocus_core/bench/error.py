@@ -73,7 +73,7 @@ def measure_shot(
             yield Row(shot.scene, shot.name, method, errors, cost)
     except torch.OutOfMemoryError:
         problem = "does not fit into the memory of the GPU"
-        raise InputError("", problem, "use ‹device› cpu", path=shot.folder) from None
+        raise InputError("out-of-memory", problem, "use ‹device› cpu", path=shot.folder) from None
 
 
 def work(

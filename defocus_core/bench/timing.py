@@ -108,7 +108,7 @@ def time_case(case: Case, *, device: str, threads: int) -> Cost:
     except torch.OutOfMemoryError:
         problem = "does not fit into the memory of the GPU"
         raise InputError(
-            "", problem, "leave that size out or use ‹device› cpu", path=case.name
+            "out-of-memory", problem, "leave that size out or use ‹device› cpu", path=case.name
         ) from None
 
 

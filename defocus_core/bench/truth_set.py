@@ -69,7 +69,9 @@ def sample_set() -> Path:
         if any((root / "sample_scenes").glob("*/camera.json")):
             return root / "sample_scenes"
     problem = "is missing, and the sample scenes are not part of an installed package"
-    raise UsageProblem("", problem, "name a directory of <scene>/camera.json", field="truth")
+    raise UsageProblem(
+        "missing-option", problem, "name a directory of <scene>/camera.json", field="truth"
+    )
 
 
 def find_shots(root: Path) -> list[Shot]:
@@ -80,16 +82,16 @@ def find_shots(root: Path) -> list[Shot]:
     """
     if not root.is_dir():
         raise InputError(
-            "", "is no directory", "name one that holds <scene>/camera.json", path=root
+            "not-found", "is no directory", "name one that holds <scene>/camera.json", path=root
         )
     cameras = sorted(root.glob("*/camera.json"))
     if not cameras:
         raise InputError(
-            "", "holds no <scene>/camera.json", "name a directory of such scenes", path=root
+            "empty", "holds no <scene>/camera.json", "name a directory of such scenes", path=root
         )
     shots = [shot for camera in cameras for shot in _shots(camera)]
     if not shots:
-        raise InputError("", "holds no shot", "list shots in camera.json", path=root)
+        raise InputError("empty", "holds no shot", "list shots in camera.json", path=root)
     return shots
 
 
@@ -98,21 +100,26 @@ def _shots(file: Path) -> list[Shot]:
         camera: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         shots = [_shot(file.parent, camera, shot) for shot in camera["shots"]]
     except OSError as error:
-        raise InputError("", f"cannot be read: {reason(error)}", "check it", path=file) from error
+        raise InputError(
+            "unreadable", f"cannot be read: {reason(error)}", "check it", path=file
+        ) from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         problem = f"does not describe a camera ({type(error).__name__}: {reason(error)})"
         raise InputError(
-            "", problem, "compare it with those of sample_scenes", path=file
+            "malformed", problem, "compare it with those of sample_scenes", path=file
         ) from error
     for shot in shots:
         for path in (shot.folder / "rgb.exr", shot.folder / "depth.exr", shot.truth):
             if not path.is_file():
                 raise InputError(
-                    "", "is missing", f"add it or take the shot out of {file}", path=path
+                    "missing-option",
+                    "is missing",
+                    f"add it or take the shot out of {file}",
+                    path=path,
                 )
         if min(camera["width"], camera["height"]) - 2 * shot.border < LEAST_INNER:
             problem = f"{shot.name} leaves no picture within its border of {shot.border} px"
-            raise InputError("", problem, "use larger pictures or less blur", path=file)
+            raise InputError("empty", problem, "use larger pictures or less blur", path=file)
     return shots
 
 
@@ -157,5 +164,5 @@ def _rgb(path: Path, size: tuple[int, int]) -> Tensor:
     if color.pixels.shape != (*size, 3):
         shape = "x".join(map(str, color.pixels.shape))
         problem = f"is {shape} (height, width, channels), not {size[0]}x{size[1]}x3 as depth.exr is"
-        raise InputError("", problem, "write RGB of the size of the depth", path=path)
+        raise InputError("wrong-size", problem, "write RGB of the size of the depth", path=path)
     return torch.from_numpy(color.pixels.transpose(2, 0, 1).copy())

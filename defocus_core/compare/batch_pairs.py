@@ -77,7 +77,7 @@ def pair_batches(a: Path, b: Path) -> BatchPairs:
     files_a, files_b = _pictures(a, of_a), _pictures(b, of_b)
     if not files_a and not files_b:
         problem = f"has a journal without pictures, and so has {b}"
-        raise InputError("", problem, "name batches that made some", path=a)
+        raise InputError("empty", problem, "name batches that made some", path=a)
     pairs = []
     for key in files_a | files_b:
         one, other = files_a.get(key), files_b.get(key)

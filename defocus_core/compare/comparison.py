@@ -120,7 +120,9 @@ def _pixels(
     if pixels.selected is not None and not pixels.selected.any():
         assert settings.mask is not None
         problem = f"is 0 everywhere in the region {settings.region}"
-        raise InputError("", problem, "give a mask and a region that overlap", path=settings.mask)
+        raise InputError(
+            "empty", problem, "give a mask and a region that overlap", path=settings.mask
+        )
     return pixels, (cut[1].start or 0, cut[0].start or 0)
 
 

@@ -41,7 +41,9 @@ def measure_flip(pixels: Pixels) -> dict[str, float]:
         if not errors.size:
             return {}
         if not np.isfinite(errors).all():
-            raise UsageProblem("", "is not a number for these pixels", "leave it out", field="flip")
+            raise UsageProblem(
+                "not-numbers", "is not a number for these pixels", "leave it out", field="flip"
+            )
         means.append(float(errors.mean(dtype=np.float64)))
         greatest.append(float(errors.max()))
     return {"flip": max(means), "flip-max": max(greatest)} if means else {}
@@ -67,7 +69,7 @@ def _flip(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]
 
     if not hasattr(oiio.ImageBufAlgo, "FLIP_diff"):
         raise UsageProblem(
-            "", "needs OpenImageIO 3.2", "leave it out, or install that", field="flip"
+            "needs-extra", "needs OpenImageIO 3.2", "leave it out, or install that", field="flip"
         )
     luminance = (a * np.asarray(_LUMINANCE, np.float32)).sum(axis=2)
     hdr = int(max(float(a.max()), float(b.max())) > 1.0)
@@ -78,7 +80,9 @@ def _flip(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]
     with quiet():
         errors = oiio.ImageBufAlgo.FLIP_diff(_buffer(a), _buffer(b), hdr, most, middle)
         if errors.has_error:
-            raise UsageProblem("", f"failed: {errors.geterror()}", "leave it out", field="flip")
+            raise UsageProblem(
+                "not-numbers", f"failed: {errors.geterror()}", "leave it out", field="flip"
+            )
         values: Any = errors.get_pixels(oiio.FLOAT)
     flip: NDArray[np.float32] = values[:, :, 0]
     return flip

@@ -39,14 +39,14 @@ def find_pairs(a: Path, b: Path) -> list[Pair]:
     if a.is_dir() != b.is_dir():
         folder, file = (a, b) if a.is_dir() else (b, a)
         problem = f"is a directory but {file} is a file"
-        raise InputError("", problem, "name two files, or two directories", path=folder)
+        raise InputError("wrong-type", problem, "name two files, or two directories", path=folder)
     if not a.is_dir():
         return [Pair(b.name, a, b)]
     of_a, of_b = _pictures(a), _pictures(b)
     if not of_a and not of_b:
         known = ", ".join(sorted(suffix[1:] for suffix in SUFFIXES))
         problem = f"holds no picture, nor does {b}"
-        raise InputError("", problem, f"name directories with files of type {known}", path=a)
+        raise InputError("empty", problem, f"name directories with files of type {known}", path=a)
     return [Pair(name, of_a.get(name), of_b.get(name)) for name in sorted(of_a | of_b)]
 
 

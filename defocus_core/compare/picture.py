@@ -106,11 +106,14 @@ def _refuse_damaged_png(path: Path) -> None:
         end = at + 8 + size
         if int.from_bytes(data[end : end + 4], "big") != zlib.crc32(data[at + 4 : end]):
             problem = f"is truncated or damaged (the checksum of its chunk {kind!r} is wrong)"
-            raise InputError("", problem, "write or copy it again", path=path)
+            raise InputError("damaged", problem, "write or copy it again", path=path)
         at = end + 4
     if kind != b"IEND" or at != len(data):
         raise InputError(
-            "", "is damaged (it does not end as PNG does)", "write or copy it again", path=path
+            "damaged",
+            "is damaged (it does not end as PNG does)",
+            "write or copy it again",
+            path=path,
         )
 
 
@@ -172,7 +175,7 @@ def _from_exr(path: Path) -> Picture:
     if any(header.deep for header in headers):
         problem = "holds deep data, which is not compared"
         raise InputError(
-            "", problem, "flatten it first, for example with oiiotool ‹flatten›", path=path
+            "deep-data", problem, "flatten it first, for example with oiiotool ‹flatten›", path=path
         )
     counts = Counter(channel.name for header in headers for channel in header.channels)
     labels = Counter(header.label for header in headers)
@@ -183,10 +186,10 @@ def _from_exr(path: Path) -> Picture:
             name = channel.name if counts[channel.name] == 1 else f"{label}/{channel.name}"
             if name in planes:
                 problem = f"has two channels {channel.name}"
-                raise InputError("", problem, "write it again with plain names", path=path)
+                raise InputError("duplicate", problem, "write it again with plain names", path=path)
             planes[name], types[name] = part.channels[channel.name], channel.type
     if not planes:
-        raise InputError("", "has no channels", "write or copy it again", path=path)
+        raise InputError("empty", "has no channels", "write or copy it again", path=path)
     metadata = {
         f"{header.label}/{name}" if len(headers) > 1 else name: _spoken(raw)
         for header in headers
@@ -247,7 +250,7 @@ def _from_raster(path: Path, pages: Sequence[Raster]) -> Picture:
 
     if any(page.deep for page in pages):
         raise InputError(
-            "", "holds deep data, which is not compared", "flatten it first", path=path
+            "deep-data", "holds deep data, which is not compared", "flatten it first", path=path
         )
     planes: dict[str, NDArray[Any]] = {}
     types: dict[str, str] = {}

@@ -47,7 +47,9 @@ class Region:
         within = self.x >= 0 and self.y >= 0
         if not within or self.x + self.width > width or self.y + self.height > height:
             problem = f"{self} is not within a picture of {width}x{height}"
-            raise UsageProblem("", problem, "write X,Y,WIDTH,HEIGHT within it", field="region")
+            raise UsageProblem(
+                "out-of-range", problem, "write X,Y,WIDTH,HEIGHT within it", field="region"
+            )
         return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
 
 
@@ -79,16 +81,19 @@ def read_mask(path: Path, size: tuple[int, int]) -> NDArray[np.bool_]:
     mask = read_picture(path)
     if (mask.height, mask.width) != size:
         problem = f"is {mask.width}x{mask.height}, but the picture is {size[1]}x{size[0]}"
-        raise InputError("", problem, "give a mask of the size of the picture", path=path)
+        raise InputError("wrong-size", problem, "give a mask of the size of the picture", path=path)
     planes = [plane for plane in mask.planes.values() if plane.shape == size]
     if any(np.isnan(plane).any() for plane in planes):
         raise InputError(
-            "", "holds NaN", "save it with numbers: 0 where nothing is compared", path=path
+            "not-finite",
+            "holds NaN",
+            "save it with numbers: 0 where nothing is compared",
+            path=path,
         )
     selected: NDArray[np.bool_] = np.logical_or.reduce([plane != 0 for plane in planes])
     if not selected.any():
         raise InputError(
-            "", "is 0 everywhere", "make it 1 where pixels are to be compared", path=path
+            "empty", "is 0 everywhere", "make it 1 where pixels are to be compared", path=path
         )
     return selected
 
@@ -110,13 +115,15 @@ def near_edges(folder: Path, name: str, size: tuple[int, int]) -> NDArray[np.boo
     picture = read_picture(path)
     if (picture.height, picture.width) != size:
         problem = f"is {picture.width}x{picture.height}, but the picture is {size[1]}x{size[0]}"
-        raise InputError("", problem, "give the CoC maps of these pictures", path=path)
+        raise InputError("wrong-size", problem, "give the CoC maps of these pictures", path=path)
     plane = picture.planes.get("coc")
     if plane is None and len(picture.planes) == 1:
         (plane,) = picture.planes.values()
     if plane is None:
         problem = f"has no channel coc, only {', '.join(picture.planes)}"
-        raise InputError("", problem, "give what 'defocus render ‹outputs› coc' wrote", path=path)
+        raise InputError(
+            "no-such-channel", problem, "give what 'defocus render ‹outputs› coc' wrote", path=path
+        )
     radius = np.asarray(plane, np.float32)
     radius = np.where(np.isfinite(radius), radius, np.float32(0.0))
     edges = np.zeros(size, bool)
@@ -157,4 +164,4 @@ def coc_file(folder: Path, name: str) -> Path:
         if candidate.is_file():
             return candidate
     problem = f"holds no CoC map {stem.name}.exr for {name}"
-    raise InputError("", problem, "name the directory that ‹outputs› coc made", path=folder)
+    raise InputError("empty", problem, "name the directory that ‹outputs› coc made", path=folder)

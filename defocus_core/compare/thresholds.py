@@ -160,7 +160,7 @@ def read_thresholds(
     overrides = tables.get("override", [])
     if not isinstance(overrides, list) or not all(isinstance(each, dict) for each in overrides):
         problem, remedy = "is no list of tables", "write [[override]] above files, fail and warn"
-        raise UsageProblem("", problem, remedy, path=file, field="override")
+        raise UsageProblem("malformed", problem, remedy, path=file, field="override")
     read = []
     for number, values in enumerate(overrides, 1):
         table = Table(file, f"override {number}", values)
@@ -168,7 +168,7 @@ def read_thresholds(
         pattern = table.text("files")
         if pattern is None:
             raise UsageProblem(
-                "", "is missing", "write files = 'left/*'", path=table.place("files")
+                "missing-option", "is missing", "write files = 'left/*'", path=table.place("files")
             )
         read.append((pattern, _changes(table)))
     general = replace(default, **_changes(Table(file, "thresholds", top)))
@@ -184,7 +184,9 @@ def _changes(table: Table) -> dict[str, Any]:
             texts = [texts] if isinstance(texts, str) else texts
             if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
                 problem = f"{texts!r} is no list of rules"
-                raise UsageProblem("", problem, f"write {key} = ['psnr<45']", path=table.place(key))
+                raise UsageProblem(
+                    "malformed", problem, f"write {key} = ['psnr<45']", path=table.place(key)
+                )
             changes[key] = tuple(read_at(table.place(key), rule, text) for text in texts)
     if "over" in table.values:
         changes["over"] = difference(table.values["over"], table.place("over"))
@@ -199,4 +201,6 @@ def difference(value: object, where: str) -> float:
     """
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf:
         return float(value)
-    raise UsageProblem("", f"{value!r} is no difference of 0 or more", f"write {OVER}", path=where)
+    raise UsageProblem(
+        "malformed", f"{value!r} is no difference of 0 or more", f"write {OVER}", path=where
+    )

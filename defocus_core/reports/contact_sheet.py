@@ -31,7 +31,9 @@ def kind_of_sheet(jobs: Sequence[Job]) -> str:
         if kind.image:
             return kind.name
     problem = "shows images, but maps alone are written"
-    raise UsageProblem("", problem, "add one, like ‹outputs› render,coc", field="contact")
+    raise UsageProblem(
+        "idle-option", problem, "add one, like ‹outputs› render,coc", field="contact"
+    )
 
 
 def write_contact_sheet(jobs: Sequence[Job], count: int) -> Path | None:

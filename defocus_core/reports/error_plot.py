@@ -32,10 +32,12 @@ def refuse_unplottable(path: Path) -> None:
     """
     if path.suffix.lower() not in SUFFIXES:
         problem = f"{path} has no suffix of a picture"
-        raise UsageProblem("", problem, f"use one of {', '.join(SUFFIXES)}", field="plot")
+        raise UsageProblem("malformed", problem, f"use one of {', '.join(SUFFIXES)}", field="plot")
     if find_spec("matplotlib") is None:
         problem = "needs matplotlib, which is not installed"
-        raise UsageProblem("", problem, "run: pip install 'defocus[bench]'", field="plot")
+        raise UsageProblem(
+            "needs-extra", problem, "run: pip install 'defocus[bench]'", field="plot"
+        )
 
 
 def draw(path: Path, rows: Sequence[Row]) -> None:

@@ -64,7 +64,9 @@ def samples(out: str | os.PathLike[str]) -> Iterator[Sample]:
                 yield _sample(root, line, f"{path}: line {number}")
     except OSError as error:
         problem = f"cannot be read: {reason(error)}"
-        raise InputError("", problem, "it is written when a batch ends", path=path) from None
+        raise InputError(
+            "unreadable", problem, "it is written when a batch ends", path=path
+        ) from None
 
 
 def _sample(root: Path, line: str, where: str) -> Sample:
@@ -82,7 +84,7 @@ def _sample(root: Path, line: str, where: str) -> Sample:
         )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         problem = f"is no sample: {type(error).__name__} {reason(error)}"
-        raise InputError("", problem, "let the batch write it again", path=where) from None
+        raise InputError("malformed", problem, "let the batch write it again", path=where) from None
 
 
 def _lens(entry: Mapping[str, Any], inputs: Mapping[str, str]) -> Lens:

@@ -60,7 +60,7 @@ def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[Place]:
     if out.suffix.lower() == ".exr":
         if len(files) > 1:
             problem = f"is one file, and there are {len(files)} to convert"
-            raise UsageProblem("", problem, "name a directory, without .exr", field="out")
+            raise UsageProblem("one-file", problem, "name a directory, without .exr", field="out")
         outs = [out]
     else:
         outs = [out / f"{file.stem}.exr" for file in files]
@@ -68,7 +68,7 @@ def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[Place]:
     for file, target in zip(files, outs, strict=True):
         if first.setdefault(target, file) is not file:
             problem = f"would be written to {target}, and so would {first[target]}"
-            raise UsageProblem("", problem, "convert them to two directories", path=file)
+            raise UsageProblem("duplicate", problem, "convert them to two directories", path=file)
     return [
         Place(file, target, target.with_suffix(".preview.png") if preview else None)
         for file, target in zip(files, outs, strict=True)
@@ -84,10 +84,15 @@ def refuse_existing(wanted: Sequence[Place], *, overwrite: bool) -> None:
     for place in wanted:
         for path in place.written:
             if path.exists() and any(path.samefile(p.file) for p in wanted if p.file.exists()):
-                raise InputError("", "is a file to convert", "name another output", path=path)
+                raise InputError(
+                    "replaces-input", "is a file to convert", "name another output", path=path
+                )
             if path.exists() and not overwrite:
                 raise InputError(
-                    "", "is there already", "say ‹overwrite›, or name another output", path=path
+                    "exists",
+                    "is there already",
+                    "say ‹overwrite›, or name another output",
+                    path=path,
                 )
 
 
@@ -109,7 +114,7 @@ def convert(place: Place, reading: Reading) -> Converted:
     if reading.row.rule == "radius":
         problem = "holds radii of a lens, and no depth"
         raise UsageProblem(
-            "", problem, "give such files to 'defocus render'", field="depth-format coc"
+            "radii", problem, "give such files to 'defocus render'", field="depth-format coc"
         )
     depth = read_depth(place.file, reading)
     require_valid(depth)

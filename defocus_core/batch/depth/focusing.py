@@ -71,7 +71,7 @@ def signed_radius(
     if not np.isfinite(radius).all():
         problem = f"f/{lens.fnum:g} blurs beyond all numbers in this picture"
         raise UsageProblem(
-            "", problem, "check the lens options and the depth's unit", field="fnumber"
+            "out-of-range", problem, "check the lens options and the depth's unit", field="fnumber"
         )
     return radius
 
@@ -148,10 +148,10 @@ def _refuse_blur(ends: list[float], depth: Depth, rows: slice) -> None:
     if not -ends[0] <= _MOST_PX:
         nearest = float(depth.something(rows).min())
         problem = f"has a depth of {nearest:.3g} m, which is blurred by {-ends[0]:.2g} px"
-        raise InputError("", problem, "check ‹depth-unit› and ‹focus›", path=depth.path)
+        raise InputError("too-blurred", problem, "check ‹depth-unit› and ‹focus›", path=depth.path)
     if not ends[1] <= _FARTHEST_PX:
         problem = f"is blurred by {ends[1]:.2g} px: focus is hardly beyond the focal length"
-        raise InputError("", problem, "give ‹focus› in the scene", path=depth.path)
+        raise InputError("out-of-range", problem, "give ‹focus› in the scene", path=depth.path)
 
 
 def _with_nothing(radius: Any, farthest: float, depth: Depth) -> Any:
@@ -174,7 +174,7 @@ def _ends_of_radii(depth: Depth) -> tuple[float, float]:
     most = max((float(radius.max()) for radius in of_bands if radius.size), default=0.0)
     if max(-least, most) > _MOST_PX:
         problem = f"has a CoC radius of {max(-least, most):.2g} px"
-        raise InputError("", problem, "check ‹depth-format› coc", path=depth.path)
+        raise InputError("too-blurred", problem, "check ‹depth-format› coc", path=depth.path)
     return least, most
 
 
@@ -194,7 +194,9 @@ def _thin_lens(lens: Lens, size: tuple[int, int]) -> DefocusLens:
         thin_lens.sharp_range = lens.sharp_range
     except ValueError as error:
         option = at(lens.focus_source, "focus")
-        raise UsageProblem("", reason(error), "check the lens options", path=option) from error
+        raise UsageProblem(
+            "out-of-range", reason(error), "check the lens options", path=option
+        ) from error
     return thin_lens
 
 
@@ -214,7 +216,7 @@ def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
     option = at(lens.focus_source, "focus-at")
     if not (0 <= x < width and 0 <= y < height):
         raise UsageProblem(
-            "",
+            "out-of-range",
             f"{x},{y} lies outside {depth.path} of {width}x{height} px",
             f"give X from 0 to {width - 1} and Y from 0 to {height - 1}",
             path=option,
@@ -223,7 +225,7 @@ def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
     place = slice(row, row + 1), slice(column, column + 1)
     if depth.nothing is not None and depth.nothing[place].any():
         problem = f"{x},{y} has an alpha of 0 in {depth.path}, and nothing to focus on"
-        raise UsageProblem("", problem, "give a pixel of the element", path=option)
+        raise UsageProblem("no-valid-depth", problem, "give a pixel of the element", path=option)
     foc_dist = float(depth.metres[place][0, 0]) * MM_PER_M
     refuse_near_focus(foc_dist, lens.foclen, f"{option}: {depth.path} at {x},{y}")
     return foc_dist
@@ -291,4 +293,4 @@ def quality_of(machine: Machine, coc_px: tuple[float, float]) -> str:
             f"{error.most:.1f} px, got {error.tolerance:g}"
         )
         remedy = f"give more: that is what {error.quality} has"
-        raise UsageProblem("", problem, remedy, field="tolerance") from None
+        raise UsageProblem("out-of-range", problem, remedy, field="tolerance") from None

@@ -30,13 +30,15 @@ def of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> D
     if reading.resize_depth is None:
         problem = f"is {columns}x{rows} px but {color.path} is {width}x{height} px"
         remedy = "give depth of the size of the colour, or say ‹resize-depth› guided, or nearest"
-        raise InputError("", problem, remedy, path=depth.path)
+        raise InputError("wrong-size", problem, remedy, path=depth.path)
     if depth.is_radius:
         problem = f"holds radii in px of a picture of {columns}x{rows} px"
-        raise InputError("", problem, "give radii of the size of the colour", path=depth.path)
+        raise InputError("radii", problem, "give radii of the size of the colour", path=depth.path)
     if abs(width * rows - height * columns) > max(width, height, rows, columns):
         problem = f"is {columns}x{rows} px, of another aspect than the colour, {width}x{height} px"
-        raise InputError("", problem, "cut depth and colour to one aspect", path=depth.path)
+        raise InputError(
+            "wrong-size", problem, "cut depth and colour to one aspect", path=depth.path
+        )
     metres = keeping.new((height, width), np.float32)
     if reading.resize_depth == "guided":
         require_valid(depth)

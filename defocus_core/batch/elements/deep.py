@@ -54,7 +54,7 @@ def layers_of_scene(
         return None
     if picture.hidden is not None:
         problem = "is given ‹hidden›, but what its samples or its holdout hide is known"
-        raise InputError("", problem, "leave ‹hidden› out", path=picture.color)
+        raise InputError("contradiction", problem, "leave ‹hidden› out", path=picture.color)
     layers = flat_layer(*like)
     if header is not None:
         layers = read_deep(picture, header, reading, like, keeping, lens_focal)
@@ -87,12 +87,12 @@ def _holdout(
     deep = [header for header in headers if header.deep]
     if len(deep) != 1:
         problem = f"holds {len(deep)} deep parts" if deep else "holds no deep data"
-        raise InputError("", problem, "give ‹holdout› a deep EXR of one part", path=path)
+        raise InputError("empty", problem, "give ‹holdout› a deep EXR of one part", path=path)
     display = deep[0].display
     if (display.width, display.height) != color.size:
         width, height = color.size
         problem = f"is {display.width}x{display.height} px but the picture is {width}x{height} px"
-        raise InputError("", problem, "give a holdout of its size", path=path)
+        raise InputError("wrong-size", problem, "give a holdout of its size", path=path)
     like = (color, replace(depth, path=path, channel=DEPTH))
     return _sampled(path, deep[0], (), reading, like, keeping, lens_focal)
 
@@ -147,7 +147,7 @@ def read_deep(
     if picture.depth != picture.color or depth.channel != DEPTH:
         problem = "is deep: its samples have a depth of their own, channel Z"
         raise InputError(
-            "", problem, "leave the depth file and ‹depth-channel› out", path=picture.color
+            "deep-data", problem, "leave the depth file and ‹depth-channel› out", path=picture.color
         )
     names = {channel.plain: channel.name for channel in header.channels}
     sources = tuple(names[name] for name in (*color.channels[: len(color.light)], *color.passes))
@@ -219,6 +219,6 @@ def _depth(like: Depth, metres: Any, alpha: Any) -> Depth:
     if count:
         problem = f"is NaN or ≤ 0 in {counted(count, 'sample')}, the first in pixel {first}"
         raise InputError(
-            "", problem, "write inf for sky, and leave other samples out", path=like.path
+            "not-finite", problem, "write inf for sky, and leave other samples out", path=like.path
         )
     return depth

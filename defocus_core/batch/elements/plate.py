@@ -107,15 +107,17 @@ def _checked(element: Color, plate: Plate) -> Plate:
     path, alpha = plate.color.path, element.alpha
     if alpha is None:
         problem = "has no alpha, and hides the plate everywhere"
-        raise InputError("", problem, "give an element, or leave ‹over› out", path=element.path)
+        raise InputError(
+            "idle-option", problem, "give an element, or leave ‹over› out", path=element.path
+        )
     sizes = [f"{w}x{h} px" for h, w, _ in (element.shape, plate.color.shape)]
     if sizes[0] != sizes[1]:
         problem = f"is {sizes[1]} but the element is {sizes[0]}"
-        raise InputError("", problem, "give a plate of its size", path=path)
+        raise InputError("wrong-size", problem, "give a plate of its size", path=path)
     names = [(*c.channels[: len(c.light)], *c.passes) for c in (element, plate.color)]
     if names[0] != names[1]:
         problem = f"has {', '.join(names[1])} but the element {', '.join(names[0])}"
-        raise InputError("", problem, "give a plate of the same channels", path=path)
+        raise InputError("wrong-size", problem, "give a plate of the same channels", path=path)
     beyond = glowing = 0
     for rows in bands(alpha.shape):
         share = np.asarray(alpha[rows])
@@ -191,7 +193,9 @@ def _far_away(picture: Picture, reading: Reading, keeping: Keeping, overscan: Ov
     from defocus_core.io.images.color import read_color, require_finite
 
     if reading.holds_radii:
-        raise InputError("", "has no radii", "give them as ‹over› PLATE RADII", path=picture.color)
+        raise InputError(
+            "radii", "has no radii", "give them as ‹over› PLATE RADII", path=picture.color
+        )
     color = read_color(picture.color, view=reading.view, keeping=keeping, overscan=overscan)
     require_finite(color)
     metres = keeping.new(color.shape[:2], np.float32)

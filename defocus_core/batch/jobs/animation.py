@@ -82,7 +82,7 @@ class Animation:
             return keys[first].text
         if not all(isinstance(end, int | float | tuple) for end in ends):
             problem = f"is {keys[first].text}, which has nothing between it and another key"
-            raise UsageProblem("", problem, "give distances", path=keys[first].where)
+            raise UsageProblem("idle-option", problem, "give distances", path=keys[first].where)
         return _between(name, ends, share)
 
 
@@ -171,7 +171,7 @@ def keys_of_table(values: Mapping[str, Any], where: str) -> dict[str, dict[int, 
         if not isinstance(table, dict) or not table:
             remedy = f'write {name} = {{1001 = "1.2m", 1060 = "4m"}}'
             raise UsageProblem(
-                "", f"{table!r:.40} is no table of frames", remedy, path=f"{where} {name}"
+                "malformed", f"{table!r:.40} is no table of frames", remedy, path=f"{where} {name}"
             )
         refuse_unknown([name], tuple(PARSERS), where, "a lens", "option")
         keys[name] = {
@@ -188,7 +188,7 @@ def _of_toml(file: Path, interpolation: str | None) -> tuple[Keys, str | None]:
     refuse_unknown(tables, ("animate",), file, "a file of keys", "table")
     values = tables.get("animate")
     if not isinstance(values, dict):
-        raise InputError("", "has no table [animate]", remedy, path=file)
+        raise InputError("empty", "has no table [animate]", remedy, path=file)
     values, said = interpolation_of(values, f"{file}: [animate]")
     return keys_of_table(values, f"{file}: [animate]"), interpolation or said
 
@@ -202,7 +202,9 @@ def interpolation_of(values: Mapping[str, Any], where: str) -> tuple[dict[str, A
     said = values.get("interpolation")
     if said is not None and said not in INTERPOLATIONS:
         remedy = f"choose from {', '.join(INTERPOLATIONS)}"
-        raise UsageProblem("", f"'{said}' is not known", remedy, path=f"{where} interpolation")
+        raise UsageProblem(
+            "unknown-name", f"'{said}' is not known", remedy, path=f"{where} interpolation"
+        )
     return {name: value for name, value in values.items() if name != "interpolation"}, said
 
 
@@ -211,7 +213,10 @@ def _add(every: dict[str, Mapping[int, Key]], keys: Keys, file: Path) -> None:
         if name in every:
             where = next(iter(every[name].values())).where
             raise UsageProblem(
-                "", f"animates {name}, as does {where}", "remove one of them", path=file
+                "contradiction",
+                f"animates {name}, as does {where}",
+                "remove one of them",
+                path=file,
             )
         every[name] = of_option
 
@@ -227,7 +232,7 @@ def _checked(name: str, key: Key) -> str:
         degrees = 0.0
     if not 0 < degrees < 180:
         raise UsageProblem(
-            "", f"'{text}' is no field of view", "give degrees, like 40", path=key.where
+            "malformed", f"'{text}' is no field of view", "give degrees, like 40", path=key.where
         )
     return text
 

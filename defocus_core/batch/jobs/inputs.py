@@ -65,13 +65,13 @@ def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> list[Entry]:
     ]
     if not entries:
         remedy = 'write color = "frames/*.exr" and depth = "depth/*.exr" below [inputs]'
-        raise UsageProblem("", "names no picture", remedy, path=table.file, field="[inputs]")
+        raise UsageProblem("empty", "names no picture", remedy, path=table.file, field="[inputs]")
     named: dict[str, Entry] = {}
     for entry in entries:
         first = named.setdefault(entry.picture.stem, entry)
         if first is not entry:
             problem = f"has the same name as that of {first.where}, '{entry.picture.stem}'"
-            raise UsageProblem("", problem, "give it a stem of its own", path=entry.where)
+            raise UsageProblem("duplicate", problem, "give it a stem of its own", path=entry.where)
     return entries
 
 
@@ -106,7 +106,9 @@ def _others(table: Table, paths: Mapping[str, Path]) -> dict[str, tuple[Path, Pa
             others[role] = (other, paths.get(f"{role}-depth"))
         elif f"{role}-depth" in paths:
             problem = f"stands without {role}-color"
-            raise UsageProblem("", problem, "add that", path=table.place(f"{role}-depth"))
+            raise UsageProblem(
+                "missing-option", problem, "add that", path=table.place(f"{role}-depth")
+            )
     return others
 
 
@@ -117,7 +119,9 @@ def _from_files(table: Table, keyed: tuple[int, ...]) -> list[Entry]:
         asked = (*FILES, "frames", "missing")
         lone = next((key for key in asked if key in table.values), None)
         if lone is not None:
-            raise UsageProblem("", "stands without color", "add color", path=table.place(lone))
+            raise UsageProblem(
+                "missing-option", "stands without color", "add color", path=table.place(lone)
+            )
         return []
     others = _others(table, paths)
     choice = frame_choice(
@@ -136,7 +140,9 @@ def _lists(table: Table) -> list[Path]:
     names = value if isinstance(value, list) else [value]
     if not all(isinstance(name, str) and name for name in names):
         problem = f"{value!r} does not name files"
-        raise UsageProblem("", problem, 'write list = "pictures.csv"', path=table.place("list"))
+        raise UsageProblem(
+            "malformed", problem, 'write list = "pictures.csv"', path=table.place("list")
+        )
     return [table.file.parent / name for name in names]
 
 
@@ -144,7 +150,9 @@ def _from_tables(table: Table) -> list[Entry]:
     tables = table.values.get("pictures", [])
     if not isinstance(tables, list) or not all(isinstance(row, dict) for row in tables):
         remedy = "write [[inputs.pictures]] above each picture's color and depth"
-        raise UsageProblem("", "is no list of tables", remedy, path=table.place("pictures"))
+        raise UsageProblem(
+            "malformed", "is no list of tables", remedy, path=table.place("pictures")
+        )
     if not tables:
         return []
     places = (f"{table.file}: [[inputs.pictures]] {number}" for number in count(1))
@@ -159,11 +167,13 @@ def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
     """The pictures of rows; a missing file fails in its own job, unless all of them are missing."""
     entries = [_entry(row, where, file.parent) for where, row in rows]
     if not entries:
-        raise InputError("", "has no row", "write one for each picture", path=file)
+        raise InputError("empty", "has no row", "write one for each picture", path=file)
     if not any(entry.picture.color.exists() for entry in entries[:_TRIED]):
         first = entries[0]
         remedy = f"paths are relative to {file.parent}, the folder of {file.name}"
-        raise InputError("", f"{first.picture.color}: no such file", remedy, path=first.where)
+        raise InputError(
+            "not-found", f"{first.picture.color}: no such file", remedy, path=first.where
+        )
     return entries
 
 
@@ -177,19 +187,22 @@ def _entry(row: Mapping[str, Any], where: str, folder: Path) -> Entry:
     refuse_contradiction(options, f"{where}: ")
     paths = {key: _path(row[key], f"{where}: {key}", folder) for key in FILES if key in row}
     if "color" not in paths:
-        raise InputError("", "names no color", "give it the path of a colour file", path=where)
+        raise InputError("empty", "names no color", "give it the path of a colour file", path=where)
     others: dict[str, Any] = {}
     for role in OTHERS:
         if (other := paths.get(f"{role}-color")) is not None:
             others[role] = Picture(other.stem, other, paths.get(f"{role}-depth", other))
         elif f"{role}-depth" in paths:
             raise InputError(
-                "", f"names a {role}-depth without {role}-color", "give it both", path=where
+                "missing-option",
+                f"names a {role}-depth without {role}-color",
+                "give it both",
+                path=where,
             )
     color = paths["color"]
     if "depth" not in paths and color.suffix.lower() not in SCENE_SUFFIXES:
         raise InputError(
-            "", "names no depth, which only EXR holds beside colour", "give depth", path=where
+            "empty", "names no depth, which only EXR holds beside colour", "give depth", path=where
         )
     stem = _stem(row["stem"], where) if "stem" in row else color.stem
     return Entry(Picture(stem, color, paths.get("depth", color), **others), where, options)
@@ -197,7 +210,7 @@ def _entry(row: Mapping[str, Any], where: str, folder: Path) -> Entry:
 
 def _path(value: object, where: str, folder: Path) -> Path:
     if not isinstance(value, str) or not value or "\0" in value:
-        raise InputError("", f"{value!r} is not a path", "write it in quotes", path=where)
+        raise InputError("malformed", f"{value!r} is not a path", "write it in quotes", path=where)
     return folder / value
 
 
@@ -206,5 +219,7 @@ def _stem(value: object, where: str) -> str:
     odd = not stem or "/" in stem or "\0" in stem or stem.startswith(".") or not stem.isprintable()
     if odd or not isinstance(value, str | int):
         remedy = "it becomes OUT/<kind>/<stem>.<ext>, so write a plain name"
-        raise InputError("", f"{value!r} cannot name a file", remedy, path=where, field="stem")
+        raise InputError(
+            "malformed", f"{value!r} cannot name a file", remedy, path=where, field="stem"
+        )
     return stem

@@ -96,7 +96,9 @@ def jobs_of(stored: Mapping[str, Any], path: Path, outputs: Outputs, machine: Ma
     entries = animated(entries, animation, plan, named["lens"], reading)
     if len(entries) * plan.count > MOST_JOBS:
         problem = f"asks for {len(entries) * plan.count} pictures"
-        raise UsageProblem("", problem, f"split it into files of at most {MOST_JOBS}", path=path)
+        raise UsageProblem(
+            "out-of-range", problem, f"split it into files of at most {MOST_JOBS}", path=path
+        )
     jobs = [
         Job(entry.picture, lens, reading, outputs, machine, suffix)
         for entry in entries
@@ -128,7 +130,9 @@ def _reading(section: Table, lens: Table, machine: Table) -> Reading:
     if "depth-repair" in machine.values:
         if "depth-repair" in section.values:
             problem = "stands in [reading], too"
-            raise UsageProblem("", problem, "keep one of them", path=machine.place("depth-repair"))
+            raise UsageProblem(
+                "contradiction", problem, "keep one of them", path=machine.place("depth-repair")
+            )
         repair = {"depth-repair": machine.values["depth-repair"]}
         values |= reading_values(repair, machine.place)
     return make_reading(values, lens_file_reading(lens_file_of(lens)), section.place("edge-width"))
@@ -171,7 +175,9 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
         if values[field] is not None and outputs.format != kind:
             problem = f"says nothing about {outputs.format}"
             remedy = f'leave it out, or use format = "{kind}"'
-            raise UsageProblem("", problem, remedy, path=section.place(field.replace("_", "-")))
+            raise UsageProblem(
+                "idle-option", problem, remedy, path=section.place(field.replace("_", "-"))
+            )
     return outputs
 
 
@@ -182,7 +188,10 @@ def _kinds(section: Table) -> tuple[str, ...] | None:
     kinds = value.split(",") if isinstance(value, str) else value
     if not isinstance(kinds, list) or not kinds:
         raise UsageProblem(
-            "", f"{value!r} is no list", 'write ["render", "coc"]', path=section.place("kinds")
+            "malformed",
+            f"{value!r} is no list",
+            'write ["render", "coc"]',
+            path=section.place("kinds"),
         )
     known = (section.one_of(tuple(KINDS), "kinds", str(kind).strip()) for kind in kinds)
     return tuple(dict.fromkeys(known))
@@ -196,7 +205,9 @@ def _machine(section: Table, machine: Machine) -> Machine:
     }
     if None not in values.values():
         remedy = "keep one of them"
-        raise UsageProblem("", "stands beside quality", remedy, path=section.place("tolerance"))
+        raise UsageProblem(
+            "contradiction", "stands beside quality", remedy, path=section.place("tolerance")
+        )
     return dataclasses.replace(machine, **_present(values))
 
 

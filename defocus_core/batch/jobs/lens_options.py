@@ -160,10 +160,10 @@ def make_lens(
         refuse_missing(values, CALLER, lacking)
     if options.get("vignetting") and "cat-eye" not in values:
         problem, remedy = "darkens nothing without a rim", "add ‹cat-eye› 1.05:1.5, or leave it out"
-        raise UsageProblem("", problem, remedy, field="vignetting")
+        raise UsageProblem("idle-option", problem, remedy, field="vignetting")
     if options.get("noise-seed") and "noise" not in values:
         problem, remedy = "changes nothing without noise", "add ‹noise› 4000:3, or leave it out"
-        raise UsageProblem("", problem, remedy, field="noise-seed")
+        raise UsageProblem("idle-option", problem, remedy, field="noise-seed")
     for name in OF_BLADES:
         source = CALLER if name in options else f"{file}: "
         refuse_idle(name, values.get(name), values.get("blades"), source)
@@ -237,7 +237,7 @@ def refuse_contradiction(values: Mapping[str, Any], source: str) -> None:
     for one, other in ALTERNATIVES:
         if one in values and other in values:
             problem = f"contradicts {at(CALLER, other) if source == CALLER else other}"
-            raise UsageProblem("", problem, "give one of them", path=at(source, one))
+            raise UsageProblem("contradiction", problem, "give one of them", path=at(source, one))
 
 
 def refuse_missing(values: Mapping[str, Any], source: str, lacking: Path | None = None) -> None:
@@ -254,7 +254,7 @@ def refuse_missing(values: Mapping[str, Any], source: str, lacking: Path | None 
         else:
             either = f" or {other}" if other else ""
             remedy = f'write {name} = "{example}"{either} below [lens]'
-        raise UsageProblem("", problem, remedy, path=at(source, name))
+        raise UsageProblem("missing-option", problem, remedy, path=at(source, name))
 
 
 def refuse_optics(names: Iterable[str], source: str) -> None:
@@ -263,7 +263,7 @@ def refuse_optics(names: Iterable[str], source: str) -> None:
         if name in _OPTICS:
             problem = "changes nothing: with depth-format coc, the files hold the radii"
             remedy = f"leave it out; {', '.join(SHAPES)} shape the opening"
-            raise UsageProblem("", problem, remedy, path=at(source, name))
+            raise UsageProblem("idle-option", problem, remedy, path=at(source, name))
 
 
 def shape_of(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -277,7 +277,7 @@ def refuse_idle(name: str, value: object, blades: object, source: str) -> None:
         example = "‹blades›" if source == CALLER else "blades ="
         problem = f"{OF_BLADES[name]} blades; this aperture has none"
         remedy = f"give it some, like {example} 6, or leave it out"
-        raise UsageProblem("", problem, remedy, path=at(source, name))
+        raise UsageProblem("idle-option", problem, remedy, path=at(source, name))
 
 
 def refuse_near_focus(foc_dist: float, foclen: float, where: str) -> None:
@@ -286,4 +286,4 @@ def refuse_near_focus(foc_dist: float, foclen: float, where: str) -> None:
         near, far = length_text(foc_dist), length_text(foclen)
         problem = f"{near} is not farther than the focal length {far}"
         remedy = "focus farther away than that, or give a shorter focal length"
-        raise UsageProblem("", problem, remedy, path=where)
+        raise UsageProblem("out-of-range", problem, remedy, path=where)

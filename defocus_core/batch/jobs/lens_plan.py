@@ -172,7 +172,9 @@ def _refuse_beside_match(
     refuse_matched((name for point in points for name in point.options), sweep.place(""))
     if radii:
         problem = "finds a lens of depth, and with depth-format coc the files hold radii"
-        raise UsageProblem("", problem, "give depth, or leave it out", path=sample.place("match"))
+        raise UsageProblem(
+            "idle-option", problem, "give depth, or leave it out", path=sample.place("match")
+        )
 
 
 def _refuse_frame(entry: Entry) -> None:
@@ -180,7 +182,7 @@ def _refuse_frame(entry: Entry) -> None:
     if entry.picture.frame is not None:
         problem = f"'{entry.picture.stem}' is a frame of a shot, which match would blur by itself"
         remedy = "name the files by a pattern with *, or leave match out"
-        raise UsageProblem("", problem, remedy, path=entry.where)
+        raise UsageProblem("idle-option", problem, remedy, path=entry.where)
 
 
 def lens_file_of(lens: Table) -> Path | None:
@@ -225,7 +227,7 @@ def _refuse_taken(options: Iterable[str], taken: Mapping[str, str], source: str)
     for name in options:
         if name in taken:
             raise UsageProblem(
-                "", f"is in [{taken[name]}], too", "remove one", path=at(source, name)
+                "contradiction", f"is in [{taken[name]}], too", "remove one", path=at(source, name)
             )
 
 

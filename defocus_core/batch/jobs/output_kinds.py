@@ -155,5 +155,5 @@ def in_one_file(kinds: tuple[str, ...], where: str) -> tuple[str, ...]:
     row = KINDS["multiview"]
     if missing := [view for view in row.views if view not in kinds]:
         problem = f"asks for left and right in one file, but {' and '.join(missing)} is no output"
-        raise UsageProblem("", problem, "name both, like left,right", path=where)
+        raise UsageProblem("missing-option", problem, "name both, like left,right", path=where)
     return (*(kind for kind in kinds if kind not in row.views), row.name)

@@ -70,7 +70,9 @@ def find_pictures(
         return _shot(color, depth, others, patterns_in or Path(), frames)
     if frames != ALL:
         problem = "chooses frames, but no path numbers them"
-        raise UsageProblem("", problem, "give patterns like 'shot.####.exr'", path=frames.source)
+        raise UsageProblem(
+            "idle-option", problem, "give patterns like 'shot.####.exr'", path=frames.source
+        )
     with_text = all(texts_before(path) == texts_before(color) for path in paths)
     colors, pictures = _paired(color, depth, patterns_in, with_text)
     for role, (other_color, other_depth) in others.items():
@@ -136,13 +138,16 @@ def _numbered(
         if not is_pattern(root / path):
             problem = "numbers no frames, unlike another path"
             remedy = "give patterns like 'shot.####.exr' for all of them"
-            raise InputError("", problem, remedy, path=root / path)
+            raise InputError("missing-frames", problem, remedy, path=root / path)
         return frames_of(root / path)
 
     if depth is None and color.suffix.lower() not in SCENE_SUFFIXES:
         problem = "has no depth, which only EXR holds beside colour"
         raise InputError(
-            "", problem, "give the depth frames as a second argument", path=root / color
+            "missing-frames",
+            problem,
+            "give the depth frames as a second argument",
+            path=root / color,
         )
     paths = {"color": color, "depth": depth or color}
     for role, (other_color, other_depth) in others.items():
@@ -167,7 +172,7 @@ def _paired(
         if colors.kind == "file" and color.suffix.lower() not in SCENE_SUFFIXES:
             problem = "has no depth, which only EXR holds beside colour"
             raise InputError(
-                "", problem, "give the depth file as a second argument", path=colors.path
+                "no-depth", problem, "give the depth file as a second argument", path=colors.path
             )
     else:
         colors = _files(color, COLOR_SUFFIXES, root, with_text)
@@ -203,13 +208,16 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: b
                 f"names both {by_name[name]} and {file} '{name}', so their outputs would clash"
             )
             raise InputError(
-                "", problem, "rename or move one of them, or use a narrower pattern", path=path
+                "duplicate",
+                problem,
+                "rename or move one of them, or use a narrower pattern",
+                path=path,
             )
         by_name[name] = file
     if not by_name:
         known = ", ".join(sorted(suffix[1:] for suffix in suffixes))
         raise InputError(
-            "", "holds no file of a known type", f"give files of type {known}", path=path
+            "empty", "holds no file of a known type", f"give files of type {known}", path=path
         )
     return _Files(path, kind, by_name)
 
@@ -225,11 +233,11 @@ def _refuse_unpaired(files: _Files, others: _Files) -> None:
         many, one = sorted((files, others), key=lambda each: each.kind == "file")
         problem = f"is a {many.kind} but {one.path} is a {one.kind}"
         raise InputError(
-            "", problem, "give files, or directories, or patterns alone", path=many.path
+            "wrong-type", problem, "give files, or directories, or patterns alone", path=many.path
         )
     lone = [name for name in files.by_name if name not in others.by_name]
     if lone:
         more = f", nor like {len(lone) - 1} more" if len(lone) > 1 else ""
         problem = f"holds nothing named '{lone[0]}' like {files.by_name[lone[0]]}{more}"
         remedy = "name colour and depth files alike, or move the unpaired ones away"
-        raise InputError("", problem, remedy, path=others.path)
+        raise InputError("empty", problem, remedy, path=others.path)

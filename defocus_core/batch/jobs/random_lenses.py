@@ -94,7 +94,7 @@ def read_sampling(table: Table) -> Sampling:
     if count is None or seed is None:
         key = "n" if count is None else "seed"
         raise UsageProblem(
-            "", "is missing", f"write {key} = 7 below [sample]", path=table.place(key)
+            "missing-option", "is missing", f"write {key} = 7 below [sample]", path=table.place(key)
         )
     options = {name: text_of(table.values[name]) for name in PARSERS if name in table.values}
     refuse_contradiction(options, f"{table.file}: [sample] ")
@@ -102,13 +102,13 @@ def read_sampling(table: Table) -> Sampling:
         if read_at(table.place(name), distribution, name, text) is None:
             remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
             raise UsageProblem(
-                "", f"'{text}' is nothing to draw from", remedy, path=table.place(name)
+                "malformed", f"'{text}' is nothing to draw from", remedy, path=table.place(name)
             )
     match = table.text("match")
     if not options and match is None:
         remedy = 'write fnumber = "loguniform(1.4, 16)" below [sample]'
         raise UsageProblem(
-            "", "draws no option of the lens", remedy, path=table.file, field="[sample]"
+            "idle-option", "draws no option of the lens", remedy, path=table.file, field="[sample]"
         )
     if match is None:
         return Sampling(count, seed, options)
@@ -125,7 +125,9 @@ def refuse_matched(names: Iterable[str], source: str) -> None:
     for name in names:
         if name in MATCHED:
             problem = "stands beside match in [sample], which finds focus and f-number"
-            raise UsageProblem("", problem, "remove one of them", path=at(source, name))
+            raise UsageProblem(
+                "contradiction", problem, "remove one of them", path=at(source, name)
+            )
 
 
 @lru_cache(maxsize=4096)

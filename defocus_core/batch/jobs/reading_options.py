@@ -184,11 +184,11 @@ def reading_values(values: Mapping[str, Any], where: Callable[[str], str]) -> di
         if name in GEOMETRIES:
             if value is not True:
                 raise UsageProblem(
-                    "", f"{value!r} is not true", f"write {name} = true", path=where(name)
+                    "malformed", f"{value!r} is not true", f"write {name} = true", path=where(name)
                 )
             if fields.setdefault("geometry", name) != name:
                 raise UsageProblem(
-                    "", "contradicts the other", "give one of them", path=where(name)
+                    "contradiction", "contradicts the other", "give one of them", path=where(name)
                 )
         elif name in PARSERS:
             fields[name.replace("-", "_")] = _parsed(name, value, where(name))
@@ -222,15 +222,20 @@ def make_reading(
     repair, width = reading.depth_repair, reading.edge_width
     if width is not None and (repair == "off" or (repair != "auto" and width == 0)):
         problem = f"of {width:g}px contradicts depth-repair {repair}"
-        raise UsageProblem("", problem, "leave one of them out", path=edge_width_place)
+        raise UsageProblem("contradiction", problem, "leave one of them out", path=edge_width_place)
     return reading
 
 
 def _parsed(name: str, value: object, where: str) -> Any:
     if PARSERS[name] is str and not (isinstance(value, str) and value and "\0" not in value):
-        raise UsageProblem("", f"{value!r} is not a text", "write it in quotes", path=where)
+        raise UsageProblem(
+            "malformed", f"{value!r} is not a text", "write it in quotes", path=where
+        )
     if isinstance(value, bool):
         raise UsageProblem(
-            "", f"{str(value).lower()} is no value of it", "see 'defocus help depth'", path=where
+            "malformed",
+            f"{str(value).lower()} is no value of it",
+            "see 'defocus help depth'",
+            path=where,
         )
     return read_at(where, PARSERS[name], text_of(value))

@@ -63,7 +63,7 @@ class ShotLenses:
             for same in _with_alternatives(name):
                 if same in self.flags:
                     problem = f"is given, and {name} is animated by {self.animation.source(name)}"
-                    raise UsageProblem("", problem, "keep one of them", field=same)
+                    raise UsageProblem("contradiction", problem, "keep one of them", field=same)
 
     @cached_property
     def fixed(self) -> Lens | None:
@@ -111,7 +111,9 @@ class ShotLenses:
             return {}
         if picture.frame is None:
             problem = f"moves the lens, but {picture.color} has no frame number"
-            raise UsageProblem("", problem, "give patterns like 'shot.####.exr'", field="animate")
+            raise UsageProblem(
+                "idle-option", problem, "give patterns like 'shot.####.exr'", field="animate"
+            )
         texts = self.animation.texts(picture.frame)
         if FIELD_OF_VIEW in texts:
             texts["focal-length"] = self._focal_length(float(texts.pop(FIELD_OF_VIEW)), picture)
@@ -147,7 +149,9 @@ def read_animation_table(table: Table) -> Animation:
     files = files if isinstance(files, list) else [files]
     if not all(isinstance(file, str) and file for file in files):
         problem = f"{files!r:.40} does not name files"
-        raise UsageProblem("", problem, 'write file = "pull.csv"', path=table.place("file"))
+        raise UsageProblem(
+            "malformed", problem, 'write file = "pull.csv"', path=table.place("file")
+        )
     keys = keys_of_table(values, table.place("").rstrip())
     return read_animation(files, interpolation, keys, table.file.parent)
 
@@ -169,7 +173,10 @@ def animated(
             if same in lens.values or same in plan.taken:
                 table = plan.taken.get(same, lens.name)
                 raise UsageProblem(
-                    "", "is in [animate], too", "remove one", path=f"{lens.file}: [{table}] {same}"
+                    "contradiction",
+                    "is in [animate], too",
+                    "remove one",
+                    path=f"{lens.file}: [{table}] {same}",
                 )
     width = {n: parsed(n, text) for n, text in plan.options.items() if n == "sensor-width"}
     metres = UNITS[reading.depth_unit or "m"]

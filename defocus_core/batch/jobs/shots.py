@@ -48,7 +48,10 @@ class Together:
             if value is not None:
                 problem = "is for the frames of a shot, but no path numbers them"
                 raise UsageProblem(
-                    "", problem, "give patterns like 'shot.####.exr'", path=self.place(name)
+                    "idle-option",
+                    problem,
+                    "give patterns like 'shot.####.exr'",
+                    path=self.place(name),
                 )
 
 
@@ -93,7 +96,10 @@ def with_shot(
     if together.focus_smooth is not None and not any(map(_is_found, jobs)):
         problem = "smooths nothing: the depth does not decide the focus"
         raise UsageProblem(
-            "", problem, "leave it out, or focus-at X,Y", path=together.place("focus-smooth")
+            "idle-option",
+            problem,
+            "leave it out, or focus-at X,Y",
+            path=together.place("focus-smooth"),
         )
     places = {picture.frame: place for place, picture in enumerate(every)}
     steady = together.steady is not False

@@ -52,7 +52,7 @@ class Splits:
             if match is None:
                 problem = f"finds no scene in '{picture.stem}'"
                 raise UsageProblem(
-                    "", problem, "make it match the name of each picture", path=self.where
+                    "no-scene", problem, "make it match the name of each picture", path=self.where
                 )
             return match[1] if self.scene.groups else match[0]
         if picture.frame is not None:
@@ -72,25 +72,29 @@ def read_splits(section: Table) -> Splits:
             continue
         if not NAME.fullmatch(name):
             problem = "is no name of a split"
-            raise UsageProblem("", problem, "use letters, digits and _", path=section.place(name))
+            raise UsageProblem(
+                "malformed", problem, "use letters, digits and _", path=section.place(name)
+            )
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= 1:
             problem = f"{value!r} is no share above 0, up to 1"
-            raise UsageProblem("", problem, "write train = 0.9", path=section.place(name))
+            raise UsageProblem("malformed", problem, "write train = 0.9", path=section.place(name))
         shares[name] = float(value)
     if shares and abs(sum(shares.values()) - 1) > _ROUNDING:
         problem = f"has shares that add up to {sum(shares.values()):g}"
-        raise UsageProblem("", problem, "let them add up to 1", path=section.file, field="[split]")
+        raise UsageProblem(
+            "malformed", problem, "let them add up to 1", path=section.file, field="[split]"
+        )
     text = section.text(_SCENE)
     if text is None:
         return Splits(shares)
     if not shares:
         raise UsageProblem(
-            "", "stands without shares", "add train = 0.9", path=section.place(_SCENE)
+            "missing-option", "stands without shares", "add train = 0.9", path=section.place(_SCENE)
         )
     try:
         return Splits(shares, re.compile(text), section.place(_SCENE))
     except re.error as error:
         problem = f"'{text}' is no regular expression: {error}"
         raise UsageProblem(
-            "", problem, "write it like '^(.*)_[0-9]+$'", path=section.place(_SCENE)
+            "malformed", problem, "write it like '^(.*)_[0-9]+$'", path=section.place(_SCENE)
         ) from None

@@ -66,7 +66,7 @@ def read_sweep(table: Table) -> list[Point]:
 def _refuse_many(count: int, where: str) -> None:
     if count > MOST_LENSES:
         problem = f"makes {count} lenses for each picture"
-        raise UsageProblem("", problem, f"ask for at most {MOST_LENSES}", path=where)
+        raise UsageProblem("out-of-range", problem, f"ask for at most {MOST_LENSES}", path=where)
 
 
 def _points(table: Table, axes: Sequence[Sequence[Mapping[str, str]]]) -> list[Point]:
@@ -77,14 +77,18 @@ def _points(table: Table, axes: Sequence[Sequence[Mapping[str, str]]]) -> list[P
             twice = next((name for name in part if name in options), None)
             if twice is not None:
                 problem = "is in lenses, too"
-                raise UsageProblem("", problem, "sweep it in one place", path=table.place(twice))
+                raise UsageProblem(
+                    "contradiction", problem, "sweep it in one place", path=table.place(twice)
+                )
             options |= part
         refuse_contradiction(options, f"{table.file}: [sweep] ")
         names = (name for name in PARSERS if name in options)
         suffix = "".join(f"_{tag(name, parsed(name, options[name]))}" for name in names)
         if suffix in points:
             problem = f"has two lenses named '{suffix[1:]}'"
-            raise UsageProblem("", problem, "remove one of them", path=table.file, field="[sweep]")
+            raise UsageProblem(
+                "contradiction", problem, "remove one of them", path=table.file, field="[sweep]"
+            )
         points[suffix] = Point(suffix, options)
     return list(points.values())
 
@@ -95,7 +99,7 @@ def _values(name: str, value: object, where: str, file: Path) -> list[str]:
         return _range(name, value, where)
     if not isinstance(value, list) or not value:
         remedy = f"write a list, or a range: {_RANGE_EXAMPLE.removeprefix('write it ')}"
-        raise UsageProblem("", f"{value!r} is no list of values", remedy, path=where)
+        raise UsageProblem("malformed", f"{value!r} is no list of values", remedy, path=where)
     _refuse_many(len(value), where)
     return [based(name, checked(name, one, where), file) for one in value]
 
@@ -104,7 +108,7 @@ def _sets(table: Table) -> list[dict[str, str]]:
     sets, where = table.values["lenses"], table.place("lenses")
     if not isinstance(sets, list) or not sets or not all(isinstance(one, dict) for one in sets):
         remedy = 'write lenses = [{focus = "1m", fnumber = 2}, {focus = "2m", fnumber = 4}]'
-        raise UsageProblem("", "is no list of lenses", remedy, path=where)
+        raise UsageProblem("malformed", "is no list of lenses", remedy, path=where)
     _refuse_many(len(sets), where)
     refuse_unknown((name for one in sets for name in one), tuple(PARSERS), where, "a lens")
     return [
@@ -120,7 +124,7 @@ def _range(name: str, text: str, where: str) -> list[str]:
     """Texts of the values of a range; its ends are as they are written, values between rounded."""
     match = _RANGE.fullmatch(text.strip())
     if not match:
-        raise UsageProblem("", f"'{text}' is no range", _RANGE_EXAMPLE, path=where)
+        raise UsageProblem("malformed", f"'{text}' is no range", _RANGE_EXAMPLE, path=where)
     low, high = (_end(name, match[side].strip(), where) for side in (1, 2))
     fit = ("disparity", "depth", "log") if name == "focus" else ("steps", "log")
     count, scale = int(match[3]), match[4] or fit[0]
@@ -135,7 +139,7 @@ def _range(name: str, text: str, where: str) -> list[str]:
         (scale == "log" and min(low, high) <= 0, "needs ends above 0 in log", "write in steps"),
     ):
         if wrong:
-            raise UsageProblem("", problem, remedy, path=where)
+            raise UsageProblem("malformed", problem, remedy, path=where)
     _refuse_many(count, where)
     to, back = SCALES[scale]
     shares = (index / (count - 1) for index in range(1, count - 1))
@@ -150,6 +154,6 @@ def _end(name: str, text: str, where: str) -> float:
     value: Any = parsed(name, checked(name, text, where))
     if isinstance(value, Percentile | tuple | Path | str):
         raise UsageProblem(
-            "", f"'{text}' is no end of a range", "write a list of values", path=where
+            "malformed", f"'{text}' is no end of a range", "write a list of values", path=where
         )
     return float(value)

@@ -29,7 +29,9 @@ def read_toml(file: Path, *, what: str, remedy: str) -> dict[str, Any]:
     try:
         return tomllib.loads(_text(file, what, remedy))
     except (ValueError, RecursionError) as error:  # ValueError: a number of 5000 digits
-        raise InputError("", f"is not TOML: {reason(error)}", "mend that line", path=file) from None
+        raise InputError(
+            "malformed", f"is not TOML: {reason(error)}", "mend that line", path=file
+        ) from None
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class Table:
             return None
         if not isinstance(value, str) or not value or "\0" in value:
             raise UsageProblem(
-                "", f"{value!r} is not a text", "write it in quotes", path=self.place(key)
+                "malformed", f"{value!r} is not a text", "write it in quotes", path=self.place(key)
             )
         return value
 
@@ -75,7 +77,7 @@ class Table:
             if each == word:
                 return each
         remedy = did_you_mean(str(word), known, f"choose from {', '.join(known)}")
-        raise UsageProblem("", f"'{word}' is not known", remedy, path=self.place(key))
+        raise UsageProblem("unknown-name", f"'{word}' is not known", remedy, path=self.place(key))
 
     def flag(self, key: str) -> bool | None:
         """True or false, or None."""
@@ -83,7 +85,7 @@ class Table:
         if value is None or isinstance(value, bool):
             return value
         raise UsageProblem(
-            "", f"{value!r} is neither true nor false", "write true", path=self.place(key)
+            "malformed", f"{value!r} is neither true nor false", "write true", path=self.place(key)
         )
 
     def whole(self, key: str, least: int, most: int | None = None) -> int | None:
@@ -93,7 +95,9 @@ class Table:
             return value
         limits = f"{least} or more" if most is None else f"{least} to {most}"
         problem = f"{value!r} is not a whole number of {limits}"
-        raise UsageProblem("", problem, f"write it like {max(least, 1)}", path=self.place(key))
+        raise UsageProblem(
+            "malformed", problem, f"write it like {max(least, 1)}", path=self.place(key)
+        )
 
 
 def refuse_unknown(
@@ -114,7 +118,7 @@ def refuse_unknown(
     for key in keys:
         if key not in known:
             remedy = did_you_mean(key.replace("_", "-"), known, f"{owner} knows {', '.join(known)}")
-            raise UsageProblem("", f"unknown {what} '{key}'", remedy, path=where)
+            raise UsageProblem("unknown-name", f"unknown {what} '{key}'", remedy, path=where)
 
 
 def table(file: Path, tables: Mapping[str, Any], name: str) -> Table:
@@ -126,7 +130,7 @@ def table(file: Path, tables: Mapping[str, Any], name: str) -> Table:
     values = tables.get(name, {})
     if not isinstance(values, dict):
         remedy = f"write [{name}] above the keys that belong to it"
-        raise UsageProblem("", "is not a table", remedy, path=file, field=name)
+        raise UsageProblem("malformed", "is not a table", remedy, path=file, field=name)
     return Table(file, name, values)
 
 
@@ -136,9 +140,11 @@ def _text(file: Path, what: str, remedy: str) -> str:
             data = opened.read(LARGEST_FILE + 1)  # not all of /dev/zero
         text = data.decode("utf-8-sig")
     except OSError as error:
-        raise InputError("", f"cannot be read: {reason(error)}", remedy, path=file) from None
+        raise InputError(
+            "unreadable", f"cannot be read: {reason(error)}", remedy, path=file
+        ) from None
     except UnicodeDecodeError:
-        raise InputError("", "is not a text file", remedy, path=file) from None
+        raise InputError("malformed", "is not a text file", remedy, path=file) from None
     if "\0" in text or len(data) > LARGEST_FILE:
-        raise InputError("", f"is not a {what}", remedy, path=file)
+        raise InputError("malformed", f"is not a {what}", remedy, path=file)
     return text

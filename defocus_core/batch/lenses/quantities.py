@@ -59,7 +59,7 @@ def read_at(where: str, parse: Callable[..., T], *texts: str) -> T:
     try:
         return parse(*texts)
     except QuantityError as error:
-        raise UsageProblem("", error.problem, error.remedy, path=where) from None
+        raise UsageProblem("malformed", error.problem, error.remedy, path=where) from None
 
 
 def length(text: str) -> float:

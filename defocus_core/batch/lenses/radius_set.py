@@ -70,7 +70,7 @@ def read_radius_set(place: Path) -> RadiusSet:
     file = place / INDEX if place.is_dir() else place
     if place.is_dir() and not file.exists():
         remedy = f"finish that batch, or run 'defocus merge {place}'"
-        raise InputError("", f"has no {INDEX} of a finished batch", remedy, path=place)
+        raise InputError("empty", f"has no {INDEX} of a finished batch", remedy, path=place)
     rows: list[tuple[float, ...]] = []
     for where, row in read_rows(file, "table of radii", _EXAMPLE):
         if any(name in row for name in MEASURES) or file.name != INDEX:
@@ -78,7 +78,7 @@ def read_radius_set(place: Path) -> RadiusSet:
     rows = [row for row in rows if row[-1]]
     if not rows:
         remedy = f"give a finished batch, or rows like {_EXAMPLE}"
-        raise InputError("", "has no radii of pictures", remedy, path=file)
+        raise InputError("empty", "has no radii of pictures", remedy, path=file)
     return _set_of(rows)
 
 
@@ -94,7 +94,7 @@ def _numbers(row: Mapping[str, Any], where: str) -> tuple[float, ...]:
         if not 0 <= number < math.inf or isinstance(value, bool):
             what = f"has no {name}" if value is None else f"has the {name} {value!r:.40}"
             raise InputError(
-                "", f"{what}, not a number of at least 0", f"write {_EXAMPLE}", path=where
+                "malformed", f"{what}, not a number of at least 0", f"write {_EXAMPLE}", path=where
             )
         found.append(number)
     return tuple(found)

@@ -49,7 +49,7 @@ def lens_path(path: Path, where: str) -> Path:
     if str(path) in known:
         return known[str(path)]
     remedy = did_you_mean(str(path), tuple(known), "see 'defocus lenses'")
-    raise UsageProblem("", f"no lens {path} ships with defocus", remedy, path=where)
+    raise UsageProblem("unknown-name", f"no lens {path} ships with defocus", remedy, path=where)
 
 
 def _subject(path: Path) -> str:

@@ -73,7 +73,7 @@ def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
         return None
     if lens.aperture_image and isinstance(pupil_images(lens.aperture_image)[0], PupilField):
         problem = "clips a field of kernels, which were clipped where they were measured"
-        raise UsageProblem("", problem, "leave it out", field="cat-eye")
+        raise UsageProblem("idle-option", problem, "leave it out", field="cat-eye")
     rim, distance = lens.cat_eye
     width, height = size
     tangent = lens.sensor_width / 2 * math.hypot(1, height / width) / lens.foclen
@@ -83,7 +83,7 @@ def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
         most = 0.9 * rim / tangent
         problem = f"hides the middle of the opening in the corners: {reason(error)}"
         remedy = f"give a distance of {most:.2g} at most with this lens"
-        raise UsageProblem("", problem, remedy, field="cat-eye") from None
+        raise UsageProblem("malformed", problem, remedy, field="cat-eye") from None
 
 
 def aperture_in_pixels(
@@ -166,14 +166,16 @@ def _pair(path: Path, _stamp: object) -> tuple[Sensitivity, Sensitivity]:
     if values.ndim != 3 or len(values) != 2 or max(values.shape) > _MOST_SIDE:
         shape = " × ".join(str(n) for n in values.shape)
         problem = f"holds {shape} numbers, not two kernels"
-        raise InputError("", problem, "save left and right as 2 × height × width", path=path)
+        raise InputError(
+            "wrong-size", problem, "save left and right as 2 × height × width", path=path
+        )
     try:
         left, right = torch.from_numpy(values)
         return sensitivities(left, right)
     except ValueError as error:
         problem = f"holds no kernels of two photodiodes: {reason(error)}"
         raise InputError(
-            "", problem, "measure both of a point beyond the focus", path=path
+            "malformed", problem, "measure both of a point beyond the focus", path=path
         ) from None
 
 
@@ -199,7 +201,7 @@ def _pupil_images(path: Path, _stamp: object) -> tuple[PupilImage, ...]:
         shape = " × ".join(str(n) for n in light.shape)
         problem = f"is no picture of a pupil: it has {shape} numbers"
         raise InputError(
-            "", problem, f"give one picture of {_MOST_SIDE} px a side at most", path=path
+            "malformed", problem, f"give one picture of {_MOST_SIDE} px a side at most", path=path
         )
     differ = float(np.ptp(light, axis=0).max()) > _GREY * float(np.abs(light).max())
     try:
@@ -209,7 +211,7 @@ def _pupil_images(path: Path, _stamp: object) -> tuple[PupilImage, ...]:
     except ValueError as error:
         problem = f"is no picture of a pupil: {reason(error)}"
         raise InputError(
-            "", problem, "give a picture that is bright where it is open", path=path
+            "malformed", problem, "give a picture that is bright where it is open", path=path
         ) from None
 
 
@@ -230,13 +232,13 @@ def _field(path: Path, values: NDArray[Any]) -> PupilField:
         shape = " × ".join(str(n) for n in values.shape)
         problem = f"is no field of kernels: it has {shape} numbers"
         remedy = f"save rows × columns × height × width, of {_MOST_KERNELS} kernels at most"
-        raise InputError("", problem, remedy, path=path)
+        raise InputError("malformed", problem, remedy, path=path)
     try:
         return PupilField(torch.from_numpy(values))
     except ValueError as error:
         problem = f"is no field of kernels: {reason(error)}"
         raise InputError(
-            "", problem, "give kernels that are bright where light falls", path=path
+            "malformed", problem, "give kernels that are bright where light falls", path=path
         ) from None
 
 
@@ -258,9 +260,13 @@ def write_aperture(path: Path, lens: Lens, radius: float) -> None:
     from defocus_core.io.images.encode import write_samples
 
     if path.suffix.lower() not in (".png", ".exr"):
-        raise InputError("", "is neither PNG nor EXR", "end its name in .png or .exr", path=path)
+        raise InputError(
+            "malformed", "is neither PNG nor EXR", "end its name in .png or .exr", path=path
+        )
     if abs(radius) > _MOST_RADIUS:
-        raise UsageProblem("", f"is beyond {_MOST_RADIUS} px", "give a smaller one", field="radius")
+        raise UsageProblem(
+            "out-of-range", f"is beyond {_MOST_RADIUS} px", "give a smaller one", field="radius"
+        )
     pupil = aperture_of(lens)
     r = torch.tensor(radius, dtype=torch.float64)
     pixel = dual_pixel_of(lens)

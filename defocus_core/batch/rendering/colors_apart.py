@@ -61,7 +61,7 @@ def colors_of(loaded: Loaded, outcome: Outcome) -> list[Colors]:
         return [every]
     if coloured and any(kind.halves or kind.turned for kind in outcome.job.outputs.rows):
         problem, remedy = "is coloured: its halves may have no light", "leave out left and right"
-        raise UsageProblem("", problem, remedy, field="aperture-image")
+        raise UsageProblem("colored-pupil", problem, remedy, field="aperture-image")
     offsets = color_offsets(lens, outcome.size) if lens.axial_color else (0.0, 0.0)
     red, blue = names.index("R"), names.index("B")
     others = tuple(c for c in every.channels if c not in (red, blue))

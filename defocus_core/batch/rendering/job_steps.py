@@ -40,11 +40,13 @@ def load_inputs(job: Job) -> Loaded:
     """
     if job.reading.blur_channels and job.outputs.format != "exr":
         problem = f"has no effect in {job.outputs.format}, which holds the picture alone"
-        raise UsageProblem("", problem, "use ‹format› exr", field="blur-channels")
+        raise UsageProblem("idle-option", problem, "use ‹format› exr", field="blur-channels")
     picture, held, left = job.picture, holding(job), capacity_mb(job.machine)
     if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
-        raise TooLarge("", problem, "save it as EXR, or allow more ‹memory›", path=picture.color)
+        raise TooLarge(
+            "out-of-memory", problem, "save it as EXR, or allow more ‹memory›", path=picture.color
+        )
     if picture.over is not None:
         return _over_plate(job, held)
     color, depth = read(picture, job.reading, held.keeping, job.lens_focal)
@@ -61,7 +63,9 @@ def load_inputs(job: Job) -> Loaded:
             for height, width, channels in (behind.shape, color.shape)
         )
         problem = f"is {size} but the picture is {wanted}"
-        raise InputError("", problem, "give ‹hidden› of the same kind", path=picture.hidden.color)
+        raise InputError(
+            "wrong-size", problem, "give ‹hidden› of the same kind", path=picture.hidden.color
+        )
     return Loaded(held, color, depth, (behind, behind_depth))
 
 
@@ -74,7 +78,7 @@ def _over_plate(job: Job, held: Holding) -> Loaded:
     """
     if job.picture.hidden is not None:
         raise UsageProblem(
-            "", "stands beside ‹over›", "the plate is what lies behind", field="hidden"
+            "contradiction", "stands beside ‹over›", "the plate is what lies behind", field="hidden"
         )
 
     def read_one(one: Picture, reading: Reading, most: Overscan) -> tuple[Color, Depth]:
@@ -133,7 +137,7 @@ def prepare(job: Job, loaded: Loaded) -> tuple[Outcome, Any]:
     """
     if "depth" in job.outputs.kinds and loaded.depth.is_radius:
         problem = "holds radii, of which no depth can be written"
-        raise InputError("", problem, "leave depth out of the outputs", path=loaded.depth.path)
+        raise InputError("radii", problem, "leave depth out of the outputs", path=loaded.depth.path)
     lens = shot_focused(job, loaded, _read_for)
     decided = shot_repair(job, lens, loaded, _read_for)
     radius, ends = radius_map(lens, loaded.depth, loaded.holding.keeping)
@@ -193,7 +197,7 @@ def choose_device(name: str) -> str:
     available = name != "cpu" and torch.cuda.is_available()
     if name == "cuda" and not available:
         raise UsageProblem(
-            "", "PyTorch finds no CUDA GPU here", "use ‹device› cpu or auto", field="device"
+            "no-gpu", "PyTorch finds no CUDA GPU here", "use ‹device› cpu or auto", field="device"
         )
     return "cuda" if available else "cpu"
 
@@ -271,11 +275,13 @@ def read(
     radial = (reading.geometry or reading.row.geometry) == "radial"
     if radial and color.pixel_aspect != 1:
         problem = "holds distances to the point, and the pixels of the colour are not square"
-        raise InputError("", problem, "convert it to depth along the axis", path=picture.depth)
+        raise InputError(
+            "not-square", problem, "convert it to depth along the axis", path=picture.depth
+        )
     if shared and len(color.channels) == 1 and not color.extras:
         problem = f"has {depth.channel} alone, which is not both colour and depth"
         raise InputError(
-            "", problem, "give the depth file as a second argument", path=picture.color
+            "no-depth", problem, "give the depth file as a second argument", path=picture.color
         )
     depth = element_depth(of_size(depth, color, reading, keeping), color, keeping)
     require_valid(depth)

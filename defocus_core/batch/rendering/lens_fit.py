@@ -82,7 +82,7 @@ def fit_pair(
     color, depth = read(pair.picture, reading, lens_focal=focal)
     if depth.is_radius:
         raise InputError(
-            "", "holds radii: there is no lens to be found", "give depth", path=depth.path
+            "radii", "holds radii: there is no lens to be found", "give depth", path=depth.path
         )
     seen = []
     for path in filter(None, (pair.blurred, pair.right)):
@@ -91,7 +91,7 @@ def fit_pair(
         if other.shape[:2] != color.shape[:2]:
             (height, width), (wide, high) = color.shape[:2], other.size
             problem = f"is {wide}x{high} px but {color.path} is {width}x{height} px"
-            raise InputError("", problem, "give pictures of one size", path=path)
+            raise InputError("wrong-size", problem, "give pictures of one size", path=path)
         seen.append(_light(other))
     sharp = _light(color)
     count = min(len(each) for each in (sharp, *seen))
@@ -112,7 +112,9 @@ def fit_pair(
         )
     except ValueError as error:
         problem, _, remedy = str(error).partition("; ")
-        raise InputError("", problem, remedy or "give another pair", path=pair.blurred) from None
+        raise InputError(
+            "wrong-size", problem, remedy or "give another pair", path=pair.blurred
+        ) from None
     radius = evenly((found.strength * (found.focus - disparity)).numpy())
     return {
         "picture": str(pair.picture.color),
@@ -226,5 +228,7 @@ def _partner(picture: Picture, place: Path) -> Path:
     found = sorted(path for path in place.iterdir() if path.stem == picture.stem)
     if len(found) != 1:
         problem = f"holds {len(found)} files named {picture.stem}"
-        raise InputError("", problem, "name blurred pictures as the sharp ones", path=place)
+        raise InputError(
+            "ambiguous", problem, "name blurred pictures as the sharp ones", path=place
+        )
     return found[0]

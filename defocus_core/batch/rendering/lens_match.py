@@ -38,7 +38,7 @@ def match_picture(
     _, depth = read(picture, reading, lens_focal=focal)
     if depth.is_radius:
         raise InputError(
-            "", "holds radii: there is no lens to be found", "give depth", path=depth.path
+            "radii", "holds radii: there is no lens to be found", "give depth", path=depth.path
         )
     asked = sampling.radii(picture.stem, 0)
     lens = Lens(foclen, float("nan"), None, sensor_width=sensor_width, radii_px=asked)

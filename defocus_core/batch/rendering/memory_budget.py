@@ -220,7 +220,7 @@ def regions_at_once(job: Job, stream: Stream, holding: Holding, device: str) -> 
             return at_once, bound
     beside = base_mb() + holding.files_mb
     raise TooLarge(
-        "",
+        "out-of-memory",
         f"needs {_sum(base_mb(), holding.files_mb, bound)} to render, "
         f"but {min(limit_mb(job.machine), beside + room):.0f} MB are allowed",
         _remedy(job, bound, threads > 1 and needed(1, 1) <= room, device),

@@ -106,7 +106,7 @@ def _fill(images: _Images, loaded: Loaded, streams: Streams, progress: Progress 
             if most == 1:
                 problem = "does not fit into the memory of the GPU"
                 remedy = "use ‹device› cpu, or a smaller ‹tile›"
-                raise TooLarge("", problem, remedy, path=job.picture.color) from None
+                raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color) from None
             most = 1
 
 

@@ -56,7 +56,7 @@ def with_neighbours(
         return outcome, radius, None
     if loaded.is_layered and job.shot.motion is not None:
         problem = "has no effect: layers, of deep pixels or of a plate, hold what is hidden"
-        raise UsageProblem("", problem, "leave it out", field="motion")
+        raise UsageProblem("idle-option", problem, "leave it out", field="motion")
     quiets = repair is not None and repair.noise is not None
     if not quiets and job.shot.motion is None:
         return outcome, radius, None
@@ -93,7 +93,10 @@ class Neighbours:
         if self._shot.motion is not None and loaded.holding.scratch:
             problem = "is too large for ‹motion› in the memory that is allowed"
             raise TooLarge(
-                "", problem, "allow more ‹memory›, or leave out ‹motion›", path=job.picture.color
+                "out-of-memory",
+                problem,
+                "allow more ‹memory›, or leave out ‹motion›",
+                path=job.picture.color,
             )
 
     def quiet_radius(self, radius: Any, noise: float) -> Any:
@@ -176,7 +179,10 @@ class Neighbours:
         )
         if motion.to_next.shape[1:] != self._loaded.depth.metres.shape:
             raise InputError(
-                "", "has motion vectors of another size", "render it again", path=picture.color
+                "wrong-size",
+                "has motion vectors of another size",
+                "render it again",
+                path=picture.color,
             )
         return motion
 
@@ -202,7 +208,7 @@ class Neighbours:
             own = self._loaded.color.path
             problem = f"is {width}x{height} px of {channels} channels, unlike {own}"
             raise InputError(
-                "", problem, "give frames of one size, or ‹no-steady›", path=picture.color
+                "wrong-size", problem, "give frames of one size, or ‹no-steady›", path=picture.color
             )
         return color, depth
 

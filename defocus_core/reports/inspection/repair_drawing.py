@@ -20,13 +20,17 @@ def check_preview(path: Path, files: Sequence[Path], lens: Lens | None) -> None:
     """
     if lens is None or lens.is_shape:
         problem, remedy = "needs a lens, whose blur decides the repair", "give ‹lens› FILE.toml"
-        raise UsageProblem("", problem, f"{remedy}, or ‹focal-length›, … ‹focus›", field="preview")
+        raise UsageProblem(
+            "missing-option", problem, f"{remedy}, or ‹focal-length›, … ‹focus›", field="preview"
+        )
     if path.suffix.lower() != ".png":
         raise UsageProblem(
-            "", f"{path} is no PNG", "name a file that ends in .png", field="preview"
+            "malformed", f"{path} is no PNG", "name a file that ends in .png", field="preview"
         )
     if path.exists() and any(file.exists() and path.samefile(file) for file in files):
-        raise UsageProblem("", f"{path} is a file to look at", "name another file", field="preview")
+        raise UsageProblem(
+            "replaces-input", f"{path} is a file to look at", "name another file", field="preview"
+        )
 
 
 def draw_repair(pairs: Sequence[dict[str, Any]], reading: Reading, lens: Lens, path: Path) -> None:
@@ -41,7 +45,9 @@ def draw_repair(pairs: Sequence[dict[str, Any]], reading: Reading, lens: Lens, p
 
     if not pairs:
         problem, remedy = "needs a colour and a depth file of one size", "name the two files"
-        raise UsageProblem("", problem, f"{remedy}, or say ‹resize-depth›", field="preview")
+        raise UsageProblem(
+            "missing-option", problem, f"{remedy}, or say ‹resize-depth›", field="preview"
+        )
     (pair,) = pairs
     picture = Picture(Path(pair["color"]).stem, Path(pair["color"]), Path(pair["depth"]))
     drawn = repaired_picture(picture, reading, lens, Keeping(scratch=False))
