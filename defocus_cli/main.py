@@ -115,7 +115,7 @@ def main(args: Sequence[str] | None = None) -> int:
         line = f"ended by {ended.signal_name}; pictures that were finished are kept"
         return _fail(line, 128 + ended.number)
     except DefocusError as error:
-        return _fail(str(error), exit_code_of(error))
+        return _fail(str(error), exit_code_of(error), error.code)
     except click.ClickException as error:
         return _fail(error_line(error), error.exit_code)
     except SystemExit:  # click's answer to a broken pipe
@@ -159,15 +159,15 @@ def _clause(error: click.ClickException) -> str:
     return one_line(error.message).rstrip(".")
 
 
-def _fail(line: str, code: int) -> int:
+def _fail(line: str, exit_code: int, code: str | None = None) -> int:
     """Say why a command failed, on stderr and, if ``--json`` asks for a document, on stdout."""
     line = with_dashes(line)
     with suppress(OSError):
         click.echo(f"defocus: {line}", err=True)
     if Due.json:
         with suppress(OSError, DefocusError):  # nobody reads stdout, or it cannot be written
-            print_json(error={"message": line, "exit_code": code})
-    return code
+            print_json(error={"message": line, "exit_code": exit_code, "code": code})
+    return exit_code
 
 
 if __name__ == "__main__":

@@ -1,0 +1,110 @@
+"""Errors are data: each has a code of the table, and the command line makes one line of it."""
+
+import ast
+import pickle
+from pathlib import Path
+
+import pytest
+from command_line import pair, run
+
+from defocus_cli.commands.help import text
+from defocus_core.errors import CODES, DefocusError, InputError, with_dashes
+
+ROOT = Path(__file__).parents[1]
+SOURCES = sorted(ROOT.glob("defocus_c*/**/*.py"))
+LENS = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m")
+
+
+def raised(path: Path) -> set[str]:
+    """Codes of the errors that a module makes, where they are literal."""
+    calls = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call))
+    return {
+        call.args[0].value
+        for call in calls
+        if isinstance(call.func, ast.Name)
+        and call.func.id in ERRORS
+        and call.args
+        and isinstance(call.args[0], ast.Constant)
+    }
+
+
+def kinds(kind: type[DefocusError]) -> set[str]:
+    return {kind.__name__}.union(*(kinds(each) for each in kind.__subclasses__()))
+
+
+ERRORS = kinds(DefocusError) | {"NoSpace", "LockLost", "NoDepthChannel"}
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_each_error_has_a_code_of_the_table(path: Path) -> None:
+    assert raised(path) <= CODES.keys()
+
+
+def test_each_code_of_the_table_is_in_use() -> None:
+    assert set().union(*map(raised, SOURCES)) == CODES.keys()
+
+
+def test_the_help_has_the_table() -> None:
+    for code, meaning in CODES.items():
+        assert f"| `{code}` | {meaning} |" in text("exit-codes")
+
+
+def test_an_error_comes_home_from_a_worker_as_it_was() -> None:
+    error = InputError("damaged", "is damaged", "copy it again", path="a.exr", field="view")
+    home = pickle.loads(pickle.dumps(error))
+    assert (str(home), vars(home)) == (str(error), vars(error))
+
+
+def test_options_are_named_in_quotes_and_on_the_command_line_with_dashes() -> None:
+    error = DefocusError("idle-option", "is idle", "leave ‹blade-rotation› out", field="focus")
+    assert (error.field, error.path) == ("focus", None)
+    line = "--focus: is idle; leave --blade-rotation out"
+    assert with_dashes(str(error)) == line
+
+
+# Arguments after the picture, the code, and the line.
+LINES = [
+    (
+        (*LENS, "--focus-at", "1,1"),
+        "contradiction",
+        "--focus: contradicts --focus-at; give one of them",
+    ),
+    (
+        (*LENS, "--blade-rotation", "10deg"),
+        "idle-option",
+        "--blade-rotation: turns blades; this aperture has none; "
+        "give it some, like --blades 6, or leave it out",
+    ),
+    (
+        ("--fnumber", "2", "--focus", "2m"),
+        "missing-option",
+        "--focal-length: is missing; add --focal-length 50mm, or a --lens FILE that has it",
+    ),
+    (
+        (*LENS, "--vignetting", "on"),
+        "idle-option",
+        "--vignetting: darkens nothing without a rim; add --cat-eye 1.05:1.5, or leave it out",
+    ),
+    (
+        (*LENS, "--quality", "high", "--tolerance", "1px"),
+        "contradiction",
+        "--tolerance: stands beside --quality; keep one of them",
+    ),
+    (
+        (*LENS, "--lens", "@portrait-58"),
+        "unknown-name",
+        "--lens: no lens @portrait-58 ships with defocus; did you mean @portrait-85?",
+    ),
+    (
+        (*LENS, "--noise-seed", "3"),
+        "idle-option",
+        "--noise-seed: changes nothing without noise; add --noise 4000:3, or leave it out",
+    ),
+]
+
+
+@pytest.mark.parametrize(("words", "code", "line"), LINES, ids=lambda value: str(value)[:40])
+def test_the_lines_of_errors(words: tuple[str, ...], code: str, line: str, tmp_path: Path) -> None:
+    ran = run("render", *pair(tmp_path), "-o", tmp_path / "out", *words, "--json")
+    assert ran.err == f"defocus: {line}\n"
+    assert ran.json["error"] == {"message": line, "exit_code": 2, "code": code}
