@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.cat_eye import Rim, fineness
-from defocus_core.optics.curved_blades import CurvedPolygon
+from defocus_core.optics.curved_blades import CurvedPolygon, inradius
 from defocus_core.optics.outline import Disc, Obstructed, Outline, Polygon, Squeezed
 from defocus_core.optics.parts import FULL, Part, area_of, gaussian, middles, parts_of, weight_of
 from defocus_core.optics.pupil_field import PupilMix, View
@@ -26,9 +26,6 @@ from defocus_core.tensors.validation import described, number, whole
 
 PSF_TYPES: tuple[str, ...] = ("pillbox", "gaussian")
 _MOST_BLADES = 10_000
-# Blades of less curvature are straight: their sagitta is below 4e-4 of the radius, and areas
-# beside arcs of very large circles lose digits.
-_STRAIGHT = 1e-3
 # The ranges of the numbers that shape the pupil.
 _RANGES = {
     "curvature": (0.0, 1.0, "0 is straight blades, 1 a disc"),
@@ -38,6 +35,12 @@ _RANGES = {
 }
 # Radii below this are drawn as this: far below half a pixel the kernel no longer changes.
 _LEAST_RADIUS = 1e-6
+# Blurs wider than a grid by less than this share fit it; the light of wider ones is summed over so
+# many cells across the pupil.
+_FITS, _CELLS = 1e-6, 64
+# Light that spherical aberration leaves everywhere: a small disc may have one sample, where it
+# would take away all.
+_LEAST_LIGHT = 0.01
 # Radius in px of the kernel of which a centroid is taken.
 _CENTROID_RADIUS = 48.0
 
@@ -99,6 +102,14 @@ class Aperture:
         if not blades and not _is(self.curvature, 0.0):
             problem = f"curvature must be 0 without blades, got {self.curvature}"
             raise ValueError(f"{problem}; give it blades, like 6")
+        inner = inradius(blades, self._number("curvature")) if blades else 1.0
+        if (ratio := self._number("obstruction")) >= inner:
+            problem = f"obstruction must be below {inner:.4g}, where blades are, got {ratio:g}"
+            raise ValueError(f"{problem}; more or rounder blades leave more open")
+
+    def _number(self, name: str) -> float:
+        """An attribute as a plain number."""
+        return number(name, getattr(self, name))
 
     @cached_property
     def outline(self) -> Outline:
@@ -108,7 +119,7 @@ class Aperture:
             shape = self.image
         elif _is(self.curvature, 1.0):
             shape = Disc()
-        elif isinstance(self.curvature, Tensor) or self.curvature > _STRAIGHT:
+        elif not _is(self.curvature, 0.0):
             shape = CurvedPolygon(self.blades, self.rotation, self.curvature)
         return self._shaped(shape)
 
@@ -154,9 +165,9 @@ class Aperture:
     ) -> Tensor:
         """The blur of a point at the given signed radius, sampled by area.
 
-        The value at a pixel is the share of the part's area that falls on this pixel. The sum is 1
-        if the blur fits (a gaussian is normalised over the grid); what does not fit is cut off. A
-        disc with |radius| <= 0.5 on an odd grid is a delta. Differentiable in radius.
+        The value at a pixel is the share of the part's light that falls on this pixel. The sum is 1
+        if the blur fits; what does not fit is cut off. A disc with |radius| <= 0.5 on an odd grid
+        is a delta. Differentiable in radius.
 
         Args:
             radius: Signed CoC radius in px, any shape, floating point.
@@ -193,7 +204,21 @@ class Aperture:
         if fine > 1:
             light = light.reshape(*r.shape, size, fine, size, fine).sum((-3, -1))
         uneven = self.psf_type == "gaussian" or part.is_uneven or not _is(self.spherical, 0.0)
-        light = light / (light.sum((-2, -1), keepdim=True) if uneven or view else area)
+        if not (uneven or view):
+            return (light / area).to(radius.dtype)
+        whole = light.sum((-2, -1), keepdim=True)
+        cut = (2 * r.detach().abs() > size * (1 + _FITS))[..., None, None]
+        if bool(cut.any()):
+            ends = torch.linspace(-1, 1, _CELLS + 1, dtype=r.dtype, device=r.device)
+            beyond = self._light(ends * r.detach().sign()[..., None], r, part, view)
+            whole = torch.where(cut, beyond.sum((-2, -1), keepdim=True), whole)
+        dark = whole <= 0  # a rim may leave less open than rounding
+        if bool(dark.any()):
+            x, y = part.clamp(u[..., ::fine], u[..., ::fine])
+            even = self.outline.areas(x, y) / area
+            light = torch.where(dark, even, light / torch.where(dark, 1.0, whole))
+        else:
+            light = light / whole
         return light.to(radius.dtype)
 
     def _light(self, u: Tensor, r: Tensor, part: Part, view: View | None) -> Tensor:
@@ -226,22 +251,29 @@ class Aperture:
         """
         x, y = (middles(u) * times for times in self.narrowing)
         squared = (x[..., None, :] ** 2 + y[..., :, None] ** 2).clamp(max=1)
-        return 1 + self.spherical * r.detach().sign()[..., None, None] * (2 * squared - 1)
+        light = 1 + self.spherical * r.detach().sign()[..., None, None] * (2 * squared - 1)
+        return light.clamp(min=_LEAST_LIGHT)
 
-    def share(self, part: Part) -> float:
+    def share(self, part: Part) -> Scalar:
         """The share of the pupil that lies in the part: the weight of this part in the whole.
 
         The kernels of parts that tile the pupil, averaged with these weights, are the kernel of
         the whole. LEFT and RIGHT of an asymmetric pupil differ (48.9 : 51.1 % for five blades at
         0°): the centre is the mean of its parts by these weights, and the pair is made to have the
-        centre as its plain mean. Of a gaussian pupil the share of its weight, to about 1e-6.
+        centre as its plain mean. Of a gaussian pupil the share of its weight, to about 1e-6. A
+        number, unless the pupil learns.
         """
         if part.sensitivity is not None:
-            return _share_seen(self.fixed, part)
+            seen = _share_seen.__wrapped__ if self.learns else _share_seen
+            return seen(self if self.learns else self.fixed, part)
         if part.lean:
-            return (1 + part.lean * float(self.narrowing[0] * self.centroid(FULL)[0])) / 2
-        weigh, outline = weight_of if self.psf_type == "gaussian" else area_of, self.fixed.outline
-        return float(weigh(outline, part) / weigh(outline, FULL))
+            return (1 + part.lean * self.narrowing[0] * self.centroid(FULL)[0]) / 2
+        weigh = weight_of if self.psf_type == "gaussian" else area_of
+        of, outline = weigh.__call__, self.fixed.outline
+        if self.learns:
+            of, outline = weigh.__wrapped__, self.outline
+        share: Scalar = of(outline, part) / of(outline, FULL)
+        return share
 
     def share_between(self, part: Part, x: Tensor, y: Tensor) -> Tensor:
         """The share [...] of a part's area between x [..., 2] and y [..., 2], both ascending."""
@@ -286,12 +318,13 @@ def _centroid(aperture: Aperture, part: Part) -> tuple[Scalar, Scalar]:
 
 
 @lru_cache(maxsize=256)
-def _share_seen(aperture: Aperture, part: Part) -> float:
+def _share_seen(aperture: Aperture, part: Part) -> Scalar:
     """The share of the light of the pupil that a photodiode gets."""
     r, size = torch.tensor(_CENTROID_RADIUS, dtype=torch.float64), 2 * int(_CENTROID_RADIUS) + 1
     corners = torch.arange(size + 1, dtype=r.dtype) - size / 2
     seen = part.counted(corners / r, aperture.narrowing)
-    return float((aperture.kernel(r, size) * seen).sum()) / 2
+    share = (aperture.kernel(r, size) * seen).sum() / 2
+    return share if aperture.learns else float(share)
 
 
 def _is(value: Scalar, number: float) -> bool:

@@ -182,19 +182,38 @@ class CatEye:
         )
         return Rim(size, shift * ((width / 2 - x) / corner), shift * ((height / 2 - y) / corner))
 
+    def apart(self, x: Tensor, y: Tensor, frame: tuple[int, int]) -> Tensor:
+        """How far the rim and the pupil are apart before points, as `view`, in radii of the pupil.
+
+        With a gradient to shift in the middle of the frame and at a shift of 0, too.
+        """
+        rim = self.view(x, y, frame)
+        distance = torch.hypot(torch.as_tensor(rim.x).detach(), torch.as_tensor(rim.y).detach())
+        if not (isinstance(self.shift, Tensor) and self.shift.requires_grad):
+            return distance
+        unit = torch.hypot(x - frame[1] / 2, y - frame[0] / 2) / (math.hypot(*frame) / 2)
+        shift = self.shift.to(unit)
+        return distance + unit * (shift - shift.detach())
+
 
 def falloff(apart: Tensor, size: Scalar) -> Tensor:
     """The share of a round pupil that a rim leaves open, for middles [...] radii apart.
 
     The area of the lens between two circles, over that of the unit disc.
     """
-    d = apart.clamp(min=1e-9)
-    r = torch.as_tensor(size, dtype=d.dtype, device=d.device)
+    rim = torch.as_tensor(size, dtype=apart.dtype, device=apart.device)
+    d, r = apart.detach().clamp(min=1e-9), rim.detach()
     first = ((d * d + 1 - r * r) / (2 * d)).clamp(-1, 1)
     second = ((d * d + r * r - 1) / (2 * d * r)).clamp(-1, 1)
     kite = ((1 + r - d) * (d + 1 - r) * (d - 1 + r) * (d + 1 + r)).clamp(min=0).sqrt()
     lens = first.acos() + r * r * second.acos() - kite / 2
-    return (lens / math.pi).clamp(0, 1)
+    share = (lens / math.pi).clamp(0, 1)
+    if not (apart.requires_grad or rim.requires_grad):
+        return share
+    # it loses the common chord as they part, and gains the arc as the rim grows: where circles
+    # touch, the formula's own derivative is 0/0
+    chord, arc = 2 * (1 - first * first).sqrt(), 2 * r * second.acos()
+    return share + (arc * (rim - r) - chord * (apart - apart.detach())) / math.pi
 
 
 def fineness(radius: float) -> int:

@@ -9,8 +9,11 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
-from defocus_core.optics.outline import Outline
+from defocus_core.optics.outline import Outline, Polygon
 from defocus_core.tensors.source import Scalar
+
+# Below this curvature areas are interpolated: the sagitta is below 4e-4 of the radius.
+_STRAIGHT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -20,7 +23,7 @@ class CurvedPolygon(Outline):
     Attributes:
         sides: 3 or more.
         rotation: Angle of one vertex in degrees, counter-clockwise from +x as seen in the image.
-        curvature: 1 / radius of the arcs, within (0, 1]; 1 is the disc, and 0 would be straight.
+        curvature: 1 / radius of the arcs, within [0, 1]; 0 is straight, and 1 is the disc.
     """
 
     sides: int
@@ -28,11 +31,22 @@ class CurvedPolygon(Outline):
     curvature: Scalar
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
+        """That within arcs; within hardly curved ones between it and that within straight edges.
+
+        Areas beside arcs of very large circles lose digits, and bulge in proportion to curvature.
+        """
+        curvature = torch.as_tensor(self.curvature, dtype=x.dtype, device=x.device)
+        if self.curvature >= _STRAIGHT:
+            return self._within_arcs(x, y, 1 / curvature)
+        straight = Polygon(self.sides, self.rotation).cumulative_area(x, y)
+        bulging = self._within_arcs(x, y, torch.full_like(curvature.detach(), 1 / _STRAIGHT))
+        return torch.lerp(straight, bulging, curvature / _STRAIGHT)
+
+    def _within_arcs(self, x: Tensor, y: Tensor, radius: Tensor) -> Tensor:
         """The sum over arcs of the integral of min(y, height of the arc) up to x.
 
         It counts as positive for the arcs that bound the area at large y, as for `Polygon`.
         """
-        radius = 1 / torch.as_tensor(self.curvature, dtype=x.dtype, device=x.device)
         apothem, half = math.cos(math.pi / self.sides), math.sin(math.pi / self.sides)
         # from the middle of the pupil to the centre of an arc's circle; 0 or negative
         distance = apothem - (radius * radius - half * half).sqrt()
@@ -54,12 +68,20 @@ class CurvedPolygon(Outline):
             angles = [middle - span, *upright, middle + span]
             for side, ends in zip(pairwise(angles), pairwise(cuts), strict=True):
                 left, right = sorted(ends, key=Tensor.item)
-                piece = torch.maximum(torch.minimum(t, right), left)
+                # where it ends at the cut, a gradient moves the cut
+                piece = torch.where(t < right, torch.where(t > left, t, left), right)
                 if math.sin(sum(side) / 2) < 0:  # y is downwards
                     total = total + _up_to_arc(piece, height, radius)
                 else:
                     total = total - height * piece - _up_to_arc(piece, -height, radius)
         return total
+
+
+def inradius(sides: int, curvature: float) -> float:
+    """The distance from the middle of the pupil to the middle of an edge."""
+    half = math.sin(math.pi / sides)
+    sagitta = curvature * half**2 / (1 + math.sqrt(1 - (curvature * half) ** 2))
+    return math.cos(math.pi / sides) + sagitta
 
 
 def _upright(start: float, end: float) -> list[float]:
@@ -72,7 +94,7 @@ def _up_to_arc(t: Tensor, height: Tensor, radius: Tensor) -> Tensor:
     """The integral of min(height, sqrt(radius² - t²)) over t, up to terms in the height alone."""
     chord = torch.where(height > 0, _half_chord(height, radius), radius)
     area, low, high = (_area(s, radius) for s in (t, -chord, chord))
-    level = height * torch.maximum(torch.minimum(t, chord), -chord)
+    level = height * torch.where(t.abs() < chord, t, torch.where(t > 0, chord, -chord))
     return level + torch.minimum(area, low) + torch.maximum(area, high)
 
 

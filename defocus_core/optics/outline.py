@@ -23,6 +23,8 @@ _LEVEL_SLOPE = 1e-6
 # Rounding error of differences of areas of about 1; and the least area that counts, as a share of
 # the rectangle, where rectangles are so small.
 _ROUNDING, _LEAST_SHARE = 2e-15, 1e-2
+# Opaque discs of less than this radius hide less than rounding.
+_LEAST_RATIO = 1e-7
 
 
 class Outline(ABC):
@@ -118,7 +120,7 @@ class Obstructed(Outline):
 
     Attributes:
         outline: The outline.
-        ratio: Radius of the opaque disc in radii of the lens, within (0, 1).
+        ratio: Radius of the opaque disc in radii of the lens, within [0, 1).
     """
 
     outline: Outline
@@ -126,7 +128,8 @@ class Obstructed(Outline):
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
         """The area of the outline without that of the disc."""
-        inner = Disc().cumulative_area((x / self.ratio).clamp(-1, 1), (y / self.ratio).clamp(-1, 1))
+        ratio = self.ratio if self.ratio > _LEAST_RATIO else 1.0  # times 0, with gradient 0
+        inner = Disc().cumulative_area((x / ratio).clamp(-1, 1), (y / ratio).clamp(-1, 1))
         return self.outline.cumulative_area(x, y) - self.ratio**2 * inner
 
 

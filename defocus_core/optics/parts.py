@@ -108,11 +108,12 @@ def area_of(outline: Outline, part: Part) -> Any:
 
 
 @lru_cache(maxsize=256)
-def weight_of(outline: Outline, part: Part) -> float:
-    """Area of the part times the gaussian profile, in units of the lens radius squared."""
+def weight_of(outline: Outline, part: Part) -> Any:
+    """Area of the part times the gaussian profile, as `area_of`."""
     u = torch.arange(-_WEIGHING_RADIUS, _WEIGHING_RADIUS + 1, dtype=torch.float64, device="cpu")
     u = u / _WEIGHING_RADIUS
-    return float((outline.areas(*part.clamp(u, u)) * gaussian(u)).sum())
+    weight = (outline.areas(*part.clamp(u, u)) * gaussian(u)).sum()
+    return weight if weight.requires_grad else float(weight)
 
 
 def gaussian(u: Tensor) -> Tensor:

@@ -46,9 +46,13 @@ class Views(NamedTuple):
         return self.images[2] if len(self.images) > 1 else None
 
     def to(self, dtype: torch.dtype) -> Views:
-        """The views in another precision."""
+        """The views in another precision; what half precision cannot hold is its greatest value."""
+        images = self.images
+        if dtype == torch.float16:
+            most = torch.finfo(dtype).max
+            images = [image.clamp(-most, most) for image in images]
         return self._replace(
-            images=[image.to(dtype) for image in self.images], trust=self.trust.to(dtype)
+            images=[image.to(dtype) for image in images], trust=self.trust.to(dtype)
         )
 
     def within(self, box: Box) -> Views:

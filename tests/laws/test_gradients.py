@@ -1,7 +1,10 @@
 """Law 9: the shipped renderer is differentiable in image, depth and lens parameters."""
 
+from typing import Any
+
 import pytest
 import torch
+from extremes import Extreme
 from measures import worst
 from scenes import RADII, pattern, slanted
 from torch import Tensor
@@ -105,3 +108,51 @@ def test_what_is_rendered_without_gradients_may_take_part_in_later_ones(kind: st
     assert wanted.grad is not None
     with torch.inference_mode():
         assert worst(render(image, radius).render, plain.render) < 1e-9
+
+
+# one number of the pupil or the rim, others beside it, and the ends of its range
+BLADES = {"blades": 3, "rotation": 20.0}
+VIGNETTED = {"size": 1.0, "shift": 0.4, "vignetting": True}
+NUMBERS: list[tuple[str, str, float, tuple[float, float], dict[str, Any]]] = [
+    ("standard", "obstruction", 0.0, (0.0, 0.95), {}),
+    ("high", "obstruction", 0.3, (0.0, 0.95), {}),
+    ("reference", "obstruction", 0.3, (0.0, 0.95), {}),
+    ("reference", "squeeze", 0.6, (0.05, 20.0), {}),
+    ("draft", "squeeze", 20.0, (0.05, 20.0), {}),
+    ("standard", "curvature", 0.0, (0.0, 1.0), BLADES),
+    ("reference", "curvature", 0.4, (0.0, 1.0), BLADES),
+    ("standard", "curvature", 1.0, (0.0, 1.0), BLADES),
+    ("standard", "spherical", -1.0, (-1.0, 1.0), {}),
+    ("draft", "spherical", 1.0, (-1.0, 1.0), {}),
+    ("standard", "size", 0.8, (0.5, 2.0), {}),
+    ("standard", "shift", 0.4, (0.0, 0.9), {}),
+]
+
+
+@pytest.mark.parametrize(("quality", "name", "value", "ends", "others"), NUMBERS)
+def test_gradients_to_the_shape_of_the_pupil_are_those_by_differences(
+    quality: str, name: str, value: float, ends: tuple[float, float], others: dict[str, Any]
+) -> None:
+    rim = {**VIGNETTED, name: value} if name in VIGNETTED else {}
+    pupil = {**others, **({} if rim else {name: value})}
+    options = {"quality": quality}
+    shot = Extreme(pupil=pupil, rim=rim, learnt=name, options=options)
+    image, radius = picture(3)[:, 1:7, 2:9], 0.5 * slope_with_a_card().detach()[1:7, 2:9]
+    image[0, 3, 3] = 30.0
+    weigh = torch.rand(3, *image.shape, generator=torch.Generator().manual_seed(1)).double()
+
+    def seen(number: Tensor) -> Tensor:
+        views = shot.views(image, radius, number)
+        return (torch.stack(list(views.images)) * weigh).sum() + views.trust.sum()
+
+    number = torch.tensor(value, dtype=torch.float64, requires_grad=True)
+    (gradient,) = torch.autograd.grad(seen(number), number)
+    step, (least, most) = 1e-5, ends
+    at = [0, 1, 2] if value - step < least else [0, -1, -2] if value + step > most else [0, 1, -1]
+    first, second, third = (
+        float(seen(torch.tensor(value + step * k, dtype=torch.float64))) for k in at
+    )
+    slope = (4 * second - 3 * first - third) / (2 * step * at[1])
+    if at[2] == -1:
+        slope = (second - third) / (2 * step)
+    assert float(gradient) == pytest.approx(slope, rel=1e-3, abs=1e-4)

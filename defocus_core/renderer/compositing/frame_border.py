@@ -21,8 +21,9 @@ from defocus_core.tensors.sparse_masks import exceeding, numbers_of
 
 # Least share: a disc much larger than the frame would divide by nearly 0.
 _LEAST_SHARE = 0.01
-# Coverage that a pixel's own surface has besides what a pupil with its light aside sees.
-_TRACE = 1e-6
+# Coverage that a pixel's own surface has besides what a pupil sees with its light aside, or with an
+# opaque middle that may hide the frame: there errors of a small coverage are larger.
+ASIDE, OPAQUE = 1e-6, 1e-3
 # Intervals of the pupil's width in which areas are interpolated; errors stay below 5e-4.
 _STEPS = 128
 
@@ -88,10 +89,10 @@ def _area_below(aperture: Aperture, part: Part, view: View | None) -> Tensor:
         return aperture.share_between(part, up_to[None], up_to[:, None])
 
 
-def own_light(color: Tensor) -> Tensor:
+def own_light(color: Tensor, trace: float) -> Tensor:
     """A trace of each pixel's own surface [C, h, w], colour and coverage [C + 1, h, w].
 
     A pupil that is given as a picture may have its light aside: at a border of the frame it sees
-    nothing within, and a pixel there is what it was.
+    nothing within, and a pixel there is what it was. So it is where an opaque middle hides all.
     """
-    return torch.cat([color, torch.ones_like(color[:1])]) * _TRACE
+    return torch.cat([color, torch.ones_like(color[:1])]) * trace

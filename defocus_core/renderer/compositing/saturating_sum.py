@@ -13,7 +13,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from defocus_core.renderer.layers.subpixel_shifts import stacked
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.source import Scalar
 
 # Guards 0 / 0 where no coverage is left; it changes no visible share.
 _LEAST_SHARE = 1e-12
@@ -143,20 +145,23 @@ def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tenso
 
 
 def picture(
-    front: Tensor, weights: Sequence[float] | None = None, *, signed: bool = True
+    front: Tensor, weights: Sequence[Scalar] | None = None, *, signed: bool = True
 ) -> Tensor:
     """The image [C, h, w] of all parts together, divided by their coverage.
 
     Args:
         front: [M, C + 1, h, w].
-        weights: M shares of the parts in the aperture; None if they are equal.
+        weights: M shares of the parts in the aperture, tensors if they learn; None if they are
+            equal.
         signed: Whether colours may be negative; else negative rounding and overshoot become 0.
 
     A pixel sees its own surface at least through the whole or a half of the aperture: the share is
     positive.
     """
-    if weights is not None and max(weights) - min(weights) > _EQUAL:
-        front = front * front.new_tensor(weights)[:, None, None, None]
+    if weights is not None:
+        learn = any(isinstance(weight, Tensor) for weight in weights)
+        if learn or max(weights) - min(weights) > _EQUAL:
+            front = front * stacked(weights, front)[:, None, None, None]
     total = front.sum(0) if len(front) > 1 else front[0]
     image = total[:-1] / total[-1:]
     return image if signed else image.clamp_(min=0)

@@ -77,7 +77,5 @@ def darkened(part: Views, cat_eye: CatEye, frame: tuple[int, int]) -> Views:
     """
     like = part.images[0]
     y, x = (torch.arange(s.first, s.end).to(like) + 0.5 for s in part.box.sides)
-    rim = cat_eye.view(x[None, :], y[:, None], frame)
-    apart = torch.hypot(torch.as_tensor(rim.x), torch.as_tensor(rim.y))
-    share = falloff(apart, rim.size)
+    share = falloff(cat_eye.apart(x[None, :], y[:, None], frame), cat_eye.size)
     return part._replace(images=[image * share for image in part.images])

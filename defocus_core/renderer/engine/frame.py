@@ -12,10 +12,13 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.parts import LEFT, RIGHT, Part
 from defocus_core.renderer.blur.kernel_bank import Window
+from defocus_core.renderer.compositing.frame_border import ASIDE, OPAQUE
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.layers.octaves import Turns
 from defocus_core.renderer.layers.quality import Quality
+from defocus_core.renderer.layers.subpixel_shifts import stacked
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.tiling import Grid
 
 # Px around a pixel that decide what its own surface is: soft edges, mixed pixels, slopes.
@@ -98,7 +101,7 @@ class Division(NamedTuple):
 
     aperture: Aperture
     parts: list[Part]
-    weights: list[float]
+    weights: list[Scalar]
     groups: list[slice]
 
     @classmethod
@@ -115,7 +118,7 @@ class Division(NamedTuple):
         """The mean [h, w] of values [m, h, w] over the m parts of the centre view."""
         if len(values) == 1:
             return values[0]
-        shares = values.new_tensor(self.weights[self.groups[0]])[:, None, None]
+        shares = stacked(self.weights[self.groups[0]], values)[:, None, None]
         return (values * shares).sum(0) / shares.sum()
 
 
@@ -155,6 +158,19 @@ class Frame:
         """The greatest reach of light in px."""
         reaches: list[int] = self.slices.visible.reaches
         return max(reaches + self.slices.invented.reaches if self.content.edges else reaches)
+
+    @property
+    def trace(self) -> float:
+        """Coverage that a pixel's own surface has for sure, for the pupil may see nothing else.
+
+        The light of a picture of the pupil may lie aside. An opaque middle may hide the frame, of
+        which a half of the pupil sees half a column or row at the border.
+        """
+        aperture, radii = self.settings.aperture, self.slices.radii
+        opaque = float(aperture.fixed.obstruction) * max(abs(radii[0]), abs(radii[-1]))
+        if opaque >= min(self.size) / 2:
+            return OPAQUE
+        return 0.0 if aperture.image is None else ASIDE
 
     @property
     def copies_in_focus(self) -> bool:

@@ -58,7 +58,7 @@ class LayeredRegion(Region):
         super().__init__(frame, grid, pixels, signed_radius, None, backdrop)
         if self._own is not None:  # with alpha, and without the light of highlights
             plain = grid.box.of(pixels).to(frame.dtype).clamp(max=frame.content.limit)
-            self._own = own_light(plain)
+            self._own = own_light(plain, frame.trace)
 
     def _surfaces(
         self, pixels: Tensor, signed_radius: Tensor, outer: Box

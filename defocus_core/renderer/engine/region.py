@@ -97,7 +97,7 @@ class Region:
         own, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
         self._in_frame = self._shares_in_frame(inmost.of(signed_radius))
         self._like = own.color
-        self._own = own_light(inmost.of(own.color)) if frame.settings.aperture.image else None
+        self._own = own_light(inmost.of(own.color), frame.trace) if frame.trace else None
         places = position(signed_radius, slices.radii) if highlights else None
         self._visible = self._in_front(own, signed_radius, places)
         self._hidden: list[Filling] = []

@@ -140,7 +140,7 @@ def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
     images = [pixels.new_empty(pixels.shape) for _ in range(frame.views)]
     trust = pixels.new_empty(1, *pixels.shape[-2:])
     counts: list[dict[str, int]] = []
-    for part in parts:
+    for part in (each.to(pixels.dtype) for each in parts):
         for image, part_image in zip(images, part.images, strict=True):
             part.box.of(image).copy_(part_image)
         part.box.of(trust).copy_(part.trust)

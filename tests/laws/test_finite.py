@@ -1,0 +1,155 @@
+"""Every option at both of its ends leaves pictures and gradients finite, and none too bright."""
+
+from __future__ import annotations
+
+import random
+from typing import Any
+
+import pytest
+import torch
+from extremes import DTYPES, KINDS, MOST_RADIUS, Extreme, dots
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+from measures import worst
+
+from defocus_core import QUALITIES, Aperture, render
+
+MIRROR = {"obstruction": 0.4}
+GAUSSIAN = {"psf_type": "gaussian"}
+CASES = [
+    # an opaque disc that hides the frame, in part or all of it
+    *(
+        Extreme((48, 64), r, pupil=MIRROR, options={"quality": q})
+        for r in (100.0, 200.0, 278.0, MOST_RADIUS)
+        for q in ("standard", "reference")
+    ),
+    Extreme((48, 64), 278.0, pupil=MIRROR, options={"quality": "draft"}),
+    # light that is 0 at the only sample of a small disc
+    *(
+        Extreme(radius=r, pupil={"spherical": k}, options={"quality": q}, learnt="spherical")
+        for r in (0.15, 0.3, 0.5)
+        for k in (-1.0, 1.0)
+        for q in ("draft", "standard")
+    ),
+    # parts of the pupil that see nothing of the frame
+    *(Extreme(radius=r, pupil=GAUSSIAN, options={"quality": "reference"}) for r in (400.0, 5000.0)),
+    # numbers of the pupil where they begin
+    Extreme(pupil={"obstruction": 0.0}, learnt="obstruction"),
+    Extreme(pupil={"blades": 5, "curvature": 0.0}, learnt="curvature"),
+    Extreme((5, 5), rim={"size": 1.0, "shift": 0.0, "vignetting": True}, learnt="shift"),
+    Extreme((5, 5), rim={"size": 1.0, "shift": 0.4, "vignetting": True}, learnt="size"),
+    Extreme((1, 1), pupil={"squeeze": 2.0}, learnt="squeeze"),
+    # both ends of others, in small and narrow frames
+    Extreme((1, 1), MOST_RADIUS, pupil={"obstruction": 0.95}, dtype=torch.float64),
+    Extreme((1, 24), 30.0, "checkerboard", pupil={"squeeze": 0.05}, learnt="squeeze"),
+    Extreme((24, 1), 30.0, "checkerboard", pupil={"squeeze": 20.0}, learnt="squeeze"),
+    Extreme((3, 8191), 3.0, options={"quality": "draft"}),
+    Extreme(radius=30.0, pupil={"image": dots()}),
+    Extreme(radius=300.0, rim={"size": 0.1, "shift": 0.09}),
+    Extreme(light=1e30, kind="random", side=0),
+    Extreme(light=0.0, kind="random", side=0),
+    Extreme(light=65504.0, kind="random", side=0, dtype=torch.float16),
+]
+
+
+def named(case: Extreme) -> str:
+    return f"{case.size}-{case.radius:g}-{case.pupil or case.rim}-{case.options.get('quality')}"
+
+
+@pytest.mark.parametrize("case", CASES, ids=named)
+def test_pictures_and_gradients_are_finite_at_the_ends(case: Extreme) -> None:
+    assert case.faults() == []
+
+
+@st.composite
+def extremes(draw: st.DrawFn) -> Extreme:
+    """Any option at any place of its range, pixels times radius bounded."""
+    pick = lambda *values: draw(st.sampled_from(values))  # noqa: E731
+    return drawn(pick, draw(st.integers(0, 10_000)))
+
+
+def drawn(pick: Any, seed: int) -> Extreme:
+    """An extreme whose options `pick` chooses from lists."""
+    quality = pick(*QUALITIES, *["draft", "standard"] * 2)
+    radius = pick(0.0, 0.15, 0.3, 0.5, 0.9, 4.0, 15.0, 60.0, 278.0, MOST_RADIUS)
+    rim = pick(
+        {}, {}, {}, {}, {"size": 1.0}, {"size": 0.3, "shift": 0.27}, {"size": 5.0, "shift": 4.5}
+    )
+    # each slice between the least radius and the greatest takes its time
+    few = quality in ("high", "reference") or radius > 15 or rim
+    size = pick((1, 1), (2, 3), (1, 9), (9, 1), *([] if few else [(5, 7), (2, 40)]))
+    kind = "constant" if few else pick(*KINDS)
+    blades = pick(0, 0, 0, 3)
+    pupil: dict[str, Any] = {
+        "blades": blades,
+        "psf_type": pick("pillbox", "gaussian"),
+        "obstruction": pick(0.0, 0.0, 1e-9, 0.4, *([] if blades else [0.95])),
+        "spherical": pick(0.0, -1.0, -0.5, 0.7, 1.0),
+        "squeeze": pick(1.0, 1.0, 0.05, 0.6, 2.0, 20.0),
+    }
+    if blades:
+        pupil |= {"rotation": pick(0.0, 90.0, 17.0), "curvature": pick(0.0, 0.0, 5e-4, 0.6, 1.0)}
+    if rim:
+        rim = rim | {"vignetting": pick(True, False)}
+    learnt = [*[""] * 32, "obstruction", "spherical", "squeeze", *(["size"] if rim else [])]
+    return Extreme(
+        size,
+        radius,
+        kind,
+        pick(-1, 0, 1),
+        pick(0.0, 1.0, 1e-3, 1e4, 1e30),
+        pick(0, 1, 3),
+        pick(*DTYPES),
+        seed,
+        pupil,
+        rim,
+        pick({}, {"model": "smooth"}, {"crosstalk": 0.4999}),
+        pick(*learnt),
+        {"quality": quality, "depth_repair": pick("auto", "off")},
+    )
+
+
+@settings(deadline=None, derandomize=True, max_examples=200, phases=[Phase.generate])
+@given(case=extremes())
+def test_pictures_and_gradients_are_finite_whatever_is_drawn(case: Extreme) -> None:
+    assert case.faults() == []
+
+
+@pytest.mark.bench
+def test_ten_thousand_draws_leave_nothing_that_is_not_finite() -> None:
+    faulty = {}
+    for seed in range(10_000):
+        source = random.Random(seed)
+        case = drawn(lambda *values, source=source: source.choice(values), seed)
+        if found := case.faults():
+            faulty[seed] = found
+    assert faulty == {}
+
+
+@pytest.mark.parametrize("quality", ["standard", "reference"])
+@pytest.mark.parametrize("radius", [90.0, 120.0, 150.0])
+def test_what_an_opaque_disc_nearly_hides_is_not_rounding(quality: str, radius: float) -> None:
+    """The share of the pupil that sees the frame there is hardly more than rounding errors."""
+    image, far = Extreme((48, 64), dtype=torch.float64, lights=0).scene()
+    far = torch.full_like(far, radius)
+    pupil = Aperture(**MIRROR)
+    wide, narrow = (
+        render(i, r, aperture=pupil, quality=quality, left_right=True).images
+        for i, r in ((image, far), (image.float(), far.float()))
+    )
+    for one, other in zip(wide, narrow, strict=True):
+        assert worst(one, other.double()) < 1e-4
+
+
+@pytest.mark.parametrize("pupil", [GAUSSIAN, {"spherical": 0.9}], ids=str)
+def test_what_falls_into_the_frame_of_a_wide_disc_is_its_share(pupil: dict[str, Any]) -> None:
+    """The kernel is the middle of the whole one, not that divided by its sum."""
+    radius = torch.tensor(40.0, dtype=torch.float64)
+    whole, cut = (Aperture(**pupil).kernel(radius, n) for n in (83, 31))
+    assert worst(cut, whole[26:-26, 26:-26]) < 2e-3 * float(whole.max())
+
+
+def test_blades_leave_room_for_the_opaque_disc() -> None:
+    with pytest.raises(ValueError, match=r"obstruction must be below 0.5, .*got 0.6"):
+        Aperture(3, obstruction=0.6)
+    Aperture(3, obstruction=0.6, curvature=0.8)

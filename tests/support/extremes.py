@@ -1,0 +1,124 @@
+"""Pictures at the ends of all options, and what in their views or gradients is not finite."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from defocus_core import Aperture, CatEye, DualPixel, PupilImage, Views, render
+
+DTYPES = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
+KINDS = ("constant", "slanted", "checkerboard", "random")
+MOST_RADIUS = 5000.0
+# The brightest that a type holds, or that the renderer takes.
+_MOST = {torch.float16: 65504.0, torch.bfloat16: 9.9e29}
+# By interpolation of detail, in a draft of whole cells, and of small coverage at the border.
+_BRIGHTER = {"draft": 1.25}
+
+
+def dots() -> PupilImage:
+    """A pupil whose light lies aside of its middle."""
+    picture = torch.zeros(9, 9, dtype=torch.float64)
+    picture[1, 2], picture[7, 7], picture[0, 8] = 1.0, 0.5, 0.2
+    return PupilImage(picture)
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """A picture of noise with lights, and how it is taken.
+
+    Attributes:
+        size: (height, width) in px.
+        radius: Greatest radius in px.
+        kind: How radii lie: one of KINDS.
+        side: -1 nearer than focus, 0 on both sides, 1 beyond it.
+        light: Light of the brightest pixel.
+        lights: Number of pixels that are a thousand times as bright as others.
+        dtype: Type of the picture.
+        seed: Of the noise.
+        pupil: Attributes of the aperture.
+        rim: Attributes of the cat's eye, if there is one.
+        pair: Attributes of the dual pixel.
+        learnt: The name of a number of the pupil or the rim that a gradient flows to.
+        options: Other options of `render`.
+    """
+
+    size: tuple[int, int] = (12, 16)
+    radius: float = 4.0
+    kind: str = "constant"
+    side: int = 1
+    light: float = 1.0
+    lights: int = 1
+    dtype: torch.dtype = torch.float32
+    seed: int = 0
+    pupil: dict[str, Any] = field(default_factory=dict)
+    rim: dict[str, Any] = field(default_factory=dict)
+    pair: dict[str, Any] = field(default_factory=dict)
+    learnt: str = ""
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def scene(self) -> tuple[Tensor, Tensor]:
+        """The picture [3, H, W] and its radii [H, W]."""
+        generator, (H, W) = torch.Generator().manual_seed(self.seed), self.size
+        noise = torch.rand(4, H, W, generator=generator, dtype=torch.float64)
+        image, depth = noise[:3], noise[3]
+        image.view(3, -1)[:, torch.randint(H * W, (self.lights,), generator=generator)] *= 1000
+        image = image / image.max() * min(self.light, _MOST.get(self.dtype, self.light))
+        y, x = (torch.linspace(0, 1, n, dtype=torch.float64) for n in (H, W))
+        if self.kind == "constant":
+            depth = torch.ones_like(depth)
+        elif self.kind == "slanted":
+            depth = (y[:, None] + x) / 2
+        elif self.kind == "checkerboard":
+            depth = ((torch.arange(H)[:, None] + torch.arange(W)) % 2).double()
+        radius = self.radius * (self.side * depth if self.side else 2 * depth - 1)
+        wide = self.dtype == torch.float64
+        return image.to(self.dtype), radius if wide else radius.float()
+
+    def views(self, image: Tensor, radius: Tensor, leaf: Tensor | None = None) -> Views:
+        """The picture rendered, `leaf` in place of the number that learns."""
+        pupil, rim = dict(self.pupil), dict(self.rim)
+        if leaf is not None:
+            (rim if self.learnt in rim else pupil)[self.learnt] = leaf
+        options = dict(self.options)
+        if rim:
+            options["cat_eye"] = CatEye(**rim)
+        aperture, pair = Aperture(**pupil), DualPixel(**self.pair)
+        return render(image, radius, aperture=aperture, dual_pixel=pair, left_right=True, **options)
+
+    def faults(self) -> list[str]:
+        """What is not finite, or brighter than any pixel."""
+        image, radius = (x.requires_grad_() for x in self.scene())
+        leaves = {"image": image, "radius": radius}
+        if self.learnt:
+            start = {"curvature": 0.0, "obstruction": 0.0, "spherical": 0.0, "squeeze": 1.0}
+            value = float({**start, **self.pupil, **self.rim}[self.learnt])
+            leaves[self.learnt] = torch.tensor(value, dtype=torch.float64, requires_grad=True)
+        views = self.views(image, radius, leaves.get(self.learnt))
+        named = dict(zip(("render", "left", "right"), views.images, strict=True))
+        found = [
+            f"{name} is not finite"
+            for name, seen in {**named, "trust": views.trust}.items()
+            if not bool(seen.isfinite().all())
+        ]
+        bound = _BRIGHTER.get(self.options.get("quality", ""), 1.05)
+        brightest = float(image.detach().amax()) or 1.0
+        found += [
+            f"{name} is {most:.4g} of the brightest"
+            for name, times in (("render", 1), ("left", 2), ("right", 2))
+            if (most := float(named[name].detach().amax()) / brightest) > times * bound
+        ]
+        generator = torch.Generator().manual_seed(self.seed)
+        weigh = torch.rand(3, 1, *self.size, generator=generator, dtype=torch.float64)
+        total = (torch.stack(list(views.images)).double() / brightest * weigh).sum()
+        gradients = torch.autograd.grad(
+            total + views.trust.double().sum(), list(leaves.values()), allow_unused=True
+        )
+        return found + [
+            f"the gradient to {name} is not finite"
+            for name, gradient in zip(leaves, gradients, strict=True)
+            if gradient is not None and not bool(gradient.isfinite().all())
+        ]
