@@ -53,7 +53,8 @@ CASES = [
 
 
 def named(case: Extreme) -> str:
-    return f"{case.size}-{case.radius:g}-{case.pupil or case.rim}-{case.options.get('quality')}"
+    pupil = "-".join(case.pupil or case.rim)
+    return f"{case.size}-{case.radius:g}-{pupil}-{case.options.get('quality')}"
 
 
 @pytest.mark.parametrize("case", CASES, ids=named)
