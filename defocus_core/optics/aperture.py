@@ -259,9 +259,8 @@ class Aperture:
 
         The kernels of parts that tile the pupil, averaged with these weights, are the kernel of
         the whole. LEFT and RIGHT of an asymmetric pupil differ (48.9 : 51.1 % for five blades at
-        0°): the centre is the mean of its parts by these weights, and the pair is made to have the
-        centre as its plain mean. Of a gaussian pupil the share of its weight, to about 1e-6. A
-        number, unless the pupil learns.
+        0°): the centre is the mean of its parts by these weights, and of the pair. Of a gaussian
+        pupil the share of its weight, to about 1e-6. A number, unless the pupil learns.
         """
         if part.sensitivity is not None:
             seen = _share_seen.__wrapped__ if self.learns else _share_seen

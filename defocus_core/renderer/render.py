@@ -1,6 +1,7 @@
 """The renderer's door: pictures and signed radii in, defocused pictures out.
 
-The centre image is the same whether or not left and right are asked for, and is their mean.
+The centre image is the same whether or not left and right are asked for, and is their
+mean, weighted by the areas of the halves.
 """
 
 from __future__ import annotations
@@ -51,9 +52,9 @@ def render(
     """Defocus images whose pixels have known CoC radii.
 
     I(x) is the mean over the aperture of what each lens point sees first (Haeberli & Akeley 1990);
-    a pixel q with signed radius r is seen through lens point u at q + r u. Outside the frame
-    nothing is invented: each half of the aperture is divided by the share of it that saw the
-    frame.
+    a pixel q with signed radius r is seen through lens point u at q + r u. Beyond the frame the
+    surfaces on its edge go on, their colours and radii repeated; trust is the share of the
+    aperture that saw the frame.
 
     Where gradients are wanted, each region and its tiles are computed again in the backward pass.
     This takes half as long again, but only the memory of the pictures and of one region: 440 MB at

@@ -86,7 +86,15 @@ def convolve(image: Tensor, psf: Tensor) -> Tensor:
 
 
 def one_plane(image: Tensor, r: float, pupil: Pupil = whole) -> Tensor:
-    """A plane of one signed radius: one convolution, divided by the share inside the frame."""
+    """A plane of one signed radius: one convolution of a picture whose edge goes on."""
+    psf = kernel(r, pupil)
+    around = psf.shape[-1] // 2
+    padded = torch.nn.functional.pad(image[None], [around] * 4, mode="replicate")[0]
+    return convolve(padded, psf)[:, around:-around, around:-around]
+
+
+def one_plane_within(image: Tensor, r: float, pupil: Pupil = whole) -> Tensor:
+    """A plane with nothing beyond the frame: one convolution, divided by the share inside it."""
     psf = kernel(r, pupil)
     return convolve(image, psf) / convolve(torch.ones_like(image[:1]), psf)
 

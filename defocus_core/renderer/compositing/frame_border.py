@@ -1,7 +1,8 @@
 """The share of the aperture that sees the frame rather than past its border.
 
-Beyond the frame a surface continues, but has no pixels. The share of the aperture that sees it
-there must not be filled by surfaces behind it.
+Beyond the frame surfaces go on as they are on its edge, but were not seen: trust is the share that
+sees the frame. Of a blur much wider than the frame they go on for a part of its reach. What sees
+farther sees nothing, and must not be filled by surfaces behind.
 """
 
 from __future__ import annotations
@@ -36,14 +37,14 @@ def share_in_frame(
     parts: list[Part],
     views: Sequence[View] = (),
 ) -> Tensor:
-    """The share of parts of the aperture that sees a pixel's own surface within the frame.
+    """The share of parts of the aperture that sees a pixel's own surface within a rectangle.
 
     Lens point u images the surface at pixel q to q + r u: pixel x sees the surface at x - r u.
 
     Args:
         signed_radius: [h, w] px.
-        box: The place of these pixels in the frame.
-        size: (height, width) of the frame.
+        box: The place of these pixels in the rectangle.
+        size: (height, width) of the rectangle.
         aperture: The pupil; a gaussian one counts as evenly lit.
         parts: M parts of the pupil.
         views: Views of the pupil; M counts each part once with each.

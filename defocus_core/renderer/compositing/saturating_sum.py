@@ -145,7 +145,7 @@ def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tenso
 
 
 def picture(
-    front: Tensor, weights: Sequence[Scalar] | None = None, *, signed: bool = True
+    front: Tensor, weights: Sequence[Scalar] | None = None, *, least: float | None = None
 ) -> Tensor:
     """The image [C, h, w] of all parts together, divided by their coverage.
 
@@ -153,7 +153,7 @@ def picture(
         front: [M, C + 1, h, w].
         weights: M shares of the parts in the aperture, tensors if they learn; None if they are
             equal.
-        signed: Whether colours may be negative; else negative rounding and overshoot become 0.
+        least: Least light of the picture, below which are rounding and overshoot; None bounds none.
 
     A pixel sees its own surface at least through the whole or a half of the aperture: the share is
     positive.
@@ -164,11 +164,11 @@ def picture(
             front = front * stacked(weights, front)[:, None, None, None]
     total = front.sum(0) if len(front) > 1 else front[0]
     image = total[:-1] / total[-1:]
-    return image if signed else image.clamp_(min=0)
+    return image if least is None else image.clamp_(min=least)
 
 
-def count_negative(halves: Tensor, brightest: float) -> dict[str, int]:
-    """Count the pixels whose left or right image is negative, which `pair_of` makes 0.
+def count_negative(halves: Tensor, brightest: float, least: float = 0.0) -> dict[str, int]:
+    """Count the pixels whose left or right image is too dark, which `pair_of` bounds.
 
     A half of the aperture overshoots where detail is as fine as a pixel. What is smaller than a
     thousandth of the brightest is not counted, and on a GPU nothing is: each tile would have to
@@ -177,30 +177,57 @@ def count_negative(halves: Tensor, brightest: float) -> dict[str, int]:
     Args:
         halves: [2, C, h, w], left and right as composited.
         brightest: Light of the brightest pixel that is not a highlight.
+        least: Least light of the picture, 0 or less.
     """
     if not halves.is_cpu:
         return {}
-    least = halves.detach().amin(dim=(0, 1))
-    return {"pixels_clamped": int((least < -_NEGLIGIBLE * brightest).sum())}
+    darkest = halves.detach().amin(dim=(0, 1))
+    return {"pixels_clamped": int((darkest < least - _NEGLIGIBLE * brightest).sum())}
 
 
-def pair_of(centre: Tensor, left: Tensor, right: Tensor, *, signed: bool) -> Tensor:
+def pair_of(
+    centre: Tensor, left: Tensor, right: Tensor, *, least: float = 0.0, share: Scalar = 0.5
+) -> Tensor:
     """Left and right images [2, C, h, w] whose mean is the centre, from halves composited alone.
 
     Occlusion within a half differs from that within the whole, so their mean is near the centre
-    but not equal. Where light is positive their ratio is kept, else their difference.
+    but not equal. The ratio of what they have above the least light is kept.
 
     Args:
         centre: [C, h, w].
         left: The left half as composited, [C, h, w].
         right: The right half as composited, [C, h, w].
-        signed: Whether pixels of the picture are negative (colours outside the gamut).
+        least: Least light of the picture, 0 or less (colours outside the gamut are negative).
+        share: The share of the aperture's light that the left half has: its weight in the mean.
     """
-    if signed:
-        difference = (left - right) / 2
-        return torch.stack([centre + difference, centre - difference])
-    left, right = left.clamp(min=0), right.clamp(min=0)  # transforms leave ±1e-8
+    if least:
+        centre = centre - least
+    left, right = ((half - least).clamp(min=0) for half in (left, right))  # transforms leave ±1e-8
+    if not _is_half(share):
+        left, right = left * (2 * share), right * (2 - 2 * share)
     total = left + right
     lit = total > 0
-    share = torch.where(lit, left / torch.where(lit, total, 1.0), 0.5)
-    return 2 * centre * torch.stack([share, 1 - share])
+    of_left = torch.where(lit, left / torch.where(lit, total, 1.0), 0.5)
+    pair = 2 * centre * torch.stack([of_left, 1 - of_left])
+    if not _is_half(share):
+        pair = pair / stacked([2 * share, 2 - 2 * share], pair)[:, None, None, None]
+    return pair + least if least else pair
+
+
+def _is_half(share: Scalar) -> bool:
+    return abs(float(share) - 0.5) <= _EQUAL
+
+
+def within_alpha(pair: Tensor, share: Scalar) -> Tensor:
+    """Left and right [2, C, h, w] whose last channel, alpha, is 1 at most; their mean stays.
+
+    What one of them has in excess is of a surface that the other half sees.
+
+    Args:
+        pair: Premultiplied colours, then alpha.
+        share: As for `pair_of`.
+    """
+    alpha = pair[:, -1:]
+    excess = pair * ((alpha - 1) / alpha.clamp(min=1)).clamp(min=0)
+    weights = stacked([share, 1 - share], pair)[:, None, None, None]
+    return pair - excess + (excess * weights).flip(0) / weights

@@ -25,7 +25,7 @@ from defocus_core.renderer.engine.frame import Frame
 from defocus_core.renderer.engine.region_schedule import in_rows
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.checkpointing import recomputed
-from defocus_core.tensors.source import Pixels
+from defocus_core.tensors.source import Pixels, banded
 from defocus_core.tensors.threads import threaded
 from defocus_core.tensors.views import Views, added, joined
 
@@ -61,6 +61,7 @@ class Enlarging:
         # less than no light in a picture that has none
         unit = self._unit = _UNIT * limit if limit > 0 else -1.0
         self._in_px = (pixels, signed_radius)
+        self._least = min(0.0, *(float(band.amin()) for band in banded(pixels)))
 
         def merged(px: Tensor, radius: Tensor) -> Tensor:
             return torch.cat([means(px), unit * share_left(radius)[None]])
@@ -105,12 +106,11 @@ class Enlarging:
         images = with_detail(images[:, :-1], images[:, -1] / self._unit, original, part)
         content, counts, box = self._frame.content, dict[str, int](), self._px(tile)
         inner = box.seen_from(self._px(wide))
-        if not content.signed:
-            if len(images) > 1:
-                counts |= count_negative(inner.of(images[1:]), content.limit)
-            images = images.clamp(min=0)
         if len(images) > 1:
-            pair = pair_of(*images, signed=content.signed)
+            counts |= count_negative(inner.of(images[1:]), content.limit, self._least)
+        images = images.clamp(min=self._least)
+        if len(images) > 1:
+            pair = pair_of(*images, least=self._least, share=self._frame.division.left_share)
             images = torch.cat([images[:1], pair])
         trust = smooth(rendered.trust[None], part)[0]
         return Views(list(inner.of(images)), inner.of(trust), counts, box)

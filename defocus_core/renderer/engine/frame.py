@@ -34,7 +34,7 @@ class Content(NamedTuple):
         tilted: Whether surfaces may be tilted.
         quantised: Whether depth had few levels: small gaps between surfaces may be its errors.
         uncertain: Whether edges of depth were soft or averages.
-        signed: Whether pixels are negative (colours outside the gamut).
+        least: Least light, 0 unless pixels are negative (colours outside the gamut).
         limit: Brightness that a highlight exceeds.
     """
 
@@ -43,7 +43,7 @@ class Content(NamedTuple):
     tilted: bool
     quantised: bool
     uncertain: bool
-    signed: bool
+    least: float
     limit: float
 
 
@@ -114,6 +114,18 @@ class Division(NamedTuple):
             divided += dual_pixel.halves
         return cls(aperture, divided, [aperture.share(part) for part in divided], groups)
 
+    @property
+    def left_share(self) -> Scalar:
+        """The share of the light of left and right together that is of the left one.
+
+        Half of it for photodiodes that were measured: each by its own light.
+        """
+        group = self.groups[-1]
+        parts = list(zip(self.parts[group], self.weights[group], strict=True))
+        if any(part.sensitivity for part, _ in parts):
+            return 0.5
+        return sum(weight for part, weight in parts if part.is_left) / sum(self.weights[group])
+
     def mean(self, values: Tensor) -> Tensor:
         """The mean [h, w] of values [m, h, w] over the m parts of the centre view."""
         if len(values) == 1:
@@ -131,6 +143,8 @@ class Frame:
         settings: The options.
         quality: Settings of the quality, in px or in cells as the size.
         dtype: Type of the numbers to compute with.
+        beyond: Rows above and below, and columns on both sides, by which the scene goes on.
+        cut: Whether light from farther away than that would reach the frame.
         grid: The tiles.
         margin: Px around a region that its pixels depend on.
         content: Properties of the pixels.
@@ -142,6 +156,8 @@ class Frame:
     settings: Settings
     quality: Quality
     dtype: torch.dtype
+    beyond: tuple[int, int]
+    cut: bool
     grid: Grid
     margin: int
     content: Content
@@ -152,6 +168,12 @@ class Frame:
     def box(self) -> Box:
         """The whole frame."""
         return Box(0, 0, *self.size)
+
+    @property
+    def scene(self) -> Box:
+        """The frame with all around it that its light may come from."""
+        (height, width), (rows, columns) = self.size, self.beyond
+        return Box(-rows, -columns, height + 2 * rows, width + 2 * columns)
 
     @property
     def farthest(self) -> int:

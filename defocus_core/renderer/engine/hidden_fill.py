@@ -66,14 +66,20 @@ class Filling:
     """
 
     def __init__(
-        self, frame: Frame, grid: Grid, inner: Box, hidden: HiddenLayer, *, known: bool
+        self,
+        frame: Frame,
+        grid: Grid,
+        boxes: tuple[Box, Box],
+        hidden: HiddenLayer,
+        *,
+        known: bool,
     ) -> None:
         """Prepare a surface that has pixels.
 
         Args:
             frame: The frame that it is a part of.
             grid: The tiles.
-            inner: The place of the surface in the frame.
+            boxes: The place of the surface in the frame, and the rectangle it is continued to.
             hidden: The surface, at the resolution at which it is blurred.
             known: Whether it is known, not invented.
         """
@@ -82,12 +88,17 @@ class Filling:
         self.windows = slicing.windows[:: slicing.stride]
         self._octave_of_slice = frame.slices.octaves
         self._octave_of_layer = dict(zip(slicing.layers, frame.slices.octaves, strict=True))
+        held, inner = boxes
         self._fine = self._coarse = axes(frame.size, inner.top, inner.left)
-        self._tiles = grid.seen_from(inner)
+        self._tiles, around = grid.seen_from(inner), inner.seen_from(held)
         cells = self._tiles
         if self.halvings:
             down, across = (halves(n, axis) for n, axis in zip(inner[2:], self._fine, strict=True))
             self._coarse = (down.axis, across.axis)
+            own = axes(frame.size, held.top, held.left)
+            rows, columns = (halves(n, axis) for n, axis in zip(held[2:], own, strict=True))
+            corner = rows.axis.middle - down.axis.middle, columns.axis.middle - across.axis.middle
+            around = Box(*corner, down.length, across.length)
             read = [cells_read(tile, self._fine, self._coarse, 1) for tile in cells.tiles]
             cells = cells._replace(tiles=read)
         self._cells_of = cells.tiles
@@ -99,7 +110,7 @@ class Filling:
             self._coarse,
             by_corners=frame.settings.field is not None,
         )
-        samples = _samples(hidden, frame.slices.radii[:: slicing.stride])
+        samples = _samples(hidden, frame.slices.radii[:: slicing.stride])._replace(around=around)
         self._sliced = self._blur.sliced(samples, slicing.stride, slicing.layers)
         self.plan = self._sliced.surface.plan
         self._shares: dict[tuple[float, int], Shares] = {}

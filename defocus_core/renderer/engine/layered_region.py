@@ -11,6 +11,7 @@ from defocus_core.renderer.blur.layer_blur import Sliced
 from defocus_core.renderer.compositing.aperture_views import Fronts
 from defocus_core.renderer.compositing.frame_border import own_light
 from defocus_core.renderer.compositing.highlights import Highlights, split_samples
+from defocus_core.renderer.compositing.saturating_sum import within_alpha
 from defocus_core.renderer.compositing.screens import Screen
 from defocus_core.renderer.engine.frame import Frame
 from defocus_core.renderer.engine.hidden_fill import Filling
@@ -64,17 +65,16 @@ class LayeredRegion(Region):
         self, pixels: Tensor, signed_radius: Tensor, outer: Box
     ) -> tuple[Unmixed, Tensor, Highlights | None]:
         """The visible samples in the rectangle `outer`; plans the hidden ones."""
-        frame, slicing = self._frame, self._frame.slices.visible
+        frame = self._frame
         stack = self._layered.stack(outer, frame.dtype)
         inmost = self._grid.box.seen_from(outer)
         weights = stack.color[1:, -1] * stack.through[1:-1]
         self._shown = inmost.of(stack.signed_radius[1:]), inmost.of(weights)
         hidden, self._is_known = stack.hidden(), stack.knows_behind()
         if hidden is not None:
-            within = self._within(hidden, stack.signed_radius[0])
-            self._behind = self._blur.sliced(within, 1, slicing.layers)
+            self._behind = self._sliced(self._within(hidden, stack.signed_radius[0]))
         if self._layered.open and self._layered.is_continued:
-            self._nothing = self._blur.sliced(self._uncovered(stack), 1, slicing.layers)
+            self._nothing = self._sliced(self._uncovered(stack))
         self._solid, radius = stack.solid(self._layered.ends[1]), stack.signed_radius[0]
         samples, highlights = split_samples(
             stack.visible(), len(pixels) - 1, radius, frame.content.limit
@@ -82,15 +82,17 @@ class LayeredRegion(Region):
         self._others = samples.others
         return samples.own, radius, highlights
 
-    def _shares_in_frame(self, signed_radius: Tensor) -> list[Tensor] | None:
+    def _shares_within(
+        self, bounds: Box, signed_radius: Tensor, groups: list[slice]
+    ) -> list[Tensor] | None:
         """As of a picture, but the mean over what shows of the samples of each pixel."""
-        total = super()._shares_in_frame(signed_radius)
+        total = super()._shares_within(bounds, signed_radius, groups)
         if total is None:
             return None
         radii, weights = self._shown
         total = [share * (1 - weights.sum(0)) for share in total]
         for radius, weight in zip(radii, weights, strict=True):
-            shares = super()._shares_in_frame(radius) or []
+            shares = super()._shares_within(bounds, radius, groups) or []
             total = [so_far + share * weight for so_far, share in zip(total, shares, strict=True)]
         return total
 
@@ -121,15 +123,20 @@ class LayeredRegion(Region):
         outer: Box,
     ) -> list[Filling]:
         """What is continued: surfaces behind pixels of which no sample tells what is behind."""
-        frame, inner, inside = self._frame, self._inner, self._inside
+        frame, held, inside = self._frame, self._held, self._inside
         invented = continued(color, signed_radius, backdrop, outer, inside, frame)
         if invented is not None and self._is_known is not None:
             everywhere = torch.full_like(signed_radius, torch.inf)
             known = HiddenLayer(*map(inside.of, (color, everywhere, self._is_known)))
-            _, invented = separated(known, invented, axes(frame.size, inner.top, inner.left))
+            _, invented = separated(known, invented, axes(frame.size, held.top, held.left))
         if invented is None or not bool(invented.mask.any()):
             return []
-        return [Filling(frame, self._grid, inner, invented, known=False)]
+        return [Filling(frame, self._grid, (held, self._inner), invented, known=False)]
+
+    def _paired(self, centre: Tensor, left: Tensor, right: Tensor) -> Tensor:
+        """As of a picture; alpha is 1 at most."""
+        pair = super()._paired(centre, left, right)
+        return within_alpha(pair, self._frame.division.left_share)
 
     def _fronts(self, index: int) -> tuple[Fronts, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""

@@ -23,6 +23,7 @@ from defocus_core.renderer.engine.preparation import frame_of
 from defocus_core.renderer.engine.region_schedule import rendered_regions
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.engine.shared_fill import FillOfColors, SharedFill
+from defocus_core.renderer.engine.statistics import border_ends
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.inpainting.known_layer import Behind
 from defocus_core.renderer.layers.ladder import SHARP
@@ -117,6 +118,7 @@ class Picture:
             uncertain=self.repair.uncertain_edges,
             layered=layered,
             all_ends=self.fill and self.fill.shared.ends,
+            border=None if layered is None else border_ends(self.reaching),
         )
         self._enlarging: Enlarging | None = None
         if self.at_half_size:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from typing import NamedTuple
 
 import torch
@@ -18,16 +19,21 @@ from defocus_core.renderer.engine.frame import (
     Slicing,
 )
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.engine.statistics import needs_double, surveyed, with_hidden
+from defocus_core.renderer.engine.statistics import border_ends, needs_double, surveyed, with_hidden
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.inpainting.hidden_layers import PX_AROUND
 from defocus_core.renderer.inpainting.known_layer import Behind
-from defocus_core.renderer.layers.ladder import evenly, layers, rungs
+from defocus_core.renderer.layers.ladder import SHARP, evenly, layers, rungs
 from defocus_core.renderer.layers.octaves import kept_apart, turns
 from defocus_core.renderer.layers.quality import Quality
 from defocus_core.renderer.layers.stacked_samples import Layered
 from defocus_core.tensors.source import Pixels
-from defocus_core.tensors.tiling import grid_over, largest, regions
+from defocus_core.tensors.tiling import BLOCK, grid_over, largest, regions
+
+# The scene goes on beyond the frame as far as its light reaches, but by no more px than this or the
+# side of the frame.
+_BEYOND = 64
+_ANY_PX = 1 << 30  # no picture is larger
 
 
 def frame_of(
@@ -41,6 +47,7 @@ def frame_of(
     uncertain: bool = False,
     layered: Layered | None = None,
     all_ends: tuple[float, float] | None = None,
+    border: tuple[float, float] | None = None,
 ) -> Frame:
     """The frame of a picture: its statistics, slices, windows, tiles and parts.
 
@@ -55,6 +62,8 @@ def frame_of(
         all_ends: Least and greatest signed radius of all colours that are rendered apart; None for
             those of these pixels.
         layered: The layers of which `pixels` and `signed_radius` are the picture.
+        border: Least and greatest signed radius on the edge of the frame; None for those of
+            `signed_radius`.
 
     Raises:
         ValueError: If a value is not finite, or a CoC does not fit psf_ks.
@@ -68,7 +77,7 @@ def frame_of(
         tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.least_slope**2,
         quantised=quantised,
         uncertain=uncertain,
-        signed=survey.darkest < 0,
+        least=min(survey.darkest, 0.0),
         limit=threshold(survey.brightness, survey.brightest),
     )
     ends = content.ends if hidden is None else with_hidden(hidden, content.ends)
@@ -78,8 +87,20 @@ def frame_of(
     numbers = layers(radii, quality)
     exact = settings.num_layers is not None
     stride, halvings = (1, 0) if exact else (quality.hidden_stride, quality.hidden_halvings)
-    fine = _at_resolution(radii, numbers, quality, size, 0)
-    coarse = _at_resolution(radii, numbers, quality, size, halvings if content.edges else 0)
+    hidden_halvings = halvings if content.edges else 0
+    inwards = 0
+    border = border or border_ends(signed_radius)
+    if exact or max(map(abs, border)) > SHARP:
+        unbounded = _at_resolution(radii, numbers, quality, _ANY_PX, 0)
+        inwards = _reach_of(border, radii, unbounded.reaches)
+        if content.edges:
+            unbounded = _at_resolution(radii, numbers, quality, _ANY_PX, hidden_halvings)
+            inwards = max(inwards, _reach_of(border, radii, unbounded.reaches, stride))
+    # whole blocks, so that those of the frame stay where they are
+    rows, columns = (-(-min(inwards, max(n, _BEYOND)) // BLOCK) * BLOCK for n in size)
+    most = max(size[0] + rows, size[1] + columns) - 1
+    fine = _at_resolution(radii, numbers, quality, most, 0)
+    coarse = _at_resolution(radii, numbers, quality, most, hidden_halvings)
     farthest = max(fine.reaches + coarse.reaches if content.edges else fine.reaches)
     margin = _margin(farthest, edges=content.edges, highlights=survey.brightest > content.limit)
     grid = grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
@@ -119,7 +140,19 @@ def frame_of(
         known=slicing(fine, known, 1),
         invented=slicing(coarse, invented, stride),
     )
-    return Frame(size, settings, quality, dtype, grid, margin, content, slices, division)
+    return Frame(
+        size,
+        settings,
+        quality,
+        dtype,
+        (rows, columns),
+        inwards > min(rows, columns),
+        grid,
+        margin,
+        content,
+        slices,
+        division,
+    )
 
 
 class _Resolution(NamedTuple):
@@ -140,17 +173,25 @@ def _at_resolution(
     radii: tuple[float, ...],
     numbers: list[int],
     quality: Quality,
-    size: tuple[int, int],
+    most: int,
     halvings: int,
 ) -> _Resolution:
-    """The slices of a frame of (height, width) px at a resolution."""
-    step, most = 1 << halvings, max(size) - 1
+    """The slices at a resolution; their light reaches `most` px at most."""
+    step = 1 << halvings
     scaled = tuple(r / step for r in radii)
     spreads = spreads_of(scaled, numbers, quality.full_resolution / step, -(-most // step))
     reaches = [spread.px for spread in spreads]
     if halvings:  # a pixel has shares in cells beside it, and is read between two
         reaches = [min((px + 2) * step - 1, most) for px in reaches]
     return _Resolution(halvings, spreads, reaches)
+
+
+def _reach_of(
+    ends: tuple[float, float], radii: tuple[float, ...], reaches: list[int], stride: int = 1
+) -> int:
+    """The greatest reach in px of surfaces of a range of radii, by that of each slice."""
+    first, last = sorted((max(bisect_right(radii, ends[0]) - 1, 0), bisect_left(radii, ends[1])))
+    return max(reaches[::stride][first // stride : -(-last // stride) + 1])
 
 
 def _margin(farthest: int, *, edges: bool, highlights: bool) -> int:

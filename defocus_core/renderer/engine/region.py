@@ -79,8 +79,9 @@ class Region:
         self._frame, self._grid, self._tiles = frame, grid, grid.tiles
         core, content, slices = grid.box, frame.content, frame.slices
         outer = core.grown(frame.margin, frame.box)
-        inner = core.grown(frame.farthest + frame.farthest % 2, frame.box)  # it may be halved
-        self._inner, self._inside = inner, inner.seen_from(outer)
+        reach = max(frame.farthest + frame.farthest % 2, *frame.beyond)  # even: it may be halved
+        held, inner = core.grown(reach, frame.box), core.grown(reach, frame.scene)
+        self._held, self._inner, self._inside = held, inner, held.seen_from(outer)
         self._blur = Blur(
             slices.visible.windows,
             slices.visible.cells,
@@ -95,7 +96,9 @@ class Region:
         inmost = core.seen_from(outer)
         self._others: list[Sheet] = []
         own, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
-        self._in_frame = self._shares_in_frame(inmost.of(signed_radius))
+        radius, groups = inmost.of(signed_radius), frame.division.groups
+        self._in_frame = self._shares_within(frame.box, radius, groups[:1])
+        self._in_scene = self._shares_within(frame.scene, radius, groups) if frame.cut else None
         self._like = own.color
         self._own = own_light(inmost.of(own.color), frame.trace) if frame.trace else None
         places = position(signed_radius, slices.radii) if highlights else None
@@ -125,15 +128,17 @@ class Region:
         barrel = views_of(self._frame, highlights.at, core, self._grid.box)
         return draw(highlights, screens, radii, aperture, parts, core, barrel)
 
-    def _shares_in_frame(self, signed_radius: Tensor) -> list[Tensor] | None:
-        """For each group the shares of its parts that look into the frame; None if all are 1."""
+    def _shares_within(
+        self, bounds: Box, signed_radius: Tensor, groups: list[slice]
+    ) -> list[Tensor] | None:
+        """For each group the shares of its parts that look into a box; None if all are 1."""
         frame, core = self._frame, self._grid.box
-        if self._is_inside(core):
+        if self._is_inside(core, bounds):
             return None
-        aperture, parts, _, groups = frame.division
-        seen = corner_views(frame, core)
+        aperture, parts, *_ = frame.division
+        seen, place, size = corner_views(frame, core), core.seen_from(bounds), bounds[2:]
         shares = [
-            share_in_frame(signed_radius, core, frame.size, aperture, parts[group], seen)
+            share_in_frame(signed_radius, place, size, aperture, parts[group], seen)
             for group in groups
         ]
         return [blended(share, core, core) for share in shares] if seen else shares
@@ -153,7 +158,12 @@ class Region:
             shifts = Shifts(color, radius, places, inner, radii, aperture, parts[groups[-1]])
         lean = None if lean is None else inner.of(lean)
         samples = Samples.within(inside, own, inner.of(places), radii, lean, shifts, self._others)
-        return self._blur.sliced(samples, 1, frame.slices.visible.layers)
+        return self._sliced(samples)
+
+    def _sliced(self, samples: Samples) -> Sliced:
+        """Visible samples whose light reaches the region, and what they are continued by."""
+        samples = samples._replace(around=self._inner.seen_from(self._held))
+        return self._blur.sliced(samples, 1, self._frame.slices.visible.layers)
 
     def _fillings(
         self,
@@ -164,17 +174,17 @@ class Region:
         outer: Box,
     ) -> list[Filling]:
         """The hidden surfaces that have pixels; nothing is invented where a surface is known."""
-        frame, inner, inside = self._frame, self._inner, self._inside
+        frame, held, inside = self._frame, self._held, self._inside
         invented = continued(color, signed_radius, backdrop, outer, inside, frame)
         if invented is None:
             return []
         surfaces = [(invented, False)]
         if behind is not None:
-            known = behind.within(inner, inside.of(signed_radius), frame.dtype)
-            known, invented = separated(known, invented, axes(frame.size, inner.top, inner.left))
+            known = behind.within(held, inside.of(signed_radius), frame.dtype)
+            known, invented = separated(known, invented, axes(frame.size, held.top, held.left))
             surfaces = [(known, True), (invented, False)]
         return [
-            Filling(frame, self._grid, inner, surface, known=is_known)
+            Filling(frame, self._grid, (held, self._inner), surface, known=is_known)
             for surface, is_known in surfaces
             if bool(surface.mask.any())
         ]
@@ -185,9 +195,9 @@ class Region:
         fronts, needed = self._fronts(index)
         whole, *halves = self._lit(fronts.by_group, index)
         trust = self._trust(whole[:, -1], fronts.invented, box)
-        counts, signed = self._counts(index, needed), frame.content.signed
+        counts, content = self._counts(index, needed), frame.content
         _, parts, weights, groups = frame.division
-        centre = picture(whole, weights[groups[0]], signed=signed)
+        centre = picture(whole, weights[groups[0]], least=content.least)
         if not frame.settings.left_right:
             return Views([centre], trust, counts, box)
         both = halves[0] if halves else whole
@@ -196,23 +206,26 @@ class Region:
         cut = sum(part.is_left for part in parts[groups[-1]])
         left = picture(both[:cut], weights[groups[-1]][:cut])
         right = picture(both[cut:], weights[groups[-1]][cut:])
-        if not signed:
-            pair = torch.stack([left, right])
-            counts |= count_negative(pair, frame.content.limit)
-        images = pair_of(centre, left, right, signed=signed)
+        counts |= count_negative(torch.stack([left, right]), content.limit, content.least)
+        images = self._paired(centre, left, right)
         images = frame.settings.dual_pixel.crossed(images, centre)
         return Views([centre, *images], trust, counts, box)
+
+    def _paired(self, centre: Tensor, left: Tensor, right: Tensor) -> Tensor:
+        """Left and right [2, C, h, w], whose mean is the centre [C, h, w]."""
+        share, least = self._frame.division.left_share, self._frame.content.least
+        return pair_of(centre, left, right, least=least, share=share)
 
     def _trust(self, covered: Tensor, invented: Tensor | None, box: Box) -> Tensor:
         """The share of the aperture that saw the scene, [1, h, w].
 
         Of the coverage [m, h, w] of m parts the share that is not invented, times the share of the
-        parts that looks into the frame.
+        parts that looks into the frame: what surfaces are continued by was not seen.
         """
         mean = self._frame.division.mean
         observed = covered if invented is None else covered - invented
         share = mean(observed) / mean(covered)
-        if self._in_frame is not None and not self._is_inside(box):
+        if self._in_frame is not None and not self._is_inside(box, self._frame.box):
             expected = box.seen_from(self._tiles[0]).of(self._in_frame[0])
             share = share * mean(expected[:, 0])
         return share.clamp(0, 1)[None]
@@ -251,26 +264,24 @@ class Region:
             return views
         lit, groups = box.of(self._highlights), self._frame.division.groups
         inside: list[Tensor | float] = [1.0 for _ in groups]
-        if self._in_frame is not None:
-            inside = [box.of(share) for share in self._in_frame]
+        if self._in_scene is not None:
+            inside = [box.of(share) for share in self._in_scene]
         return [
             add_light(view, lit[group] * (view[:, -1:] / share))
             for view, group, share in zip(views, groups, inside, strict=True)
         ]
 
-    def _is_inside(self, box: Box) -> bool:
-        """Whether no light from beyond the frame reaches a rectangle."""
-        if self._frame.size == (1, 1):  # without a reach in the frame, but light leaves it
-            return False
-        return box == box.grown(0, self._frame.box.shrunk(self._frame.farthest))
+    def _is_inside(self, box: Box, bounds: Box) -> bool:
+        """Whether no light from beyond a larger rectangle reaches a rectangle."""
+        return box == box.grown(0, bounds.shrunk(self._frame.farthest))
 
     def _full(self, index: int) -> list[Tensor | float]:
         """The greatest coverage in a tile, for each group."""
         tile, frame = self._tiles[index], self._frame
-        if self._in_frame is None or not frame.content.edges or self._is_inside(tile):
+        if self._in_scene is None or not frame.content.edges or self._is_inside(tile, frame.scene):
             return [1.0 for _ in frame.division.groups]
         box = tile.seen_from(self._tiles[0])
-        return [box.of(share) for share in self._in_frame]
+        return [box.of(share) for share in self._in_scene]
 
     def _counts(self, index: int, needed: list[Filling]) -> dict[str, int]:
         """Counts of the work done for a tile, and of the work of a renderer that skips nothing.

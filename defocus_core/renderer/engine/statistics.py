@@ -99,6 +99,16 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
     )
 
 
+def border_ends(signed_radius: Pixels) -> tuple[float, float]:
+    """The least and the greatest signed radius [H, W] on the edge of the frame."""
+    H, W = signed_radius.shape
+    lines = [signed_radius[:1], signed_radius[H - 1 :]]
+    for first, last in bands(H, W):
+        lines += [signed_radius[first:last, :1], signed_radius[first:last, W - 1 :]]
+    least, most = ends_of(torch.cat([line.detach().flatten() for line in lines])).tolist()
+    return least, most
+
+
 def with_hidden(hidden: Behind, ends: tuple[float, float]) -> tuple[float, float]:
     """The least and greatest signed radius in px of visible surfaces and of a known hidden layer.
 

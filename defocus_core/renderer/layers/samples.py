@@ -30,6 +30,8 @@ class Samples(NamedTuple):
         slopes: [2, H, W] of the radius, px per px; None where no surface is tilted.
         shifts: Sub-pixel shifts of the colours near focus; None if they are not rendered.
         others: Further samples of the same pixels, at their positions.
+        around: The rectangle, counted from the first pixel, in which the pixels on the edge are
+            repeated, as the frame continues them; None to repeat none.
     """
 
     color: Tensor
@@ -41,6 +43,7 @@ class Samples(NamedTuple):
     slopes: Tensor | None
     shifts: Shifts | None
     others: Sequence[Sheet] = ()
+    around: Box | None = None
 
     @classmethod
     def within(

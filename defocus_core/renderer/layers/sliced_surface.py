@@ -16,6 +16,7 @@ from defocus_core.renderer.layers.ladder import membership
 from defocus_core.renderer.layers.planar_slices import Planes
 from defocus_core.renderer.layers.samples import Samples
 from defocus_core.tensors.box import Box, Span
+from defocus_core.tensors.continuing import continue_edges, level_beyond, places_continued
 from defocus_core.tensors.pyramid import Axis, averaged
 from defocus_core.tensors.tiling import BLOCK, Grid
 
@@ -28,7 +29,7 @@ class _Sheet(NamedTuple):
     """Samples of which no two are of one pixel.
 
     Attributes:
-        layer: [C + 1, H, W] in a frame of zeros.
+        layer: [C + 1, H, W] in a frame of zeros, continued around the samples.
         places: [H, W] positions on the ladder, in the same frame.
         blocks: [K, rows, columns] bool, the blocks that hold samples of a slice.
     """
@@ -65,61 +66,72 @@ class Surface:
             before: Greatest distance in px from the first row or column of a window to its tile.
             beyond: Greatest distance in px from the first row of a tile to the end of a window.
         """
-        H, W = samples.places.shape
+        size = samples.places.shape[0], samples.places.shape[1]
+        around = samples.around or Box(0, 0, *size)
+        # counted from the first sample that is repeated
+        self._given = Box(-around.top, -around.left, *size)
+        H, W = around[2:]
         first, last = grid.tiles[0], grid.tiles[-1]
         self._tiles, self._layers, self._own = grid.tiles, layers, Box(0, 0, H, W)
         top, left = min(first.top - before, 0), min(first.left - before, 0)
         below, beside = max(last.top + beyond, H), max(last.left + beyond, W)
         self._framed_box = Box(top, left, below - top, beside - left)
-        count, exists = len(reaches), None
-        if samples.coverage is not None:
-            covered = samples.coverage.detach()[0].bool()
-            exists = None if bool(covered.all()) else covered
-        own = blocks_of(samples.places, count, exists)
-        others = [
-            blocks_of(places, count, layer.detach()[-1].bool()) for layer, places in samples.others
-        ]
-        blocks = reduce(torch.logical_or, others, own)
+        count = len(reaches)
+        own = self._layer(samples), samples.places
+        others = [(self._framed([layer]), places) for layer, places in samples.others]
+        self._sheets = [self._sheet(*each, count) for each in (own, *others)]
+        self._places, self._shifts = self._sheets[0].places, samples.shifts
+        self._coverage = samples.coverage
+        blocks = reduce(torch.logical_or, [sheet.blocks for sheet in self._sheets])
+        self._fringe = None
         if len(samples.at):
-            blocks = blocks | blocks_at(samples.extra_places, samples.at, count, (H, W))
+            at, number = places_continued(samples.at, size, around)
+            extra, places = (x[number] for x in (samples.extra, samples.extra_places))
+            blocks = blocks | blocks_at(places, at, count, (H, W)).cpu()
+            self._fringe = FringeSamples(at, extra, places, layers, H)
         self.plan = visible_slices(blocks, reaches, grid.tiles)
-        self._blocks = blocks.cpu()
+        self._blocks = blocks
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
         self._lean, self._planes = samples.slopes, None
         if samples.slopes is not None:
-            planes = Planes(samples.slopes.detach(), self._blocks)
-            tilted = blocks & planes.tilted.to(blocks.device)
-            self.tilted_plan = visible_slices(tilted, reaches, grid.tiles)
+            self._lean = level_beyond(samples.slopes, around)
+            planes = Planes(self._lean.detach(), self._blocks)
+            self.tilted_plan = visible_slices(blocks & planes.tilted, reaches, grid.tiles)
             if not samples.slopes.requires_grad:
                 self._planes = planes
-        color, self._coverage = samples.color, samples.coverage
-        if self._coverage is None:
-            layer = self._framed([color, torch.ones_like(color[:1, :1, :1]).expand(1, H, W)])
-        else:
-            layer = self._framed([color * self._coverage, self._coverage])
-        self._places, self._shifts = self._framed([samples.places[None]])[0], samples.shifts
-        self._sheets = [_Sheet(layer, self._places, own.cpu())]
-        self._sheets += [
-            _Sheet(self._framed([layer]), self._framed([places[None]])[0], held.cpu())
-            for (layer, places), held in zip(samples.others, others, strict=True)
-        ]
         self._ladder = torch.arange(count, dtype=self._places.dtype, device=self._places.device)
-        self._fringe = None
-        if len(samples.at):
-            self._fringe = FringeSamples(samples.at, samples.extra, samples.extra_places, layers, H)
 
     @cached_property
     def _slopes(self) -> Tensor | None:
         """Slopes of samples in the frame of zeros; only needed by slices that are no planes."""
-        return None if self._lean is None else self._framed([self._lean])
+        if self._lean is None:
+            return None
+        framed = self._lean.new_zeros(2, *self._framed_box[2:])
+        self._unframed(self._own, framed).copy_(self._lean)
+        return framed
+
+    def _sheet(self, layer: Tensor, places: Tensor, count: int) -> _Sheet:
+        """Samples, from a framed layer and their places [H, W]; without coverage none exists."""
+        framed = self._framed([places[None]])[0]
+        own, covered = (self._unframed(self._own, x) for x in (framed, layer.detach()[-1].bool()))
+        exists = None if bool(covered.all()) else covered
+        return _Sheet(layer, framed, blocks_of(own, count, exists).cpu())
+
+    def _layer(self, samples: Samples) -> Tensor:
+        """The pixels themselves, colour times coverage and coverage, framed."""
+        color, coverage = samples.color, samples.coverage
+        if coverage is not None:
+            return self._framed([color * coverage, coverage])
+        return self._framed([color, torch.ones_like(color[:1, :1, :1]).expand(1, *color.shape[1:])])
 
     def _framed(self, channels: list[Tensor]) -> Tensor:
-        """Channels [..., H, W], one after another, in a frame of zeros that holds every window."""
+        """Channels [..., H, W], one after another, continued in a frame of zeros."""
         framed = channels[0].new_zeros(sum(map(len, channels)), *self._framed_box[2:])
-        own, first = self._unframed(self._own, framed), 0
+        given, first = self._unframed(self._given, framed), 0
         for values in channels:
-            own[first : first + len(values)].copy_(values)
+            given[first : first + len(values)].copy_(values)
             first += len(values)
+        continue_edges(self._unframed(self._own, framed), self._given)
         return framed
 
     def _unframed(self, box: Box, values: Tensor) -> Tensor:
@@ -184,7 +196,7 @@ class Surface:
 
     def shifts(self, index: int) -> Tensor | None:
         """Sub-pixel shifts of a tile for each aperture part, [M, C, h, w]; None if it has none."""
-        tile = self._tiles[index]
+        tile = self._tiles[index].seen_from(self._given)
         shifts = self._shifts.over(tile) if self._shifts else None
         if shifts is None or self._coverage is None:
             return shifts

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 import torch
 from measures import inner, psnr, worst
-from reference import flatten, layered, lens_points, one_plane
+from reference import flatten, layered, lens_points, one_plane_within
 from scenes import SIZE, card_layers, pattern, plane, slanted, white
 from tolerances import OVERSAMPLING, RENDERED, WHITE
 from torch import Tensor
@@ -37,7 +37,7 @@ def test_threads_change_nothing(baseline: Callable[..., Tensor]) -> None:
 def test_a_plane_on_a_rung_is_one_convolution(baseline: Callable[..., Tensor]) -> None:
     """Black beyond the frame, divided by the share within, as the oracle has it."""
     image, radius = plane(6.0)
-    assert worst(baseline(image, radius), one_plane(image, 6.0)) < OVERSAMPLING
+    assert worst(baseline(image, radius), one_plane_within(image, 6.0)) < OVERSAMPLING
 
 
 def test_a_slope_adds_up_but_does_not_occlude_itself() -> None:

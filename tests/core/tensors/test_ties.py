@@ -13,7 +13,7 @@ from defocus_core.renderer.inpainting.frame_pyramid import backdrop_of
 from defocus_core.tensors.neighbourhoods import halfway
 
 # What the last bits of a picture of order one may make of it.
-ROUNDED = 5e-5
+ROUNDED = 2e-4  # rounding where the lens sees little, up to 1e-4; a tie broken otherwise is 1e-2
 # Px between two levels, and levels to each side of focus: some that binary numbers hold, and some
 # that they do not.
 STEPS = [(0.25, 8), (0.5, 16), (1.0, 10), (1.6, 8), (2.0, 6), (3.2, 5)]

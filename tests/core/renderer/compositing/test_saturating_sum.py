@@ -62,13 +62,15 @@ def test_a_picture_is_divided_by_what_was_seen() -> None:
     assert worst(picture(composite((0.4, 0.8))), 0.8) < EXACT
 
 
-@pytest.mark.parametrize("signed", [False, True])
-def test_the_mean_of_a_pair_is_the_centre(signed: bool) -> None:
+@pytest.mark.parametrize("least", [0.0, -0.3])
+@pytest.mark.parametrize("share", [0.5, 0.4])
+def test_the_mean_of_a_pair_is_the_centre(share: float, least: float) -> None:
     random = torch.Generator().manual_seed(0)
     centre, left, right = torch.rand(3, 2, 5, 7, generator=random, dtype=torch.float64)
     left[0, 0] = right[0, 0] = 0.0
-    assert worst(pair_of(centre, left, right, signed=signed).mean(0), centre) < EXACT
-    exact = pair_of((left + right) / 2, left, right, signed=signed)
+    one, other = pair_of(centre, left, right, least=least, share=share)
+    assert worst(share * one + (1 - share) * other, centre) < EXACT
+    exact = pair_of(share * left + (1 - share) * right, left, right, least=least, share=share)
     assert worst(exact, torch.stack([left, right])) < EXACT
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from measures import psnr, worst
+from measures import inner, psnr, worst
 from reference import flatten, layered, lens_points
 from scenes import card_layers
 from streams import Windows, put_together, same
@@ -31,7 +31,8 @@ def test_far_from_focus_a_draft_is_a_picture_of_half_the_size_enlarged() -> None
     radius = torch.full((80, 100), 6.0)
     draft = render(image, radius, quality="draft").render
     standard = render(image, radius).render
-    assert worst(half(draft), half(standard)) < 0.03
+    # not at the border: a cell on the edge, which goes on, is two px wide
+    assert worst(inner(half(draft), 4), inner(half(standard), 4)) < 0.03
     assert draft.shape == image.shape
 
 
