@@ -32,8 +32,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from defocus_core.batch.journal.record_check import fault_of, folders_outside
+from defocus_core.batch.journal.record_check import fault_of, linked_folders
 from defocus_core.errors import InputError, reason
+from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import is_at, sync_folder, unwritable
 
 Record = Mapping[str, Any]
@@ -97,7 +98,7 @@ def read(path: Path) -> list[Record]:
         InputError: it cannot be read, or a line is no record; a torn last line is ignored.
     """
     try:
-        data = path.read_bytes()
+        data = Folder(path.parent).read(path.name)
     except FileNotFoundError:
         return []
     except OSError as error:
@@ -106,16 +107,16 @@ def read(path: Path) -> list[Record]:
     lines = [(number, line) for number, line in enumerate(data.split(b"\n"), 1) if line]
     if lines and not _is_whole(lines[-1][1]):
         lines.pop()
-    outside = folders_outside(path.parent)
+    linked = linked_folders(path.parent)
     records: list[Record] = []
     with without_collections():
         for start in range(0, len(lines), _BLOCK):
-            records += _block(path, lines[start : start + _BLOCK], outside)
+            records += _block(path, lines[start : start + _BLOCK], linked)
     return records
 
 
 def _block(
-    path: Path, numbered: Sequence[tuple[int, bytes]], outside: frozenset[str]
+    path: Path, numbered: Sequence[tuple[int, bytes]], linked: frozenset[str]
 ) -> list[Record]:
     """The records of a block of lines, which share their keys in memory."""
     records: list[Any] = []
@@ -124,7 +125,7 @@ def _block(
     if len(records) != len(numbered):
         records = [_parsed(line) if _is_whole(line) else None for _, line in numbered]
     for (number, line), record in zip(numbered, records, strict=True):
-        fault = "is broken" if record is None else fault_of(record, outside)
+        fault = "is broken" if record is None else fault_of(record, linked)
         if fault:
             remedy = "remove that line and the outputs of its job, which is done again"
             raise InputError("", f"line {number}{_sample_words(line)} {fault}", remedy, path=path)
@@ -199,7 +200,7 @@ class Journal:
         self.path = path
         self._new = not path.exists()
         try:
-            self._number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+            self._number = Folder(path.parent).append(path.name)
             self._cut_torn_tail()
         except OSError as error:
             raise unwritable(path, error) from error
@@ -248,7 +249,7 @@ class Journal:
 
     def _cut_torn_tail(self) -> None:
         """Remove a record that was being written when its writer died; end the last whole line."""
-        data = self.path.read_bytes()
+        data = Folder(self.path.parent).read(self.path.name)
         last = data.rstrip(b"\n").rpartition(b"\n")[2]
         if last and not _is_whole(last):
             os.ftruncate(self._number, data.rindex(last))

@@ -102,7 +102,7 @@ def test_an_output_that_is_gone_is_told_and_no_shard_is_begun(tmp_path: Path) ->
 
 def test_an_output_that_shrinks_while_it_is_packed_leaves_no_shard(tmp_path, monkeypatch) -> None:
     records = [record(tmp_path, "a")]
-    monkeypatch.setattr(tar_shards, "_size", lambda path: path.stat().st_size + 1)
+    monkeypatch.setattr(tar_shards, "_size", lambda out, name: (out / name).stat().st_size + 1)
     with pytest.raises(InputError, match="changed while it was packed"):
         tar_shards.write(tmp_path, records, LARGE)
     assert not list(tmp_path.glob("shards/*"))

@@ -1,0 +1,180 @@
+"""No name that a file holds, and no link in a prepared folder, leads outside of that folder."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+from batches import again, folders, in_process
+from command_line import refused, run
+from jobs_files import FIXED, INPUTS, jobs_file, pictures
+from records import record
+
+from defocus_core.batch.datasets import tar_shards
+from defocus_core.batch.journal.journal import journal_path, read_all
+from defocus_core.batch.journal.run_file import plan_of, run_path, sweep_up
+from defocus_core.compare.goldens.store import read_store
+from defocus_core.errors import InputError
+from defocus_core.io.below import Folder, path_fault
+from defocus_core.io.safe_files import written_together, written_whole
+
+__all__ = ["folders", "in_process"]
+FOREIGN = (
+    "../mine",
+    "render/../../mine",
+    "/mine",
+    "render/..",
+    "render//mine",
+    "./mine",
+    "",
+    "a\0b",
+    "\ud800",
+    7,
+    None,
+)
+
+
+def golden_json(folder: Path, name: object) -> None:
+    samples = {"a": {"files": [name], "settings": {}}}
+    (folder / "golden.json").write_text(json.dumps({"samples": samples}))
+    read_store(folder)
+
+
+def journal_jsonl(folder: Path, name: object) -> None:
+    one = record(folder / "made", "a")
+    one["outputs"]["render"]["path"] = name
+    journal_path(folder).write_text(json.dumps(one) + "\n")
+    read_all(folder)
+
+
+def run_json(folder: Path, name: object) -> None:
+    plan = {"begun": "2026-01-01T00:00:00+00:00", "jobs": [[name]], "unknown": []}
+    run_path(folder).write_text(json.dumps(plan))
+    plan_of(folder)
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+@pytest.mark.parametrize("form", [golden_json, journal_jsonl, run_json])
+def test_every_file_that_names_others_is_refused_with_a_foreign_path(
+    form: Any, name: object, tmp_path: Path
+) -> None:
+    assert path_fault(name)
+    with pytest.raises(InputError):
+        form(tmp_path, name)
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> Path:
+    """A file that nobody asked to be touched."""
+    path = tmp_path / "home" / "mine"
+    path.parent.mkdir()
+    path.write_text("mine")
+    return path
+
+
+def test_nothing_below_a_folder_is_reached_through_a_link(tmp_path: Path, mine: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "folder").symlink_to(mine.parent)
+    (tmp_path / "out" / "file").symlink_to(mine)
+    below = Folder(tmp_path / "out")
+    for name in ("folder/mine", "file", "folder/../mine", f"{mine}"):
+        for reach in (below.open, below.append, below.path):
+            with pytest.raises(OSError, match=r"link|upwards|absolute"):
+                reach(name)
+    for name in ("folder/mine", "../home/mine"):
+        with pytest.raises(OSError, match=r"link|upwards"):
+            below.remove(name)
+        with pytest.raises(InputError), written_whole(below.root / name, below.root) as file:
+            file.write(b"theirs")
+    below.remove("file")
+    assert mine.read_text() == "mine"
+    assert names(mine.parent) == ["mine"]
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for reach in (Folder(tmp_path).open, Folder(tmp_path).append):
+        with pytest.raises(OSError, match="not a regular file"):
+            reach("pipe")
+    journal = journal_path(tmp_path)
+    os.mkfifo(journal)
+    with pytest.raises(InputError, match="not a regular file"):
+        read_all(tmp_path)
+
+
+def test_a_folder_that_is_swapped_for_a_link_gets_nothing(tmp_path: Path, mine: Path) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(InputError, match="symbolic link"), written_together(out):  # noqa: PT012
+        with written_whole(out / "render" / "a.exr") as file:
+            file.write(b"whole")
+        (out / "render").rename(out / "moved")
+        (out / "render").symlink_to(mine.parent)
+        with written_whole(out / "render" / "b.exr") as file:
+            file.write(b"whole")
+    assert names(mine.parent) == ["mine"]
+    assert names(out / "moved") == []
+
+
+def test_a_journal_that_is_a_link_or_has_a_second_name_is_never_written(
+    folders: tuple[Path, Path], tmp_path: Path, mine: Path, in_process: None
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "journal.jsonl").symlink_to(mine)
+    refused(again(folders, out), 3, "journal.jsonl: cannot be read: a symbolic link")
+    (out / "journal.jsonl").unlink()
+    (out / "journal.jsonl").hardlink_to(mine)
+    refused(again(folders, out), 3, "journal.jsonl: cannot be written: it has a second name")
+    assert mine.read_text() == "mine"
+
+
+def test_shards_in_a_linked_folder_are_neither_written_nor_removed(
+    tmp_path: Path, mine: Path
+) -> None:
+    tar = mine.parent / "samples-000001.tar"
+    tar.write_text("mine")
+    out = tmp_path / "out"
+    records = [record(out, "a")]
+    (out / "shards").symlink_to(mine.parent)
+    with pytest.raises(InputError, match="symbolic link"):
+        tar_shards.write(out, records, 1000)
+    assert names(mine.parent) == ["mine", tar.name]
+
+
+def test_half_written_files_are_not_swept_up_behind_a_link(tmp_path: Path, mine: Path) -> None:
+    theirs = mine.parent / ".a.exr.99999999.0.tmp"
+    theirs.touch()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "render").symlink_to(mine.parent)
+    sweep_up(tmp_path / "out")
+    assert theirs.exists()
+
+
+def test_goldens_with_links_or_foreign_names_touch_nothing(tmp_path: Path, mine: Path) -> None:
+    pictures(tmp_path)
+    jobs, goldens = jobs_file(tmp_path, FIXED, inputs=INPUTS), tmp_path / "goldens"
+    words = ("--processes", "1", "--threads", "1")
+    goldens.mkdir()
+    (goldens / "render").symlink_to(mine.parent)
+    ran = run("golden", "update", jobs, goldens, "--accept", *words)
+    assert ran.code == 3
+    assert "symbolic link" in ran.err
+    assert names(mine.parent) == ["mine"]
+    samples = {"z": {"files": ["../home/mine"], "settings": {}}}
+    (goldens / "golden.json").write_text(json.dumps({"samples": samples}))
+    for command in (("update", jobs, goldens, "--accept"), ("check", jobs, goldens, "--must-fail")):
+        refused(run("golden", *command, *words), 3, "'../home/mine', which leads upwards")
+    assert mine.read_text() == "mine"
+
+
+def test_no_goldens_notice_no_fault(tmp_path: Path) -> None:
+    (tmp_path / "golden.json").write_text('{"samples": {}}')
+    ran = run("golden", "check", tmp_path / "jobs.toml", tmp_path, "--must-fail")
+    refused(ran, 3, "has no goldens")
