@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from batches import again, folders, in_process
-from command_line import refused, run
+from command_line import color_exr, refused, run
 from jobs_files import FIXED, INPUTS, jobs_file, pictures
 from records import record
 
@@ -178,3 +178,22 @@ def test_no_goldens_notice_no_fault(tmp_path: Path) -> None:
     (tmp_path / "golden.json").write_text('{"samples": {}}')
     ran = run("golden", "check", tmp_path / "jobs.toml", tmp_path, "--must-fail")
     refused(ran, 3, "has no goldens")
+
+
+def test_a_report_replaces_nothing_but_a_report(tmp_path: Path) -> None:
+    """Else the pictures compared, or the jobs file, are lost by a slip of the hand."""
+    picture = color_exr(tmp_path / "a.exr")
+    before = picture.read_bytes()
+    jobs, page, cases = (tmp_path / name for name in ("jobs.toml", "a.html", "a.xml"))
+    jobs.write_text("[inputs]")
+    for option in ("--html", "--junit"):
+        for file in (picture, jobs):
+            ran = run("compare", picture, picture, option, file)
+            refused(ran, 3, f"{file}: exists already, and is no report")
+    page.write_text("<!doctype html>\n<title>mine</title>")
+    refused(run("compare", picture, picture, "--html", page), 3, "a.html: exists already")
+    page.unlink()
+    for _ in range(2):
+        assert run("compare", picture, picture, "--html", page, "--junit", cases).code == 0
+    refused(run("compare", picture, picture, "--junit", page), 3, "a.html: exists already")
+    assert (picture.read_bytes(), jobs.read_text()) == (before, "[inputs]")
