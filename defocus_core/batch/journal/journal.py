@@ -17,7 +17,7 @@ A record has
                 was rendered, see `defocus_core.batch.depth.repair_words`
     quality, version (of the package), renderer (its version)
     seconds     of reading, rendering and writing; cpu, of rendering
-    finished    when, UTC
+    finished    when, UTC, for people: the order of the lines decides
 """
 
 from __future__ import annotations
@@ -26,12 +26,14 @@ import gc
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.record_check import fault_of, linked_folders
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder
@@ -74,21 +76,56 @@ def require_journal(out: Path) -> None:
 
 
 def read_all(out: Path) -> list[Record]:
-    """The records of all journals in OUT, in the order in which the jobs came to an end.
+    """The records of all journals in OUT, by `in_order`.
 
     Raises:
         InputError: a journal cannot be read, or a line of it is broken.
     """
     paths = [journal_path(out), *(journal_path(out, shard) for shard in shards(out))]
-    return in_order([read(path) for path in paths])
+    return in_order([read(path) for path in paths], out)
 
 
-def in_order(journals: Sequence[Sequence[Record]]) -> list[Record]:
-    """The records of several journals in the order in which the jobs came to an end."""
+def in_order(journals: Sequence[Sequence[Record]], out: Path) -> list[Record]:
+    """The records of several journals, those of each in its order; the last of a sample is true.
+
+    Of the journals that speak of a sample, the one comes last whose stamps most of the files have.
+    Times are for people: a clock may have stepped back, and machines have clocks of their own.
+    """
     records = [record for journal in journals for record in journal]
-    if sum(map(bool, journals)) > 1:
-        records.sort(key=lambda record: str(record.get("finished")))
-    return records
+    if sum(map(bool, journals)) < 2:
+        return records
+    count = Counter(name for journal in journals for name in _samples(journal))
+    shared = {name for name, times in count.items() if times > 1}
+    if not shared:
+        return records
+    last = _true_journals(journals, shared, out)
+    early, late = [], []
+    for place, journal in enumerate(journals):
+        for record in journal:
+            is_last = last.get(record["sample_id"]) == place
+            (late if is_last else early).append(record)
+    return early + late
+
+
+def _samples(journal: Sequence[Record]) -> set[str]:
+    return {record["sample_id"] for record in journal}
+
+
+def _true_journals(
+    journals: Sequence[Sequence[Record]], shared: Collection[str], out: Path
+) -> dict[str, int]:
+    """By sample, the place of the journal whose stamps most files have; of equals, the last."""
+    found: dict[str, tuple[int, int]] = {}
+    for place, journal in enumerate(journals):
+        stamps: dict[str, dict[str, Any]] = {}
+        for record in journal:
+            if (name := record["sample_id"]) in shared:
+                each = {stamp["path"]: stamp for stamp in record["outputs"].values()}
+                stamps[name] = stamps.get(name, {}) | each
+        for name, files in stamps.items():
+            kept = sum(identity.unchanged(out / path, stamp) for path, stamp in files.items())
+            found[name] = max(found.get(name, (0, 0)), (kept, place))
+    return {name: place for name, (_, place) in found.items()}
 
 
 def read(path: Path) -> list[Record]:
