@@ -145,12 +145,21 @@ def _keys(names: Sequence[str]) -> list[str]:
     """A key without dots for each sample; where two would be alike, with a hash of the name."""
     plain = [name.replace(".", "_") for name in names]
     count = Counter(plain)
+    taken = set(plain)
     return [
-        key
-        if name == key or count[key] == 1
-        else f"{key}_{blake2b(name.encode(), digest_size=4).hexdigest()}"
+        key if name == key or count[key] == 1 else _hashed(name, key, taken)
         for name, key in zip(names, plain, strict=True)
     ]
+
+
+def _hashed(name: str, key: str, taken: set[str]) -> str:
+    """A key with so much of the hash of the name that no other sample is named like it."""
+    for size in (4, 8, 16, 32):
+        longer = f"{key}_{blake2b(name.encode(), digest_size=size).hexdigest()}"
+        if longer not in taken:
+            taken.add(longer)
+            return longer
+    raise AssertionError("names cannot have the hash of 32 bytes of one another")
 
 
 def _shards(samples: Iterable[Sample], limit: int) -> Iterator[tuple[str, list[Sample]]]:

@@ -47,6 +47,19 @@ def test_files_of_one_sample_have_one_key_and_follow_one_another(tmp_path: Path)
     assert len(found) == len(set(found)) == 15
 
 
+def test_a_sample_named_like_the_escaped_key_of_another_has_files_of_its_own(
+    tmp_path: Path,
+) -> None:
+    escaped = names(packed_of(tmp_path / "one", "a.b", "a_b")[0])[0].split(".")[0]
+    found = names(packed_of(tmp_path / "two", "a.b", "a_b", escaped)[0])
+    assert len(found) == len(set(found)) == 9
+    assert f"{escaped}.json" in found
+
+
+def packed_of(out: Path, *samples: str) -> list[Path]:
+    return tar_shards.write(out, [record(out, name) for name in samples], LARGE)
+
+
 def test_the_bytes_depend_on_the_samples_alone(tmp_path: Path) -> None:
     one = packed(tmp_path / "one", 3)[0]
     records = [record(tmp_path / "two", f"a_f1.4_s{i:03}", seconds=i) for i in (2, 0, 1)]
