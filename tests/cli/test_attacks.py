@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 from batches import again, folders, in_process
-from command_line import color_exr, refused, run
+from command_line import LENS, color_exr, refused, run
 from jobs_files import FIXED, INPUTS, jobs_file, pictures
 from records import record
 
@@ -19,6 +20,7 @@ from defocus_core.batch.journal.run_file import plan_of, run_path, sweep_up
 from defocus_core.compare.goldens.store import read_store
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, path_fault
+from defocus_core.io.rows import read_rows
 from defocus_core.io.safe_files import written_together, written_whole
 
 __all__ = ["folders", "in_process"]
@@ -197,3 +199,57 @@ def test_a_report_replaces_nothing_but_a_report(tmp_path: Path) -> None:
         assert run("compare", picture, picture, "--html", page, "--junit", cases).code == 0
     refused(run("compare", picture, picture, "--junit", page), 3, "a.html: exists already")
     assert (picture.read_bytes(), jobs.read_text()) == (before, "[inputs]")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("compare", "a.exr", "b.exr", "--thresholds", "pipe.toml"),
+        ("batch", "pipe.toml", "-o", "out"),
+        ("render", "a.exr", "b.exr", "--lens", "pipe.toml", "-o", "out"),
+        ("render", "a.exr", "b.exr", *LENS, "--animate", "pipe.csv", "-o", "out"),
+    ],
+)
+def test_a_command_does_not_wait_for_a_pipe(
+    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("pipe.toml", "pipe.csv"):
+        os.mkfifo(tmp_path / name)
+    refused(run(*words), 3, "pipe.", "is not a regular file")
+
+
+def test_rows_are_read_from_no_pipe_and_columns_are_counted_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.csv")
+    with pytest.raises(InputError, match="not a regular file"):
+        list(read_rows(tmp_path / "pipe.csv", "list", "{}"))
+    (tmp_path / "wide.csv").write_text(",".join(["color"] * 100_000) + "\n")
+    before = time.perf_counter()
+    with pytest.raises(InputError, match="names 'color' twice"):
+        list(read_rows(tmp_path / "wide.csv", "list", "{}"))
+    assert time.perf_counter() - before < 5
+
+
+def test_a_key_of_endless_parts_is_refused_before_it_is_parsed(tmp_path: Path) -> None:
+    jobs = tmp_path / "jobs.toml"
+    jobs.write_text(".".join(["a"] * 100_000) + " = 1\n")
+    refused(run("batch", jobs, "-o", tmp_path / "out"), 3, "jobs.toml: is not a ")
+
+
+@pytest.mark.parametrize(
+    "samples", ["7", "[]", '{"a": {"files": 7}}', '{"a": {"files": [], "settings": 7}}', '{"a": 7}']
+)
+def test_wrong_types_in_golden_json_are_told(samples: str, tmp_path: Path) -> None:
+    (tmp_path / "golden.json").write_text(f'{{"samples": {samples}}}')
+    with pytest.raises(InputError) as caught:
+        read_store(tmp_path)
+    assert caught.value.code == "damaged"
+
+
+def test_a_failed_record_without_a_message_is_reported(tmp_path: Path) -> None:
+    failed = record(tmp_path, "a", status="failed", reason="fault", message=None)
+    journal_path(tmp_path).write_text(json.dumps(failed) + "\n")
+    for words in (("status", tmp_path), ("report", tmp_path)):
+        ran = run(*words)
+        assert "unexpected" not in ran.err, ran.err
+        assert ran.code in (0, 1)
