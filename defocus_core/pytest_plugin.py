@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import tempfile
@@ -113,7 +114,8 @@ class Golden:
                 By default, no value may differ by more than 1e-4.
 
         Raises:
-            ValueError: the image has another shape, or a metric is not known.
+            ValueError: the image has another shape, or values that 32 bits cannot hold; a metric is
+                not known, or its bound is NaN; or the name leads out of the folder.
         """
         from defocus_core.compare.record import EXTRA, Comparison
         from defocus_core.compare.two_images import planes_of
@@ -122,9 +124,9 @@ class Golden:
         __tracebackhide__ = True
         rules = _rules(bounds or _DEFAULT)
         source = Path(image) if isinstance(image, str | Path) else None
-        golden = self.folder / f"{name}{source.suffix if source else '.exr'}"
+        golden = self._place(f"{name}{source.suffix if source else '.exr'}")
         if self.update:
-            _accept(golden, image if source is None else source)
+            _accept(self.folder, golden, image if source is None else source)
             return
         picture = planes_of(image) if source is None else source
         if not golden.exists():
@@ -135,6 +137,18 @@ class Golden:
         if not record.passes:
             told = f"{line(record)}\n--golden-update makes it the golden {golden}"
             pytest.fail(told, pytrace=False)
+
+    def _place(self, name: str) -> Path:
+        """The path of a golden, which lies below the folder, no link followed."""
+        from defocus_core.errors import reason
+        from defocus_core.io.below import Folder
+
+        try:
+            return Folder(self.folder).path(name)
+        except OSError as error:
+            raise ValueError(
+                f"name must be that of a file below {self.folder}: {reason(error)}"
+            ) from None
 
     def _keep(self, record: Comparison, golden: Path, picture: Any) -> None:
         """Keep a check for the report, by the path of its golden."""
@@ -164,6 +178,8 @@ def _rules(bounds: Mapping[str, float]) -> Rules:
         name = {"p999": "p99.9"}.get(key, key.replace("_", "-"))
         if name not in METRICS:
             raise ValueError(f"bounds must be metrics ({', '.join(METRICS)}), got {key}")
+        if math.isnan(bound):
+            raise ValueError(f"the bound of {key} must be a number, got NaN: it lets all pass")
         sign = "<" if METRICS[name].better == "high" else ">"
         rules.append(Rule(name, sign, float(bound), f"{name}{sign}{bound:g}"))
     return Rules(fail=tuple(rules))
@@ -181,13 +197,14 @@ def _compared(golden: Path, image: Any, name: str, rules: Rules) -> Comparison:
     return compare_pictures(name, read_picture(golden), picture, rules, Settings(flip=flip))[0]
 
 
-def _accept(golden: Path, image: Any) -> None:
+def _accept(folder: Path, golden: Path, image: Any) -> None:
     from defocus_core.compare.two_images import planes_of
     from defocus_core.io.exr.writing import write_exr
-    from defocus_core.io.safe_files import written_whole
+    from defocus_core.io.safe_files import written_together, written_whole
 
-    if isinstance(image, Path):
+    with written_together(folder):
+        if not isinstance(image, Path):
+            write_exr(golden, planes_of(image), {})
+            return
         with written_whole(golden) as file:
             file.write(image.read_bytes())
-    else:
-        write_exr(golden, planes_of(image), {})

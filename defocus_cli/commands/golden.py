@@ -26,6 +26,7 @@ from defocus_core.compare.record import Comparison
 from defocus_core.compare.run import Task, compare_all
 from defocus_core.compare.thresholds import Rules, Thresholds, rule
 from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.safe_files import missing
 from defocus_core.reports import comparison_words as compare_report
 from defocus_core.reports.html import comparisons
 from defocus_core.reports.junit import write_junit
@@ -209,9 +210,8 @@ def _narrowed(store: Store, fresh: Rendered, only: Sequence[str]) -> Store:
 
 def _compare(store: Store, fresh: Rendered, task: Task, processes: int) -> list[Comparison]:
     """The new pictures by the goldens; other files in the folder are not looked at."""
-    goldens = {name: store.folder / name for name in store.files}
-    names = sorted({*goldens, *fresh.files})
-    there = {name: path for name, path in goldens.items() if path.exists()}
+    there = {name: path for name in store.files if (path := store.place(name))}
+    names = sorted({*store.files, *fresh.files})
     pairs = [Pair(name, there.get(name), fresh.files.get(name)) for name in names]
     return list(compare_all(pairs, task, processes))
 
@@ -219,9 +219,14 @@ def _compare(store: Store, fresh: Rendered, task: Task, processes: int) -> list[
 def _plant(folder: Path, asked: comparing.Asked, *, as_json: bool) -> int:
     """Plant faults into all goldens of a folder."""
     store = read_store(folder)
+    if not store.files:
+        raise InputError("empty", "has no goldens", "accept some first", path=folder)
     planted = {}
     for name in sorted(store.files):
-        picture = read_picture(folder / name)
+        path = store.place(name)
+        if path is None:
+            raise missing(folder / name, "golden")
+        picture = read_picture(path)
         planted[name] = plant_all(picture, name, asked.rules.of(name), asked.settings)
         if not as_json:
             for line in golden_report.planted_lines(name, planted[name]):

@@ -16,6 +16,7 @@ from defocus_cli.options.types import (
     Decorator,
     FilePath,
     Quantity,
+    ReportPath,
     bundle,
     grouped_option,
     option_name,
@@ -177,7 +178,7 @@ def _reports() -> list[Decorator]:
         option("--diff", type=FilePath(), metavar="DIR", help=_DIFF),
         option(
             "--junit",
-            type=FilePath(),
+            type=ReportPath("junit"),
             metavar="FILE",
             help="Write JUnit XML, a case for each pair.",
         ),
@@ -187,4 +188,6 @@ def _reports() -> list[Decorator]:
 
 def html_option(text: str) -> Decorator:
     """``--html``: where to write the report that people look at."""
-    return grouped_option("Output", "--html", type=FilePath(), metavar="FILE.html", help=text)
+    return grouped_option(
+        "Output", "--html", type=ReportPath("html"), metavar="FILE.html", help=text
+    )

@@ -12,6 +12,7 @@ import click
 from defocus_core.batch.jobs.output_kinds import FORMAT_ALIASES, SUFFIXES
 from defocus_core.batch.lenses.quantities import read_at
 from defocus_core.errors import UsageProblem
+from defocus_core.reports.replaceable import refuse_other
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
@@ -34,6 +35,19 @@ class FilePath(click.ParamType[Path]):
         if not str(value):
             raise UsageProblem("empty", "is empty", "give a path", path=option_name(param))
         return Path(value)
+
+
+class ReportPath(FilePath):
+    """The path of a report, which replaces no other file: asked before an hour of work."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind = kind
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """A path where nothing is, or an earlier report."""
+        path = super().convert(value, param, ctx)
+        refuse_other(path, self.kind)
+        return path
 
 
 class Quantity(click.ParamType[Any]):

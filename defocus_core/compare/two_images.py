@@ -96,8 +96,14 @@ def planes_of(image: Any) -> dict[str, Any]:
         values = np.moveaxis(values, 0, -1) if values.ndim == 3 else values
     else:
         values = np.asarray(image)
+    if values.dtype.kind not in "fiub":
+        raise ValueError(f"image must have real numbers, got {values.dtype}")
     if values.dtype != np.float16:
-        values = values.astype(np.float32)
+        wide = values
+        with np.errstate(over="ignore"):
+            values = values.astype(np.float32)
+        if np.any(np.isinf(values) & np.isfinite(wide)):
+            raise ValueError(f"image must have values of 32 bits, got {np.nanmax(np.abs(wide)):g}")
     values = values[..., None] if values.ndim == 2 else values
     if values.ndim != 3 or values.shape[2] not in _CHANNELS or not values.size:
         wanted = "[H, W], [H, W, C] or, as a tensor, [C, H, W] with 1 to 4 channels"

@@ -48,7 +48,8 @@ def matched_blur(
         nearest: Greatest disparity that may be in focus.
 
     Raises:
-        ValueError: If a disparity is not finite or below 0, or a radius negative, or there is none.
+        ValueError: If a disparity is not finite or below 0, or a radius negative, or there is none;
+            or if all are one that alone may be in focus, which no lens blurs.
     """
     if not disparity.numel() or not bool((torch.isfinite(disparity) & (disparity >= 0)).all()):
         raise ValueError("disparity must be finite and at least 0; infinitely far is 0")
@@ -59,6 +60,8 @@ def matched_blur(
     sample = values[ranks.round().long()]
     places = _places(sample, nearest)
     sizes = _radii((places[:, None] - sample).abs())  # [P, 3], for a strength of 1
+    if not bool(sizes.any()):
+        raise ValueError("disparity must differ from the only one that may be in focus")
     asked = torch.tensor(radii, dtype=torch.float64).clamp_min(_LEAST)
     weight = asked / (asked + _SEEN)
     ratio = (asked / sizes.clamp_min(1e-300)).log()

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import csv
 import json
+from collections import Counter
 from collections.abc import Iterator, Mapping
+from io import TextIOWrapper
 from itertools import count
 from pathlib import Path
 from typing import Any, TextIO
 
 from defocus_core.errors import InputError, reason
+from defocus_core.io.below import open_plain
 
 SUFFIXES = (".csv", ".jsonl")
 _LONGEST_LINE = 2**20
@@ -31,7 +34,7 @@ def read_rows(file: Path, what: str, example: str) -> Iterator[Row]:
         remedy = f"name it after its type, {' or '.join(SUFFIXES)}"
         raise InputError("wrong-type", f"is no {what} by its name", remedy, path=file)
     try:
-        with file.open(encoding="utf-8-sig", newline="") as opened:
+        with TextIOWrapper(open_plain(file), encoding="utf-8-sig", newline="") as opened:
             if file.suffix.lower() == ".csv":
                 yield from _csv_rows(file, opened)
             else:
@@ -48,9 +51,10 @@ def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
     try:
         keys = [key.strip() for key in next(reader, [])]
         if not keys:
-            remedy = "begin it with a line like color,depth"
-            raise InputError("empty", "is empty", remedy, path=file)
-        if twice := [key for key in keys if keys.count(key) > 1]:
+            raise InputError(
+                "empty", "is empty", "begin it with a line like color,depth", path=file
+            )
+        if twice := [key for key, times in Counter(keys).items() if times > 1]:
             problem = f"names '{twice[0]}' twice"
             remedy = "remove one of the columns"
             raise InputError("duplicate", problem, remedy, path=file, field="line 1")

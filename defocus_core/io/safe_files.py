@@ -14,9 +14,10 @@ import sys
 import threading
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
 from defocus_core.errors import InputError, reason
+from defocus_core.io.below import Folder, Replacement, open_plain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,8 +30,21 @@ UNASKED_BYTES = 2**28
 
 _quiet_lock = threading.RLock()
 _serial = itertools.count()
-# The files of the innermost `written_together`, by their hidden siblings; None outside.
-_together: ContextVar[dict[Path, Path] | None] = ContextVar("together", default=None)
+# The files of the innermost `written_together`; None outside.
+_together: ContextVar[Together | None] = ContextVar("together", default=None)
+
+
+class Together(NamedTuple):
+    """Files that are to appear together.
+
+    Attributes:
+        root: the folder that they lie below, no link of which is followed; None where each lies in
+            a folder that the user named.
+        files: written, with their paths.
+    """
+
+    root: Path | None
+    files: list[tuple[Replacement, Path]]
 
 
 def read_head(path: Path, count: int = 16) -> bytes:
@@ -51,7 +65,7 @@ def read_head(path: Path, count: int = 16) -> bytes:
         if path.exists() and not path.is_file():  # to open a pipe is to wait for its writer
             remedy = "copy what it holds to one"
             raise InputError("wrong-type", "is not a regular file", remedy, path=path)
-        with path.open("rb") as file:
+        with open_plain(path) as file:
             head = file.read(count)
     except FileNotFoundError as error:
         raise missing(path) from error
@@ -140,61 +154,62 @@ def leftover(path: Path, process: int) -> str:
 
 
 @contextmanager
-def written_whole(path: Path) -> Iterator[BinaryIO]:
+def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
     """Open a hidden sibling of ``path`` for writing; it becomes ``path`` when the block ends well.
 
     Parent directories are made. If anything fails, the sibling is removed and an existing ``path``
     is untouched.
 
+    Args:
+        path: of the file.
+        root: the folder that it lies below, no link of which is followed; by default that of
+            `written_together`, or else its own.
+
     Raises:
         InputError: for any OSError, a full disk among them.
     """
-    sibling = path.with_name(f"{leftover(path, os.getpid())}{next(_serial)}.tmp")
     together = _together.get()
+    if root is None:
+        root = (together.root if together else None) or path.parent
+    sibling = f"{leftover(path, os.getpid())}{next(_serial)}.tmp"
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with sibling.open("wb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        if together is None:
-            sibling.replace(path)
-        else:
-            together[sibling] = path
-    except BaseException as error:
-        with suppress(OSError):
-            sibling.unlink()
-        if isinstance(error, OSError):
-            raise unwritable(path, error) from error
-        raise
+        with Folder(root).replacing(path.relative_to(root).as_posix(), sibling) as replacement:
+            yield replacement.file
+            replacement.end()
+            if together is None:
+                replacement.put()
+                replacement.close()
+            else:
+                together.files.append((replacement, path))
+    except OSError as error:
+        raise unwritable(path, error) from error
 
 
 @contextmanager
-def written_together() -> Iterator[None]:
+def written_together(root: Path | None = None) -> Iterator[None]:
     """Files that are `written_whole` in the block appear together when it ends well, or none.
 
     Their names are durable when this returns.
 
+    Args:
+        root: the folder that all lie below, no link of which is followed.
+
     Raises:
         InputError: the system refused a file.
     """
-    files: dict[Path, Path] = {}
-    token = _together.set(files)
+    together = Together(root, [])
+    token = _together.set(together)
     try:
         yield
-        for sibling, path in files.items():
+        for replacement, path in together.files:
             try:
-                sibling.replace(path)
-                sync_folder(path.parent)
-                sync_folder(path.parent.parent)  # which may have a new directory
+                replacement.put()
+                replacement.sync()
             except OSError as error:
                 raise unwritable(path, error) from error
-    except BaseException:
-        for sibling in files:
-            with suppress(OSError):
-                sibling.unlink()
-        raise
     finally:
+        for replacement, _ in together.files:
+            replacement.discard()
         _together.reset(token)
 
 
@@ -221,6 +236,7 @@ def unwritable(path: Path, error: OSError) -> InputError:
         errno.ENOSPC: "free some space or name another output directory",
         errno.EDQUOT: "free some space or name another output directory",
         errno.EISDIR: "it is a directory; name another output",
+        errno.ELOOP: "put a directory or a file there, or name another output directory",
     }
     remedy = remedies.get(error.errno or 0, "name an output directory you may write to")
     return InputError("unwritable", f"cannot be written: {reason(error)}", remedy, path=path)

@@ -11,6 +11,7 @@ from defocus_core.compare.record import UNREADABLE, WARNING, Comparison
 from defocus_core.errors import printable
 from defocus_core.io.safe_files import written_whole
 from defocus_core.reports.comparison_words import line
+from defocus_core.reports.replaceable import refuse_other
 
 
 def write_junit(path: Path, records: Sequence[Comparison], seconds: float) -> None:
@@ -39,5 +40,6 @@ def write_junit(path: Path, records: Sequence[Comparison], seconds: float) -> No
         elif record.status == WARNING:
             ElementTree.SubElement(case, "system-out").text = text
     ElementTree.indent(root)
+    refuse_other(path, "junit")
     with written_whole(path) as file:
         ElementTree.ElementTree(root).write(file, "utf-8", xml_declaration=True)

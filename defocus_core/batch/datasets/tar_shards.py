@@ -15,16 +15,18 @@ import re
 import tarfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
+from stat import S_ISREG
 from typing import BinaryIO
 
 from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.datasets.sample_index import Record
 from defocus_core.batch.journal.run_file import SHARDS_FOLDER
 from defocus_core.errors import InputError, reason
+from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
 
 FOLDER = SHARDS_FOLDER
@@ -34,11 +36,11 @@ _NAME = re.compile(r"(?:samples|\w+set)-\d{6,}\.tar", re.ASCII)
 
 @dataclass(frozen=True)
 class Member:
-    """A file of a shard: one of OUT's, or a few bytes."""
+    """A file of a shard: one of OUT's by its name below OUT, or a few bytes."""
 
     name: str
     size: int
-    source: Path | bytes
+    source: str | bytes
 
     @property
     def info(self) -> tarfile.TarInfo:
@@ -95,32 +97,33 @@ def write(out: Path, records: Iterable[Record], limit: int) -> list[Path]:
     for name, samples in _shards(_samples(out, records), limit):
         path = folder / f"{name}.tar"
         digest = _digest(samples)
-        if not _has_size(path, sizes.get((path.name, digest))):
-            _pack(path, samples)
-        size = path.stat().st_size
+        if not _has_size(out, path.name, sizes.get((path.name, digest))):
+            _pack(out, path, samples)
+        size = _size(out, f"{FOLDER}/{path.name}")
         one = {"file": path.name, "samples": len(samples), "bytes": size, "digest": digest}
         packed.append(one)
-    with written_whole(folder / LIST) as file:
+    with written_whole(folder / LIST, out) as file:
         listing = {"limit": limit, "shards": packed}
         file.write(json.dumps(listing, indent=1).encode() + b"\n")
     kept = [folder / str(one["file"]) for one in packed]
-    for path in set(folder.iterdir()) - set(kept):
-        if _NAME.fullmatch(path.name):
-            path.unlink()
+    below = Folder(out)
+    for name in set(below.names(FOLDER)) - {path.name for path in kept}:
+        if _NAME.fullmatch(name):
+            below.remove(f"{FOLDER}/{name}")
     return kept
 
 
 def exist(out: Path) -> bool:
     """Whether shards exist in OUT."""
     with suppress(OSError):
-        return any(_NAME.fullmatch(path.name) for path in (out / FOLDER).iterdir())
+        return any(map(_NAME.fullmatch, Folder(out).names(FOLDER)))
     return False
 
 
 def listed(out: Path) -> Listing | None:
     """The list of shards in OUT; None where it is missing or broken."""
     with suppress(OSError, ValueError, KeyError, TypeError):
-        listing = json.loads((out / FOLDER / LIST).read_text())
+        listing = json.loads(Folder(out).read(f"{FOLDER}/{LIST}"))
         sizes = {(one["file"], one["digest"]): one["bytes"] for one in listing["shards"]}
         return Listing(int(listing["limit"]), sizes)
     return None
@@ -129,8 +132,10 @@ def listed(out: Path) -> Listing | None:
 def _samples(out: Path, records: Iterable[Record]) -> Iterator[Sample]:
     entries = list(sample_index.entries(records))
     for entry, key in zip(entries, _keys([entry["sample_id"] for entry in entries]), strict=True):
-        files = [(kind, out / path) for kind, path in entry["outputs"].items()]
-        members = [Member(f"{key}.{kind}{path.suffix}", _size(path), path) for kind, path in files]
+        members = [
+            Member(f"{key}.{kind}{Path(path).suffix}", _size(out, path), path)
+            for kind, path in entry["outputs"].items()
+        ]
         line = sample_index.line(entry)
         every = sorted([*members, Member(f"{key}.json", len(line), line)], key=_name)
         yield Sample(entry["split"] or "", tuple(every))
@@ -140,12 +145,21 @@ def _keys(names: Sequence[str]) -> list[str]:
     """A key without dots for each sample; where two would be alike, with a hash of the name."""
     plain = [name.replace(".", "_") for name in names]
     count = Counter(plain)
+    taken = set(plain)
     return [
-        key
-        if name == key or count[key] == 1
-        else f"{key}_{blake2b(name.encode(), digest_size=4).hexdigest()}"
+        key if name == key or count[key] == 1 else _hashed(name, key, taken)
         for name, key in zip(names, plain, strict=True)
     ]
+
+
+def _hashed(name: str, key: str, taken: set[str]) -> str:
+    """A key with so much of the hash of the name that no other sample is named like it."""
+    for size in (4, 8, 16, 32):
+        longer = f"{key}_{blake2b(name.encode(), digest_size=size).hexdigest()}"
+        if longer not in taken:
+            taken.add(longer)
+            return longer
+    raise AssertionError("names cannot have the hash of 32 bytes of one another")
 
 
 def _shards(samples: Iterable[Sample], limit: int) -> Iterator[tuple[str, list[Sample]]]:
@@ -175,13 +189,13 @@ def _filled(samples: Iterable[Sample], limit: int) -> Iterator[list[Sample]]:
         yield shard
 
 
-def _pack(path: Path, samples: Iterable[Sample]) -> None:
+def _pack(out: Path, path: Path, samples: Iterable[Sample]) -> None:
     with (
-        written_whole(path) as file,
+        written_whole(path, out) as file,
         tarfile.open(fileobj=file, mode="w", format=tarfile.PAX_FORMAT) as tar,
     ):
         for member in (member for sample in samples for member in sample.members):
-            with _opened(member.source) as content:
+            with _opened(out, member.source) as content:
                 try:
                     tar.addfile(member.info, content)
                 except (tarfile.TarError, OSError) as error:
@@ -189,17 +203,21 @@ def _pack(path: Path, samples: Iterable[Sample]) -> None:
                         raise
                     problem = f"changed while it was packed: {reason(error)}"
                     raise InputError(
-                        "", problem, "pack it again", path=str(member.source)
+                        "changed", problem, "pack it again", path=out / str(member.source)
                     ) from None
 
 
-def _opened(source: Path | bytes) -> BinaryIO:
+@contextmanager
+def _opened(out: Path, source: str | bytes) -> Iterator[BinaryIO]:
     if isinstance(source, bytes):
-        return io.BytesIO(source)
+        yield io.BytesIO(source)
+        return
     try:
-        return source.open("rb")
+        file = Folder(out).open(source)
     except OSError as error:
-        raise _gone(source, error) from None
+        raise _gone(out / source, error) from None
+    with file:
+        yield file
 
 
 def _digest(samples: Iterable[Sample]) -> str:
@@ -212,23 +230,27 @@ def _digest(samples: Iterable[Sample]) -> str:
     return digest.hexdigest()
 
 
-def _has_size(path: Path, size: object) -> bool:
-    return path.is_file() and path.stat().st_size == size
+def _has_size(out: Path, name: str, size: object) -> bool:
+    with suppress(OSError):  # who packs it says what is in the way
+        status = Folder(out).status(f"{FOLDER}/{name}")
+        return status is not None and S_ISREG(status.st_mode) and status.st_size == size
+    return False
 
 
-def _size(path: Path) -> int:
-    if path.is_symlink():  # which may lead to any file of this machine
-        raise InputError(
-            "", "is a symbolic link, not an output", "put the file itself there", path=path
-        )
+def _size(out: Path, name: str) -> int:
+    path = out / name
     try:
-        return path.stat().st_size
+        return Folder(out).path(name).lstat().st_size
     except OSError as error:
+        if path.is_symlink():  # which may lead to any file of this machine
+            problem, remedy = "is a symbolic link, not an output", "put the file itself there"
+            raise InputError("link", problem, remedy, path=path) from None
         raise _gone(path, error) from None
 
 
 def _gone(path: Path, error: OSError) -> InputError:
-    return InputError("", f"cannot be packed: {reason(error)}", "render the batch again", path=path)
+    problem = f"cannot be packed: {reason(error)}"
+    return InputError("unreadable", problem, "render the batch again", path=path)
 
 
 def _name(member: Member) -> str:

@@ -10,9 +10,11 @@ from typing import Any, TypeVar
 
 from defocus_core.batch.lenses.quantities import read_at, text_of
 from defocus_core.errors import InputError, UsageProblem, did_you_mean, reason
+from defocus_core.io.below import open_plain
 
 T = TypeVar("T")
 LARGEST_FILE = 2**26  # bytes
+_MAX_DOTS = 10**8  # sum of the squares of those of each line
 
 
 def read_toml(file: Path, *, what: str, remedy: str) -> dict[str, Any]:
@@ -136,7 +138,7 @@ def table(file: Path, tables: Mapping[str, Any], name: str) -> Table:
 
 def _text(file: Path, what: str, remedy: str) -> str:
     try:
-        with file.open("rb") as opened:
+        with open_plain(file) as opened:
             data = opened.read(LARGEST_FILE + 1)  # not all of /dev/zero
         text = data.decode("utf-8-sig")
     except OSError as error:
@@ -145,6 +147,8 @@ def _text(file: Path, what: str, remedy: str) -> str:
         ) from None
     except UnicodeDecodeError:
         raise InputError("malformed", "is not a text file", remedy, path=file) from None
-    if "\0" in text or len(data) > LARGEST_FILE:
+    # A key of n parts takes memory of n² bytes, and the square of a line of names is small.
+    dots = sum(line.count(".") ** 2 for line in text.split("\n"))
+    if "\0" in text or len(data) > LARGEST_FILE or dots > _MAX_DOTS:
         raise InputError("malformed", f"is not a {what}", remedy, path=file)
     return text

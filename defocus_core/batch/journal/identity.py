@@ -12,7 +12,6 @@ rendered again.
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import time
@@ -20,12 +19,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from hashlib import blake2b
 from pathlib import Path
-from stat import S_ISREG
 from typing import Any
 
 from defocus_core.batch.jobs.job import Job, Shot, Taken
 from defocus_core.batch.journal.plain_values import plain
 from defocus_core.batch.lenses.lens import LENS_FILES
+from defocus_core.io.below import Folder, open_plain
 from defocus_core.renderer_version import RENDERER_VERSION
 from defocus_core.system.text import version
 
@@ -114,15 +113,19 @@ def versions() -> dict[str, Any]:
     return {"version": version(), "renderer": RENDERER_VERSION}
 
 
-def stamp(path: Path) -> dict[str, Any]:
+def stamp(path: Path, root: Path | None = None) -> dict[str, Any]:
     """Size, time of modification and hash of a file.
+
+    Args:
+        path: the file.
+        root: the folder that it lies below, no link of which is followed; None for a file that the
+            user named.
 
     Raises:
         OSError: it cannot be read, or is no regular file.
     """
-    if not S_ISREG(path.stat().st_mode):  # to open a pipe is to wait for its writer
-        raise OSError(errno.EINVAL, "is not a regular file", str(path))
-    with path.open("rb") as file:
+    below = root and path.relative_to(root).as_posix()
+    with Folder(root).open(below) if root and below else open_plain(path) as file:
         hashed = blake2b(digest_size=DIGEST)
         while block := file.read(2**20):
             hashed.update(block)

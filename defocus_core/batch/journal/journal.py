@@ -17,7 +17,7 @@ A record has
                 was rendered, see `defocus_core.batch.depth.repair_words`
     quality, version (of the package), renderer (its version)
     seconds     of reading, rendering and writing; cpu, of rendering
-    finished    when, UTC
+    finished    when, UTC, for people: the order of the lines decides
 """
 
 from __future__ import annotations
@@ -26,14 +26,17 @@ import gc
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from defocus_core.batch.journal.record_check import fault_of, folders_outside
+from defocus_core.batch.journal import identity
+from defocus_core.batch.journal.record_check import fault_of, linked_folders
 from defocus_core.errors import InputError, reason
+from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import is_at, sync_folder, unwritable
 
 Record = Mapping[str, Any]
@@ -73,21 +76,56 @@ def require_journal(out: Path) -> None:
 
 
 def read_all(out: Path) -> list[Record]:
-    """The records of all journals in OUT, in the order in which the jobs came to an end.
+    """The records of all journals in OUT, by `in_order`.
 
     Raises:
         InputError: a journal cannot be read, or a line of it is broken.
     """
     paths = [journal_path(out), *(journal_path(out, shard) for shard in shards(out))]
-    return in_order([read(path) for path in paths])
+    return in_order([read(path) for path in paths], out)
 
 
-def in_order(journals: Sequence[Sequence[Record]]) -> list[Record]:
-    """The records of several journals in the order in which the jobs came to an end."""
+def in_order(journals: Sequence[Sequence[Record]], out: Path) -> list[Record]:
+    """The records of several journals, those of each in its order; the last of a sample is true.
+
+    Of the journals that speak of a sample, the one comes last whose stamps most of the files have.
+    Times are for people: a clock may have stepped back, and machines have clocks of their own.
+    """
     records = [record for journal in journals for record in journal]
-    if sum(map(bool, journals)) > 1:
-        records.sort(key=lambda record: str(record.get("finished")))
-    return records
+    if sum(map(bool, journals)) < 2:
+        return records
+    count = Counter(name for journal in journals for name in _samples(journal))
+    shared = {name for name, times in count.items() if times > 1}
+    if not shared:
+        return records
+    last = _true_journals(journals, shared, out)
+    early, late = [], []
+    for place, journal in enumerate(journals):
+        for record in journal:
+            is_last = last.get(record["sample_id"]) == place
+            (late if is_last else early).append(record)
+    return early + late
+
+
+def _samples(journal: Sequence[Record]) -> set[str]:
+    return {record["sample_id"] for record in journal}
+
+
+def _true_journals(
+    journals: Sequence[Sequence[Record]], shared: Collection[str], out: Path
+) -> dict[str, int]:
+    """By sample, the place of the journal whose stamps most files have; of equals, the last."""
+    found: dict[str, tuple[int, int]] = {}
+    for place, journal in enumerate(journals):
+        stamps: dict[str, dict[str, Any]] = {}
+        for record in journal:
+            if (name := record["sample_id"]) in shared:
+                each = {stamp["path"]: stamp for stamp in record["outputs"].values()}
+                stamps[name] = stamps.get(name, {}) | each
+        for name, files in stamps.items():
+            kept = sum(identity.unchanged(out / path, stamp) for path, stamp in files.items())
+            found[name] = max(found.get(name, (0, 0)), (kept, place))
+    return {name: place for name, (_, place) in found.items()}
 
 
 def read(path: Path) -> list[Record]:
@@ -97,7 +135,7 @@ def read(path: Path) -> list[Record]:
         InputError: it cannot be read, or a line is no record; a torn last line is ignored.
     """
     try:
-        data = path.read_bytes()
+        data = Folder(path.parent).read(path.name)
     except FileNotFoundError:
         return []
     except OSError as error:
@@ -106,16 +144,16 @@ def read(path: Path) -> list[Record]:
     lines = [(number, line) for number, line in enumerate(data.split(b"\n"), 1) if line]
     if lines and not _is_whole(lines[-1][1]):
         lines.pop()
-    outside = folders_outside(path.parent)
+    linked = linked_folders(path.parent)
     records: list[Record] = []
     with without_collections():
         for start in range(0, len(lines), _BLOCK):
-            records += _block(path, lines[start : start + _BLOCK], outside)
+            records += _block(path, lines[start : start + _BLOCK], linked)
     return records
 
 
 def _block(
-    path: Path, numbered: Sequence[tuple[int, bytes]], outside: frozenset[str]
+    path: Path, numbered: Sequence[tuple[int, bytes]], linked: frozenset[str]
 ) -> list[Record]:
     """The records of a block of lines, which share their keys in memory."""
     records: list[Any] = []
@@ -124,7 +162,7 @@ def _block(
     if len(records) != len(numbered):
         records = [_parsed(line) if _is_whole(line) else None for _, line in numbered]
     for (number, line), record in zip(numbered, records, strict=True):
-        fault = "is broken" if record is None else fault_of(record, outside)
+        fault = "is broken" if record is None else fault_of(record, linked)
         if fault:
             remedy = "remove that line and the outputs of its job, which is done again"
             raise InputError("", f"line {number}{_sample_words(line)} {fault}", remedy, path=path)
@@ -199,7 +237,7 @@ class Journal:
         self.path = path
         self._new = not path.exists()
         try:
-            self._number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+            self._number = Folder(path.parent).append(path.name)
             self._cut_torn_tail()
         except OSError as error:
             raise unwritable(path, error) from error
@@ -248,7 +286,7 @@ class Journal:
 
     def _cut_torn_tail(self) -> None:
         """Remove a record that was being written when its writer died; end the last whole line."""
-        data = self.path.read_bytes()
+        data = Folder(self.path.parent).read(self.path.name)
         last = data.rstrip(b"\n").rpartition(b"\n")[2]
         if last and not _is_whole(last):
             os.ftruncate(self._number, data.rindex(last))

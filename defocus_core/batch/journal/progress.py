@@ -76,7 +76,7 @@ def progress(out: Path) -> Progress:
             "", "has no journal", "name the directory that a batch writes to", path=out
         )
     records = {run: read(journal_path(out, run)) for run in runs}
-    every = in_order(list(records.values()))
+    every = in_order(list(records.values()), out)
     live = Ledger(out, every).live
     state = Progress(
         statuses=Counter(record["status"] for record in live),

@@ -6,7 +6,6 @@ packed into shards, and removed when they are replaced.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.jobs.splits import NAME
 from defocus_core.batch.journal.reasons import STATUSES
+from defocus_core.io.below import path_fault
 
 Types = Mapping[str, tuple[type, ...]]
 _NOTHING, _NUMBER = type(None), (int, float)
@@ -51,23 +51,30 @@ _OF_A_LENS: Types = {
 _OPTICS = ("focal_length_mm", "fnumber", "sensor_width_mm", "focus_mm")  # none beside radii
 
 
-def folders_outside(out: Path) -> frozenset[str]:
-    """The kinds whose folder in OUT is a link that leads out of OUT."""
-    root = Path(os.path.realpath(out))  # Path.resolve raises where a link leads in a circle
-    places = {kind: Path(os.path.realpath(root / kind)) for kind in KINDS}
-    return frozenset(kind for kind, place in places.items() if not place.is_relative_to(root))
+def linked_folders(out: Path) -> frozenset[str]:
+    """The kinds whose folder in OUT is a link: OUT may be one, what lies below it may not."""
+    return frozenset(kind for kind in KINDS if (out / kind).is_symlink())
 
 
-def fault_of(record: object, outside: frozenset[str] = frozenset()) -> str | None:
+def output_fault(path: object) -> str | None:
+    """What is wrong with the path of an output, as ``leads upwards``; None if it is one of OUT."""
+    fault = path_fault(path)
+    if fault is not None:
+        return fault
+    kind, _, name = str(path).partition("/")
+    return None if kind in KINDS and name and "/" not in name else "is no file of a kind in OUT"
+
+
+def fault_of(record: object, linked: frozenset[str] = frozenset()) -> str | None:
     """What is wrong with a line of a journal, as ``has no lens``; None if it is a record.
 
     Args:
         record: what the JSON of the line holds.
-        outside: the kinds whose folder in OUT leads out of OUT.
+        linked: the kinds whose folder in OUT is a link.
     """
     if not isinstance(record, dict):
         return "is no record of a job"
-    fault = wrong_type(record, _ALWAYS) or _fault_of_files(record, outside)
+    fault = wrong_type(record, _ALWAYS) or _fault_of_files(record, linked)
     if fault:
         return fault
     if record["status"] not in STATUSES:
@@ -104,7 +111,7 @@ def is_moment(text: str) -> bool:
         return False
 
 
-def _fault_of_files(record: Mapping[str, Any], outside: frozenset[str]) -> str | None:
+def _fault_of_files(record: Mapping[str, Any], linked: frozenset[str]) -> str | None:
     if "/" in record["sample_id"]:
         return "has a sample_id with a slash"
     if "color" not in record["inputs"]:
@@ -115,11 +122,10 @@ def _fault_of_files(record: Mapping[str, Any], outside: frozenset[str]) -> str |
                 return f"has no path of {role}"
     for stamp in record["outputs"].values():
         path = stamp["path"]
-        kind, _, name = path.partition("/")
-        if kind not in KINDS or name in ("", ".", "..") or "/" in name or "\0" in name:
+        if output_fault(path):
             return f"names the output {path!r}, which is no file of a kind in OUT"
-        if kind in outside:
-            return f"names the output {path!r}, but {kind} is a link that leads out of OUT"
+        if (kind := path.partition("/")[0]) in linked:
+            return f"names the output {path!r}, but {kind} is a link, and no folder of OUT"
     return None
 
 

@@ -12,13 +12,13 @@ import re
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from glob import escape
 from pathlib import Path
 
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.journal.journal import Record, Shard, files_of
-from defocus_core.batch.journal.record_check import is_moment
-from defocus_core.errors import InputError
+from defocus_core.batch.journal.record_check import is_moment, output_fault
+from defocus_core.errors import InputError, reason
+from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import leftover, written_whole
 
 _LEFTOVER = re.compile(r"\..+\.(\d+)\.\d+\.tmp")
@@ -95,12 +95,13 @@ def sweep_up(out: Path) -> None:
 
     The index and shards are written without the lock: those of a process that runs are left alone.
     """
-    for folder in (out, out / SHARDS_FOLDER, *(out / kind for kind in KINDS)):
+    below = Folder(out)
+    for folder in ("", SHARDS_FOLDER, *KINDS):
         with suppress(OSError):
-            for entry in os.scandir(folder):
-                name = _LEFTOVER.fullmatch(entry.name)
-                if name and (folder.name in KINDS or not _runs(int(name[1]))):
-                    Path(entry.path).unlink(missing_ok=True)
+            for entry in below.names(folder):
+                name = _LEFTOVER.fullmatch(entry)
+                if name and (folder in KINDS or not _runs(int(name[1]))):
+                    below.remove(f"{folder}/{entry}" if folder else entry)
 
 
 def _runs(process: int) -> bool:
@@ -114,25 +115,32 @@ def _runs(process: int) -> bool:
     return process not in (0, os.getpid())
 
 
-def sweep_up_after(process: int, files: Iterable[Path]) -> None:
-    """Remove the half-written siblings of files that a dead process left."""
+def sweep_up_after(process: int, out: Path, files: Iterable[Path]) -> None:
+    """Remove the half-written siblings of files below ``out`` that a dead process left."""
+    below = Folder(out)
     for path in files:
-        for left in path.parent.glob(f"{escape(leftover(path, process))}*"):
-            if _LEFTOVER.fullmatch(left.name):
-                left.unlink(missing_ok=True)
+        folder, begin = path.parent.relative_to(out).as_posix(), leftover(path, process)
+        with suppress(OSError):
+            for name in below.names(folder):
+                if name.startswith(begin) and _LEFTOVER.fullmatch(name):
+                    below.remove(f"{folder}/{name}")
 
 
 def _read(path: Path) -> RunPlan | None:
     try:
-        text = path.read_bytes()
-    except OSError:
+        text = Folder(path.parent).read(path.name)
+    except FileNotFoundError:
         return None
+    except OSError as error:
+        remedy = "remove it"
+        raise InputError(
+            "unreadable", f"cannot be read: {reason(error)}", remedy, path=path
+        ) from None
     try:
         plan = RunPlan(**json.loads(text))
         files = [*plan.jobs, plan.unknown]
         is_plan = is_moment(plan.begun) and all(
-            isinstance(names, list) and all(isinstance(name, str) for name in names)
-            for names in files
+            isinstance(names, list) and not any(map(output_fault, names)) for names in files
         )
     except (ValueError, TypeError, RecursionError):
         is_plan = False

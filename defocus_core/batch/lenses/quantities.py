@@ -23,6 +23,7 @@ _BYTES = {
     **{"b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "tb": 10**12},
     **{"kib": 2**10, "mib": 2**20, "gib": 2**30, "tib": 2**40},
 }
+_MOST_LENGTH = 1e30  # mm
 _MOST_ELECTRONS = 1e9
 _MOST_SHIFT = 10.0  # mm of the focus of a colour
 AUTO_LIGHTS = (0.93, 16.0)  # threshold and gain; of defocus_core, too
@@ -64,7 +65,11 @@ def read_at(where: str, parse: Callable[..., T], *texts: str) -> T:
 
 def length(text: str) -> float:
     """A positive length in mm, from ``50mm``, ``2.5 cm``, ``2m``, ``1in`` or ``6ft``."""
-    return _positive(text, "a length", "like 2m or 50mm", _MM)
+    value = _positive(text, "a length", "like 2m or 50mm", _MM)
+    if not 1 / _MOST_LENGTH <= value <= _MOST_LENGTH:  # its square is a number, too
+        problem = f"'{text}' is no length from 1e-30 to 1e30 mm"
+        raise QuantityError(problem, "write it like 2m or 50mm")
+    return value
 
 
 def distances(text: str) -> tuple[float, float]:

@@ -118,7 +118,7 @@ def write(computed: Computed) -> Result:
     try:
         outcome = delivery.write(computed.rendering)
         outputs = {
-            name: {"path": path, **identity.stamp(job.outputs.root / path)}
+            name: {"path": path, **identity.stamp(job.outputs.root / path, job.outputs.root)}
             for name, path in job.names.items()
         }
     except Exception as error:

@@ -98,9 +98,10 @@ def refuse_unwritable(outputs: Outputs) -> None:
     for folder in (outputs.root, *(outputs.root / kind for kind in outputs.kinds)):
         if folder.is_symlink() and not folder.exists():
             raise missing(folder)
-        if not folder.resolve().is_relative_to(outputs.root.resolve()):
-            problem = "is a link that leads out of the output directory"
-            raise InputError("", problem, "make it a directory, or name another -o", path=folder)
+        if folder != outputs.root and folder.is_symlink():
+            problem = "is a symbolic link below the output directory"
+            remedy = "make it a directory, or name another -o"
+            raise InputError("link", problem, remedy, path=folder)
         existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
         if not existing.is_dir():
             raise InputError(

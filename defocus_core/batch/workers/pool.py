@@ -203,8 +203,8 @@ class _Worker:
         self.process.kill()
         self.process.join(_GRACE)
         if self.process.pid is not None:
-            files = (path for job in self.flight.values() for path in job.written)
-            sweep_up_after(self.process.pid, files)
+            for job in self.flight.values():
+                sweep_up_after(self.process.pid, job.outputs.root, job.written)
 
 
 def execute_in(processes: int) -> Execute:

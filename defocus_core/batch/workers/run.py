@@ -23,6 +23,7 @@ from defocus_core.batch.workers.job_result import Result
 from defocus_core.batch.workers.output_checks import refuse_unwritable
 from defocus_core.batch.workers.plan import Chunk, Execution, Plan, make_plan
 from defocus_core.errors import InputError, alike
+from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable
 from defocus_core.system.interrupts import Interrupts
 from defocus_core.system.log import note
@@ -188,7 +189,7 @@ class _Batch:
             self.plan.unknown.difference_update(job.names.values())
             for path, stamp in self.plan.previews.pop(number, {}).items():
                 if identity.unchanged(self.out / path, stamp):
-                    (self.out / path).unlink()
+                    Folder(self.out).remove(path)
         self.summary.left -= 1
         self.summary.statuses[result["status"]] += 1
         self.summary.warned += bool(result["warnings"])

@@ -13,8 +13,10 @@ from typing import Any
 
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
+from defocus_core.batch.journal.record_check import output_fault
 from defocus_core.compare.record import EXTRA, MISSING, Comparison
 from defocus_core.errors import InputError, reason
+from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import missing, unwritable, written_whole
 
 MANIFEST = "golden.json"
@@ -52,6 +54,19 @@ class Store:
             lines += [f"{job.sample_id}: {key} {now} instead of {was}" for key, was, now in changes]
         return lines
 
+    def place(self, name: str) -> Path | None:
+        """The path of a golden, None if it is missing.
+
+        Raises:
+            InputError: it is no plain file below the folder.
+        """
+        try:
+            path = Folder(self.folder).path(name)
+        except OSError as error:
+            problem, remedy = f"cannot be read: {reason(error)}", "put the picture itself there"
+            raise InputError("link", problem, remedy, path=self.folder / name) from None
+        return path if path.exists() else None
+
     @property
     def files(self) -> set[str]:
         """Files of all samples, relative to the folder."""
@@ -69,22 +84,36 @@ def read_store(folder: Path, *, new: bool = False) -> Store:
         InputError: there is none, or it is damaged.
     """
     file = folder / MANIFEST
-    if not file.exists():
+    restore = "restore it from your version control"
+    try:
+        with Folder(folder).open(MANIFEST) as opened:
+            samples = json.loads(opened.read(_LARGEST))["samples"]
+        fault = next(filter(None, map(_sample_fault, samples.values())), None)
+    except FileNotFoundError:
         if new:
             return Store(folder, {})
-        raise missing(file, "file of goldens; make them with defocus golden update ‹accept›")
-    try:
-        with file.open("rb") as opened:
-            samples = json.loads(opened.read(_LARGEST))["samples"]
-        sound = all(isinstance(sample["files"], list) for sample in samples.values())
+        what = "file of goldens; make them with defocus golden update ‹accept›"
+        raise missing(file, what) from None
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         problem = f"cannot be read: {reason(error)}"
-        raise InputError("", problem, "restore it from your version control", path=file) from None
-    if not sound:
-        raise InputError(
-            "", "has no list of files", "restore it from your version control", path=file
-        )
+        raise InputError("damaged", problem, restore, path=file) from None
+    if fault:
+        raise InputError("damaged", fault, restore, path=file)
     return Store(folder, samples)
+
+
+def _sample_fault(sample: object) -> str | None:
+    """What is wrong with a sample of golden.json; None if nothing is. Its names are foreign."""
+    if not isinstance(sample, dict):
+        return "cannot be read: it has a sample that is no table"
+    if not isinstance(sample.get("files"), list):
+        return "has no list of files"
+    if not isinstance(sample.get("settings", {}), dict):
+        return "has settings that are no table"
+    for name in sample["files"]:
+        if fault := output_fault(name):
+            return f"names the golden {name!r:.80}, which {fault}"
+    return None
 
 
 def accept(store: Store, jobs: Sequence[Job], root: Path, records: Sequence[Comparison]) -> int:
@@ -107,9 +136,12 @@ def accept(store: Store, jobs: Sequence[Job], root: Path, records: Sequence[Comp
         try:
             if record.status == MISSING:
                 if record.name in store.files:
-                    path.unlink()
+                    Folder(store.folder).remove(record.name)
                 continue
-            with (root / record.name).open("rb") as source, written_whole(path) as file:
+            with (
+                Folder(root).open(record.name) as source,
+                written_whole(path, store.folder) as file,
+            ):
                 shutil.copyfileobj(source, file)
         except OSError as error:
             raise unwritable(path, error) from error

@@ -10,10 +10,12 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from defocus_core.errors import InputError, reason
+from defocus_core.io.below import open_plain
 from defocus_core.io.depth_formats.rules import DepthFormat, Mask
 
 if TYPE_CHECKING:
@@ -76,7 +78,7 @@ def facts_of(name: str, path: Path, metadata: Mapping[str, Any]) -> Facts | None
 
 
 def _text(path: Path) -> str:
-    with path.open(encoding="utf-8", errors="replace") as file:
+    with TextIOWrapper(open_plain(path), encoding="utf-8", errors="replace") as file:
         return file.read(_LONGEST)
 
 

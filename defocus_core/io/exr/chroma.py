@@ -8,8 +8,10 @@ chroma is interpolated by cubics (Catmull, Rom 1974).
 from __future__ import annotations
 
 import struct
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+from defocus_core.errors import InputError
 from defocus_core.io.exr.header import Header
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.system.interrupts import put_off
@@ -78,8 +80,12 @@ def rgb_of(
     return [red, green.astype(np.float32), blue]
 
 
-def weights_of(header: Header) -> tuple[float, ...]:
-    """How much R, G and B are in the luminance of a part, by its primaries; they add up to 1."""
+def weights_of(header: Header, path: Path) -> tuple[float, ...]:
+    """How much R, G and B are in the luminance of a part, by its primaries; they add up to 1.
+
+    Raises:
+        InputError: the primaries of the file lie on a line.
+    """
     import numpy as np
 
     said = header.attributes.get("chromaticities")
@@ -87,10 +93,16 @@ def weights_of(header: Header) -> tuple[float, ...]:
     if said is not None and said.kind == "chromaticities" and len(said.value) == 32:
         values = struct.unpack("<8f", said.value)
     points = np.array(values).reshape(4, 2)
-    xyz = np.c_[points / points[:, 1:], (1 - points.sum(1)) / points[:, 1]]
-    xyz[:, 1] = 1.0
-    amounts = np.linalg.solve(xyz[:3].T, xyz[3])
-    return tuple(float(amount) for amount in amounts / amounts.sum())
+    weights = np.full(3, np.nan)
+    with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
+        xyz = np.c_[points / points[:, 1:], (1 - points.sum(1)) / points[:, 1]]
+        xyz[:, 1] = 1.0
+        amounts = np.linalg.solve(xyz[:3].T, xyz[3])
+        weights = amounts / amounts.sum()
+    if not np.isfinite(weights).all() or not weights.all():
+        problem = "has primaries that span no colours"
+        raise InputError("damaged", problem, "write its chromaticities anew", path=path)
+    return tuple(float(weight) for weight in weights)
 
 
 def _interpolated(samples: NDArray[Any], sampling: tuple[int, int], header: Header) -> NDArray[Any]:

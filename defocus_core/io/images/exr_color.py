@@ -44,7 +44,7 @@ def read_exr_color(
     headers = in_view(path, every, view)
     chosen = choose_color(path, headers, layer=layer, part=part)
     parts = read_parts(path, headers, keeping, overscan=overscan)
-    channels, planes = _planes(parts[chosen.header.index], chosen, keeping, overscan)
+    channels, planes = _planes(path, parts[chosen.header.index], chosen, keeping, overscan)
     extras, left_out = _extras(parts, chosen)
     passes = light_passes(path, extras, blur_channels)
     planes += [extras.pop(name) for name in passes]
@@ -68,7 +68,7 @@ def read_exr_color(
 
 
 def _planes(
-    part: Part, chosen: ChannelGroup, keeping: Keeping, overscan: Overscan
+    path: Path, part: Part, chosen: ChannelGroup, keeping: Keeping, overscan: Overscan
 ) -> tuple[tuple[str, ...], list[Any]]:
     """The names and arrays of a colour layer; alpha is added where a part has pixels of the frame.
 
@@ -77,7 +77,7 @@ def _planes(
     header, names = chosen.header, tuple(chosen.channels)
     planes = [part.channels[name] for name in chosen.channels.values()]
     if "RY" in names:
-        planes[:3] = rgb_of(planes[0], planes[1:3], weights_of(header))
+        planes[:3] = rgb_of(planes[0], planes[1:3], weights_of(header, path))
         names = ("R", "G", "B", *names[3:])
     frame = header.display.grown(overscan)
     if "A" in names or header.data.covers(frame):

@@ -7,6 +7,7 @@ digits at least.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -18,6 +19,8 @@ from defocus_core.system.text import counted
 MISSING = ("error", "skip")
 KEYS = "keys"  # the word for the frames that have keys
 _FIELD = re.compile(r"#+|%0?\d*d")
+_DIGITS = 18  # of a frame
+_MAX_FRAMES = 2**20  # from the first to the last, where files alone say which are wanted
 _EXAMPLE = "write them like 1001-1240, 1001-1240x2 or 1001,1005-1010"
 
 
@@ -100,17 +103,39 @@ def frames_of(pattern: Path) -> dict[int, Path]:
     from fileseq.constants import PAD_STYLE_HASH1
     from fileseq.filesequence import FileSequence
 
-    if len(_FIELD.findall(pattern.name)) > 1:
-        remedy = "give a pattern with one"
-        raise InputError("ambiguous", "has two numbers in its name", remedy, path=pattern)
+    fields = _FIELD.findall(pattern.name)
+    if len(fields) > 1:
+        problem = "has two numbers in its name"
+        raise InputError("ambiguous", problem, "give a pattern with one", path=pattern)
+    if any(len(text) > 4 and int(text.strip("%d")) > _DIGITS for text in fields if "%" in text):
+        problem = f"asks for more than {_DIGITS} digits"
+        raise InputError("out-of-range", problem, "write it like %04d", path=pattern)
     try:
         found = FileSequence.findSequenceOnDisk(
             str(pattern), strictPadding=True, pad_style=PAD_STYLE_HASH1
         )
-        return {int(number): Path(found.frame(number)) for number in sorted(found.frameSet() or ())}
+        frames = {int(number): Path(found.frame(number)) for number in found.frameSet() or ()}
+        return dict(sorted({**_negative(pattern), **frames}.items()))
+    except ArithmeticError:
+        problem = "matches a file whose number is too long for a frame"
+        raise InputError("out-of-range", problem, "move that file away", path=pattern) from None
     except (ValueError, OSError):
+        if negative := _negative(pattern):
+            return dict(sorted(negative.items()))
         remedy = "check the path; each # stands for a digit, and %04d is ####"
         raise InputError("not-found", "matches no file", remedy, path=pattern) from None
+
+
+def _negative(pattern: Path) -> dict[int, Path]:
+    """The files of negative frames whose digits fill the field without their sign, as -0001."""
+    text = _FIELD.findall(pattern.name)[0]
+    before, after = map(re.escape, pattern.name.split(text))
+    width = len(text) if "#" in text else int(text.strip("%d") or 1)
+    name = re.compile(rf"{before}(-\d{{{width},{_DIGITS}}}){after}", re.ASCII)
+    if not pattern.parent.is_dir():
+        return {}
+    every = (name.fullmatch(path.name) for path in pattern.parent.iterdir())
+    return {int(each[1]): pattern.with_name(each[0]) for each in every if each and int(each[1])}
 
 
 def chosen(
@@ -156,7 +181,12 @@ def expected(numbers: Iterable[int]) -> tuple[int, ...]:
     steps = [after - before for before, after in pairwise(there)]
     if not steps:
         return tuple(there)
-    step = max(sorted(set(steps)), key=steps.count)
+    count = Counter(steps)
+    step = max(sorted(count), key=lambda each: count[each])
+    if (there[-1] - there[0]) // step > _MAX_FRAMES:
+        problem = f"the numbers of the files go from {there[0]} to {there[-1]}"
+        remedy = "move strays away, or name the frames wanted, like 1-100"
+        raise UsageProblem("out-of-range", problem, remedy, field="frames")
     return tuple(sorted({*there, *range(there[0], there[-1], step)}))
 
 

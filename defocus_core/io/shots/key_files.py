@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from defocus_core.errors import InputError, UsageProblem, reason
+from defocus_core.io.below import open_plain
 
 FIELD_OF_VIEW = "vertical-fov"  # of a .chan file, which becomes a focal length
 _CHAN_COLUMNS = 8
@@ -107,7 +108,7 @@ def _is_frame(text: str) -> bool:
 def _rows(file: Path) -> Iterator[_Line]:
     """The lines that are neither empty nor a comment."""
     try:
-        with file.open("rb") as opened:
+        with open_plain(file) as opened:
             data = opened.read(_LARGEST_FILE + 1)
         text = data.decode("utf-8-sig")
     except OSError as error:

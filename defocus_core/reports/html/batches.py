@@ -117,7 +117,7 @@ def _item(record: Record, layers: Sequence[Layer], out: Path) -> Item:
         name=record["sample_id"],
         status=status,
         passes=is_done,
-        words="; ".join(warnings) or record["message"],
+        words="; ".join(warnings) or record["message"] or "",
         facts=list(_facts(record)),
         metrics=_metrics(record) if is_done else {},
         facets={"lens": lens_record_words(record["lens"])}

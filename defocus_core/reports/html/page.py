@@ -22,6 +22,7 @@ from defocus_core.reports.html import thumbnails
 from defocus_core.reports.html.budget import fitted
 from defocus_core.reports.html.item import Column, Item, Layer, Report
 from defocus_core.reports.html.layers import DIFFERENCE, B
+from defocus_core.reports.replaceable import refuse_other
 from defocus_core.system.text import counted
 
 _KEYS = (
@@ -80,6 +81,7 @@ def write_report(path: Path, report: Report) -> None:
         data=safe(_in_script({"items": drawn, **_constants()})),
         payloads=payloads.texts.items(),
     )
+    refuse_other(path, "html")
     with written_whole(path) as file:
         for part in parts:
             file.write(part.encode("utf-8", "replace"))

@@ -70,3 +70,8 @@ def test_what_makes_no_sense_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match="must be finite and at least 0"):
         matched_blur(torch.tensor(disparity), radii)
+
+
+def test_what_is_in_focus_everywhere_cannot_be_blurred() -> None:
+    with pytest.raises(ValueError, match="only one that may be in focus"):
+        matched_blur(torch.zeros(9), (1.0, 1.0, 2.0), nearest=0.0)

@@ -47,6 +47,19 @@ def test_files_of_one_sample_have_one_key_and_follow_one_another(tmp_path: Path)
     assert len(found) == len(set(found)) == 15
 
 
+def test_a_sample_named_like_the_escaped_key_of_another_has_files_of_its_own(
+    tmp_path: Path,
+) -> None:
+    escaped = names(packed_of(tmp_path / "one", "a.b", "a_b")[0])[0].split(".")[0]
+    found = names(packed_of(tmp_path / "two", "a.b", "a_b", escaped)[0])
+    assert len(found) == len(set(found)) == 9
+    assert f"{escaped}.json" in found
+
+
+def packed_of(out: Path, *samples: str) -> list[Path]:
+    return tar_shards.write(out, [record(out, name) for name in samples], LARGE)
+
+
 def test_the_bytes_depend_on_the_samples_alone(tmp_path: Path) -> None:
     one = packed(tmp_path / "one", 3)[0]
     records = [record(tmp_path / "two", f"a_f1.4_s{i:03}", seconds=i) for i in (2, 0, 1)]
@@ -102,7 +115,7 @@ def test_an_output_that_is_gone_is_told_and_no_shard_is_begun(tmp_path: Path) ->
 
 def test_an_output_that_shrinks_while_it_is_packed_leaves_no_shard(tmp_path, monkeypatch) -> None:
     records = [record(tmp_path, "a")]
-    monkeypatch.setattr(tar_shards, "_size", lambda path: path.stat().st_size + 1)
+    monkeypatch.setattr(tar_shards, "_size", lambda out, name: (out / name).stat().st_size + 1)
     with pytest.raises(InputError, match="changed while it was packed"):
         tar_shards.write(tmp_path, records, LARGE)
     assert not list(tmp_path.glob("shards/*"))

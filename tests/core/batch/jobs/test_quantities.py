@@ -105,3 +105,9 @@ def test_a_pixel_is_two_whole_numbers() -> None:
 @given(st.floats(1e-3, 1e7))
 def test_a_length_written_out_is_read_back(mm: float) -> None:
     assert quantities.length(quantities.length_text(mm, 9)) == pytest.approx(mm, rel=1e-8)
+
+
+@pytest.mark.parametrize("text", ["1e300mm", "1e31mm", "1e-40m"])
+def test_lengths_whose_square_is_no_number_are_refused(text: str) -> None:
+    with pytest.raises(QuantityError, match="is no length from 1e-30 to 1e30 mm"):
+        quantities.length(text)

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import (
     Journal,
     Shard,
@@ -165,12 +166,30 @@ def test_a_full_disk_leaves_the_journal_as_it_was(
     assert read(path) == [record("a"), record("c")]
 
 
-def test_the_records_of_shards_are_read_in_the_order_of_their_ends(tmp_path: Path) -> None:
-    for shard, names in ((None, "ad"), (Shard(2, 2), "bc")):
-        ends = {name: f"2026-01-01T00:00:0{ord(name) - ord('a')}+00:00" for name in names}
-        records = [record(name, finished=end) for name, end in ends.items()]
-        write(journal_path(tmp_path, shard), *records)
-    assert [each["sample_id"] for each in read_all(tmp_path)] == list("abcd")
+@pytest.mark.parametrize("true", [None, Shard(1, 2), Shard(2, 2)])
+@pytest.mark.parametrize("step", [-1, 1])
+def test_the_file_says_which_record_of_two_journals_is_true_and_no_clock_does(
+    true: Shard | None, step: int, tmp_path: Path
+) -> None:
+    (tmp_path / "render").mkdir()
+    file = tmp_path / "render" / "a.exr"
+    for second, shard in enumerate((None, Shard(1, 2), Shard(2, 2)), 1):
+        file.write_text(f"of {shard}")
+        output = {"render": {"path": "render/a.exr", **identity.stamp(file)}}
+        end = f"2026-01-01T00:00:{30 + step * second}+00:00"
+        one = record("a", outputs=output, finished=end, quality=str(shard))
+        write(journal_path(tmp_path, shard), record("a", "failed"), one, record(f"other{second}"))
+    file.write_text(f"of {true}")
+    assert Ledger(tmp_path, read_all(tmp_path)).live[-1]["quality"] == str(true)
+
+
+def test_within_a_journal_the_last_line_holds_whatever_its_clock_said(path: Path) -> None:
+    early, late = (f"2026-01-01T00:00:0{second}+00:00" for second in (1, 2))
+    write(path, record("a", finished=late, quality="draft"))
+    write(path, record("a", finished=early, quality="high"))
+    write(journal_path(path.parent, Shard(1, 2)), record("b"))
+    live = Ledger(path.parent, read_all(path.parent)).live
+    assert {one["sample_id"]: one["quality"] for one in live} == {"a": "high", "b": "draft"}
 
 
 def test_paths_of_inputs_lead_to_them_through_linked_folders(

@@ -101,17 +101,20 @@ def test_an_output_that_is_no_file_of_out_is_refused(path: str, tmp_path: Path) 
         read(journal)
 
 
-def test_a_folder_that_leads_out_of_out_is_refused(tmp_path: Path) -> None:
+def test_a_folder_of_outputs_that_is_a_link_is_refused(tmp_path: Path) -> None:
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
     out.mkdir()
     elsewhere.mkdir()
     journal_of(out, record(tmp_path / "made", "a", ["render"]))
     (out / "render").symlink_to(elsewhere)
-    with pytest.raises(InputError, match=r"line 1.*render is a link that leads out of OUT"):
+    with pytest.raises(InputError, match=r"line 1.*render is a link, and no folder of OUT"):
         update.index(out, 1000)
     (out / "render").unlink()
     (out / "here").mkdir()
     (out / "render").symlink_to("here")
+    with pytest.raises(InputError, match="render is a link"):
+        read_all(out)
+    (out / "render").unlink()
     assert len(read_all(out)) == 1
 
 

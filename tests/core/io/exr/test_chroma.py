@@ -10,6 +10,7 @@ import OpenEXR
 import pytest
 from image_files import SCANLINE
 
+from defocus_core.errors import InputError
 from defocus_core.io.exr.chroma import weights_of
 from defocus_core.io.exr.header import read_headers
 from defocus_core.io.images.color import read_color
@@ -51,9 +52,22 @@ def test_colour_comes_back(every: int, tolerance: float, tmp_path: Path) -> None
 
 def test_the_weights_are_those_of_the_primaries(tmp_path: Path) -> None:
     plain = read_headers(chroma_file(tmp_path / "a.exr", smooth()))[0]
-    assert weights_of(plain) == pytest.approx(REC_709, abs=2e-4)
+    assert weights_of(plain, tmp_path) == pytest.approx(REC_709, abs=2e-4)
     said = read_headers(chroma_file(tmp_path / "b.exr", smooth(), chromaticities=WIDE))[0]
-    assert weights_of(said) == pytest.approx((0.3440, 0.7282, -0.0721), abs=2e-4)
+    assert weights_of(said, tmp_path) == pytest.approx((0.3440, 0.7282, -0.0721), abs=2e-4)
+
+
+LINE = (0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.25, 0.25)
+FLAT = (0.64, 0.0, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+
+
+@pytest.mark.parametrize("primaries", [LINE, FLAT])
+@pytest.mark.filterwarnings("error")
+def test_primaries_that_span_no_colours_are_refused(primaries: Any, tmp_path: Path) -> None:
+    file = chroma_file(tmp_path / "a.exr", smooth(), chromaticities=primaries)
+    with pytest.raises(InputError) as caught:
+        read_color(file)
+    assert (caught.value.code, caught.value.path) == ("damaged", str(file))
 
 
 def test_grey_stays_grey(tmp_path: Path) -> None:

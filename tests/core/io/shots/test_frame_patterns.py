@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,29 @@ def test_a_pattern_stands_for_numbers_of_at_least_its_digits(tmp_path: Path, nam
         1001: "shot.1001.exr",
         10000: "shot.10000.exr",
     }
+
+
+def test_negative_frames_are_not_left_out(tmp_path: Path) -> None:
+    touch(tmp_path, "s.-002.exr", "s.-0001.exr", "s.0000.exr", "s.0001.exr", "s.-1.exr")
+    for name in ("s.####.exr", "s.%04d.exr"):
+        assert list(frames_of(tmp_path / name)) == [-2, -1, 0, 1]
+    touch(tmp_path, "t.-0001.exr")
+    assert list(frames_of(tmp_path / "t.####.exr")) == [-1]
+
+
+@pytest.mark.parametrize("name", ["s.%99999999999d.exr", "s.%0999d.exr", "s.####.exr"])
+def test_numbers_that_no_frame_has_are_refused(name: str, tmp_path: Path) -> None:
+    touch(tmp_path, "s.0001.exr", "s.0002.exr", f"s.{'9' * 32}.exr")
+    with pytest.raises(InputError) as caught:
+        frames_of(tmp_path / name)
+    assert caught.value.code == "out-of-range"
+
+
+@pytest.mark.parametrize("find", [expected, gaps])
+def test_a_stray_number_is_refused_before_its_gaps_are_listed(find: Callable[..., object]) -> None:
+    with pytest.raises(UsageProblem) as caught:
+        find([1, 2, 10**9])
+    assert (caught.value.code, caught.value.field) == ("out-of-range", "frames")
 
 
 def test_a_file_whose_name_looks_like_a_pattern_is_a_file(tmp_path: Path) -> None:

@@ -1,0 +1,247 @@
+"""Files below a folder, reached from it by directory handles: no link below it is ever followed.
+
+The folder itself may be a link: its user named it. What lies below may come from anywhere, as names
+do that a file holds; `path_fault` says what is wrong with such a name.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+_DIRECTORY = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+
+
+def path_fault(name: object) -> str | None:
+    """What is wrong with a name below a folder, as ``leads upwards``; None if nothing is.
+
+    Args:
+        name: what a file holds for the name of another, with slashes: it may be anything.
+    """
+    if not isinstance(name, str) or not name or "\0" in name or not _is_encodable(name):
+        return "is no name of a file"
+    if name.startswith("/"):
+        return "is an absolute path"
+    parts = name.split("/")
+    if ".." in parts:
+        return "leads upwards"
+    return "has an empty part" if "" in parts or "." in parts else None
+
+
+def _is_encodable(name: str) -> bool:
+    with suppress(UnicodeEncodeError):
+        return bool(os.fsencode(name))
+    return False
+
+
+def open_plain(path: Path) -> BinaryIO:
+    """Open a regular file that the user named, links followed; never waits for a pipe's writer.
+
+    Raises:
+        OSError: it cannot be opened, or is no regular file.
+    """
+    return os.fdopen(_opened(path, os.O_RDONLY), "rb")
+
+
+@dataclass(frozen=True)
+class Folder:
+    """A folder, and the files below it by their names relative to it, with slashes.
+
+    All methods raise OSError: ELOOP where a link is in the way, EINVAL for a name of which
+    `path_fault` tells.
+    """
+
+    root: Path
+
+    def open(self, name: str) -> BinaryIO:
+        """Open a regular file for reading."""
+        with self._parent(name) as (folder, last):
+            return os.fdopen(_opened(last, os.O_RDONLY | os.O_NOFOLLOW, folder), "rb")
+
+    def append(self, name: str) -> int:
+        """A handle that appends to a regular file, which is made if it is missing."""
+        with self._parent(name, make=True) as (folder, last):
+            flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW
+            number = _opened(last, flags, folder)
+        if os.fstat(number).st_nlink > 1:  # a hard link, whose other name may lie anywhere
+            os.close(number)
+            raise OSError(errno.EMLINK, "it has a second name, a hard link")
+        return number
+
+    def read(self, name: str) -> bytes:
+        """The bytes of a regular file."""
+        with self.open(name) as file:
+            return file.read()
+
+    def status(self, name: str) -> os.stat_result | None:
+        """The status of what is there, be it a link; None if nothing is."""
+        with suppress(FileNotFoundError), self._parent(name) as (folder, last):
+            return os.stat(last, dir_fd=folder, follow_symlinks=False)
+        return None
+
+    def path(self, name: str) -> Path:
+        """The path of a file, for those who read by paths: a regular file, or nothing, is there."""
+        status = self.status(name)
+        if status is not None:
+            _require_regular(status)
+        return self.root / name
+
+    def remove(self, name: str) -> None:
+        """Remove a file or a link, but not what it leads to; nothing happens if it is missing."""
+        with suppress(FileNotFoundError), self._parent(name) as (folder, last):
+            os.unlink(last, dir_fd=folder)
+
+    def names(self, name: str = "") -> list[str]:
+        """The names of what lies in a folder below this one, sorted; none if it is missing."""
+        if name:
+            _require_name(name)
+        with suppress(FileNotFoundError), self._entered(name.split("/") if name else ()) as number:
+            return sorted(os.listdir(number))  # noqa: PTH208 - by its handle
+        return []
+
+    @contextmanager
+    def replacing(self, name: str, sibling: str) -> Iterator[Replacement]:
+        """A new file of the name ``sibling`` beside ``name``, which it can replace.
+
+        Folders are made. It is removed at the end of the block, unless it has been put in place.
+        """
+        with self._parent(name, make=True) as (folder, last):
+            with suppress(FileNotFoundError):
+                os.unlink(sibling, dir_fd=folder)
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+            number = os.open(sibling, flags, 0o666, dir_fd=folder)
+            replacement = Replacement(os.fdopen(number, "wb"), os.dup(folder), sibling, last)
+        try:
+            yield replacement
+        except BaseException:
+            replacement.discard()
+            raise
+
+    @contextmanager
+    def _parent(self, name: str, *, make: bool = False) -> Iterator[tuple[int, str]]:
+        """A handle of the folder that a file lies in, and the name of the file in it."""
+        _require_name(name)
+        *folders, last = name.split("/")
+        with self._entered(folders, make=make) as number:
+            yield number, last
+
+    @contextmanager
+    def _entered(self, folders: Sequence[str], *, make: bool = False) -> Iterator[int]:
+        """A handle of a folder below this one."""
+        if make:
+            self.root.mkdir(parents=True, exist_ok=True)
+        number = os.open(self.root, _DIRECTORY & ~os.O_NOFOLLOW)
+        try:
+            for folder in folders:
+                if make:
+                    with suppress(FileExistsError):
+                        os.mkdir(folder, dir_fd=number)
+                inner = _inner(folder, number)
+                os.close(number)
+                number = inner
+            yield number
+        finally:
+            os.close(number)
+
+
+@dataclass
+class Replacement:
+    """A file that was written beside the one that it replaces.
+
+    Attributes:
+        file: open for writing.
+        folder: a handle of the folder of both.
+        sibling: its name.
+        name: that of the file that it replaces.
+    """
+
+    file: BinaryIO
+    folder: int
+    sibling: str
+    name: str
+
+    def end(self) -> None:
+        """Make what was written durable."""
+        self.file.flush()
+        os.fsync(self.file.fileno())
+        self.file.close()
+
+    def put(self) -> None:
+        """Replace the file."""
+        os.replace(self.sibling, self.name, src_dir_fd=self.folder, dst_dir_fd=self.folder)
+
+    def sync(self) -> None:
+        """Make its name durable, and that of its folder, which may be new, where the system can."""
+        above = os.open("..", _DIRECTORY, dir_fd=self.folder)
+        try:
+            for number in (self.folder, above):
+                with suppress(PermissionError, NotImplementedError):
+                    os.fsync(number)
+        finally:
+            os.close(above)
+
+    def discard(self) -> None:
+        """Remove it, unless it was put in place, and let go of the folder."""
+        with suppress(OSError, ValueError):
+            self.file.close()
+        if self.folder >= 0:
+            with suppress(OSError):
+                os.unlink(self.sibling, dir_fd=self.folder)
+            self.close()
+
+    def close(self) -> None:
+        """Let go of the folder."""
+        os.close(self.folder)
+        self.folder = -1
+
+
+def _inner(name: str, folder: int) -> int:
+    try:
+        return os.open(name, _DIRECTORY, dir_fd=folder)
+    except OSError as error:
+        if stat.S_ISLNK(os.stat(name, dir_fd=folder, follow_symlinks=False).st_mode):
+            raise _link() from error
+        raise
+
+
+def _opened(path: str | Path, flags: int, folder: int | None = None) -> int:
+    """A handle of a regular file; to open a pipe does not wait for its other end."""
+    try:
+        number = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o666, dir_fd=folder)
+    except OSError as error:
+        if error.errno == errno.ELOOP and flags & os.O_NOFOLLOW:
+            raise _link() from error
+        if error.errno == errno.ENXIO:  # a pipe without a reader, or a socket
+            raise OSError(errno.EINVAL, "is not a regular file") from error
+        raise
+    try:
+        _require_regular(os.fstat(number))
+    except BaseException:
+        os.close(number)
+        raise
+    return number
+
+
+def _require_regular(status: os.stat_result) -> None:
+    if stat.S_ISLNK(status.st_mode):
+        raise _link()
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(errno.EINVAL, "is not a regular file")
+
+
+def _require_name(name: str) -> None:
+    fault = path_fault(name)
+    if fault is not None:
+        raise OSError(errno.EINVAL, f"{name!r:.80} {fault}")
+
+
+def _link() -> OSError:
+    return OSError(errno.ELOOP, "a symbolic link is in its way")
