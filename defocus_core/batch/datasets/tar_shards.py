@@ -189,7 +189,7 @@ def _pack(path: Path, samples: Iterable[Sample]) -> None:
                         raise
                     problem = f"changed while it was packed: {reason(error)}"
                     raise InputError(
-                        "", problem, "pack it again", path=str(member.source)
+                        "changed", problem, "pack it again", path=str(member.source)
                     ) from None
 
 
@@ -219,7 +219,7 @@ def _has_size(path: Path, size: object) -> bool:
 def _size(path: Path) -> int:
     if path.is_symlink():  # which may lead to any file of this machine
         raise InputError(
-            "", "is a symbolic link, not an output", "put the file itself there", path=path
+            "link", "is a symbolic link, not an output", "put the file itself there", path=path
         )
     try:
         return path.stat().st_size
@@ -228,7 +228,9 @@ def _size(path: Path) -> int:
 
 
 def _gone(path: Path, error: OSError) -> InputError:
-    return InputError("", f"cannot be packed: {reason(error)}", "render the batch again", path=path)
+    return InputError(
+        "unreadable", f"cannot be packed: {reason(error)}", "render the batch again", path=path
+    )
 
 
 def _name(member: Member) -> str:

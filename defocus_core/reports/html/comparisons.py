@@ -31,7 +31,7 @@ _HALF_LAYERS = 6  # halves of a pixel: three channels of A and of B
 
 
 @dataclass(frozen=True)
-class Occasion:
+class ReportHeader:
     """What a comparison was made for.
 
     Attributes:
@@ -49,7 +49,7 @@ class Occasion:
 
 def write(
     path: Path,
-    occasion: Occasion,
+    header: ReportHeader,
     records: Sequence[Comparison],
     settings: Settings,
     processes: int,
@@ -58,7 +58,7 @@ def write(
 
     Args:
         path: of the HTML file.
-        occasion: what they were made for.
+        header: what they were made for.
         records: of the pairs.
         settings: how they were compared.
         processes: how many may draw.
@@ -70,9 +70,9 @@ def write(
     subjects = list(_subjects(ranked, settings.coc))
     drawings = spread(draw_pair, subjects, processes, "the report")
     items = [
-        _item(record, drawing, occasion) for record, drawing in zip(ranked, drawings, strict=True)
+        _item(record, drawing, header) for record, drawing in zip(ranked, drawings, strict=True)
     ]
-    write_report(path, Report(occasion.title, occasion.words, items, columns_of(items)))
+    write_report(path, Report(header.title, header.words, items, columns_of(items)))
 
 
 def rank(record: Comparison) -> tuple[int, int, float]:
@@ -93,17 +93,17 @@ def _subjects(ranked: Sequence[Comparison], coc: Path | None) -> Iterable[Subjec
         yield Subject(record, wanted, coc)
 
 
-def _item(record: Comparison, drawing: Drawing, occasion: Occasion) -> Item:
+def _item(record: Comparison, drawing: Drawing, header: ReportHeader) -> Item:
     found = ", ".join(finding.text for finding in record.findings)
     return Item(
         name=record.name,
         status=record.status,
         passes=record.passes,
         words=found or _brief(record),
-        facts=list(_facts(record, occasion.b)),
+        facts=list(_facts(record, header.b)),
         metrics=record.metrics,
         facets={"lens": drawing.lens} if drawing.lens else {},
-        commands=occasion.commands(record),
+        commands=header.commands(record),
         layers=drawing.layers,
         wiggle=drawing.wiggle,
         full=drawing.full,
