@@ -20,7 +20,7 @@ from defocus_core.batch.workers.worker_config import WorkerConfig
 from defocus_core.compare.goldens.faults import plant_all
 from defocus_core.compare.goldens.fresh import Rendered, rendered
 from defocus_core.compare.goldens.store import Store, accept, change_words, read_store
-from defocus_core.compare.pairing import Pair
+from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import read_picture
 from defocus_core.compare.record import Comparison
 from defocus_core.compare.run import Task, compare_all
@@ -214,7 +214,7 @@ def _compare(store: Store, fresh: Rendered, task: Task, processes: int) -> list[
     goldens = {name: store.folder / name for name in store.files}
     names = sorted({*goldens, *fresh.files})
     there = {name: path for name, path in goldens.items() if path.exists()}
-    pairs = [Pair(name, there.get(name), fresh.files.get(name)) for name in names]
+    pairs = [FilePair(name, there.get(name), fresh.files.get(name)) for name in names]
     return list(compare_all(pairs, task, processes))
 
 

@@ -56,7 +56,7 @@ class Member:
 
 
 @dataclass(frozen=True)
-class Sample:
+class ShardSample:
     """The files of a sample, and its split, empty for none."""
 
     split: str
@@ -126,14 +126,14 @@ def listed(out: Path) -> Listing | None:
     return None
 
 
-def _samples(out: Path, records: Iterable[Record]) -> Iterator[Sample]:
+def _samples(out: Path, records: Iterable[Record]) -> Iterator[ShardSample]:
     entries = list(sample_index.entries(records))
     for entry, key in zip(entries, _keys([entry["sample_id"] for entry in entries]), strict=True):
         files = [(kind, out / path) for kind, path in entry["outputs"].items()]
         members = [Member(f"{key}.{kind}{path.suffix}", _size(path), path) for kind, path in files]
         line = sample_index.line(entry)
         every = sorted([*members, Member(f"{key}.json", len(line), line)], key=_name)
-        yield Sample(entry["split"] or "", tuple(every))
+        yield ShardSample(entry["split"] or "", tuple(every))
 
 
 def _keys(names: Sequence[str]) -> list[str]:
@@ -148,9 +148,9 @@ def _keys(names: Sequence[str]) -> list[str]:
     ]
 
 
-def _shards(samples: Iterable[Sample], limit: int) -> Iterator[tuple[str, list[Sample]]]:
+def _shards(samples: Iterable[ShardSample], limit: int) -> Iterator[tuple[str, list[ShardSample]]]:
     """The name and the samples of each shard: as many of a split as fit."""
-    by_split: dict[str, list[Sample]] = {}
+    by_split: dict[str, list[ShardSample]] = {}
     for sample in samples:
         by_split.setdefault(sample.split, []).append(sample)
     for split in sorted(by_split):
@@ -160,9 +160,9 @@ def _shards(samples: Iterable[Sample], limit: int) -> Iterator[tuple[str, list[S
             yield f"{prefix}-{number:06}", shard
 
 
-def _filled(samples: Iterable[Sample], limit: int) -> Iterator[list[Sample]]:
+def _filled(samples: Iterable[ShardSample], limit: int) -> Iterator[list[ShardSample]]:
     """As many samples in each as fit."""
-    shard: list[Sample] = []
+    shard: list[ShardSample] = []
     size = 0
     for sample in samples:
         more = sum(member.packed for member in sample.members)
@@ -175,7 +175,7 @@ def _filled(samples: Iterable[Sample], limit: int) -> Iterator[list[Sample]]:
         yield shard
 
 
-def _pack(path: Path, samples: Iterable[Sample]) -> None:
+def _pack(path: Path, samples: Iterable[ShardSample]) -> None:
     with (
         written_whole(path) as file,
         tarfile.open(fileobj=file, mode="w", format=tarfile.PAX_FORMAT) as tar,
@@ -202,7 +202,7 @@ def _opened(source: Path | bytes) -> BinaryIO:
         raise _gone(source, error) from None
 
 
-def _digest(samples: Iterable[Sample]) -> str:
+def _digest(samples: Iterable[ShardSample]) -> str:
     """The hash of a shard: names and sizes, and the JSON, which has the hashes of the files."""
     digest = blake2b(digest_size=16)
     for member in (member for sample in samples for member in sample.members):

@@ -12,7 +12,7 @@ from glob import escape
 from pathlib import Path
 
 from defocus_core.compare.metrics import METRICS
-from defocus_core.compare.record import DIFFERENT, STATUSES, WARNING, Comparison, Settings
+from defocus_core.compare.record import DIFFERENT, STATUSES, WARNING, CompareSettings, Comparison
 from defocus_core.compare.thresholds import OVER, Rules
 from defocus_core.reports.comparison_words import line, metric_title, number_words, worst_words
 from defocus_core.reports.html.budget import values_room
@@ -51,7 +51,7 @@ def write(
     path: Path,
     header: ReportHeader,
     records: Sequence[Comparison],
-    settings: Settings,
+    settings: CompareSettings,
     processes: int,
 ) -> None:
     """Write the report of comparisons, those that fail first and the worst of them.
@@ -151,7 +151,7 @@ def columns_of(items: Sequence[Item]) -> list[Column]:
     ]
 
 
-def compare_commands(rules: Callable[[str], Rules], settings: Settings) -> Commands:
+def compare_commands(rules: Callable[[str], Rules], settings: CompareSettings) -> Commands:
     """The command lines of a pair of two files: compare again, and accept B.
 
     Args:
@@ -204,13 +204,13 @@ def rule_words(rules: Rules) -> list[object]:
     return words + (["--over", rules.over] if rules.over != OVER else [])
 
 
-def setting_lines(settings: Settings) -> list[str]:
+def setting_lines(settings: CompareSettings) -> list[str]:
     """What of the pictures was compared, a line each; empty for all."""
     chosen = {"region": settings.region, "where this is not 0": settings.mask}
     return [f"Compared: {words} {value}" for words, value in chosen.items() if value is not None]
 
 
-def _setting_words(settings: Settings) -> list[object]:
+def _setting_words(settings: CompareSettings) -> list[object]:
     words: list[object] = []
     for option in ("region", "mask", "coc"):
         value = getattr(settings, option)

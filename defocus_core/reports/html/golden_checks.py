@@ -14,7 +14,7 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.compare.record import Comparison, Settings
+from defocus_core.compare.record import CompareSettings, Comparison
 from defocus_core.reports.html import comparisons
 from defocus_core.reports.html.comparisons import ReportHeader
 from defocus_core.reports.html.shell import command_line
@@ -85,5 +85,5 @@ def write(folder: Path, path: Path) -> int:
     header = ReportHeader(
         "Goldens of a run of pytest", words, commands, b="the picture of the test"
     )
-    comparisons.write(path, header, [each.record for each in kept], Settings(), processes=1)
+    comparisons.write(path, header, [each.record for each in kept], CompareSettings(), processes=1)
     return len(kept)
