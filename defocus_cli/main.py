@@ -17,7 +17,7 @@ from errno import ENOSPC
 import click
 
 from defocus_cli.options.types import option_name
-from defocus_cli.words.console import Due, print_json, say_what_is_logged
+from defocus_cli.words.console import Due, log_to_stderr, print_json
 from defocus_cli.words.endings import Interrupted, exit_code_of
 from defocus_core.errors import (
     DefocusError,
@@ -105,7 +105,7 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the command line ``args`` (default: the process's own) and return the exit code."""
     args = list(sys.argv[1:] if args is None else args)
     Due.json = "--json" in args
-    say_what_is_logged()
+    log_to_stderr()
     try:
         with terminations():
             code = cli.main(args, prog_name="defocus", standalone_mode=False)

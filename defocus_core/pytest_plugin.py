@@ -189,12 +189,14 @@ def _compared(golden: Path, image: Any, name: str, rules: Rules) -> Comparison:
     """The record of a file, or of channels, and its golden."""
     from defocus_core.compare.comparison import compare_pictures
     from defocus_core.compare.picture import read_picture
-    from defocus_core.compare.record import Settings
+    from defocus_core.compare.record import CompareSettings
     from defocus_core.compare.two_images import of_planes
 
     picture = read_picture(image) if isinstance(image, Path) else of_planes(image, name)
     flip = any(rule.metric.startswith("flip") for rule in rules.fail)
-    return compare_pictures(name, read_picture(golden), picture, rules, Settings(flip=flip))[0]
+    return compare_pictures(name, read_picture(golden), picture, rules, CompareSettings(flip=flip))[
+        0
+    ]
 
 
 def _accept(folder: Path, golden: Path, image: Any) -> None:

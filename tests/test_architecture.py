@@ -30,6 +30,7 @@ TORCH_EXCEPTIONS = {
     "defocus_core/optics/point_spread.py": {"warnings"},
     "defocus_core/optics/psf_map_drawing.py": {"matplotlib"},
 }
+LONGEST_FUNCTION = 60  # lines, those of its docstring too
 TOP_LEVEL = {
     *("pyproject.toml", "Makefile", "README.md"),
     *("defocus_cli", "defocus_core", "sample_scenes", "tests"),
@@ -116,6 +117,26 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
     paths = [*CORE, *CLI]
     graph = {module(path): (everywhere(path) & KNOWN) - {module(path)} for path in paths}
     TopologicalSorter(graph).prepare()  # raises CycleError
+
+
+def test_no_two_classes_have_one_name() -> None:
+    places: dict[str, list[str]] = {}
+    for path in (*CORE, *CLI):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(name_of(path))
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}
+
+
+@pytest.mark.parametrize("path", [*CORE, *CLI], ids=name_of)
+def test_functions_are_short(path: Path) -> None:
+    functions = (
+        node
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    )
+    lines = {each.name: (each.end_lineno or 0) - each.lineno + 1 for each in functions}
+    assert {name: count for name, count in lines.items() if count > LONGEST_FUNCTION} == {}
 
 
 @pytest.mark.parametrize("path", [*CORE, *CLI], ids=name_of)

@@ -58,4 +58,4 @@ def command(out: Path, radius: float, nearer: bool, overwrite: bool, lens: Lens)
             "exists", "is there already", "give another name, or --overwrite", path=out
         )
     write_aperture(out, lens, -radius if nearer else radius)
-    console.tell(f"wrote {out}")
+    console.stdout(f"wrote {out}")

@@ -137,7 +137,7 @@ def carry_out(
     written = []
     if execution.shard is None and not summary.interrupted:
         written = update.index(out, shards_size, asked)
-    console.say(batch_report.summary_line(summary))
+    console.stderr(batch_report.summary_line(summary))
     if html is not None:
         batches.write(out, html, asked, cores())
         written.append(html)

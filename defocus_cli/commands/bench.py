@@ -157,7 +157,7 @@ def command(
       defocus bench --time --sizes 1920x1080 --radii 2,8,32,128
     """  # noqa: D301  click reads the backspace
     _refuse_others(ctx, timing=timing)
-    echo = console.say if as_json else console.tell
+    echo = console.stderr if as_json else console.stdout
     if timing:
         document = _times(
             sizes, radii, qualities or ("standard",), baseline, device, threads or 1, echo

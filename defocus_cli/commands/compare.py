@@ -79,9 +79,9 @@ def command(
     pairs = find_pairs(a, b) if batches is None else batches.pairs
     recipes = [] if batches is None else list(batches.lines())
     for recipe in () if as_json else recipes:
-        console.tell(recipe)
+        console.stdout(recipe)
     for pattern in asked.rules.idle([pair.name for pair in pairs]):
-        console.say(f"{asked.file}: no picture matches files = '{pattern}'")
+        console.stderr(f"{asked.file}: no picture matches files = '{pattern}'")
     records, lone = [], not a.is_dir()
     with bar("pair", len(pairs)) as watched:
         for record in compare_all(pairs, asked.task, processes):
@@ -89,18 +89,18 @@ def command(
             watched.update()
             worth = compare_report.is_worth_a_line(record, verbose=verbose, lone=lone)
             if worth and not as_json:
-                console.tell(compare_report.line(record))
+                console.stdout(compare_report.line(record))
     if asked.junit is not None:
         write_junit(asked.junit, records, time.perf_counter() - start)
     if asked.html is not None:
         words = [f"A: {a}", f"B: {b}", *recipes, *comparisons.setting_lines(asked.settings)]
         commands = comparisons.compare_commands(asked.rules.of, asked.settings)
         title = f"{b} compared with {a}"
-        occasion = comparisons.Occasion(title, words, commands)
-        comparisons.write(asked.html, occasion, records, asked.settings, processes)
+        header = comparisons.ReportHeader(title, words, commands)
+        comparisons.write(asked.html, header, records, asked.settings, processes)
     if as_json:
         more = {} if batches is None else {"recipes": [asdict(each) for each in batches.changes]}
         console.print_json(**compare_report.document(records), **more)
     elif not lone:
-        console.tell(compare_report.summary(records))
+        console.stdout(compare_report.summary(records))
     return compare_report.exit_code(records)

@@ -81,9 +81,9 @@ def command(
             continue
         records.append(conversion_report.record(converted))
         for warning in converted.warnings:
-            console.say(f"warning: {warning}")
+            console.stderr(f"warning: {warning}")
         if not as_json:
-            console.tell(conversion_report.line(converted))
+            console.stdout(conversion_report.line(converted))
     if as_json and records:
         console.print_json(files=records, failed=failures.records())
     failures.end()

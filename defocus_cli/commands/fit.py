@@ -178,19 +178,7 @@ def command(
         if match is None
         else _by_match(pictures, match, seed or 0, reading, options)
     )
-    many = sharp.is_dir()
-    places = [out and (out / f"{p.stem}.toml" if many else out) for p in pictures]
-    for named in filter(None, places):
-        if named.suffix != ".toml":
-            raise UsageProblem(
-                "malformed", f"{named} is no lens file", "let it end in .toml", path="-o"
-            )
-        if named.exists() and not overwrite:
-            raise InputError(
-                "exists", "is there already", "give another -o, or --overwrite", path=named
-            )
-    if many and out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+    places = _places(pictures, out, many=sharp.is_dir(), overwrite=overwrite)
     records, failures = [], Failures()
     for picture, find, place in zip(pictures, finding, places, strict=True):
         try:
@@ -208,6 +196,30 @@ def command(
     if as_json and records:
         console.print_json(pairs=records, failed=failures.records())
     failures.end()
+
+
+def _places(
+    pictures: list[Picture], out: Path | None, *, many: bool, overwrite: bool
+) -> list[Path | None]:
+    """Where the lens file of each picture goes; the folder of many is made.
+
+    Raises:
+        UsageProblem: a name is not that of a lens file.
+        InputError: a lens file is there already.
+    """
+    places = [out and (out / f"{p.stem}.toml" if many else out) for p in pictures]
+    for named in filter(None, places):
+        if named.suffix != ".toml":
+            raise UsageProblem(
+                "malformed", f"{named} is no lens file", "let it end in .toml", path="-o"
+            )
+        if named.exists() and not overwrite:
+            raise InputError(
+                "exists", "is there already", "give another -o, or --overwrite", path=named
+            )
+    if many and out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    return places
 
 
 def _by_pairs(

@@ -20,7 +20,7 @@ from defocus_core.batch.workers.worker_config import WorkerConfig
 from defocus_core.compare.goldens.faults import plant_all
 from defocus_core.compare.goldens.fresh import Rendered, rendered
 from defocus_core.compare.goldens.store import Store, accept, change_words, read_store
-from defocus_core.compare.pairing import Pair
+from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import read_picture
 from defocus_core.compare.record import Comparison
 from defocus_core.compare.run import Task, compare_all
@@ -97,24 +97,26 @@ def update(
     with _rendered(jobs_file, crew, only) as fresh:
         store = _narrowed(store, fresh, only)
         for line in store.changed_settings(fresh.jobs):
-            console.tell(line)
+            console.stdout(line)
         records = _compare(store, fresh, asked.task, crew.count)
         changed = [record for record in records if not record.passes]
         for record in changed:
-            console.tell(f"{change_words(record)}: {compare_report.line(record)}")
+            console.stdout(f"{change_words(record)}: {compare_report.line(record)}")
         batch_report.end(fresh.summary)
         if not fresh.complete:
             raise InputError(
                 "empty", "has jobs that made no picture", "mend them first", path=jobs_file
             )
         if not changed:
-            console.tell(f"{folder}: {counted(len(records), 'golden')}, none changes")
+            console.stdout(f"{folder}: {counted(len(records), 'golden')}, none changes")
             return 0
         if not accepted:
-            console.tell(f"{folder}: {len(changed)} would change; --accept makes them the goldens")
+            console.stdout(
+                f"{folder}: {len(changed)} would change; --accept makes them the goldens"
+            )
             return 1
         count = accept(store, fresh.jobs, fresh.root, records)
-        console.tell(f"{folder}: {counted(count, 'golden')} changed")
+        console.stdout(f"{folder}: {counted(count, 'golden')} changed")
     return 0
 
 
@@ -164,12 +166,12 @@ def check(
         store = _narrowed(store, fresh, only)
         if not as_json:
             for line in store.changed_settings(fresh.jobs):
-                console.tell(line)
+                console.stdout(line)
         records = _compare(store, fresh, asked.task, crew.count)
         if asked.html is not None:
             changed = store.changed_settings(fresh.jobs)
-            occasion = _occasion(jobs_file, folder, asked.rules, changed)
-            comparisons.write(asked.html, occasion, records, asked.settings, crew.count)
+            header = _report_header(jobs_file, folder, asked.rules, changed)
+            comparisons.write(asked.html, header, records, asked.settings, crew.count)
     if asked.junit is not None:
         write_junit(asked.junit, records, time.perf_counter() - start)
     if as_json:
@@ -178,19 +180,19 @@ def check(
     else:
         for record in records:
             if compare_report.is_worth_a_line(record, verbose=False, lone=False):
-                console.tell(compare_report.line(record))
-        console.tell(compare_report.summary(records))
+                console.stdout(compare_report.line(record))
+        console.stdout(compare_report.summary(records))
     batch_report.end(fresh.summary)
     return compare_report.exit_code(records)
 
 
-def _occasion(
+def _report_header(
     jobs_file: Path, folder: Path, rules: Thresholds, changed: Sequence[str]
-) -> comparisons.Occasion:
+) -> comparisons.ReportHeader:
     """A check, for its report."""
     words = [f"Jobs: {jobs_file}", f"A: goldens in {folder}", "B: rendered now", *changed]
     commands = comparisons.golden_commands(jobs_file, folder, rules.of, _DEFAULT_RULES)
-    return comparisons.Occasion(
+    return comparisons.ReportHeader(
         f"{jobs_file} checked with {folder}", words, commands, "rendered now"
     )
 
@@ -212,7 +214,7 @@ def _compare(store: Store, fresh: Rendered, task: Task, processes: int) -> list[
     """The new pictures by the goldens; other files in the folder are not looked at."""
     there = {name: path for name in store.files if (path := store.place(name))}
     names = sorted({*store.files, *fresh.files})
-    pairs = [Pair(name, there.get(name), fresh.files.get(name)) for name in names]
+    pairs = [FilePair(name, there.get(name), fresh.files.get(name)) for name in names]
     return list(compare_all(pairs, task, processes))
 
 
@@ -230,10 +232,10 @@ def _plant(folder: Path, asked: comparing.Asked, *, as_json: bool) -> int:
         planted[name] = plant_all(picture, name, asked.rules.of(name), asked.settings)
         if not as_json:
             for line in golden_report.planted_lines(name, planted[name]):
-                console.tell(line)
+                console.stdout(line)
     missed = sum(not each.noticed for faults in planted.values() for each in faults)
     if as_json:
         console.print_json(**golden_report.planted_document(planted))
     else:
-        console.tell(golden_report.planted_summary(planted))
+        console.stdout(golden_report.planted_summary(planted))
     return 1 if missed else 0

@@ -40,7 +40,7 @@ def command(topic: str | None) -> None:
     """  # noqa: D301  click reads the backspace
     if topic is None:
         for name, subject in TOPICS.items():
-            console.tell(f"{name:<13}{subject}")
+            console.stdout(f"{name:<13}{subject}")
         return
     if topic not in TOPICS:
         remedy = f"topics are {', '.join(TOPICS)}; for a command, add --help to it"

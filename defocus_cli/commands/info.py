@@ -100,7 +100,7 @@ def command(
     shots = shot_summary.summarise(patterns, reading, lenses) if patterns else []
     for shot in () if as_json else shots:
         for line in shot_summary.lines(shot):
-            console.tell(line)
+            console.stdout(line)
     lens = None
     if lenses is not None and files:
         lens = lenses.of(Picture(files[0].stem, files[0], files[0]))[0]
@@ -116,13 +116,13 @@ def command(
             continue
         records.append(record)
         for line in () if as_json else inspection_report.lines(record):
-            console.tell(line)
+            console.stdout(line)
     pairs = inspect_pairs(records, reading, lens)
     if preview is not None and lens is not None and not failures:
         draw_repair(pairs, reading, lens, preview)
     for pair in () if as_json else pairs:
         for line in inspection_report.pair_lines(pair):
-            console.tell(line)
+            console.stdout(line)
     if as_json and (records or shots):
         more = {"shots": shots} if shots else {}
         console.print_json(files=records, pairs=pairs, **more, failed=failures.records())

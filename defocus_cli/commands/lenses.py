@@ -55,4 +55,4 @@ def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
         console.print_json(lenses=rows)
         return
     for lens in lenses:
-        console.tell(f"{lens.name:<16}{lens.subject}")
+        console.stdout(f"{lens.name:<16}{lens.subject}")

@@ -34,10 +34,10 @@ def command(out: Path, shards_size: int | None, as_json: bool) -> None:
     merged = merging.merge(out)
     written = update.index(out, shards_size)
     journals = counted(merged.journals, "journal")
-    console.say(f"{out}: {counted(merged.jobs, 'job')}, from {journals} of shards")
+    console.stderr(f"{out}: {counted(merged.jobs, 'job')}, from {journals} of shards")
     if merged.missing:
         missing = f"no journal of shards {', '.join(merged.missing)}"
-        console.say(f"{out}: warning: {missing}; they did not run, or had nothing to do")
+        console.stderr(f"{out}: warning: {missing}; they did not run, or had nothing to do")
     if as_json:
         counts = {"jobs": merged.jobs, "journals": merged.journals, "missing": merged.missing}
         console.print_json(**counts, written=[str(path) for path in written])

@@ -127,7 +127,7 @@ def command(
     if summary.statuses["ok"]:
         update.refresh(outputs.root, {job.sample_id for job in jobs})
     if shot.contact is not None and (sheet := write_contact_sheet(jobs, shot.contact)):
-        console.say(f"contact sheet -> {sheet}")
+        console.stderr(f"contact sheet -> {sheet}")
     if as_json:
         records = [report.records[job.sample_id] for job in jobs if job.sample_id in report.records]
         console.print_json(dry_run=False, pictures=records)
@@ -143,6 +143,6 @@ def _taken(
         lens, taken = lenses.of(picture)
         if verbose and taken and taken != told:
             words = ", ".join(f"{n} {each.text} ({each.attribute})" for n, each in taken.items())
-            console.say(f"{picture.color}: {words}")
+            console.stderr(f"{picture.color}: {words}")
             told = taken
         yield picture, lens

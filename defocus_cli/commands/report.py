@@ -37,4 +37,4 @@ def command(out: Path, html: Path | None, as_json: bool) -> None:
     if as_json:
         console.print_json(html=str(path), samples=count)
     else:
-        console.tell(f"{path}: {counted(count, 'sample')}")
+        console.stdout(f"{path}: {counted(count, 'sample')}")

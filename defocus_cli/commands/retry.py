@@ -54,10 +54,10 @@ def command(
       defocus retry out --reason worker-died --processes 1
     """  # noqa: D301  click reads the backspace
     require_journal(out)
-    refuse_held(out, say=console.say)
+    refuse_held(out, say=console.stderr)
     jobs = failed_jobs(Ledger(out, read_all(out)), reasons)
     if not jobs:
-        console.say(f"{out}: nothing failed{' for that reason' if reasons else ''}")
+        console.stderr(f"{out}: nothing failed{' for that reason' if reasons else ''}")
     execution = Execution(crew.execute(), again=True, spread=crew.spread)
     jobs = computed_by(jobs, crew.machine)
     before = sample_index.listed(out)

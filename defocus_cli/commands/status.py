@@ -40,4 +40,4 @@ def command(out: Path, failures: int, as_json: bool) -> None:
         console.print_json(**batch_report.progress_record(state, failures))
         return
     for line in batch_report.progress_lines(out, state, failures):
-        console.tell(line)
+        console.stdout(line)

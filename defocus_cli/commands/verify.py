@@ -72,7 +72,7 @@ def command(machine: Machine, as_json: bool) -> int:
         )
     else:
         for line in verify_table.lines(checks):
-            console.tell(line)
+            console.stdout(line)
         work = f"{device}, {machine.quality}, {counted(machine.threads, 'thread')}"
-        console.tell(f"{verify_table.summary(checks, seconds)} ({work})")
+        console.stdout(f"{verify_table.summary(checks, seconds)} ({work})")
     return 0 if ok else 1

@@ -21,7 +21,7 @@ from defocus_cli.options.types import (
     grouped_option,
     option_name,
 )
-from defocus_core.compare.record import Settings
+from defocus_core.compare.record import CompareSettings
 from defocus_core.compare.run import Task
 from defocus_core.compare.selection import region
 from defocus_core.compare.thresholds import (
@@ -54,7 +54,7 @@ class Asked:
 
     rules: Thresholds
     file: Path | None
-    settings: Settings
+    settings: CompareSettings
     diff: Path | None = None
     junit: Path | None = None
     html: Path | None = None
@@ -90,7 +90,7 @@ def comparison_options(default: Rules = _NO_RULES, *, whole: bool = True) -> Dec
         **settings: Any,
     ) -> Asked:
         rules = read_thresholds(thresholds, fail, warn, over, default)
-        return Asked(rules, thresholds, Settings(**settings), diff, junit, html)
+        return Asked(rules, thresholds, CompareSettings(**settings), diff, junit, html)
 
     options = [*_rules(), *([*_selection(), *_reports()] if whole else [])]
     return bundle("asked", make, options)

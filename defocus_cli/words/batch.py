@@ -52,13 +52,15 @@ class BatchReport:
             if self._keep:
                 self.records[job.sample_id] = job_report.outcome_record(job, record, {})
             if self._each:
-                console.say(job_report.done_before_line(job))
+                console.stderr(job_report.done_before_line(job))
         if not self._each and plan.settled:
-            console.say(f"{counted(len(plan.settled), 'job')} done before, {len(plan.todo)} to do")
+            console.stderr(
+                f"{counted(len(plan.settled), 'job')} done before, {len(plan.todo)} to do"
+            )
         if plan.changed:
             line = f"done again, as inputs, settings or outputs changed: {plan.changed}"
             if len(plan.todo) > 1 or not self._each:
-                console.say(line)
+                console.stderr(line)
             else:  # if it fails, nothing is done again, and its error is the one line to say
                 self._afterwards.append(line)
         if self._bar is not None and plan.todo:
@@ -75,7 +77,7 @@ class BatchReport:
         if record["status"] == "ok":
             lines += self._afterwards
         for line in lines if self._each or record["status"] != "ok" else ():
-            console.say(line)
+            console.stderr(line)
         if self._bar is not None:
             with spoken():
                 self._bar.update()

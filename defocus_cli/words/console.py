@@ -16,7 +16,7 @@ from defocus_core.io.safe_files import spoken
 from defocus_core.system.text import version
 
 
-def say(line: str) -> None:
+def stderr(line: str) -> None:
     """One line on stderr, above the progress bar if there is one."""
     line = with_dashes(printable(line))
     # A closed stderr is no reason to lose the picture.
@@ -32,17 +32,17 @@ class ToStderr(Handler):
 
     def emit(self, record: LogRecord) -> None:
         """Say the message of a record."""
-        say(record.getMessage())
+        stderr(record.getMessage())
 
 
-def say_what_is_logged() -> None:
+def log_to_stderr() -> None:
     """From now on, what the library logs is said on stderr."""
     logger = getLogger("defocus_core")
     if not any(isinstance(handler, ToStderr) for handler in logger.handlers):
         logger.addHandler(ToStderr())
 
 
-def tell(line: str) -> None:
+def stdout(line: str) -> None:
     """One line on stdout.
 
     Raises:

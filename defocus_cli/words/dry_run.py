@@ -48,11 +48,11 @@ def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
     else:
         for job in jobs:
             line = job_report.done_before_line if job in done else job_report.plan_line
-            console.tell(line(job))
+            console.stdout(line(job))
             if job in by_job:
-                console.tell(forecast.line(by_job[job]))
+                console.stdout(forecast.line(by_job[job]))
         if sampled and len(todo) > 1:
-            console.tell(forecast.total_line(sampled, len(todo)))
+            console.stdout(forecast.total_line(sampled, len(todo)))
     _end(unusable, len(samples), "pictures")
 
 
@@ -87,9 +87,9 @@ def report_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) ->
             dry_run=True, **totals, samples=[job_report.plan_record(job) for job in todo]
         )
     for job in todo if verbose and not as_json else ():
-        console.tell(job_report.plan_line(job))
+        console.stdout(job_report.plan_line(job))
     for line in () if as_json else _batch_lines(totals, len(samples)):
-        console.tell(line)
+        console.stdout(line)
     _end(unusable, len(samples), "jobs")
 
 
@@ -105,7 +105,7 @@ def _forecasts(
     if alone and unusable:
         raise unusable[0]
     for error in unusable:
-        console.say(f"defocus: {error!s}")
+        console.stderr(f"defocus: {error!s}")
     return samples, unusable
 
 

@@ -41,7 +41,7 @@ class Failures:
     def add(self, error: DefocusError) -> None:
         """Keep an error; the one before is said now."""
         if self._errors:
-            console.say(f"defocus: {self._errors[-1]}")
+            console.stderr(f"defocus: {self._errors[-1]}")
         self._errors.append(error)
 
     def records(self) -> list[dict[str, str]]:

@@ -16,7 +16,7 @@ from defocus_core.errors import InputError, reason
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from defocus_core.bench.timing import Case, Cost
+    from defocus_core.bench.timing import Case, MeasuredCost
 
 TOLERANCE = 0.25  # how much slower, in transforms, counts as slower
 
@@ -53,7 +53,7 @@ class Baseline:
                 "empty", problem, "ask for the same sizes, radii and qualities", path=self.path
             )
 
-    def compare(self, costs: Mapping[Case, Cost]) -> list[dict[str, Any]]:
+    def compare(self, costs: Mapping[Case, MeasuredCost]) -> list[dict[str, Any]]:
         """The ratio, new to stored, of each case that both have; the slowest first."""
         units = {case.name: cost.fft_units for case, cost in costs.items()}
         compared = [
@@ -64,8 +64,8 @@ class Baseline:
         return sorted(compared, key=lambda each: -float(each["ratio"]))
 
     def confirmed(
-        self, costs: Mapping[Case, Cost], again: Callable[[Case], Cost]
-    ) -> dict[Case, Cost]:
+        self, costs: Mapping[Case, MeasuredCost], again: Callable[[Case], MeasuredCost]
+    ) -> dict[Case, MeasuredCost]:
         """Time slower cases once more, and keep the faster: a busy machine is not slow twice."""
         names = {each["case"] for each in slower(self.compare(costs))}
         retimed = {case: again(case) for case in costs if case.name in names}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_core.bench.error import work
 
 if TYPE_CHECKING:
-    from defocus_core.bench.truth_set import Pictures, Shot
+    from defocus_core.bench.truth_set import Pictures, TruthShot
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Control:
 
 
 def measure_control(
-    shot: Shot, pictures: Pictures, methods: Sequence[str], *, device: str, threads: int
+    shot: TruthShot, pictures: Pictures, methods: Sequence[str], *, device: str, threads: int
 ) -> Iterator[Control]:
     """One row for each method, when it is done."""
     from defocus_core.evaluation.controllability import (

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from defocus_core.batch.depth.focusing import radius_at_infinity
-from defocus_core.bench.timing import Cost, FftUnit, measured
+from defocus_core.bench.timing import FftUnit, MeasuredCost, measured
 from defocus_core.errors import InputError
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from defocus_core.bench.truth_set import Pictures, Shot
+    from defocus_core.bench.truth_set import Pictures, TruthShot
     from defocus_core.evaluation.metrics import Errors
 
 BASELINES = {"input": "the sharp input", "sum": "plain sum of slices", "over": "over / alpha"}
@@ -38,17 +38,17 @@ class Row:
     shot: str
     method: str
     errors: Errors
-    cost: Cost
+    cost: MeasuredCost
 
 
 def measure_shot(
-    shot: Shot,
+    shot: TruthShot,
     pictures: Pictures,
     methods: Sequence[str],
     *,
     device: str,
     threads: int,
-    show: Callable[[Shot, Pictures, str, Tensor], None] | None = None,
+    show: Callable[[TruthShot, Pictures, str, Tensor], None] | None = None,
 ) -> Iterator[Row]:
     """One row for each method, when it is done; ``show`` is given each picture, [3, H, W].
 
@@ -77,7 +77,7 @@ def measure_shot(
 
 
 def work(
-    method: str, shot: Shot, sharp: Tensor, radius: Tensor, threads: int, strength: float = 1.0
+    method: str, shot: TruthShot, sharp: Tensor, radius: Tensor, threads: int, strength: float = 1.0
 ) -> Callable[[], Tensor]:
     """The rendering of a shot by a method, with its radii times a strength."""
     from defocus_core.evaluation import baselines

@@ -16,7 +16,7 @@ from defocus_core.bench.error import BASELINES
 
 if TYPE_CHECKING:
     from defocus_core.bench.error import Row
-    from defocus_core.bench.timing import Case, Cost
+    from defocus_core.bench.timing import Case, MeasuredCost
 
 JUDGED = "standard"
 CAP = 50.0  # dB that a shot adds to a mean at most: easy scenes do not hide hard ones
@@ -148,7 +148,7 @@ def _cells(values: dict[str, Any]) -> str:
     )
 
 
-def time_record(case: Case, cost: Cost) -> dict[str, Any]:
+def time_record(case: Case, cost: MeasuredCost) -> dict[str, Any]:
     """A case and its cost in plain words and numbers."""
     size = {"width": case.size[0], "height": case.size[1]}
     settings = {"kind": case.kind, **size, "radius": case.radius, "quality": case.quality}
@@ -160,7 +160,7 @@ def time_heading() -> str:
     return f"{'kind':<8}{'size':<11}{'r':<6}{'quality':<10}{'seconds':>9}{'FFTs':>8}{'MB':>7}"
 
 
-def time_line(case: Case, cost: Cost) -> str:
+def time_line(case: Case, cost: MeasuredCost) -> str:
     """A row of the table of times."""
     size = "{}x{}".format(*case.size)
     memory = "-" if cost.peak_mb is None else f"{cost.peak_mb:.0f}"

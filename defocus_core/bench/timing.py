@@ -35,7 +35,7 @@ Size = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Cost:
+class MeasuredCost:
     """Cost of a rendering.
 
     Attributes:
@@ -85,7 +85,7 @@ def cases(sizes: Sequence[Size], radii: Sequence[float], qualities: Sequence[str
     ]
 
 
-def time_case(case: Case, *, device: str, threads: int) -> Cost:
+def time_case(case: Case, *, device: str, threads: int) -> MeasuredCost:
     """The cost of a case, which is rendered several times, fewer if it takes long.
 
     Raises:
@@ -112,7 +112,9 @@ def time_case(case: Case, *, device: str, threads: int) -> Cost:
         ) from None
 
 
-def measured(work: Callable[[], Tensor], unit: FftUnit, *, repeats: int) -> tuple[Tensor, Cost]:
+def measured(
+    work: Callable[[], Tensor], unit: FftUnit, *, repeats: int
+) -> tuple[Tensor, MeasuredCost]:
     """The picture that some work makes, and its cost over so many repeats or one second."""
     device = unit.device
     seconds: list[float] = []
@@ -126,7 +128,7 @@ def measured(work: Callable[[], Tensor], unit: FftUnit, *, repeats: int) -> tupl
         before, after = after, unit.seconds()
         seconds.append(taken)
         ratios.append(2 * taken / (before + after))
-    return picture, Cost(median(seconds), median(ratios), max(peaks, default=None))
+    return picture, MeasuredCost(median(seconds), median(ratios), max(peaks, default=None))
 
 
 def warm_up(device: str) -> str:

@@ -24,7 +24,7 @@ _HERE = Path(__file__).parents[1]
 
 
 @dataclass(frozen=True)
-class Shot:
+class TruthShot:
     """One picture of a set.
 
     Attributes:
@@ -74,7 +74,7 @@ def sample_set() -> Path:
     )
 
 
-def find_shots(root: Path) -> list[Shot]:
+def find_shots(root: Path) -> list[TruthShot]:
     """All shots of a set, by name of the scene.
 
     Raises:
@@ -95,7 +95,7 @@ def find_shots(root: Path) -> list[Shot]:
     return shots
 
 
-def _shots(file: Path) -> list[Shot]:
+def _shots(file: Path) -> list[TruthShot]:
     try:
         camera: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         shots = [_shot(file.parent, camera, shot) for shot in camera["shots"]]
@@ -123,7 +123,7 @@ def _shots(file: Path) -> list[Shot]:
     return shots
 
 
-def _shot(folder: Path, camera: dict[str, Any], shot: dict[str, Any]) -> Shot:
+def _shot(folder: Path, camera: dict[str, Any], shot: dict[str, Any]) -> TruthShot:
     lens = Lens(
         foclen=float(camera["focal_length_mm"]),
         fnum=float(shot.get("thin_lens_fnumber", shot["fnumber"])),
@@ -132,10 +132,10 @@ def _shot(folder: Path, camera: dict[str, Any], shot: dict[str, Any]) -> Shot:
         blades=BLADES[shot.get("aperture", "disk")],
         blade_rotation=float(shot.get("aperture_rotation_deg", 0)),
     )
-    return Shot(folder, str(shot["name"]), lens, math.ceil(shot["max_coc_radius_px"]))
+    return TruthShot(folder, str(shot["name"]), lens, math.ceil(shot["max_coc_radius_px"]))
 
 
-def read(shot: Shot) -> Pictures:
+def read(shot: TruthShot) -> Pictures:
     """Decode a shot.
 
     Raises:

@@ -11,7 +11,7 @@ from typing import Any
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Record, read_all
 from defocus_core.batch.journal.ledger import Ledger
-from defocus_core.compare.pairing import Pair
+from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import SUFFIXES
 from defocus_core.errors import InputError
 
@@ -50,7 +50,7 @@ class RecipeChange:
 class BatchPairs:
     """The pictures of two batches, and the changes of their recipes, the most frequent first."""
 
-    pairs: list[Pair]
+    pairs: list[FilePair]
     changes: list[RecipeChange]
     shared: int
 
@@ -83,7 +83,7 @@ def pair_batches(a: Path, b: Path) -> BatchPairs:
         one, other = files_a.get(key), files_b.get(key)
         root, path = (a, one) if one is not None else (b, other)
         assert path is not None
-        pairs.append(Pair(path.relative_to(root).as_posix(), one, other))
+        pairs.append(FilePair(path.relative_to(root).as_posix(), one, other))
     pairs.sort(key=lambda pair: pair.name)
     shared = sorted(of_a.keys() & of_b.keys())
     counts = Counter(change for name in shared for change in _changes(of_a[name], of_b[name]))

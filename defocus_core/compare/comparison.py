@@ -16,7 +16,7 @@ from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.flip import measure_flip
 from defocus_core.compare.metrics import equal_metrics, measure, measure_edges
 from defocus_core.compare.nonfinite import count_nonfinite
-from defocus_core.compare.picture import Picture, in_linear_light, read_picture
+from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_picture
 from defocus_core.compare.pixels import Pixels
 from defocus_core.compare.record import (
     DIFFERENT,
@@ -25,8 +25,8 @@ from defocus_core.compare.record import (
     SAME,
     UNREADABLE,
     WARNING,
+    CompareSettings,
     Comparison,
-    Settings,
     Worst,
 )
 from defocus_core.compare.selection import near_edges, read_mask
@@ -38,10 +38,12 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from defocus_core.compare.pairing import Pair
+    from defocus_core.compare.pairing import FilePair
 
 
-def compare_pair(pair: Pair, rules: Rules, settings: Settings) -> tuple[Comparison, Pixels | None]:
+def compare_pair(
+    pair: FilePair, rules: Rules, settings: CompareSettings
+) -> tuple[Comparison, Pixels | None]:
     """Compare two files.
 
     Returns:
@@ -61,7 +63,7 @@ def compare_pair(pair: Pair, rules: Rules, settings: Settings) -> tuple[Comparis
 
 
 def compare_pictures(
-    name: str, a: Picture, b: Picture, rules: Rules, settings: Settings
+    name: str, a: DecodedPicture, b: DecodedPicture, rules: Rules, settings: CompareSettings
 ) -> tuple[Comparison, Pixels | None]:
     """Compare two pictures that have been read.
 
@@ -79,7 +81,7 @@ def compare_pictures(
 
 
 def _compared(
-    blank: Comparison, a: Picture, b: Picture, rules: Rules, settings: Settings
+    blank: Comparison, a: DecodedPicture, b: DecodedPicture, rules: Rules, settings: CompareSettings
 ) -> tuple[Comparison, Pixels | None]:
     structure = compare_structure(a, b)
     record = replace(
@@ -104,7 +106,7 @@ def _compared(
 
 
 def _pixels(
-    a: Picture, b: Picture, names: Sequence[str], settings: Settings
+    a: DecodedPicture, b: DecodedPicture, names: Sequence[str], settings: CompareSettings
 ) -> tuple[Pixels, tuple[int, int]]:
     """The pixels that are compared, and column and row of the first."""
     size = (a.height, a.width)
@@ -130,9 +132,9 @@ def _judged(
     record: Comparison,
     pixels: Pixels,
     corner: tuple[int, int],
-    sides: tuple[Picture, Picture],
+    sides: tuple[DecodedPicture, DecodedPicture],
     rules: Rules,
-    settings: Settings,
+    settings: CompareSettings,
     *,
     strict: bool,
 ) -> Comparison:

@@ -12,7 +12,7 @@ from defocus_core.io.wildcards import matching
 
 
 @dataclass(frozen=True)
-class Pair:
+class FilePair:
     """A file of A and the file of B with the same name.
 
     Attributes:
@@ -26,7 +26,7 @@ class Pair:
     b: Path | None
 
 
-def find_pairs(a: Path, b: Path) -> list[Pair]:
+def find_pairs(a: Path, b: Path) -> list[FilePair]:
     """The pairs of two files or two folders, sorted by name.
 
     Raises:
@@ -41,13 +41,13 @@ def find_pairs(a: Path, b: Path) -> list[Pair]:
         problem = f"is a directory but {file} is a file"
         raise InputError("wrong-type", problem, "name two files, or two directories", path=folder)
     if not a.is_dir():
-        return [Pair(b.name, a, b)]
+        return [FilePair(b.name, a, b)]
     of_a, of_b = _pictures(a), _pictures(b)
     if not of_a and not of_b:
         known = ", ".join(sorted(suffix[1:] for suffix in SUFFIXES))
         problem = f"holds no picture, nor does {b}"
         raise InputError("empty", problem, f"name directories with files of type {known}", path=a)
-    return [Pair(name, of_a.get(name), of_b.get(name)) for name in sorted(of_a | of_b)]
+    return [FilePair(name, of_a.get(name), of_b.get(name)) for name in sorted(of_a | of_b)]
 
 
 def _pictures(folder: Path) -> dict[str, Path]:

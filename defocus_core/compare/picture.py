@@ -46,7 +46,7 @@ _LONGEST = 80  # characters of a metadata value that are shown
 
 
 @dataclass(frozen=True)
-class Picture:
+class DecodedPicture:
     """A decoded file.
 
     Attributes:
@@ -73,7 +73,7 @@ class Picture:
     layout: Mapping[str, str] = field(default_factory=dict)
 
 
-def read_picture(path: Path) -> Picture:
+def read_picture(path: Path) -> DecodedPicture:
     """Decode all channels of a colour, depth or map file.
 
     Raises:
@@ -89,7 +89,7 @@ def read_picture(path: Path) -> Picture:
         values = float_map.values
         (height, width), kind = values.shape, values.dtype.name
         layout = {"format": float_map.format}
-        return Picture(path, width, height, {"Z": values}, {"Z": kind}, layout=layout)
+        return DecodedPicture(path, width, height, {"Z": values}, {"Z": kind}, layout=layout)
     return _from_raster(path, read_pages(path, wanted=_KNOWN))
 
 
@@ -140,7 +140,7 @@ def is_map(names: Sequence[str]) -> bool:
     return set(names) <= {*NO_DEPTH, "Z"}
 
 
-def in_linear_light(picture: Picture) -> Picture:
+def in_linear_light(picture: DecodedPicture) -> DecodedPicture:
     """The picture with its colour as linear light, multiplied by alpha if it has one."""
     import numpy as np
 
@@ -170,7 +170,7 @@ def _place(name: str) -> tuple[str, int, str]:
     return _prefix(name), "RGBA".find(own) if own in ("R", "G", "B", "A") else 4, own
 
 
-def _from_exr(path: Path) -> Picture:
+def _from_exr(path: Path) -> DecodedPicture:
     headers = read_headers(path)
     if any(header.deep for header in headers):
         problem = "holds deep data, which is not compared"
@@ -198,7 +198,7 @@ def _from_exr(path: Path) -> Picture:
     display = headers[0].display
     layout = {"format": "EXR", **_exr_layout(path, headers), "channel order": " ".join(planes)}
     ordered = {name: planes[name] for name in sorted(planes, key=_place)}
-    return Picture(
+    return DecodedPicture(
         *(path, display.width, display.height, ordered, types),
         metadata=metadata,
         layout=layout,
@@ -245,7 +245,7 @@ def _spoken(raw: Raw) -> str:
     return " ".join(f"{number:.9g}" for number in numbers)
 
 
-def _from_raster(path: Path, pages: Sequence[Raster]) -> Picture:
+def _from_raster(path: Path, pages: Sequence[Raster]) -> DecodedPicture:
     import numpy as np
 
     if any(page.deep for page in pages):
@@ -268,7 +268,7 @@ def _from_raster(path: Path, pages: Sequence[Raster]) -> Picture:
     metadata = {name: str(tag.value)[:_LONGEST] for name, tag in first.tags.items()}
     if first.space.unheeded:
         metadata["colour space"] = first.space.unheeded
-    return Picture(
+    return DecodedPicture(
         *(path, first.width, first.height, planes, types),
         gamma=first.space.gamma,
         associated=first.associated or not any(name.endswith("A") for name in planes),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.nonfinite import Nonfinite
-from defocus_core.compare.selection import Region
+from defocus_core.compare.selection import CropRegion
 
 # Statuses of a pair, the worst last.
 SAME, WARNING, DIFFERENT, MISSING, EXTRA, UNREADABLE = STATUSES = (
@@ -18,7 +18,7 @@ PASSING = (SAME, WARNING)
 
 
 @dataclass(frozen=True)
-class Settings:
+class CompareSettings:
     """How pairs are compared.
 
     Attributes:
@@ -30,7 +30,7 @@ class Settings:
         diagnose: whether the cause of a difference is looked for.
     """
 
-    region: Region | None = None
+    region: CropRegion | None = None
     mask: Path | None = None
     coc: Path | None = None
     flip: bool = False

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from defocus_core.compare.comparison import compare_pair
 from defocus_core.compare.differences import write_differences
-from defocus_core.compare.pairing import Pair
-from defocus_core.compare.record import Comparison, Settings
+from defocus_core.compare.pairing import FilePair
+from defocus_core.compare.record import CompareSettings, Comparison
 from defocus_core.compare.thresholds import Thresholds
 from defocus_core.system.spreading import spread
 
@@ -20,10 +20,10 @@ class Task:
     """What is to be done with each pair."""
 
     thresholds: Thresholds
-    settings: Settings
+    settings: CompareSettings
     images: Path | None = None
 
-    def carry_out(self, pair: Pair) -> Comparison:
+    def carry_out(self, pair: FilePair) -> Comparison:
         """Compare a pair, and write its difference images if it differs and they are wanted.
 
         Raises:
@@ -36,7 +36,7 @@ class Task:
         return record
 
 
-def compare_all(pairs: Sequence[Pair], task: Task, processes: int) -> Iterator[Comparison]:
+def compare_all(pairs: Sequence[FilePair], task: Task, processes: int) -> Iterator[Comparison]:
     """The records of all pairs, in their order, each when it is there.
 
     Raises:

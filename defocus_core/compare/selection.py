@@ -26,7 +26,7 @@ _REGION = re.compile(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(\d+)\s*,\s*(\d+)\s*")
 
 
 @dataclass(frozen=True)
-class Region:
+class CropRegion:
     """A rectangle of the picture shown: its first column and row, width and height in px."""
 
     x: int
@@ -53,7 +53,7 @@ class Region:
         return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
 
 
-def region(text: str) -> Region:
+def region(text: str) -> CropRegion:
     """The region that ``X,Y,W,H`` means.
 
     Raises:
@@ -64,7 +64,7 @@ def region(text: str) -> Region:
         raise QuantityError(
             f"'{text}' is no region", "write X,Y,WIDTH,HEIGHT in px, like 0,0,64,64"
         )
-    found = Region(*(int(number) for number in match.groups()))
+    found = CropRegion(*(int(number) for number in match.groups()))
     if found.width < 1 or found.height < 1:
         raise QuantityError(f"'{text}' holds no pixel", "write X,Y,WIDTH,HEIGHT in px")
     return found

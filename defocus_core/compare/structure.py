@@ -14,7 +14,7 @@ from defocus_core.compare.findings.finding import Finding
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from defocus_core.compare.picture import Picture
+    from defocus_core.compare.picture import DecodedPicture
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Structure:
     apart: tuple[str, ...]
 
 
-def compare_structure(a: Picture, b: Picture) -> Structure:
+def compare_structure(a: DecodedPicture, b: DecodedPicture) -> Structure:
     """How two files differ apart from the values of their pixels."""
     findings = []
     if (a.width, a.height) != (b.width, b.height):
@@ -76,7 +76,7 @@ def _list(names: Sequence[str]) -> str:
     return ", ".join(names[:8]) + more
 
 
-def _notes(a: Picture, b: Picture) -> list[str]:
+def _notes(a: DecodedPicture, b: DecodedPicture) -> list[str]:
     types: dict[tuple[str, str], list[str]] = {}
     for name in a.planes:
         old, new = a.types[name], b.types.get(name)

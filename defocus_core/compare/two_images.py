@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.lenses.quantities import QuantityError
 from defocus_core.compare.comparison import compare_pictures
-from defocus_core.compare.picture import Picture, read_picture
-from defocus_core.compare.record import Comparison, Settings
-from defocus_core.compare.selection import Region
+from defocus_core.compare.picture import DecodedPicture, read_picture
+from defocus_core.compare.record import CompareSettings, Comparison
+from defocus_core.compare.selection import CropRegion
 from defocus_core.compare.thresholds import OVER, Rule, Rules, rule
 from defocus_core.errors import UsageProblem
 
@@ -64,8 +64,8 @@ def compare_images(
         ValueError: An array is no picture.
     """
     rules = Rules(_rules("fail", fail), _rules("warn", warn), over)
-    settings = Settings(
-        region=None if region is None else Region(*region),
+    settings = CompareSettings(
+        region=None if region is None else CropRegion(*region),
         mask=None if mask is None else Path(mask),
         flip=flip,
         metadata=metadata,
@@ -75,11 +75,11 @@ def compare_images(
     return compare_pictures(other.path.name, one, other, rules, settings)[0]
 
 
-def of_planes(planes: dict[str, Any], name: str) -> Picture:
+def of_planes(planes: dict[str, Any], name: str) -> DecodedPicture:
     """Channels [H, W] of linear light as a picture of that name."""
     height, width = next(iter(planes.values())).shape
     types = {channel: plane.dtype.name for channel, plane in planes.items()}
-    return Picture(Path(name), width, height, planes, types)
+    return DecodedPicture(Path(name), width, height, planes, types)
 
 
 def planes_of(image: Any) -> dict[str, Any]:
@@ -112,7 +112,7 @@ def planes_of(image: Any) -> dict[str, Any]:
     return {name: np.ascontiguousarray(values[..., k]) for k, name in enumerate(names)}
 
 
-def _picture(image: Any, name: str) -> Picture:
+def _picture(image: Any, name: str) -> DecodedPicture:
     if isinstance(image, str) or hasattr(image, "__fspath__"):
         return read_picture(Path(image))
     return of_planes(planes_of(image), name)

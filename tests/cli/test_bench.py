@@ -17,7 +17,7 @@ from scenes import SIZE, card_layers
 
 from defocus_core.bench import tables
 from defocus_core.bench.error import Row
-from defocus_core.bench.timing import Cost
+from defocus_core.bench.timing import MeasuredCost
 from defocus_core.evaluation.metrics import Errors
 from defocus_core.reports import error_plot
 
@@ -161,7 +161,7 @@ def test_a_plot_is_written(tiny: Path, tmp_path: Path) -> None:
 
 def row(method: str, psnr: float, ssim: float = 0.9, rel_rmse: float = 0.1) -> Row:
     errors = Errors(psnr, None, psnr, rel_rmse, ssim, 0.1)
-    return Row("card", "r7", method, errors, Cost(1.0, 2.0, None))
+    return Row("card", "r7", method, errors, MeasuredCost(1.0, 2.0, None))
 
 
 @pytest.mark.parametrize(
@@ -184,8 +184,12 @@ def test_what_a_baseline_does_better_is_flagged(other: Row, lost: set[str]) -> N
 
 
 def test_means_cap_what_is_easy_and_leave_out_what_tells_nothing() -> None:
-    easy = Row("white", "r7", "standard", row("standard", 99.0).errors, Cost(1.0, 2.0, None))
-    smooth = Row("slope", "r7", "standard", row("standard", 64.0).errors, Cost(3.0, 2.0, 7.0))
+    easy = Row(
+        "white", "r7", "standard", row("standard", 99.0).errors, MeasuredCost(1.0, 2.0, None)
+    )
+    smooth = Row(
+        "slope", "r7", "standard", row("standard", 64.0).errors, MeasuredCost(3.0, 2.0, 7.0)
+    )
     (mean,) = tables.means([row("standard", 30.0), easy, smooth])
     assert (mean["shots"], mean["psnr"], mean["seconds"]) == (2, 40.0, 2.0)
     assert mean["peak_mb"] == 7.0

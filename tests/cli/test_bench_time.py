@@ -13,7 +13,7 @@ from command_line import Ran, refused, run
 
 from defocus_core.bench import timing
 from defocus_core.bench.baseline import Baseline
-from defocus_core.bench.timing import Case, Cost, FftUnit, cases, measured
+from defocus_core.bench.timing import Case, FftUnit, MeasuredCost, cases, measured
 from defocus_core.evaluation.synthetic_scenes import KINDS
 from defocus_core.system import memory
 
@@ -27,8 +27,8 @@ def bench(*args: str | Path) -> Ran:
 CASE = Case("floor", (480, 270), 8.0, "standard")
 
 
-def cost(fft_units: float) -> Cost:
-    return Cost(1.0, fft_units, None)
+def cost(fft_units: float) -> MeasuredCost:
+    return MeasuredCost(1.0, fft_units, None)
 
 
 def test_everything_is_timed_and_written() -> None:

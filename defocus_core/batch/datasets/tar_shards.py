@@ -58,7 +58,7 @@ class Member:
 
 
 @dataclass(frozen=True)
-class Sample:
+class ShardSample:
     """The files of a sample, and its split, empty for none."""
 
     split: str
@@ -129,7 +129,7 @@ def listed(out: Path) -> Listing | None:
     return None
 
 
-def _samples(out: Path, records: Iterable[Record]) -> Iterator[Sample]:
+def _samples(out: Path, records: Iterable[Record]) -> Iterator[ShardSample]:
     entries = list(sample_index.entries(records))
     for entry, key in zip(entries, _keys([entry["sample_id"] for entry in entries]), strict=True):
         members = [
@@ -138,7 +138,7 @@ def _samples(out: Path, records: Iterable[Record]) -> Iterator[Sample]:
         ]
         line = sample_index.line(entry)
         every = sorted([*members, Member(f"{key}.json", len(line), line)], key=_name)
-        yield Sample(entry["split"] or "", tuple(every))
+        yield ShardSample(entry["split"] or "", tuple(every))
 
 
 def _keys(names: Sequence[str]) -> list[str]:
@@ -162,9 +162,9 @@ def _hashed(name: str, key: str, taken: set[str]) -> str:
     raise AssertionError("names cannot have the hash of 32 bytes of one another")
 
 
-def _shards(samples: Iterable[Sample], limit: int) -> Iterator[tuple[str, list[Sample]]]:
+def _shards(samples: Iterable[ShardSample], limit: int) -> Iterator[tuple[str, list[ShardSample]]]:
     """The name and the samples of each shard: as many of a split as fit."""
-    by_split: dict[str, list[Sample]] = {}
+    by_split: dict[str, list[ShardSample]] = {}
     for sample in samples:
         by_split.setdefault(sample.split, []).append(sample)
     for split in sorted(by_split):
@@ -174,9 +174,9 @@ def _shards(samples: Iterable[Sample], limit: int) -> Iterator[tuple[str, list[S
             yield f"{prefix}-{number:06}", shard
 
 
-def _filled(samples: Iterable[Sample], limit: int) -> Iterator[list[Sample]]:
+def _filled(samples: Iterable[ShardSample], limit: int) -> Iterator[list[ShardSample]]:
     """As many samples in each as fit."""
-    shard: list[Sample] = []
+    shard: list[ShardSample] = []
     size = 0
     for sample in samples:
         more = sum(member.packed for member in sample.members)
@@ -189,7 +189,7 @@ def _filled(samples: Iterable[Sample], limit: int) -> Iterator[list[Sample]]:
         yield shard
 
 
-def _pack(out: Path, path: Path, samples: Iterable[Sample]) -> None:
+def _pack(out: Path, path: Path, samples: Iterable[ShardSample]) -> None:
     with (
         written_whole(path, out) as file,
         tarfile.open(fileobj=file, mode="w", format=tarfile.PAX_FORMAT) as tar,
@@ -220,7 +220,7 @@ def _opened(out: Path, source: str | bytes) -> Iterator[BinaryIO]:
         yield file
 
 
-def _digest(samples: Iterable[Sample]) -> str:
+def _digest(samples: Iterable[ShardSample]) -> str:
     """The hash of a shard: names and sizes, and the JSON, which has the hashes of the files."""
     digest = blake2b(digest_size=16)
     for member in (member for sample in samples for member in sample.members):

@@ -71,7 +71,7 @@ def require_journal(out: Path) -> None:
     """
     if not any(out.glob("journal*.jsonl")):
         raise InputError(
-            "", "has no journal", "name the directory that a batch writes to", path=out
+            "empty", "has no journal", "name the directory that a batch writes to", path=out
         )
 
 
@@ -99,7 +99,8 @@ def in_order(journals: Sequence[Sequence[Record]], out: Path) -> list[Record]:
     if not shared:
         return records
     last = _true_journals(journals, shared, out)
-    early, late = [], []
+    early: list[Record] = []
+    late: list[Record] = []
     for place, journal in enumerate(journals):
         for record in journal:
             is_last = last.get(record["sample_id"]) == place
@@ -140,7 +141,9 @@ def read(path: Path) -> list[Record]:
         return []
     except OSError as error:
         remedy = "check its permissions"
-        raise InputError("", f"cannot be read: {reason(error)}", remedy, path=path) from error
+        raise InputError(
+            "unreadable", f"cannot be read: {reason(error)}", remedy, path=path
+        ) from error
     lines = [(number, line) for number, line in enumerate(data.split(b"\n"), 1) if line]
     if lines and not _is_whole(lines[-1][1]):
         lines.pop()
@@ -165,7 +168,9 @@ def _block(
         fault = "is broken" if record is None else fault_of(record, linked)
         if fault:
             remedy = "remove that line and the outputs of its job, which is done again"
-            raise InputError("", f"line {number}{_sample_words(line)} {fault}", remedy, path=path)
+            raise InputError(
+                "damaged", f"line {number}{_sample_words(line)} {fault}", remedy, path=path
+            )
     return records
 
 
@@ -281,7 +286,7 @@ class Journal:
         if not is_at(self.path, self._number):
             problem = "was removed or replaced while jobs were done"
             raise InputError(
-                "", problem, "run the same command again, to go on or anew", path=self.path
+                "damaged", problem, "run the same command again, to go on or anew", path=self.path
             )
 
     def _cut_torn_tail(self) -> None:

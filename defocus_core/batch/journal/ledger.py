@@ -111,7 +111,7 @@ class Ledger:
                 if before.exists() and before.resolve() != job.picture.color.resolve():
                     problem = f"exists already, made of another picture, {before.resolve()}"
                     remedy = "choose another -o, or add ‹overwrite› to replace it"
-                    raise InputError("", problem, remedy, path=path)
+                    raise InputError("exists", problem, remedy, path=path)
 
     def _own(self, record: Record) -> Record | None:
         """A record without the outputs that another has replaced; None if it is superseded."""

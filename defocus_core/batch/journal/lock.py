@@ -64,7 +64,9 @@ def locked(out: Path, shard: Shard | None = None, *, say: Say) -> Iterator[Check
         if owner is None or owner.token != lease.token:
             name = _holder(lease)
             problem = f"was taken over by {name}" if name else "was removed while jobs were done"
-            raise LockLost("", problem, "run the same command again, to go on or anew", path=path)
+            raise LockLost(
+                "unwritable", problem, "run the same command again, to go on or anew", path=path
+            )
 
     try:
         _refuse_others(out, path, shard, say)
@@ -150,10 +152,10 @@ def _acquired(path: Path, say: Say) -> SoftFileLease:
 def _held(path: Path, name: str | None) -> InputError:
     if name is None:
         return InputError(
-            "", "names no holder", "if nobody writes to that directory, remove it", path=path
+            "empty", "names no holder", "if nobody writes to that directory, remove it", path=path
         )
     problem = f"{path.parent} is being written by {name}"
-    return InputError("", problem, "wait for it, stop it, or choose another -o", path=path)
+    return InputError("in-use", problem, "wait for it, stop it, or choose another -o", path=path)
 
 
 def _holder(lease: SoftFileLease) -> str | None:

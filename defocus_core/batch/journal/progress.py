@@ -73,7 +73,7 @@ def progress(out: Path) -> Progress:
     runs = (None, *parts)
     if not any(path(out, run).exists() for run in runs for path in (journal_path, run_path)):
         raise InputError(
-            "", "has no journal", "name the directory that a batch writes to", path=out
+            "empty", "has no journal", "name the directory that a batch writes to", path=out
         )
     records = {run: read(journal_path(out, run)) for run in runs}
     every = in_order(list(records.values()), out)

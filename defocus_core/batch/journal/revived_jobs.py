@@ -69,7 +69,7 @@ def revived(record: Record, out: Path) -> Job:
             raise ValueError("its settings name other files than its outputs")
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         problem = f"has a record of {record['sample_id']} that cannot be read: {error}"
-        raise InputError("", problem, "run 'defocus batch' again", path=out) from None
+        raise InputError("unreadable", problem, "run 'defocus batch' again", path=out) from None
     return job
 
 

@@ -146,5 +146,5 @@ def _read(path: Path) -> RunPlan | None:
         is_plan = False
     if not is_plan:
         remedy = "remove the file, and what the run left half-written; the next run plans anew"
-        raise InputError("", "is no plan of a run", remedy, path=path)
+        raise InputError("malformed", "is no plan of a run", remedy, path=path)
     return plan

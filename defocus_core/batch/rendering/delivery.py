@@ -28,7 +28,7 @@ def write(rendering: Rendering) -> Outcome:
     outcome, outputs = rendering.outcome, rendering.outcome.job.outputs
     if not outputs.root.is_dir():  # created again, it would have no journal
         problem = "was removed while jobs were done"
-        raise InputError("", problem, "run the same command again", path=outputs.root)
+        raise InputError("unwritable", problem, "run the same command again", path=outputs.root)
     with written_together(outputs.root):
         warnings = [warning for kind in outputs.rows for warning in _write_kind(rendering, kind)]
     if outputs.format == "exr" and any(kind.image for kind in outputs.rows):

@@ -35,11 +35,13 @@ def execute_at(address: str, *, threads: int | None) -> Execute:
     if "://" not in address:
         problem = f"'{address}' is no scheduler"
         raise UsageProblem(
-            "", problem, "use local, or an address like tcp://head:8786", field="scheduler"
+            "malformed", problem, "use local, or an address like tcp://head:8786", field="scheduler"
         )
     if find_spec("distributed") is None:
         problem = "needs Dask, which is not installed"
-        raise UsageProblem("", problem, "run: pip install 'defocus[dask]'", field="scheduler")
+        raise UsageProblem(
+            "needs-extra", problem, "run: pip install 'defocus[dask]'", field="scheduler"
+        )
 
     def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
         import distributed
@@ -52,7 +54,9 @@ def execute_at(address: str, *, threads: int | None) -> Execute:
             client = make_client(address, timeout=_CONNECT)
         except (OSError, TimeoutError, ValueError) as error:
             problem = f"no Dask scheduler answers: {reason(error)}"
-            raise InputError("", problem, "start one, or check the address", path=address) from None
+            raise InputError(
+                "unreachable", problem, "start one, or check the address", path=address
+            ) from None
         with client:
             _Submitted(client, chunks, done, stopped, threads).run()
 
@@ -115,7 +119,9 @@ class _Submitted:
         """Hand on the results of a chunk, or do its jobs one by one if its worker died."""
         if future.cancelled():  # not by us
             remedy = "start it again, and run the same command to go on"
-            raise InputError("", "the Dask scheduler went away", remedy, path=self.address)
+            raise InputError(
+                "unreachable", "the Dask scheduler went away", remedy, path=self.address
+            )
         error = future.exception()
         if error is None:
             answer = future.result()
@@ -125,7 +131,10 @@ class _Submitted:
         elif type(error).__name__ != "KilledWorker":
             problem = f"its workers cannot do jobs: {type(error).__name__}: {reason(error)}"
             raise InputError(
-                "", problem, "install the same defocus on all of them", path=self.address
+                "other-version",
+                problem,
+                "install the same defocus on all of them",
+                path=self.address,
             )
         elif not self.alone:  # Dask blames all that waited for a worker, too: see which it was
             self.suspects += chunk
@@ -141,7 +150,10 @@ class _Submitted:
             remote, local = ("{version}, renderer {renderer}".format(**it) for it in (theirs, own))
             problem = f"its workers have defocus {remote}, but here is {local}"
             raise InputError(
-                "", problem, "install the same defocus on all of them", path=self.address
+                "other-version",
+                problem,
+                "install the same defocus on all of them",
+                path=self.address,
             )
 
 

@@ -43,13 +43,13 @@ def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
             path = root / name
             if path.is_dir():
                 problem = "is a directory where a file is to be written"
-                raise InputError("", problem, "choose another -o", path=path)
+                raise InputError("wrong-type", problem, "choose another -o", path=path)
             if not overwrite and name not in known and os.path.lexists(path):
                 existing.append(path)
     if existing:
         others = f" (and {len(existing) - 1} more)" if len(existing) > 1 else ""
         raise InputError(
-            "",
+            "exists",
             f"exists already{others}, and the journal does not know it",
             "move it away, choose another -o, or add ‹overwrite› to render all again",
             path=existing[0],
@@ -60,13 +60,15 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
     count = Counter((job.outputs.root, name) for job in jobs for name in job.names.values())
     twice = next((root / name for (root, name), times in count.items() if times > 1), None)
     if twice is not None:
-        raise InputError("", "would be written twice", "rename one of the colour files", path=twice)
+        raise InputError(
+            "duplicate", "would be written twice", "rename one of the colour files", path=twice
+        )
     for root, name in count:
         length = len(os.fsencode(name.rpartition("/")[2]))
         if length > _NAME_BYTES:
             problem = f"has a name of {length} bytes, more than {_NAME_BYTES}"
             raise InputError(
-                "", problem, "give the picture a shorter name or stem", path=root / name
+                "too-large", problem, "give the picture a shorter name or stem", path=root / name
             )
     pictures = {job.picture for job in jobs}
     pictures |= {other for picture in pictures for other in picture.others.values()}
@@ -85,7 +87,10 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
     for path in (path for job in jobs for path in job.written):
         if path.parent.resolve() / path.name in inputs:
             raise InputError(
-                "", "is an input and would be overwritten", "choose another -o", path=path
+                "replaces-input",
+                "is an input and would be overwritten",
+                "choose another -o",
+                path=path,
             )
 
 
@@ -105,7 +110,12 @@ def refuse_unwritable(outputs: Outputs) -> None:
         existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
         if not existing.is_dir():
             raise InputError(
-                "", "is a file where a directory is needed", "choose another -o", path=existing
+                "wrong-type",
+                "is a file where a directory is needed",
+                "choose another -o",
+                path=existing,
             )
         if not os.access(existing, os.W_OK | os.X_OK):
-            raise InputError("", "cannot be written to", "choose another -o", path=existing)
+            raise InputError(
+                "unwritable", "cannot be written to", "choose another -o", path=existing
+            )

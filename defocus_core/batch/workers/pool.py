@@ -144,7 +144,7 @@ class Pool:
             if self.failed_starts >= _FAILED_STARTS:
                 problem = f"die when they start (exit code {each.process.exitcode})"
                 raise InputError(
-                    "", problem, "see if 'defocus render' works", path="worker processes"
+                    "worker-died", problem, "see if 'defocus render' works", path="worker processes"
                 )
             if each.flight:
                 self.returned.append(list(each.flight.items()))

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
-    from defocus_core.compare.picture import Picture
+    from defocus_core.compare.picture import DecodedPicture
     from defocus_core.compare.pixels import Pixels
 
 _COC_ATTRIBUTE = "defocus:coc_px"  # of a render: the range of its signed radii
@@ -60,7 +60,7 @@ def _of_maps(evidence: Evidence) -> list[Finding]:
     return findings
 
 
-def of_another_size(a: Picture, b: Picture) -> Iterator[Finding]:
+def of_another_size(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
     """How a picture of another size comes from A, if that is seen."""
     sizes = [(side.height, side.width) for side in (a, b)]
     planes = [
@@ -70,7 +70,7 @@ def of_another_size(a: Picture, b: Picture) -> Iterator[Finding]:
     yield from geometry.resized(*planes)
 
 
-def declared_coc(a: Picture, b: Picture) -> list[Finding]:
+def declared_coc(a: DecodedPicture, b: DecodedPicture) -> list[Finding]:
     """Another CoC by the headers of two renders of defocus, where the pixels do not show it."""
     texts = (side.metadata.get(_COC_ATTRIBUTE, "") for side in (a, b))
     try:

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 from defocus_core.compare.comparison import compare_pictures
 from defocus_core.compare.findings.geometry import view_partner
 from defocus_core.compare.picture import color_layers, is_map, read_picture
-from defocus_core.compare.record import Settings
+from defocus_core.compare.record import CompareSettings
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from defocus_core.compare.picture import Picture
+    from defocus_core.compare.picture import DecodedPicture
     from defocus_core.compare.thresholds import Rules
 
 _WEAKEST = 12  # halvings that are tried
@@ -59,7 +59,9 @@ class Planted:
     weakest: str = ""
 
 
-def plant_all(picture: Picture, name: str, rules: Rules, settings: Settings) -> list[Planted]:
+def plant_all(
+    picture: DecodedPicture, name: str, rules: Rules, settings: CompareSettings
+) -> list[Planted]:
     """Plant each fault into a golden, and judge it by its rules.
 
     Faults that change nothing, as a lost highlight in a black picture, are left out.
@@ -104,13 +106,15 @@ def plant_all(picture: Picture, name: str, rules: Rules, settings: Settings) -> 
     return results
 
 
-def _other_view(picture: Picture) -> Picture | None:
+def _other_view(picture: DecodedPicture) -> DecodedPicture | None:
     """The golden that is the other of the left and right view, if there is one."""
     partner = view_partner(picture.path)
     return None if partner is None else read_picture(partner)
 
 
-def _spoiled(picture: Picture, names: list[str], fault: Fault, strength: float) -> Picture:
+def _spoiled(
+    picture: DecodedPicture, names: list[str], fault: Fault, strength: float
+) -> DecodedPicture:
     import numpy as np
 
     planes = dict(picture.planes)
@@ -120,7 +124,7 @@ def _spoiled(picture: Picture, names: list[str], fault: Fault, strength: float) 
     return replace(picture, planes=planes)
 
 
-def _is_equal(a: Picture, b: Picture) -> bool:
+def _is_equal(a: DecodedPicture, b: DecodedPicture) -> bool:
     import numpy as np
 
     return a.planes.keys() == b.planes.keys() and all(

@@ -75,7 +75,7 @@ def _chosen(jobs: Sequence[Job], only: Sequence[str]) -> Sequence[Job]:
         if not any(matches(name, pattern) for job in jobs for name in job.names.values()):
             problem = f"'{pattern}' matches no picture of the jobs"
             raise UsageProblem(
-                "", problem, "name one like render/spheres.exr, or 'render/*'", field="only"
+                "empty", problem, "name one like render/spheres.exr, or 'render/*'", field="only"
             )
     wanted = [
         job

@@ -22,7 +22,7 @@ from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.lenses.lens import lens_record_words
 from defocus_core.reports.html.budget import values_room
 from defocus_core.reports.html.depth_over_time import depth_of_frame
-from defocus_core.reports.html.item import Column, Item, Layer, Report, Table
+from defocus_core.reports.html.item import Column, Item, Layer, Report, ReportTable
 from defocus_core.reports.html.layers import WHOLE, window_of, with_values
 from defocus_core.reports.html.page import write_report
 from defocus_core.reports.html.render_command import render_command
@@ -38,7 +38,7 @@ _PACKED = 1.0  # halves that a character holds at most
 
 
 @dataclass(frozen=True)
-class Sample:
+class SampleItem:
     """A sample that is to be drawn: title and file of each layer, and whether values are wanted."""
 
     files: Sequence[tuple[str, Path]]
@@ -66,7 +66,7 @@ def write(out: Path, path: Path, asked: Collection[str] | None, processes: int) 
     counts = Counter(item.status for item in items)
     words = [f"Directory: {out}", ", ".join(f"{n} {status}" for status, n in counts.items())]
     card = card_tables.tables_of(card_of(records))
-    tables = [Table(each.title, each.heading, each.rows) for each in card]
+    tables = [ReportTable(each.title, each.heading, each.rows) for each in card]
     write_report(path, Report(f"Batch in {out}", words, items, _COLUMNS, tables))
     return len(items)
 
@@ -78,12 +78,12 @@ def _place(record: Record) -> tuple[bool, list[tuple[int, str]]]:
     return record["status"] == "ok", natural
 
 
-def _samples(records: Sequence[Record], out: Path) -> Iterator[Sample]:
+def _samples(records: Sequence[Record], out: Path) -> Iterator[SampleItem]:
     """What is to be drawn; values are wanted of the first, while there may be room for them."""
     room = float(values_room(len(records)))
     for record in records:
         if record["status"] != "ok":
-            yield Sample((), values=False)
+            yield SampleItem((), values=False)
             continue
         files = [("input", out / record["inputs"]["color"]["path"])]
         files += [
@@ -94,10 +94,10 @@ def _samples(records: Sequence[Record], out: Path) -> Iterator[Sample]:
         wanted = room > 0
         planes = sum(1 if kind in KINDS and not KINDS[kind].image else 3 for kind, _ in files)
         room -= wanted * min(math.prod(record["size"]), WHOLE) * planes / _PACKED
-        yield Sample(files, wanted)
+        yield SampleItem(files, wanted)
 
 
-def draw_sample(sample: Sample) -> list[Layer]:
+def draw_sample(sample: SampleItem) -> list[Layer]:
     """The layers of a sample; files that cannot be read any more are left out."""
     drawn = list(drawn_files(sample.files, values=sample.values))
     if not sample.values or not drawn:

@@ -41,7 +41,7 @@ def _values(item: Item) -> int:
     return sum(length(each.halves.data) for each in item.layers if each.halves)
 
 
-class _Purse:
+class ByteBudget:
     """Room that is spent on items in their order."""
 
     def __init__(self, room: int) -> None:
@@ -60,11 +60,11 @@ class _Purse:
 def fitted(items: Sequence[Item]) -> list[Item]:
     """The items without the payloads that there is no room for."""
     room = ROOM - sum(map(_text, items))
-    purse = _Purse(room // 2)
-    shown = purse.buy(_thumbnails(item, first=True) for item in items)
-    purse.room += room - room // 2
-    valued = purse.buy(_values(item) + bool(_values(item)) * _rest(item) for item in items)
-    beside = purse.buy(0 if n in valued else _rest(item) for n, item in enumerate(items))
+    budget = ByteBudget(room // 2)
+    shown = budget.buy(_thumbnails(item, first=True) for item in items)
+    budget.room += room - room // 2
+    valued = budget.buy(_values(item) + bool(_values(item)) * _rest(item) for item in items)
+    beside = budget.buy(0 if n in valued else _rest(item) for n, item in enumerate(items))
     beside |= valued
 
     return [

@@ -12,7 +12,7 @@ from glob import escape
 from pathlib import Path
 
 from defocus_core.compare.metrics import METRICS
-from defocus_core.compare.record import DIFFERENT, STATUSES, WARNING, Comparison, Settings
+from defocus_core.compare.record import DIFFERENT, STATUSES, WARNING, CompareSettings, Comparison
 from defocus_core.compare.thresholds import OVER, Rules
 from defocus_core.reports.comparison_words import line, metric_title, number_words, worst_words
 from defocus_core.reports.html.budget import values_room
@@ -31,7 +31,7 @@ _HALF_LAYERS = 6  # halves of a pixel: three channels of A and of B
 
 
 @dataclass(frozen=True)
-class Occasion:
+class ReportHeader:
     """What a comparison was made for.
 
     Attributes:
@@ -49,16 +49,16 @@ class Occasion:
 
 def write(
     path: Path,
-    occasion: Occasion,
+    header: ReportHeader,
     records: Sequence[Comparison],
-    settings: Settings,
+    settings: CompareSettings,
     processes: int,
 ) -> None:
     """Write the report of comparisons, those that fail first and the worst of them.
 
     Args:
         path: of the HTML file.
-        occasion: what they were made for.
+        header: what they were made for.
         records: of the pairs.
         settings: how they were compared.
         processes: how many may draw.
@@ -70,9 +70,9 @@ def write(
     subjects = list(_subjects(ranked, settings.coc))
     drawings = spread(draw_pair, subjects, processes, "the report")
     items = [
-        _item(record, drawing, occasion) for record, drawing in zip(ranked, drawings, strict=True)
+        _item(record, drawing, header) for record, drawing in zip(ranked, drawings, strict=True)
     ]
-    write_report(path, Report(occasion.title, occasion.words, items, columns_of(items)))
+    write_report(path, Report(header.title, header.words, items, columns_of(items)))
 
 
 def rank(record: Comparison) -> tuple[int, int, float]:
@@ -93,17 +93,17 @@ def _subjects(ranked: Sequence[Comparison], coc: Path | None) -> Iterable[Subjec
         yield Subject(record, wanted, coc)
 
 
-def _item(record: Comparison, drawing: Drawing, occasion: Occasion) -> Item:
+def _item(record: Comparison, drawing: Drawing, header: ReportHeader) -> Item:
     found = ", ".join(finding.text for finding in record.findings)
     return Item(
         name=record.name,
         status=record.status,
         passes=record.passes,
         words=found or _brief(record),
-        facts=list(_facts(record, occasion.b)),
+        facts=list(_facts(record, header.b)),
         metrics=record.metrics,
         facets={"lens": drawing.lens} if drawing.lens else {},
-        commands=occasion.commands(record),
+        commands=header.commands(record),
         layers=drawing.layers,
         wiggle=drawing.wiggle,
         full=drawing.full,
@@ -151,7 +151,7 @@ def columns_of(items: Sequence[Item]) -> list[Column]:
     ]
 
 
-def compare_commands(rules: Callable[[str], Rules], settings: Settings) -> Commands:
+def compare_commands(rules: Callable[[str], Rules], settings: CompareSettings) -> Commands:
     """The command lines of a pair of two files: compare again, and accept B.
 
     Args:
@@ -204,13 +204,13 @@ def rule_words(rules: Rules) -> list[object]:
     return words + (["--over", rules.over] if rules.over != OVER else [])
 
 
-def setting_lines(settings: Settings) -> list[str]:
+def setting_lines(settings: CompareSettings) -> list[str]:
     """What of the pictures was compared, a line each; empty for all."""
     chosen = {"region": settings.region, "where this is not 0": settings.mask}
     return [f"Compared: {words} {value}" for words, value in chosen.items() if value is not None]
 
 
-def _setting_words(settings: Settings) -> list[object]:
+def _setting_words(settings: CompareSettings) -> list[object]:
     words: list[object] = []
     for option in ("region", "mask", "coc"):
         value = getattr(settings, option)

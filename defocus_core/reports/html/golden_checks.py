@@ -14,9 +14,9 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.compare.record import Comparison, Settings
+from defocus_core.compare.record import CompareSettings, Comparison
 from defocus_core.reports.html import comparisons
-from defocus_core.reports.html.comparisons import Occasion
+from defocus_core.reports.html.comparisons import ReportHeader
 from defocus_core.reports.html.shell import command_line
 from defocus_core.system.text import counted
 
@@ -82,6 +82,8 @@ def write(folder: Path, path: Path) -> int:
 
     failed = [each.record for each in kept if not each.record.passes]
     words = [f"{counted(len(kept), 'check')} of goldens, {len(failed)} failed"]
-    occasion = Occasion("Goldens of a run of pytest", words, commands, b="the picture of the test")
-    comparisons.write(path, occasion, [each.record for each in kept], Settings(), processes=1)
+    header = ReportHeader(
+        "Goldens of a run of pytest", words, commands, b="the picture of the test"
+    )
+    comparisons.write(path, header, [each.record for each in kept], CompareSettings(), processes=1)
     return len(kept)

@@ -12,7 +12,7 @@ import zlib
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.reports.html.item import Halves
+from defocus_core.reports.html.item import StoredHalves
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -99,7 +99,7 @@ def pack(
     corner: tuple[int, int],
     scale: float,
     base: tuple[str, NDArray[np.uint16]] | None = None,
-) -> Halves:
+) -> StoredHalves:
     """Pack bits [C, H, W], in the shorter way if there is a base.
 
     Args:
@@ -111,7 +111,7 @@ def pack(
     _, height, width = values.shape
     first = values.copy()
     first[:, :, 1:] -= values[:, :, :-1]
-    packed = Halves(_deflated(first), corner, (width, height), scale)
+    packed = StoredHalves(_deflated(first), corner, (width, height), scale)
     if base is None or base[1].shape != values.shape:
         return packed
     other = _deflated(values - base[1])

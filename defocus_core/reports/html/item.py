@@ -15,7 +15,7 @@ HEAT = "heat"  # a difference: its thumbnail has colours already
 
 
 @dataclass(frozen=True)
-class Halves:
+class StoredHalves:
     """Values of a layer as half floats, packed.
 
     Attributes:
@@ -59,7 +59,7 @@ class Layer:
     ends: tuple[float, float] = (0.0, 1.0)
     type: str = ""
     thumbnail: bytes = b""
-    halves: Halves | None = None
+    halves: StoredHalves | None = None
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class ReportTable:
     """A table of words: its title, the heading of each column, and the cells of each row."""
 
     title: str
@@ -132,4 +132,4 @@ class Report:
     words: Sequence[str]
     items: Sequence[Item]
     columns: Sequence[Column]
-    tables: Sequence[Table] = ()
+    tables: Sequence[ReportTable] = ()

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from defocus_core.compare.picture import Picture
+    from defocus_core.compare.picture import DecodedPicture
 
 WHOLE = 1 << 21  # px up to which all values are kept: 1920 x 1080
 _WINDOW = (1920, 1080)  # px of a window of a larger picture
@@ -47,7 +47,7 @@ def shown_channels(
 def draw(
     key: str,
     title: str,
-    picture: Picture,
+    picture: DecodedPicture,
     names: Sequence[str],
     *,
     ends: tuple[float, float] | None = None,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.compare.picture import Picture, in_linear_light, read_picture
+from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_picture
 from defocus_core.compare.record import Comparison
 from defocus_core.compare.selection import coc_file
 from defocus_core.errors import InputError
@@ -93,14 +93,14 @@ def draw_pair(subject: Subject) -> Drawing:
     return Drawing(layers, wiggle, full, lens_words(whole.metadata))
 
 
-def _read(path: Path | None) -> Picture | None:
+def _read(path: Path | None) -> DecodedPicture | None:
     with suppress(InputError):
         return None if path is None else read_picture(path)
     return None
 
 
 def _pair(
-    a: Picture | None, b: Picture | None, record: Comparison, title: str
+    a: DecodedPicture | None, b: DecodedPicture | None, record: Comparison, title: str
 ) -> tuple[list[Drawn], float]:
     """A, B of a title and their difference, as far as there are such; the hottest difference."""
     sides = [(key, name, each) for key, name, each in ((A, "A", a), (B, title, b)) if each]

@@ -15,7 +15,7 @@ from defocus_core.reports.html.item import Layer
 from defocus_core.reports.html.layers import B, Drawn, draw, shown_channels
 
 if TYPE_CHECKING:
-    from defocus_core.compare.picture import Picture
+    from defocus_core.compare.picture import DecodedPicture
 
 VIEWS = ("left", "right")
 _VIEW_SIDE = 960  # px of the thumbnails of views beside values
@@ -50,7 +50,7 @@ def drawn_files(files: Iterable[tuple[str, Path]], *, values: bool) -> Iterator[
                 yield draw(key, key, picture, names, side=side)
 
 
-def _views(title: str, picture: Picture) -> Iterator[tuple[str, Sequence[str]]]:
+def _views(title: str, picture: DecodedPicture) -> Iterator[tuple[str, Sequence[str]]]:
     """Key and channels of each view of a file of several, or of its picture."""
     views = KINDS[title].views if title in KINDS else ()
     if not views:

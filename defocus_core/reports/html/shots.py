@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_core.batch.lenses.lens import lens_words
 from defocus_core.bench import tables
 from defocus_core.bench.error import BASELINES, Row
-from defocus_core.compare.picture import Picture
+from defocus_core.compare.picture import DecodedPicture
 from defocus_core.reports.html.item import Column, Item, Layer, Report
 from defocus_core.reports.html.layers import A, B, draw, window_of, with_values
 from defocus_core.reports.html.page import write_report
@@ -19,7 +19,7 @@ from defocus_core.reports.html.shell import command_line
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from defocus_core.bench.truth_set import Pictures, Shot
+    from defocus_core.bench.truth_set import Pictures, TruthShot
 
 _COLUMNS = (
     Column("psnr", "PSNR", "dB", high=True),
@@ -37,7 +37,7 @@ class Gallery:
     def __init__(self) -> None:
         self._drawings: dict[tuple[str, str, str], tuple[list[Layer], float, str]] = {}
 
-    def add(self, shot: Shot, pictures: Pictures, method: str, picture: Tensor) -> None:
+    def add(self, shot: TruthShot, pictures: Pictures, method: str, picture: Tensor) -> None:
         """Draw what a method made of a shot, its difference from the truth, and the CoC.
 
         Args:
@@ -101,6 +101,6 @@ def _numbers(row: Row) -> Mapping[str, float]:
     return {k: float(v) for k, v in values.items() if isinstance(v, int | float)}
 
 
-def _picture(planes: Mapping[str, Any]) -> Picture:
+def _picture(planes: Mapping[str, Any]) -> DecodedPicture:
     height, width = next(iter(planes.values())).shape
-    return Picture(Path(), width, height, planes, dict.fromkeys(planes, "float"))
+    return DecodedPicture(Path(), width, height, planes, dict.fromkeys(planes, "float"))

@@ -64,19 +64,13 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     has_frames = container_type(read_head(path, 32)) != ""  # whose number --part is
     if reading.part is not None and not has_frames and (lone or len(info.parts) > 1):
         require_part(path, reading.part, len(info.parts))
-    samples = max(sum(_BYTES.get(kind, 4) for _, kind in part.channels) for part in info.parts)
-    decoded = info.at_once * info.width * info.height * samples / MB
-    too_large = f"takes {decoded:.0f} MB to decode; save it as EXR, or not interlaced"
-    is_too_large = decoded > _MOST_AT_ONCE
-    color_note = too_large if is_too_large else _why_no_color(info, reading)
-    depth_note = too_large if is_too_large else _why_no_depth(info, reading)
-    channels = sum(len(part.channels) for part in info.parts)
-    keeping = Keeping(scratch=info.width * info.height * channels > _NUMBERS_IN_MEMORY)
-    picture = color = depth = None
-    overscan = NO_OVERSCAN
+    too_large = _too_large(info)
+    color_note = too_large or _why_no_color(info, reading)
+    depth_note = too_large or _why_no_depth(info, reading)
+    keeping = _keeping(info)
+    picture, color, depth, overscan = None, None, None, NO_OVERSCAN
     if not color_note and not depth_note and info.parts[0].display_window:
-        both = (reading.part, reading.part)
-        overscan = overscan_of(Picture("", path, path), reading, both)
+        overscan = overscan_of(Picture("", path, path), reading, (reading.part, reading.part))
     if not color_note:
         picture = read_picture(path, reading, keeping, overscan)
         color_note, color = picture.note, color_figures(picture)
@@ -100,6 +94,20 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
         "evidence": list(evidence_of(path, reading, info)) if depth_like and not maps else [],
         "maps": maps,
     }
+
+
+def _keeping(info: FileInfo) -> Keeping:
+    channels = sum(len(part.channels) for part in info.parts)
+    return Keeping(scratch=info.width * info.height * channels > _NUMBERS_IN_MEMORY)
+
+
+def _too_large(info: FileInfo) -> str:
+    """Why a file takes too much memory to decode; empty if it does not."""
+    samples = max(sum(_BYTES.get(kind, 4) for _, kind in part.channels) for part in info.parts)
+    decoded = info.at_once * info.width * info.height * samples / MB
+    if decoded <= _MOST_AT_ONCE:
+        return ""
+    return f"takes {decoded:.0f} MB to decode; save it as EXR, or not interlaced"
 
 
 def _samples_of(path: Path, part: PartInfo) -> dict[str, Any]:

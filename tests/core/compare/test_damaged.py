@@ -11,8 +11,8 @@ import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 
 from defocus_core.compare.comparison import compare_pair
-from defocus_core.compare.pairing import Pair
-from defocus_core.compare.record import UNREADABLE, Settings
+from defocus_core.compare.pairing import FilePair
+from defocus_core.compare.record import UNREADABLE, CompareSettings
 from defocus_core.compare.thresholds import Rules
 from defocus_core.io.safe_files import quiet
 
@@ -26,7 +26,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, byt
 
 
 def status(a: Path, b: Path) -> str:
-    record, _ = compare_pair(Pair(b.name, a, b), Rules(), Settings())
+    record, _ = compare_pair(FilePair(b.name, a, b), Rules(), CompareSettings())
     return record.status
 
 

@@ -23,14 +23,18 @@ from planted_faults import (
 )
 
 from defocus_core.compare.comparison import compare_pair
-from defocus_core.compare.pairing import Pair
-from defocus_core.compare.record import Settings
+from defocus_core.compare.pairing import FilePair
+from defocus_core.compare.record import CompareSettings
 from defocus_core.compare.thresholds import Rules
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 
 
-def compared(a: Path, b: Path, rules: Rules | None = None, settings: Settings | None = None) -> Any:
-    record, _ = compare_pair(Pair(b.name, a, b), rules or Rules(), settings or Settings())
+def compared(
+    a: Path, b: Path, rules: Rules | None = None, settings: CompareSettings | None = None
+) -> Any:
+    record, _ = compare_pair(
+        FilePair(b.name, a, b), rules or Rules(), settings or CompareSettings()
+    )
     return record
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 from refusals import refuses
 
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.shots.frame_patterns import (
     FrameChoice,
     chosen,

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from defocus_core.reports.html import budget
-from defocus_core.reports.html.item import LIGHT, Halves, Item, Layer
+from defocus_core.reports.html.item import LIGHT, Item, Layer, StoredHalves
 
 
 def item(name: str, thumbnail: int, values: int) -> Item:
-    halves = Halves(b"v" * values, (0, 0), (1, 1)) if values else None
+    halves = StoredHalves(b"v" * values, (0, 0), (1, 1)) if values else None
     layers = [
         Layer(key, key, LIGHT, ("R", "G", "B"), (9, 9), thumbnail=b"t" * thumbnail, halves=halves)
         for key in ("a", "b", "left")

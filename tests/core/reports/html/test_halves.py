@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from defocus_core.reports.html import halves
-from defocus_core.reports.html.item import Halves
+from defocus_core.reports.html.item import StoredHalves
 
 
-def unpacked(packed: Halves, channels: int, base: Any = None) -> Any:
+def unpacked(packed: StoredHalves, channels: int, base: Any = None) -> Any:
     """As the script of the report does it: [C, H, W]."""
     width, height = packed.size
     data = np.frombuffer(zlib.decompress(packed.data), np.uint8).astype(np.uint16)
