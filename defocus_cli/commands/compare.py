@@ -71,7 +71,12 @@ Examples:
 @shared.json_option
 @shared.verbose_option
 def command(
-    a: Path, b: Path, asked: comparing.Asked, processes: int, as_json: bool, verbose: bool
+    a: Path,
+    b: Path,
+    asked: comparing.ComparisonOptions,
+    processes: int,
+    as_json: bool,
+    verbose: bool,
 ) -> int:
     """Compare, as the help says."""
     start = time.perf_counter()

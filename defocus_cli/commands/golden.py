@@ -79,7 +79,7 @@ def update(
     folder: Path,
     accepted: bool,
     only: tuple[str, ...],
-    asked: comparing.Asked,
+    asked: comparing.ComparisonOptions,
     crew: WorkerConfig,
 ) -> int:
     """Render JOBS.toml, say what is not like the goldens in DIR, and accept it with --accept.
@@ -137,7 +137,7 @@ def check(
     folder: Path,
     must_fail: bool,
     only: tuple[str, ...],
-    asked: comparing.Asked,
+    asked: comparing.ComparisonOptions,
     as_json: bool,
     crew: WorkerConfig,
 ) -> int:
@@ -218,7 +218,7 @@ def _compare(store: Store, fresh: Rendered, task: Task, processes: int) -> list[
     return list(compare_all(pairs, task, processes))
 
 
-def _plant(folder: Path, asked: comparing.Asked, *, as_json: bool) -> int:
+def _plant(folder: Path, asked: comparing.ComparisonOptions, *, as_json: bool) -> int:
     """Plant faults into all goldens of a folder."""
     store = read_store(folder)
     if not store.files:

@@ -40,7 +40,7 @@ _HTML = "Write a report to look at in a browser: one file, with the pictures in 
 
 
 @dataclass(frozen=True)
-class Asked:
+class ComparisonOptions:
     """A comparison as it is asked for.
 
     Attributes:
@@ -88,9 +88,9 @@ def comparison_options(default: Rules = _NO_RULES, *, whole: bool = True) -> Dec
         junit: Path | None = None,
         html: Path | None = None,
         **settings: Any,
-    ) -> Asked:
+    ) -> ComparisonOptions:
         rules = read_thresholds(thresholds, fail, warn, over, default)
-        return Asked(rules, thresholds, CompareSettings(**settings), diff, junit, html)
+        return ComparisonOptions(rules, thresholds, CompareSettings(**settings), diff, junit, html)
 
     options = [*_rules(), *([*_selection(), *_reports()] if whole else [])]
     return bundle("asked", make, options)

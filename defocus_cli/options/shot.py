@@ -18,7 +18,7 @@ from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.jobs.lens_options import CALLER, refuse_contradiction
 from defocus_core.batch.jobs.reading_options import lens_file_reading
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
-from defocus_core.batch.jobs.shots import LONGEST_SMOOTH, Together
+from defocus_core.batch.jobs.shots import LONGEST_SMOOTH, SharedDecisions
 from defocus_core.errors import UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.shots.frame_patterns import MISSING, FrameChoice, frame_choice
@@ -39,7 +39,7 @@ class ShotOptions:
 
     frames: str | None
     missing: str | None
-    together: Together
+    together: SharedDecisions
     contact: int | None = None
 
     def choice(self, animation: Animation) -> FrameChoice:
@@ -101,7 +101,7 @@ def shot_options(command: Command) -> Command:
     def make(
         frames: str | None, missing: str | None, contact: int | None, **together: Any
     ) -> ShotOptions:
-        return ShotOptions(frames, missing, Together(**together), contact)
+        return ShotOptions(frames, missing, SharedDecisions(**together), contact)
 
     return bundle("shot", make, options)(command)
 

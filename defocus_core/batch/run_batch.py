@@ -104,7 +104,7 @@ def run_batch(
         read_inputs=hash_inputs,
         spread=config.spread,
     )
-    summary = run.carry_out(asked, Path(out), execution, _Listener(ended))
+    summary = run.carry_out(asked, Path(out), execution, _Callbacks(ended))
     if summary.interrupted and summary.left:
         raise KeyboardInterrupt
     update.index(Path(out), None, {job.sample_id for job in asked})
@@ -112,7 +112,7 @@ def run_batch(
 
 
 @dataclass(frozen=True)
-class _Listener:
+class _Callbacks:
     """Tells the caller of each job that ended."""
 
     call: Callable[[Job, Record], None] | None

@@ -40,7 +40,7 @@ _RARE = 16
 _LEVEL_ROWS = 12
 
 
-class _Evidence(NamedTuple):
+class _BandEvidence(NamedTuple):
     """The share of a band of rows in the evidence for the repair that a frame needs.
 
     Attributes:
@@ -106,7 +106,7 @@ def diagnosed(
     """
     dtype = torch.promote_types(signed_radius.dtype, torch.float32)
 
-    def evidence(rows: tuple[int, int]) -> _Evidence:
+    def evidence(rows: tuple[int, int]) -> _BandEvidence:
         return _evidence(signed_radius, rows, dtype, infinity)
 
     of_bands = list(threaded(evidence, bands(*signed_radius.shape), threads))
@@ -119,7 +119,7 @@ def diagnosed(
 
 def _evidence(
     signed_radius: Pixels, rows: tuple[int, int], dtype: torch.dtype, infinity: float | None
-) -> _Evidence:
+) -> _BandEvidence:
     """The evidence of the rows [first, end)."""
     H, W = signed_radius.shape
     above = min(rows[0], 2)
@@ -140,11 +140,11 @@ def _evidence(
     scatter = scatter_counts(around, rows[0] - above, rows, H)
     sample = spread(H, _LEVEL_ROWS, *rows)
     levels = levels_of(r[sample], below[1:][[i for i in sample if i + 1 < len(below)]])
-    return _Evidence(scatter, ends, softest, ramps, levels, averaged)
+    return _BandEvidence(scatter, ends, softest, ramps, levels, averaged)
 
 
 def _repair(
-    signed_radius: Pixels, of_bands: list[_Evidence], infinity: float | None
+    signed_radius: Pixels, of_bands: list[_BandEvidence], infinity: float | None
 ) -> DepthRepair:
     """The repair that the evidence of all bands asks for."""
     ends = torch.stack([band.ends for band in of_bands])

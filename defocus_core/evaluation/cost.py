@@ -16,7 +16,7 @@ from torch import Tensor
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.edge_surfaces import EDGE
 from defocus_core.renderer.blur.field_blend import CORNERS
-from defocus_core.renderer.engine.frame import Frame
+from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.region_schedule import blurred_part
 from defocus_core.renderer.layers.block_index import blocks_of, visible_slices
 from defocus_core.renderer.layers.ladder import position
@@ -144,12 +144,12 @@ def _computed(stream: Stream) -> list[Grid]:
     return [part for part in parts if part]
 
 
-def _around(frame: Frame, grid: Grid) -> Box:
+def _around(frame: SharedFrame, grid: Grid) -> Box:
     """A region with the pixels around it that it depends on."""
     return grid.box.grown(frame.margin, frame.box)
 
 
-def _visible_blocks(frame: Frame, radius: Pixels) -> tuple[Tensor, int]:
+def _visible_blocks(frame: SharedFrame, radius: Pixels) -> tuple[Tensor, int]:
     """Blocks [K, rows, columns] in which slices have pixels, and the number of pixels at edges."""
     (height, width), blocks, edges = frame.size, [], 0
     rows = max(1, _STRIP // width // BLOCK) * BLOCK
@@ -164,7 +164,7 @@ def _visible_blocks(frame: Frame, radius: Pixels) -> tuple[Tensor, int]:
     return torch.cat(blocks, 1), edges
 
 
-def _samples_sliced(frame: Frame, tiles: list[Box], plan: list[list[int]]) -> float:
+def _samples_sliced(frame: SharedFrame, tiles: list[Box], plan: list[list[int]]) -> float:
     """Pixels of tiles with margins, at the resolution of each slice that reaches them."""
     total = 0.0
     for tile, rungs in zip(tiles, plan, strict=True):
@@ -176,7 +176,7 @@ def _samples_sliced(frame: Frame, tiles: list[Box], plan: list[list[int]]) -> fl
     return total
 
 
-def _bytes_of_spectra(frame: Frame) -> float:
+def _bytes_of_spectra(frame: SharedFrame) -> float:
     """Bytes of the spectra of the kernels of all slices, visible and hidden."""
     slices, invented = frame.slices, frame.slices.invented
     hidden = invented.windows[:: invented.stride] if frame.content.edges else []

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.fitting.pictures import Scale, border_of, shifted
-from defocus_core.fitting.unknowns import Point
+from defocus_core.fitting.unknowns import Candidate
 from defocus_core.optics.aperture import Aperture
 from defocus_core.renderer.render import render
 
@@ -71,7 +71,7 @@ class Residual:
         return self._scales[width]
 
     def of(
-        self, point: Point, aperture: Aperture, scale: Scale, quality: str = "standard"
+        self, point: Candidate, aperture: Aperture, scale: Scale, quality: str = "standard"
     ) -> tuple[Tensor, Tensor]:
         """Differences of compressed light [V, C, H, W], and weights [V, 1, H, W]."""
         made, weight = self._made(point, aperture, scale, quality)
@@ -80,7 +80,7 @@ class Residual:
             made = made * self._factors(made, seen, weight)[:, None, None]
         return self._compressed(made) - self._compressed(seen), weight
 
-    def gains(self, point: Point, aperture: Aperture, scale: Scale) -> Tensor:
+    def gains(self, point: Candidate, aperture: Aperture, scale: Scale) -> Tensor:
         """The factor of light of each channel [C]; ones if the exposure is the same."""
         if not self.exposure:
             return torch.ones(len(scale.sharp))
@@ -88,7 +88,7 @@ class Residual:
         return self._factors(made, torch.stack(scale.seen), weight) ** point.gamma
 
     def _made(
-        self, point: Point, aperture: Aperture, scale: Scale, quality: str
+        self, point: Candidate, aperture: Aperture, scale: Scale, quality: str
     ) -> tuple[Tensor, Tensor]:
         """The numbers that a camera stores [V, C, H, W], and their weights [V, 1, H, W]."""
         made, trust = self._render(point, aperture, scale, quality)
@@ -109,7 +109,7 @@ class Residual:
         return made, sure * unclipped
 
     def _render(
-        self, point: Point, aperture: Aperture, scale: Scale, quality: str
+        self, point: Candidate, aperture: Aperture, scale: Scale, quality: str
     ) -> tuple[Tensor, Tensor]:
         """The views [V, C, H, W] of light that a blur makes, and their trust [H, W].
 

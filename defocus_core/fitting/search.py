@@ -12,7 +12,7 @@ from torch import Tensor
 
 from defocus_core.fitting.pictures import Scale, offset_of
 from defocus_core.fitting.residual import Residual, error_of, robust_of
-from defocus_core.fitting.unknowns import MOST_SHIFT, Point, Unknown, moved, rotation_of
+from defocus_core.fitting.unknowns import MOST_SHIFT, Candidate, Unknown, moved, rotation_of
 from defocus_core.optics.aperture import Aperture
 
 MIDDLE = 480  # px, width of pictures of middle size
@@ -37,7 +37,7 @@ class Found:
     """A point, its pupil and its error."""
 
     error: float
-    point: Point
+    point: Candidate
     aperture: Aperture
 
 
@@ -81,7 +81,7 @@ class Search:
         places = torch.quantile(values, torch.tensor(_PLACES, dtype=torch.float64)).tolist()
         found = []
         for radius, focus in product(_RADII, dict.fromkeys(places)):
-            point = Point(radius / float((focus - values).abs().max()), focus, **shift)
+            point = Candidate(radius / float((focus - values).abs().max()), focus, **shift)
             error = error_of(*self.residual.of(point, aperture, scale, "draft"))
             found.append(Found(error, point, aperture))
         return found
@@ -127,7 +127,7 @@ class Search:
             candidates.append(self._descended(start, scale, MIDDLE, self.free(aperture)))
         return min(candidates, key=lambda each: each.error)
 
-    def _at(self, point: Point, aperture: Aperture, scale: Scale) -> Found:
+    def _at(self, point: Candidate, aperture: Aperture, scale: Scale) -> Found:
         return Found(error_of(*self.residual.of(point, aperture, scale)), point, aperture)
 
     def _descended(

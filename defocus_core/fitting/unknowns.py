@@ -13,7 +13,7 @@ _TURN = 30.0  # degrees
 
 
 @dataclass(frozen=True)
-class Point:
+class Candidate:
     """A value of each unknown.
 
     Attributes:
@@ -43,7 +43,7 @@ class Unknown:
     """An unknown, in units of which one is a large change.
 
     Attributes:
-        name: An attribute of `Point`.
+        name: An attribute of `Candidate`.
         unit: Of its value; of a ratio, of its logarithm.
         probe: Difference that derivatives are taken over, in units.
         most: Greatest step, in units.
@@ -89,7 +89,7 @@ def rotation_of(aperture: Aperture) -> Unknown:
     return Unknown("rotation", _TURN, 0.1, 90 / (aperture.blades * _TURN))
 
 
-def moved(point: Point, free: Iterable[Unknown], steps: Sequence[float]) -> Point:
+def moved(point: Candidate, free: Iterable[Unknown], steps: Sequence[float]) -> Candidate:
     """A point after a step in each of the unknowns that are free."""
     pairs = zip(free, steps, strict=True)
     return replace(point, **{u.name: u.moved(getattr(point, u.name), by) for u, by in pairs})

@@ -116,7 +116,7 @@ class Keeping:
 IN_MEMORY = Keeping()
 
 
-class Stack:
+class StackedPlanes:
     """C arrays [H, W] as one [H, W, C], read by slices of rows."""
 
     def __init__(self, planes: Sequence[Any]) -> None:
@@ -153,7 +153,7 @@ def times(array: Any, factor: float, offset: float = 0.0) -> Any:
 class Beside:
     """Arrays [H, W, C] of one size side by side, read by slices of rows."""
 
-    def __init__(self, arrays: Sequence[Stack]) -> None:
+    def __init__(self, arrays: Sequence[StackedPlanes]) -> None:
         self._arrays = arrays
         height, width, channels = arrays[0].shape
         self.shape = (height, width * len(arrays), channels)

@@ -16,7 +16,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.axial_color import apart
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
-from defocus_core.renderer.engine.picture import Picture, repaired_once, shared_fill
+from defocus_core.renderer.engine.picture import FramedPicture, repaired_once, shared_fill
 from defocus_core.renderer.engine.region_schedule import assembled
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.engine.shared_fill import FillOfColors
@@ -151,7 +151,7 @@ def _rendered(
 ) -> Views:
     """One picture, or one channel of it, whose radii may be repaired already."""
     with own_modes(pixels.device):
-        picture = Picture(pixels, radius, settings, known, repair=repair, fill=fill)
+        picture = FramedPicture(pixels, radius, settings, known, repair=repair, fill=fill)
         return assembled(picture.frame, pixels, picture.parts(progress=progress))
 
 
@@ -218,14 +218,14 @@ def render_layers(
         if layered.deepest == 1 and not layered.open:
             pixels, radius = layered.picture(alpha=False), layered.nearest()
             assert isinstance(pixels, Tensor), "layers in memory make a picture in memory"
-            picture = Picture(pixels, radius, settings, None)
+            picture = FramedPicture(pixels, radius, settings, None)
             views = assembled(picture.frame, pixels, picture.parts(progress=progress))
             views = views.to(colors.dtype)
             alpha = torch.ones_like(views.render[:1])
             return views._replace(images=[torch.cat([image, alpha]) for image in views.images])
         pixels = layered.picture(alpha=True)
         assert isinstance(pixels, Tensor), "layers in memory make a picture in memory"
-        picture = Picture(pixels, layered.nearest(), settings, None, layered=layered)
+        picture = FramedPicture(pixels, layered.nearest(), settings, None, layered=layered)
         views = assembled(picture.frame, pixels, picture.parts(progress=progress))
         return views.to(colors.dtype)
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 import torch
 
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.renderer.engine.picture import Picture
+from defocus_core.renderer.engine.picture import FramedPicture
 from defocus_core.renderer.engine.region_schedule import total
 from defocus_core.renderer.engine.settings import STANDARD, Settings
 from defocus_core.renderer.engine.shared_fill import FillOfColors
@@ -22,7 +22,7 @@ from defocus_core.tensors.validation import whole
 from defocus_core.tensors.views import Views
 
 
-class Stream(Picture):
+class Stream(FramedPicture):
     """The regions of a picture, in rows from the top, each from left to right."""
 
     def __init__(

@@ -103,7 +103,7 @@ class ClippedLights:
         self.added = lit.at_once(1) if isinstance(image, Tensor) else lit
 
 
-class _Level(NamedTuple):
+class _BlobLevel(NamedTuple):
     """The blobs of pixels brighter than a level.
 
     Attributes:
@@ -119,7 +119,7 @@ class _Level(NamedTuple):
     share: Tensor
 
 
-def _found(image: Pixels, threshold: float, colors: int) -> tuple[list[_Level], int]:
+def _found(image: Pixels, threshold: float, colors: int) -> tuple[list[_BlobLevel], int]:
     """The blobs of each level from the threshold on, and the number of lights."""
     size = image.shape[-2], image.shape[-1]
     pairs = [pair for pair in pairwise(_LEVELS) if pair[1] > threshold]
@@ -136,7 +136,9 @@ def _found(image: Pixels, threshold: float, colors: int) -> tuple[list[_Level], 
         runs, leasts, besides = zip(*level, strict=True)
         joined = Runs.joined([*runs])
         beside = torch.cat(besides) / max(low, _LEVELS[1])
-        levels.append(_Level(low, high, joined, _shares(joined, torch.cat(leasts), beside, size)))
+        levels.append(
+            _BlobLevel(low, high, joined, _shares(joined, torch.cat(leasts), beside, size))
+        )
     return levels, _count(levels, threshold, size[1])
 
 
@@ -216,7 +218,7 @@ def _between(colored: Sequence[float], white: Sequence[float], share: Tensor) ->
     return [a + (b - a) * share for a, b in zip(colored, white, strict=True)]
 
 
-def _count(levels: list[_Level], threshold: float, width: int) -> int:
+def _count(levels: list[_BlobLevel], threshold: float, width: int) -> int:
     """The number of blobs, of the least level above the threshold, that hold a light."""
     above = [level for level in levels if level.low >= threshold] or levels[-1:]
     base = above[0].runs
@@ -240,7 +242,7 @@ class _Lit(Derived):
     """The picture with the light of its blobs, window by window."""
 
     def __init__(
-        self, image: Pixels, threshold: Scalar, gain: Scalar, colors: int, levels: list[_Level]
+        self, image: Pixels, threshold: Scalar, gain: Scalar, colors: int, levels: list[_BlobLevel]
     ) -> None:
         """Keep the source; nothing is read yet."""
         self._image, self._threshold, self._gain = image, threshold, gain

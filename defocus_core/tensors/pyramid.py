@@ -66,7 +66,7 @@ def axes(size: tuple[int, int], top: int = 0, left: int = 0) -> tuple[Axis, Axis
     return down, across
 
 
-class Halves(NamedTuple):
+class AxisHalving(NamedTuple):
     """The halving of one axis: the pixels that are missing for whole cells, and the cells.
 
     Attributes:
@@ -82,15 +82,15 @@ class Halves(NamedTuple):
     axis: Axis
 
 
-def halves(length: int, axis: Axis) -> Halves:
+def halves(length: int, axis: Axis) -> AxisHalving:
     """The halving of an axis of `length` pixels."""
     before = axis.middle % 2
     after = (length + before + axis.odd) % 2
     middle = Axis((axis.middle + before) // 2, axis.odd)
-    return Halves(before, after, (length + before + after + axis.odd) // 2, middle)
+    return AxisHalving(before, after, (length + before + after + axis.odd) // 2, middle)
 
 
-def extended(values: Tensor, down: Halves, across: Halves, value: float) -> Tensor:
+def extended(values: Tensor, down: AxisHalving, across: AxisHalving, value: float) -> Tensor:
     """Values [..., H, W] with the missing pixels filled by a value."""
     missing = (across.before, across.after, down.before, down.after)
     return pad(values, missing, value=value) if any(missing) else values

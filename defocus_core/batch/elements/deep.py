@@ -189,9 +189,9 @@ def _metres(
     """Metres [H, W] of the numbers of a layer, read as those of the first surface."""
     from defocus_core.io.depth_formats.resolving import resolved
     from defocus_core.io.depth_formats.rules import decoded
-    from defocus_core.io.depth_formats.samples import Samples
+    from defocus_core.io.depth_formats.samples import DepthNumbers
 
-    samples = Samples(numbers, "EXR", "", channel=like.channel)
+    samples = DepthNumbers(numbers, "EXR", "", channel=like.channel)
     decoding = resolved(
         like.path, reading, samples, picture_width=color.size[0], lens_focal=lens_focal
     )

@@ -124,7 +124,7 @@ class Machine:
 
 
 @dataclass(frozen=True)
-class Taken:
+class FrameLens:
     """A frame of a shot, and the lens that takes it."""
 
     picture: Picture
@@ -144,9 +144,9 @@ class Shot:
         motion: layer of motion vectors in the files; None if there is none.
     """
 
-    sample: tuple[Taken, ...] = ()
+    sample: tuple[FrameLens, ...] = ()
     window: tuple[Picture, ...] = ()
-    focus: tuple[Taken, ...] = ()
+    focus: tuple[FrameLens, ...] = ()
     motion: str | None = None
 
     @property

@@ -34,7 +34,7 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW
-from defocus_core.io.shots.lens_metadata import Taken, lens_of
+from defocus_core.io.shots.lens_metadata import OptionFromMetadata, lens_of
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class ShotLenses:
             return None
         return make_lens(self.flags, self.file, radii=self.radii)
 
-    def of(self, picture: Picture) -> tuple[Lens, dict[str, Taken]]:
+    def of(self, picture: Picture) -> tuple[Lens, dict[str, OptionFromMetadata]]:
         """The lens of a picture, and the options that its metadata decided.
 
         Raises:
@@ -94,7 +94,7 @@ class ShotLenses:
         used = {name: each for name, each in taken.items() if base.get(name) == each.text}
         return lens, {name: each for name, each in used.items() if name not in self.flags}
 
-    def texts(self, picture: Picture) -> tuple[dict[str, str], dict[str, Taken]]:
+    def texts(self, picture: Picture) -> tuple[dict[str, str], dict[str, OptionFromMetadata]]:
         """The options of a picture by keys and metadata, as texts, and those of its metadata.
 
         Raises:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
-from defocus_core.batch.jobs.job import Job, Picture, Shot, Taken
+from defocus_core.batch.jobs.job import FrameLens, Job, Picture, Shot
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import UsageProblem
@@ -25,7 +25,7 @@ LONGEST_SMOOTH = 1001
 
 
 @dataclass(frozen=True)
-class Together:
+class SharedDecisions:
     """What the frames of a shot have in common.
 
     Attributes:
@@ -55,14 +55,14 @@ class Together:
                 )
 
 
-def read_together(table: Table) -> Together:
+def read_together(table: Table) -> SharedDecisions:
     """The table ``[shot]`` of a jobs file.
 
     Raises:
         UsageProblem: a key is unknown, or a value makes no sense.
     """
     table.refuse_unknown(KEYS)
-    return Together(
+    return SharedDecisions(
         steady=table.flag("steady"),
         focus_smooth=table.whole("focus-smooth", 2, LONGEST_SMOOTH),
         motion=table.text("motion"),
@@ -74,7 +74,7 @@ def with_shot(
     jobs: Sequence[Job],
     every: Sequence[Picture],
     lens_of: Callable[[Picture, str], Lens],
-    together: Together,
+    together: SharedDecisions,
     *,
     moving: bool,
 ) -> list[Job]:
@@ -105,19 +105,19 @@ def with_shot(
     steady = together.steady is not False
 
     @cache
-    def sample(suffix: str) -> tuple[Taken, ...]:
+    def sample(suffix: str) -> tuple[FrameLens, ...]:
         count = min(_SAMPLE, len(every))
         spread = (round(k * (len(every) - 1) / max(count - 1, 1)) for k in range(count))
-        return tuple(Taken(every[k], lens_of(every[k], suffix)) for k in dict.fromkeys(spread))
+        return tuple(FrameLens(every[k], lens_of(every[k], suffix)) for k in dict.fromkeys(spread))
 
     def shot(job: Job) -> Shot | None:
         place = places.get(job.picture.frame)
         if place is None:  # a picture of a list
             return None
-        focus: tuple[Taken, ...] = ()
+        focus: tuple[FrameLens, ...] = ()
         if _is_found(job) and (together.focus_smooth or moving):
             averaged = window_of(len(every), place, together.focus_smooth or 1)
-            focus = tuple(Taken(every[k], lens_of(every[k], job.suffix)) for k in averaged)
+            focus = tuple(FrameLens(every[k], lens_of(every[k], job.suffix)) for k in averaged)
         repairs = steady and job.reading.depth_repair != "off"
         decides = repairs or (steady and _is_found(job) and not focus)
         around = _LOOKED_AT if together.motion else AVERAGED if repairs else 0

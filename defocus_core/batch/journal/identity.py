@@ -21,7 +21,7 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.jobs.job import Job, Shot, Taken
+from defocus_core.batch.jobs.job import FrameLens, Job, Shot
 from defocus_core.batch.journal.plain_values import plain
 from defocus_core.batch.lenses.lens import LENS_FILES
 from defocus_core.io.below import Folder, open_plain
@@ -57,7 +57,7 @@ def settings(job: Job) -> dict[str, Any]:
 def shot_settings(shot: Shot, frame: int | None) -> dict[str, Any]:
     """What a job takes of its shot, by frame; the files of the frames are inputs."""
 
-    def taken(frames: Sequence[Taken]) -> list[Any]:
+    def taken(frames: Sequence[FrameLens]) -> list[Any]:
         lenses = ({k: v for k, v in _plain(f.lens).items() if k not in _PLACES} for f in frames)
         return [[f.picture.frame, lens] for f, lens in zip(frames, lenses, strict=True)]
 

@@ -11,13 +11,13 @@ from typing import Any
 from defocus_core.batch.jobs.job import (
     FRAME_ROLE,
     OTHERS,
+    FrameLens,
     Job,
     Machine,
     Outputs,
     Picture,
     Reading,
     Shot,
-    Taken,
 )
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.journal.ledger import Ledger
@@ -104,8 +104,8 @@ def _shot(asked: Mapping[str, Any], inputs: Mapping[str, Any], out: Path) -> Sho
         of_frame = _picture("", inputs, out, f"{FRAME_ROLE}{frame}_")
         return replace(of_frame, stem=of_frame.color.stem, frame=frame)
 
-    def taken(frames: Sequence[Any]) -> tuple[Taken, ...]:
-        return tuple(Taken(picture(frame), typed(Lens, lens)) for frame, lens in frames)
+    def taken(frames: Sequence[Any]) -> tuple[FrameLens, ...]:
+        return tuple(FrameLens(picture(frame), typed(Lens, lens)) for frame, lens in frames)
 
     window = tuple(picture(frame) for frame in asked["window"])
     return Shot(taken(asked["sample"]), window, taken(asked["focus"]), asked.get("motion"))

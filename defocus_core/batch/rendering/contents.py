@@ -93,7 +93,7 @@ def _shown(color: Color, planes: Sequence[Any]) -> tuple[Any, ...]:
     if not any(color.overscan):
         return tuple(planes)
     window = color.overscan.shown(*color.shape[:2])
-    return tuple(_Shown(plane, window) for plane in planes)
+    return tuple(_ShownRows(plane, window) for plane in planes)
 
 
 def _image(
@@ -140,7 +140,7 @@ class _OfRadius:
         return values
 
 
-class _Shown:
+class _ShownRows:
     """The rows and columns of an array [H, W] that are written, a few rows at a time."""
 
     def __init__(self, whole: Any, window: tuple[slice, slice]) -> None:

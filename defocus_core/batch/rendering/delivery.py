@@ -9,7 +9,7 @@ from defocus_core.batch.depth.repair_words import repair_attribute
 from defocus_core.batch.lenses.quantities import length_text
 from defocus_core.batch.rendering.contents import contents_of
 from defocus_core.errors import InputError
-from defocus_core.io.arrays import Beside, Stack
+from defocus_core.io.arrays import Beside, StackedPlanes
 from defocus_core.io.safe_files import written_together
 from defocus_core.system.text import version
 
@@ -55,7 +55,7 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
         }
         lost = write_image(
             path,
-            Stack(contents.planes),
+            StackedPlanes(contents.planes),
             contents.names,
             exr_type=job.outputs.exr_type,
             bits=16 if job.outputs.format == "png16" else 8,
@@ -78,7 +78,9 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
     elif preview is not None:
         count = len(contents.planes) // len(kind.rendered_as)
         views = range(0, len(contents.planes), count)
-        write_preview(preview, Beside([Stack(contents.planes[n : n + count]) for n in views]))
+        write_preview(
+            preview, Beside([StackedPlanes(contents.planes[n : n + count]) for n in views])
+        )
     return warnings
 
 

@@ -13,7 +13,7 @@ from statistics import median
 from typing import TYPE_CHECKING
 
 from defocus_core.batch.depth.focusing import focused, lens_scale, radius_at_infinity, radius_map
-from defocus_core.batch.jobs.job import Job, Shot, Taken
+from defocus_core.batch.jobs.job import FrameLens, Job, Shot
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.rendering.memory_budget import holding
 from defocus_core.batch.rendering.outcome import Loaded
@@ -58,7 +58,7 @@ def is_found(lens: Lens) -> bool:
     return lens.focus_at is not None or lens.focus_percentile is not None
 
 
-def _mean_focus(frames: Sequence[Taken], job: Job, read: Read) -> float:
+def _mean_focus(frames: Sequence[FrameLens], job: Job, read: Read) -> float:
     """The mean focus in mm of frames, in disparity, of those that have something to focus on."""
     found, failed = [], []
     for frame in frames:
@@ -74,7 +74,7 @@ def _mean_focus(frames: Sequence[Taken], job: Job, read: Read) -> float:
     return 1 / mean if mean else float("inf")
 
 
-def _own_focus(frame: Taken, job: Job, read: Read) -> float:
+def _own_focus(frame: FrameLens, job: Job, read: Read) -> float:
     key = (frame, job.reading)
     if key not in _FOCI:
         while len(_FOCI) >= _KEPT:
@@ -113,7 +113,7 @@ def shot_repair(job: Job, lens: Lens, loaded: Loaded, read: Read) -> DepthRepair
     return repair_through(_REPAIRS[key], scale, infinity)
 
 
-def _repair_of(frame: Taken, job: Job, read: Read) -> tuple[DepthRepair, float]:
+def _repair_of(frame: FrameLens, job: Job, read: Read) -> tuple[DepthRepair, float]:
     """The repair that a frame needs, and the scale of its lens."""
     import torch
 

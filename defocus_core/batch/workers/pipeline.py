@@ -71,7 +71,7 @@ def run(
         Exception: what ``jobs`` or ``done`` raised.
     """
     gate = Gate()
-    ahead, behind = _Ahead(jobs, gate), _Behind(done, gate)
+    ahead, behind = _Ahead(jobs, gate), _Writer(done, gate)
     try:
         for number, ready in ahead:
             if stopped():
@@ -132,7 +132,7 @@ class _Ahead:
             self._queue.put(None)
 
 
-class _Behind:
+class _Writer:
     """Writes what is computed, on a thread; whoever brings the next waits for it."""
 
     def __init__(self, done: Done, gate: Gate) -> None:

@@ -38,7 +38,7 @@ _LARGEST_MATLAB = 2**28  # bytes, since it is decompressed at once
 
 
 @dataclass(frozen=True)
-class Entry:
+class ArrayEntry:
     """An array in a container.
 
     Attributes:
@@ -61,7 +61,7 @@ def container_type(head: bytes) -> str:
     return "MATLAB" if head.startswith(_MATLAB_5[:16]) else ""
 
 
-def read_entries(path: Path) -> dict[str, Entry]:
+def read_entries(path: Path) -> dict[str, ArrayEntry]:
     """The arrays of numbers in a container, by name, of two axes or more; none is loaded.
 
     Raises:
@@ -100,7 +100,7 @@ def _loading(path: Path, load: Callable[[int | None], NDArray[Any]]) -> Any:
     return guarded
 
 
-def _npz(path: Path) -> Iterator[tuple[str, Entry]]:
+def _npz(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     with zipfile.ZipFile(path) as archive:
         members = [name for name in archive.namelist() if name.endswith(".npy")]
         for member in members:
@@ -114,7 +114,7 @@ def _npz(path: Path) -> Iterator[tuple[str, Entry]]:
             if dtype.kind not in _NUMERIC:
                 continue
             load = partial(_npz_array, path, member, shape, dtype.itemsize)
-            yield member.removesuffix(".npy"), Entry(shape, dtype.name, _loading(path, load))
+            yield member.removesuffix(".npy"), ArrayEntry(shape, dtype.name, _loading(path, load))
 
 
 def _npz_array(
@@ -126,14 +126,14 @@ def _npz_array(
     return values if index is None else values[index]
 
 
-def _hdf5(path: Path) -> Iterator[tuple[str, Entry]]:
+def _hdf5(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     try:
         import h5py
     except ImportError:
         problem = "is an HDF5 file, which is read with h5py, and h5py is not installed"
         remedy = "run: pip install 'defocus[hdf5]'"
         raise InputError("needs-extra", problem, remedy, path=path) from None
-    entries: list[tuple[str, Entry]] = []
+    entries: list[tuple[str, ArrayEntry]] = []
 
     def load(name: str, index: int | None) -> NDArray[Any]:
         with h5py.File(path, "r") as file:
@@ -147,14 +147,14 @@ def _hdf5(path: Path) -> Iterator[tuple[str, Entry]]:
         shape, dtype = getattr(item, "shape", None), getattr(item, "dtype", None)
         if shape and dtype is not None and dtype.kind in _NUMERIC and not name.startswith("#"):
             loader = _loading(path, lambda index: load(name, index))
-            entries.append((name, Entry(tuple(shape), dtype.name, loader)))
+            entries.append((name, ArrayEntry(tuple(shape), dtype.name, loader)))
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
     yield from entries
 
 
-def _matlab(path: Path) -> Iterator[tuple[str, Entry]]:
+def _matlab(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     try:
         from scipy.io import loadmat, whosmat
     except ImportError:
@@ -177,7 +177,7 @@ def _matlab(path: Path) -> Iterator[tuple[str, Entry]]:
         for name, shape, kind in whosmat(BytesIO(file)):
             if (dtype := _CLASSES.get(kind)) is not None:
                 loader = _loading(path, partial(load, file, name, shape, dtype))
-                yield name, Entry(shape, dtype, loader)
+                yield name, ArrayEntry(shape, dtype, loader)
 
 
 def _matlab_arrays(path: Path) -> Iterator[bytes]:

@@ -17,7 +17,7 @@ from defocus_core.io.depth_formats.sidecars import Facts
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from defocus_core.io.depth_formats.samples import Samples
+    from defocus_core.io.depth_formats.samples import DepthNumbers
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Declared:
     path: Path
     reading: DepthReading
     row: DepthFormat
-    samples: Samples
+    samples: DepthNumbers
     facts: Facts | None
 
     @property

@@ -18,7 +18,7 @@ from defocus_core.io.depth_formats.holes import fill_from_farther, set_far, set_
 from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading
 from defocus_core.io.depth_formats.resolving import resolved
 from defocus_core.io.depth_formats.rules import HALF_MAX, Decoding, DepthFormat, decoded, unpacked
-from defocus_core.io.depth_formats.samples import Samples, divided
+from defocus_core.io.depth_formats.samples import DepthNumbers, divided
 from defocus_core.io.depth_formats.sidecars import marked_pixels
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.system.text import counted
@@ -128,7 +128,7 @@ def read_depth(
     row = reading.row
     samples = read_numbers(path, reading, keeping, size, overscan)
     if row.weights or row.bits:
-        samples = Samples(
+        samples = DepthNumbers(
             unpacked(samples.values[:], row), samples.type, samples.words, metadata=samples.metadata
         )
     if row.stride != 1:
@@ -182,14 +182,14 @@ def require_valid(depth: Depth) -> None:
     raise InputError("invalid-depth", problem, remedy, path=depth.path)
 
 
-def _strided(samples: Samples, step: int) -> Samples:
+def _strided(samples: DepthNumbers, step: int) -> DepthNumbers:
     """Every so many rows and columns."""
     values = samples.values[::step, ::step]
-    return Samples(values, samples.type, samples.words, samples.channel, samples.metadata)
+    return DepthNumbers(values, samples.type, samples.words, samples.channel, samples.metadata)
 
 
 def _decode(
-    samples: Samples, decoding: Decoding, keeping: Keeping, overscan: Overscan
+    samples: DepthNumbers, decoding: Decoding, keeping: Keeping, overscan: Overscan
 ) -> tuple[Any, bool]:
     """Metres [H, W] of the numbers, and whether 65504 of a half was taken as sky."""
     values = samples.values
@@ -207,7 +207,9 @@ def _decode(
     return metres, half_sky
 
 
-def _apply_marks(path: Path, row: DepthFormat, samples: Samples, metres: Any) -> tuple[str, ...]:
+def _apply_marks(
+    path: Path, row: DepthFormat, samples: DepthNumbers, metres: Any
+) -> tuple[str, ...]:
     """Set what alpha, another array or a mask beside the file marks; what was used, in words."""
     words, marks = [], []
     if samples.within is not None:

@@ -11,9 +11,9 @@ import numpy as np
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.depth_formats.reading import DepthReading
-from defocus_core.io.depth_formats.samples import Samples
+from defocus_core.io.depth_formats.samples import DepthNumbers
 from defocus_core.io.exr.header import Header, read_headers
-from defocus_core.io.exr.reading import Part, read_parts
+from defocus_core.io.exr.reading import ExrPart, read_parts
 from defocus_core.io.exr.views import in_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.exr_channels import (
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 def exr_samples(
     path: Path, reading: DepthReading, keeping: Keeping, overscan: Overscan = NO_OVERSCAN
-) -> Samples:
+) -> DepthNumbers:
     """Read the depth channel of an EXR file.
 
     Raises:
@@ -56,7 +56,7 @@ def exr_samples(
     words = (f"EXR {kind} channel {chosen.name}{place}{view}", header.cut_note(overscan))
     window = header.display.grown(overscan)
     transparency = None if alpha is None else parts[header.index].channels[alpha]
-    return Samples(
+    return DepthNumbers(
         pixels,
         "integer EXR" if pixels.dtype.kind in "iu" else "EXR",
         ", ".join(filter(None, words)),
@@ -108,7 +108,7 @@ def _alpha(chosen: ChannelGroup) -> str | None:
     return next((names[name] for name in (f"{layer}.A", "A") if name in names), None)
 
 
-def _is_grey(part: Part) -> bool:
+def _is_grey(part: ExrPart) -> bool:
     """Whether R, G and B of a part are equal: depth may have been saved as a grey picture."""
     planes: Sequence[Any] = [part.channels.get(name) for name in "RGB"]
     if any(plane is None for plane in planes):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.array_files.bare_arrays import bare_type, read_bare, read_headerless
-from defocus_core.io.array_files.containers import Entry, container_type, read_entries
+from defocus_core.io.array_files.containers import ArrayEntry, container_type, read_entries
 from defocus_core.io.array_files.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.depth_formats.exr_samples import exr_samples
@@ -24,7 +24,7 @@ from defocus_core.io.depth_formats.photo_depth import (
 )
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.rules import DepthFormat
-from defocus_core.io.depth_formats.samples import Samples
+from defocus_core.io.depth_formats.samples import DepthNumbers
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.exr_channels import require_part
@@ -45,7 +45,7 @@ def read_numbers(
     keeping: Keeping,
     size: tuple[int, int] | None,
     overscan: Overscan = NO_OVERSCAN,
-) -> Samples:
+) -> DepthNumbers:
     """Read the numbers of a depth file.
 
     Args:
@@ -62,7 +62,7 @@ def read_numbers(
     row, head = reading.row, read_head(path, 32)
     if row.files == ("headerless",):
         width, height = size or row.size or (0, 0)
-        return Samples(read_headerless(path, (width, height)), "headerless", "float32 rows")
+        return DepthNumbers(read_headerless(path, (width, height)), "headerless", "float32 rows")
     if is_exr(head):
         return _allowed(path, exr_samples(path, reading, keeping, overscan), reading)
     if path.suffix.lower() == ".exr":
@@ -75,7 +75,7 @@ def read_numbers(
     if is_float_map(head):
         samples = _from_map(path, reading)
     elif bare_type(head):
-        samples = Samples(read_bare(path), bare_type(head), bare_type(head))
+        samples = DepthNumbers(read_bare(path), bare_type(head), bare_type(head))
     elif is_heic(head):
         samples = _from_photo(read_heic(path), "HEIC")
     elif is_jpeg(head) and "GDepth" in row.files:
@@ -85,7 +85,7 @@ def read_numbers(
     return _allowed(path, samples, reading)
 
 
-def _allowed(path: Path, samples: Samples, reading: DepthReading) -> Samples:
+def _allowed(path: Path, samples: DepthNumbers, reading: DepthReading) -> DepthNumbers:
     """Refuse a type of file that the named format does not come in."""
     row = reading.row
     if reading.depth_format is not None and samples.type not in row.files:
@@ -100,13 +100,13 @@ def _article(kind: str) -> str:
     return f"{'an' if kind[0] in 'aeiouEHN8' else 'a'} {kind}"
 
 
-def _from_photo(photo: PhotoDepth, file_type: str) -> Samples:
+def _from_photo(photo: PhotoDepth, file_type: str) -> DepthNumbers:
     """Numbers of a depth image in a photograph, of unsigned integers."""
     metadata = {**photo.metadata, "top": 2.0 ** (8 * photo.values.itemsize) - 1}
-    return Samples(photo.values, file_type, f"{file_type} depth image", metadata=metadata)
+    return DepthNumbers(photo.values, file_type, f"{file_type} depth image", metadata=metadata)
 
 
-def _from_map(path: Path, reading: DepthReading) -> Samples:
+def _from_map(path: Path, reading: DepthReading) -> DepthNumbers:
     """Numbers of a PFM, or of an NPY whose axes the format may say."""
     row, integers = reading.row, reading.says_scale
     if read_head(path).startswith(NPY_MAGIC) and (row.plane is not None or "N" in row.axes):
@@ -116,20 +116,20 @@ def _from_map(path: Path, reading: DepthReading) -> Samples:
         read = read_float_map(path, integers=integers)
         values, file_type = read.values, read.format
     whole = values.dtype.kind in "iu"
-    return Samples(values, f"integer {file_type}" if whole else file_type, file_type)
+    return DepthNumbers(values, f"integer {file_type}" if whole else file_type, file_type)
 
 
-def _from_container(path: Path, reading: DepthReading, kind: str) -> Samples:
+def _from_container(path: Path, reading: DepthReading, kind: str) -> DepthNumbers:
     row, entries = reading.row, read_entries(path)
     name = _array_name(path, entries, reading)
     values = _frame(path, entries[name], row, reading.part)
     holes = None
     if row.holes and row.holes in entries and name != row.holes:
         holes = _frame(path, entries[row.holes], row, reading.part) == 0
-    return Samples(values, kind, f"{kind} array {name}", channel=name, holes=holes)
+    return DepthNumbers(values, kind, f"{kind} array {name}", channel=name, holes=holes)
 
 
-def _array_name(path: Path, entries: Mapping[str, Entry], reading: DepthReading) -> str:
+def _array_name(path: Path, entries: Mapping[str, ArrayEntry], reading: DepthReading) -> str:
     """The array that holds the depth: the one named, that of the format, or the only one."""
     names = ", ".join(list(entries)[:20])
     if reading.depth_channel is not None:
@@ -147,7 +147,7 @@ def _array_name(path: Path, entries: Mapping[str, Entry], reading: DepthReading)
     raise InputError("ambiguous", f"holds the arrays {names}", remedy, path=path)
 
 
-def _frame(path: Path, entry: Entry, row: DepthFormat, part: int | None) -> NDArray[Any]:
+def _frame(path: Path, entry: ArrayEntry, row: DepthFormat, part: int | None) -> NDArray[Any]:
     """One map of an array in a container, of which no more than that is loaded."""
     frames = len(entry.shape) > 2 and ("N" in row.axes or entry.shape[-1] > 4)
     if not frames or entry.shape[0] == 1 or row.plane is not None:
@@ -182,7 +182,7 @@ def _chosen_frame(path: Path, count: int, part: int | None) -> int:
     return part
 
 
-def _from_raster(path: Path, reading: DepthReading, keeping: Keeping) -> Samples:
+def _from_raster(path: Path, reading: DepthReading, keeping: Keeping) -> DepthNumbers:
     """Numbers of a PNG, TIFF or JPEG: one channel, or the bits of a pixel of several."""
     row = reading.row
     raster = choose_page(path, read_pages(path, wanted=WANTED), reading.part)
@@ -200,7 +200,7 @@ def _from_raster(path: Path, reading: DepthReading, keeping: Keeping) -> Samples
             packed[window] = samples
         several = len(raster.channels) in (3, 4) and raster.type == "uint8"
         file_type = f"8-bit {'RGBA' if len(raster.channels) == 4 else 'RGB'}" if several else kind
-        return Samples(packed, file_type, kind)
+        return DepthNumbers(packed, file_type, kind)
     _refuse_unsuited(path, raster, reading)
     values = keeping.new(size, dtype)
     for window, samples in read_samples(path, raster.page):
@@ -210,7 +210,7 @@ def _from_raster(path: Path, reading: DepthReading, keeping: Keeping) -> Samples
             raise InputError("not-one-channel", problem, remedy, path=path)
         values[window] = samples[:, :, 0]
     file_type = {"uint16": "16-bit PNG", "uint8": "8-bit PNG"}.get(raster.type, "float TIFF")
-    return Samples(values, file_type, kind, metadata=metadata)
+    return DepthNumbers(values, file_type, kind, metadata=metadata)
 
 
 def _refuse_unsuited(path: Path, raster: Raster, reading: DepthReading) -> None:

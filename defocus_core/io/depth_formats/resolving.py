@@ -24,7 +24,7 @@ from defocus_core.io.depth_formats.table import UNIT_WORDS, UNITS, custom
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from defocus_core.io.depth_formats.samples import Samples
+    from defocus_core.io.depth_formats.samples import DepthNumbers
 
 MM_PER_M = 1000.0
 _CALIBRATION = {"focal-px": "‹focal-px› PX", "baseline": "‹baseline› 65mm"}
@@ -33,7 +33,7 @@ _CALIBRATION = {"focal-px": "‹focal-px› PX", "baseline": "‹baseline› 65m
 def resolved(
     path: Path,
     reading: DepthReading,
-    samples: Samples,
+    samples: DepthNumbers,
     *,
     picture_width: int,
     lens_focal: float | None,
@@ -76,7 +76,7 @@ def resolved(
     )
 
 
-def _own_sky(samples: Samples, row: DepthFormat) -> float:
+def _own_sky(samples: DepthNumbers, row: DepthFormat) -> float:
     """The least number that is sky; the largest half is, in a file of half."""
     half = samples.values.dtype.newbyteorder("=") == "float16"
     return min(row.sky, HALF_MAX) if half else row.sky

@@ -23,7 +23,7 @@ _ENOUGH, _MOST = 12, 0.8
 
 
 @dataclass(frozen=True)
-class Samples:
+class DepthNumbers:
     """The numbers of a depth file.
 
     Attributes:

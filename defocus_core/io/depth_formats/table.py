@@ -14,7 +14,7 @@ from defocus_core.io.depth_formats.depth_datasets import DEPTH_DATASETS
 from defocus_core.io.depth_formats.networks import NETWORKS
 from defocus_core.io.depth_formats.renderers import RENDERERS
 from defocus_core.io.depth_formats.rules import DepthFormat
-from defocus_core.io.depth_formats.samples import Samples
+from defocus_core.io.depth_formats.samples import DepthNumbers
 from defocus_core.io.depth_formats.stereo_datasets import STEREO_DATASETS
 
 ROWS: tuple[DepthFormat, ...] = (*RENDERERS, *DEPTH_DATASETS, *STEREO_DATASETS, *NETWORKS)
@@ -24,7 +24,7 @@ UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ft": 0.3048}  # metres of 1 in the f
 UNIT_WORDS = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "ft": "feet"}
 
 
-def custom(samples: Samples) -> str | None:
+def custom(samples: DepthNumbers) -> str | None:
     """The unit that numbers of a type have unless one is set; None if the type has no custom."""
     if samples.type == "16-bit PNG":
         return "mm"

@@ -64,7 +64,7 @@ class Strip(NamedTuple):
         return rows.reshape(self.window.height, self.window.width)
 
 
-class Summary(NamedTuple):
+class DeepSummary(NamedTuple):
     """Samples of a deep part.
 
     Attributes:
@@ -94,7 +94,7 @@ def _most_samples(path: Path, header: Header, version: object) -> int:
     return max((strip.most for strip in strips(path, header)), default=0)
 
 
-def summary(path: Path, header: Header) -> Summary:
+def summary(path: Path, header: Header) -> DeepSummary:
     """The samples of a deep part, in figures.
 
     Raises:
@@ -110,7 +110,7 @@ def summary(path: Path, header: Header) -> Summary:
         depth = strip.values.get(DEPTH, np.zeros(0))
         finite = depth[np.isfinite(depth)]
         ends += [float(finite.min()), float(finite.max())] if len(finite) else []
-    return Summary(most, total, pixels, (min(ends), max(ends)) if ends else None)
+    return DeepSummary(most, total, pixels, (min(ends), max(ends)) if ends else None)
 
 
 def strips(path: Path, header: Header, *, last: bool = False) -> Iterator[Strip]:

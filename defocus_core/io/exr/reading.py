@@ -39,7 +39,7 @@ _DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
 
 
 @dataclass(frozen=True)
-class Part:
+class ExrPart:
     """One decoded part of an EXR file.
 
     Attributes:
@@ -59,7 +59,7 @@ def read_parts(
     keeping: Keeping = IN_MEMORY,
     wanted: Callable[[Header, str], bool] = lambda header, name: True,
     overscan: Overscan = NO_OVERSCAN,
-) -> tuple[Part, ...]:
+) -> tuple[ExrPart, ...]:
     """All parts of an EXR file, decoded.
 
     Args:
@@ -76,7 +76,7 @@ def read_parts(
     with decoding(path), quiet(), _unlimited():
         if any(header.subsampled for header in headers):  # OpenImageIO does not open it
             planes = planes_of(path, headers, wanted, overscan)
-            return tuple(Part(*pair) for pair in zip(headers, planes, strict=True))
+            return tuple(ExrPart(*pair) for pair in zip(headers, planes, strict=True))
         return tuple(_part(path, header, keeping, wanted, overscan) for header in headers)
 
 
@@ -109,12 +109,14 @@ def _part(
     keeping: Keeping,
     wanted: Callable[[Header, str], bool],
     overscan: Overscan,
-) -> Part:
+) -> ExrPart:
     types = {
         channel.name: channel.type for channel in header.channels if wanted(header, channel.name)
     }
     if header.deep:
-        return Part(header, flat_channels(path, header, types, keeping, overscan) if types else {})
+        return ExrPart(
+            header, flat_channels(path, header, types, keeping, overscan) if types else {}
+        )
     frame = header.display.grown(overscan)
     size = (frame.height, frame.width)
     channels = {name: keeping.new(size, _DTYPES[kind]) for name, kind in types.items()}
@@ -124,7 +126,7 @@ def _part(
             for name, pixels in piece.items():
                 if pixels[shown].size:
                     channels[name][place] = pixels[shown]
-    return Part(header, channels)
+    return ExrPart(header, channels)
 
 
 def _pieces(path: Path, header: Header, types: Mapping[str, str], keeping: Keeping) -> Pieces:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from defocus_core.errors import InputError, UsageProblem, one_line
-from defocus_core.io.arrays import Stack, bands
+from defocus_core.io.arrays import StackedPlanes, bands
 from defocus_core.io.exr.windows import Layout
 from defocus_core.io.exr.writing import as_half, clamped_half, write_exr
 from defocus_core.io.images.color_space import linear_to_srgb, quantised
@@ -59,7 +59,7 @@ def write_image(
     Args:
         path: its suffix says the format: exr, png, tif, tiff, jpg or jpeg.
         pixels: [H, W, C] scene-linear, premultiplied if A is among the channels: float32, or half
-            for an EXR of half. An array, or a `Stack`, which is read in strips of rows.
+            for an EXR of half. An array, or a `StackedPlanes`, which is read in strips of rows.
         channels: names of the C channels, as `defocus_core.io.images.color.Color`.
         exr_type: half or float, of the EXR's image channels.
         bits: 8 or 16, of a PNG.
@@ -218,7 +218,7 @@ def encoded_samples(
 
 def _planes(pixels: Any) -> list[Any]:
     """The arrays [H, W] of an image [H, W, C]."""
-    if isinstance(pixels, Stack):
+    if isinstance(pixels, StackedPlanes):
         return list(pixels.planes)
     return [pixels[:, :, index] for index in range(pixels.shape[2])]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.exr.chroma import rgb_of, weights_of
 from defocus_core.io.exr.header import Header, Raw, read_headers
-from defocus_core.io.exr.reading import Part, read_parts
+from defocus_core.io.exr.reading import ExrPart, read_parts
 from defocus_core.io.exr.views import default_warning, in_view
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images.color_planes import Color
@@ -68,7 +68,7 @@ def read_exr_color(
 
 
 def _planes(
-    path: Path, part: Part, chosen: ChannelGroup, keeping: Keeping, overscan: Overscan
+    path: Path, part: ExrPart, chosen: ChannelGroup, keeping: Keeping, overscan: Overscan
 ) -> tuple[tuple[str, ...], list[Any]]:
     """The names and arrays of a colour layer; alpha is added where a part has pixels of the frame.
 
@@ -123,7 +123,7 @@ def _one_type(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
 
 
 def _extras(
-    parts: Sequence[Part], chosen: ChannelGroup
+    parts: Sequence[ExrPart], chosen: ChannelGroup
 ) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
     """Channels beside the chosen layer, and in words the parts that the output cannot carry.
 

@@ -26,7 +26,7 @@ _NO_TARGET = 1e9  # of V-Ray's distances: there is no target
 _INFINITE = 4e9  # m, of Exif: 2³² − 1 is infinity, rounded to float
 
 
-class Taken(NamedTuple):
+class OptionFromMetadata(NamedTuple):
     """The text of a lens option, and the attribute that it was taken from."""
 
     text: str
@@ -96,7 +96,7 @@ _RULES: dict[str, tuple[Rule, ...]] = {
 }
 
 
-def lens_of(path: Path, metres: float = 1.0) -> dict[str, Taken]:
+def lens_of(path: Path, metres: float = 1.0) -> dict[str, OptionFromMetadata]:
     """The lens options that the metadata of a colour file holds.
 
     Args:
@@ -107,12 +107,12 @@ def lens_of(path: Path, metres: float = 1.0) -> dict[str, Taken]:
         InputError: the file cannot be read.
     """
     numbers = {**_numbers(path), "metres": metres}
-    taken: dict[str, Taken] = {}
+    taken: dict[str, OptionFromMetadata] = {}
     for option, rules in _RULES.items():
         for name, text_of in rules:
             text = text_of(numbers[name], numbers) if name in numbers else None
             if text is not None:
-                taken[option] = Taken(text, name)
+                taken[option] = OptionFromMetadata(text, name)
                 break
     return taken
 

@@ -37,7 +37,7 @@ class Spread(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Window:
+class TransformWindow:
     """The transform that the slices of a layer share.
 
     Attributes:
@@ -77,7 +77,7 @@ class Window:
         clipped = any(isinstance(value, Tensor) and value.requires_grad for value in sizes)
         return self.aperture.learns or clipped
 
-    def seen(self, views: Sequence[View]) -> Window:
+    def seen(self, views: Sequence[View]) -> TransformWindow:
         """The same window with a pupil as points of the frame see it."""
         window = replace(self, views=tuple(views), kernels={}, spectra={}, planes={})
         window.prepare()
@@ -160,7 +160,7 @@ def windows(
     parts: list[Part],
     dtype: torch.dtype,
     device: torch.device,
-) -> list[Window]:
+) -> list[TransformWindow]:
     """The window of each slice, one for each layer.
 
     Args:
@@ -179,14 +179,14 @@ def windows(
         sharing.setdefault(number, []).append(k)
     precision = torch.complex128 if dtype == torch.float64 else torch.complex64
     like = torch.empty(0, dtype=precision, device=device)
-    window_of: dict[int, Window] = {}
+    window_of: dict[int, TransformWindow] = {}
     for slices in sharing.values():
         extent, halvings = max(spreads[k].cells for k in slices), spreads[slices[0]].halvings
         extents = [(n >> halvings) + 5 for n in region] if halvings else side
         rows, columns = (transform_length(n + 2 * extent) for n in extents)
         layer_radii = torch.tensor([radii[k] for k in slices], dtype=torch.float64)
         size = rows, columns
-        window = Window(extent, size, halvings, slices, layer_radii, aperture, parts, like)
+        window = TransformWindow(extent, size, halvings, slices, layer_radii, aperture, parts, like)
         window.prepare()
         window_of.update(dict.fromkeys(slices, window))
     return [window_of[k] for k in range(len(radii))]

@@ -9,10 +9,10 @@ from torch import Tensor
 
 from defocus_core.renderer.blur.field_blend import blended, corner_groups
 from defocus_core.renderer.blur.fourier import crop_inverse, sum_of_products
-from defocus_core.renderer.blur.kernel_bank import Window
+from defocus_core.renderer.blur.kernel_bank import TransformWindow
 from defocus_core.renderer.blur.reduced_resolution import Reduced
 from defocus_core.renderer.layers.extents import Patch
-from defocus_core.renderer.layers.samples import Samples
+from defocus_core.renderer.layers.samples import SurfaceSamples
 from defocus_core.renderer.layers.sliced_surface import Surface
 from defocus_core.renderer.layers.subpixel_shifts import NEAR
 from defocus_core.tensors.box import Box
@@ -20,7 +20,7 @@ from defocus_core.tensors.pyramid import Axis
 from defocus_core.tensors.tiling import Grid
 
 
-class Piece(NamedTuple):
+class BlurPiece(NamedTuple):
     """A layer in a tile at full resolution.
 
     Attributes:
@@ -32,13 +32,13 @@ class Piece(NamedTuple):
     """
 
     number: int
-    window: Window
+    window: TransformWindow
     rungs: range
     patch: Patch
     near: bool
 
 
-class Shown(NamedTuple):
+class ShownLayer(NamedTuple):
     """A layer over a rectangle of a tile; elsewhere it is 0.
 
     Attributes:
@@ -66,7 +66,7 @@ class Sliced(NamedTuple):
     surface: Surface
     stride: int
     layer_of: list[int]
-    pieces: list[list[Piece]]
+    pieces: list[list[BlurPiece]]
     reduced: dict[int, Reduced]
 
 
@@ -75,7 +75,7 @@ class Blur:
 
     def __init__(
         self,
-        windows: list[Window],
+        windows: list[TransformWindow],
         reaches: list[int],
         grid: Grid,
         groups: list[slice],
@@ -100,7 +100,7 @@ class Blur:
         self._groups = corner_groups(groups) if by_corners else groups
         self._middle = middle
 
-    def sliced(self, samples: Samples, stride: int, layer_of: list[int]) -> Sliced:
+    def sliced(self, samples: SurfaceSamples, stride: int, layer_of: list[int]) -> Sliced:
         """Plan a surface for all tiles; blur its layers of reduced resolution."""
         whole = [w for w in self._windows if not w.halvings]
         before = max((w.margin for w in whole), default=0)
@@ -111,7 +111,7 @@ class Blur:
         rungs_of: dict[int, list[int]] = {}
         for rung in sorted({rung for tile_list in surface.plan for rung in tile_list}):
             rungs_of.setdefault(numbers[rung], []).append(rung)
-        pieces: list[list[Piece]] = [[] for _ in self._grid.tiles]
+        pieces: list[list[BlurPiece]] = [[] for _ in self._grid.tiles]
         reduced: dict[int, Reduced] = {}
         windows = {n: self._windows[rungs[0] * stride] for n, rungs in rungs_of.items()}
         margins = {n: window.margin for n, window in windows.items() if not window.halvings}
@@ -134,11 +134,11 @@ class Blur:
                 reaching = [rung for rung in plan if numbers[rung] == number]
                 if reaching and patch:
                     tile_list.append(
-                        Piece(number, window, range(reaching[0], reaching[-1] + 1), patch, near)
+                        BlurPiece(number, window, range(reaching[0], reaching[-1] + 1), patch, near)
                     )
         return Sliced(surface, stride, layer_of, pieces, reduced)
 
-    def over_tile(self, sliced: Sliced, index: int) -> list[dict[int, Shown]]:
+    def over_tile(self, sliced: Sliced, index: int) -> list[dict[int, ShownLayer]]:
         """The layers of the visible or the hidden surface over a tile: sums of blurred slices.
 
         Args:
@@ -149,12 +149,12 @@ class Blur:
             For each group of m parts its layers by number; the last group has the shifts.
         """
         tile = self._grid.tiles[index]
-        shown: list[dict[int, Shown]] = [{} for _ in self._groups]
+        shown: list[dict[int, ShownLayer]] = [{} for _ in self._groups]
         for number in {sliced.layer_of[k * sliced.stride] for k in sliced.surface.plan[index]}:
             if number in sliced.reduced and (reduced := sliced.reduced[number].over(tile)):
                 box = reduced[0].seen_from(tile)
                 for by_layer, layer in zip(shown, self._blended(*reduced), strict=True):
-                    by_layer[number] = Shown(box, layer, None)
+                    by_layer[number] = ShownLayer(box, layer, None)
         near = any(piece.near for piece in sliced.pieces[index])
         shifts = sliced.surface.shifts(index) if near else None
         for piece in sliced.pieces[index]:
@@ -168,7 +168,9 @@ class Blur:
                 share = torch.minimum(share, layers[-1][:, -1:].clamp(min=0))
                 moved = box.of(shifts) * share
             for by_layer, layer in zip(shown, layers, strict=True):
-                by_layer[piece.number] = Shown(box, layer, moved if by_layer is shown[-1] else None)
+                by_layer[piece.number] = ShownLayer(
+                    box, layer, moved if by_layer is shown[-1] else None
+                )
         return shown
 
     def _blended(self, box: Box, layers: list[Tensor]) -> list[Tensor]:
@@ -177,7 +179,7 @@ class Blur:
             return layers
         return [blended(layer, box, self._grid.box) for layer in layers]
 
-    def _blurred(self, sliced: Sliced, piece: Piece, index: int) -> list[Tensor]:
+    def _blurred(self, sliced: Sliced, piece: BlurPiece, index: int) -> list[Tensor]:
         """A layer where it shows, for each group of m parts: [m, C + 1, h, w]."""
         surface, window, rungs = sliced.surface, piece.window, piece.rungs
         size = window.fitting(piece.patch.least)
@@ -201,7 +203,7 @@ class Blur:
         wanted = piece.patch.shown.seen_from(box)
         return [crop_inverse(sum_of_products(terms, group), size, wanted) for group in self._groups]
 
-    def _sharp(self, sliced: Sliced, piece: Piece) -> list[Tensor]:
+    def _sharp(self, sliced: Sliced, piece: BlurPiece) -> list[Tensor]:
         """A layer whose slices are not blurred, for each group of parts."""
         box = piece.patch.shown
         pixels = sliced.surface.members(piece.rungs, box, box).sum(1)

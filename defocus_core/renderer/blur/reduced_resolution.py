@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.blur.fourier import crop_inverse, sum_of_products
-from defocus_core.renderer.blur.kernel_bank import Window
+from defocus_core.renderer.blur.kernel_bank import TransformWindow
 from defocus_core.renderer.layers.extents import patch_of
 from defocus_core.renderer.layers.sliced_surface import Surface
 from defocus_core.tensors.box import Box, Span
@@ -28,7 +28,7 @@ class Reduced:
     def __init__(
         self,
         surface: Surface,
-        window: Window,
+        window: TransformWindow,
         slices: dict[int, int],
         tilted: set[int],
         groups: list[slice],

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.blur.layer_blur import Shown
+from defocus_core.renderer.blur.layer_blur import ShownLayer
 from defocus_core.renderer.compositing.known_surfaces import add_known
 from defocus_core.renderer.compositing.saturating_sum import (
     add_within,
@@ -32,7 +32,7 @@ class Aside(NamedTuple):
     Attributes:
         fronts: For each group [m, C + 1, h, w], all that was composited.
         covered: For each group the coverage [m, 1, h, w] that the composition went on with.
-        invented: As that of `Fronts`.
+        invented: As that of `TileCompositor`.
     """
 
     fronts: list[Tensor]
@@ -40,7 +40,7 @@ class Aside(NamedTuple):
     invented: Tensor | None
 
 
-class Fronts:
+class TileCompositor:
     """The surfaces of a tile composited so far.
 
     Attributes:
@@ -69,7 +69,7 @@ class Fronts:
         self._reserved: list[Tensor | None] = [None for _ in full]
         self._doubt = doubt
 
-    def add(self, layers: list[dict[int, Shown]]) -> None:
+    def add(self, layers: list[dict[int, ShownLayer]]) -> None:
         """Add visible surfaces, given for each group as layers by their numbers."""
         for group, (surfaces, most) in enumerate(zip(layers, self._full, strict=True)):
             front = self.by_group[group]
@@ -84,7 +84,11 @@ class Fronts:
             self.by_group[group] = front
 
     def add_known(
-        self, visible: list[dict[int, Shown]], hidden: list[dict[int, Shown]], *, closed: bool
+        self,
+        visible: list[dict[int, ShownLayer]],
+        hidden: list[dict[int, ShownLayer]],
+        *,
+        closed: bool,
     ) -> None:
         """Add known surfaces, given for each group as layers by their numbers.
 
@@ -175,7 +179,7 @@ class Fronts:
                 self.invented = more if self.invented is None else self.invented + more
             self.by_group[group] = add_within(front, whole, layer, share)
 
-    def reserve(self, layers: list[dict[int, Shown]]) -> None:
+    def reserve(self, layers: list[dict[int, ShownLayer]]) -> None:
         """Keep invented surfaces out of the coverage of layers, given for each group."""
         for group, surfaces in enumerate(layers):
             size = self.by_group[group].shape[-2], self.by_group[group].shape[-1]

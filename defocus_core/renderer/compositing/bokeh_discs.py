@@ -22,7 +22,7 @@ from defocus_core.optics.pupil_field import View
 from defocus_core.renderer.blur.fourier import reach
 from defocus_core.renderer.compositing.disc_occlusion import Obstruction, Squares
 from defocus_core.renderer.compositing.highlights import Highlights
-from defocus_core.renderer.compositing.screens import Screen
+from defocus_core.renderer.compositing.screens import Occluder
 from defocus_core.tensors.box import Box
 
 # Samples drawn at once: bounds memory.
@@ -56,7 +56,7 @@ class _Alike(NamedTuple):
 
 def draw(
     highlights: Highlights,
-    screens: Sequence[Screen],
+    screens: Sequence[Occluder],
     radii: tuple[float, ...],
     aperture: Aperture,
     parts: list[Part],
@@ -82,7 +82,7 @@ def draw(
         rims, cut = [], []
         for part in parts:
             kernels = aperture.kernel(alike.radii, 2 * alike.extent + 1, part, alike.barrel)
-            rims.append(_Rim(kernels))
+            rims.append(_DiscRim(kernels))
             cut.append(squares.cut(kernels))
         lit = torch.stack([(x != 0).any(-1).any(-1) for x in cut])  # [M, U, across, across]
         wanted = lit.any(0)
@@ -146,7 +146,7 @@ def _widest_first(
     return _Alike(reaching, radii, which[order], most, barrel), spread.tolist()
 
 
-class _Rim:
+class _DiscRim:
     """Changes of U kernels along their rows, k for each kernel, padded with changes of 0.
 
     Attributes:
@@ -189,7 +189,7 @@ class _Canvas:
             for _ in range(parts)
         ]
 
-    def add_rims(self, part: int, rim: _Rim, alike: _Alike) -> None:
+    def add_rims(self, part: int, rim: _DiscRim, alike: _Alike) -> None:
         """Add discs by their rims."""
         at, colors = (values[..., None] for values in alike.highlights[:2])
         rows, columns, changes = (x[alike.which] for x in (rim.row, rim.column, rim.change))

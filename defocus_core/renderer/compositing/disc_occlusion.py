@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.renderer.compositing.screens import Screen, Screens
+from defocus_core.renderer.compositing.screens import Occluder, Occluders
 from defocus_core.tensors.tiling import BLOCK
 
 # A surface occludes a light if it is nearer by this many px of radius and by this share of it; no
@@ -105,14 +105,14 @@ class _Lights(NamedTuple):
 class Obstruction:
     """Surfaces before lights."""
 
-    def __init__(self, screens: Sequence[Screen], radii: tuple[float, ...]) -> None:
+    def __init__(self, screens: Sequence[Occluder], radii: tuple[float, ...]) -> None:
         """Find which blocks hold pixels of which slices.
 
         Args:
             screens: The surfaces, at least one.
             radii: The ladder.
         """
-        self._radii, self._screens = radii, Screens(screens, len(radii))
+        self._radii, self._screens = radii, Occluders(screens, len(radii))
         blocks = self._screens.blocks
         self._sums = pad(blocks.cumsum(1).cumsum(2), (1, 0, 1, 0))  # [K, rows + 1, columns + 1]
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.blur.layer_blur import Shown
+from defocus_core.renderer.blur.layer_blur import ShownLayer
 from defocus_core.renderer.compositing.saturating_sum import add_within, is_full, share_behind
 from defocus_core.tensors.box import Box
 
@@ -24,8 +24,8 @@ _LEAST = 1e-6
 
 def add_known(
     front: Tensor,
-    visible: dict[int, Shown],
-    hidden: dict[int, Shown],
+    visible: dict[int, ShownLayer],
+    hidden: dict[int, ShownLayer],
     full: Tensor | float,
     *,
     closed: bool,
@@ -71,7 +71,11 @@ def _of(full: Tensor | float, box: Box) -> Tensor | float:
 
 
 def _share_hidden(
-    before: Tensor, front: Tensor, shown: Shown | None, behind: Shown, full: Tensor | float
+    before: Tensor,
+    front: Tensor,
+    shown: ShownLayer | None,
+    behind: ShownLayer,
+    full: Tensor | float,
 ) -> Tensor:
     """The share [M, 1, h, w] of a hidden layer that is seen, in its box.
 

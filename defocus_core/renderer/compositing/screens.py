@@ -22,7 +22,7 @@ from defocus_core.tensors.sparse_masks import exceeding
 _EDGE = 1.513
 
 
-class Screen(NamedTuple):
+class Occluder(NamedTuple):
     """A surface that may stand before lights.
 
     Attributes:
@@ -38,19 +38,19 @@ class Screen(NamedTuple):
 
 def screens_of(
     own: Unmixed, signed_radius: Tensor, places: Tensor, radii: tuple[float, ...]
-) -> list[Screen]:
+) -> list[Occluder]:
     """The surfaces of pixels [H, W] that may stand before lights, with parts of mixed pixels."""
     coverage = torch.ones_like(places) if own.coverage is None else own.coverage[0]
-    screens, fringe = [Screen(signed_radius, places, coverage)], own.fringe
+    screens, fringe = [Occluder(signed_radius, places, coverage)], own.fringe
     if len(fringe.at):
         values = (fringe.signed_radius, position(fringe.signed_radius, radii), fringe.layer[:, -1])
         at = fringe.at.unbind(1)
         blank = torch.zeros_like(places)
-        screens.append(Screen(*(blank.index_put(at, each) for each in values)))
+        screens.append(Occluder(*(blank.index_put(at, each) for each in values)))
     return screens
 
 
-class Screens:
+class Occluders:
     """Surfaces before lights.
 
     Attributes:
@@ -58,7 +58,7 @@ class Screens:
         blocks: [K, rows, columns] bool, the blocks that hold a pixel of each slice.
     """
 
-    def __init__(self, screens: Sequence[Screen], slices: int) -> None:
+    def __init__(self, screens: Sequence[Occluder], slices: int) -> None:
         """Find the depth edges, and the blocks of each slice.
 
         Args:
@@ -66,7 +66,7 @@ class Screens:
             slices: K, the number of slices.
         """
         self.size = screens[0].places.shape[0], screens[0].places.shape[1]
-        self._screens = [Screen(*(x.detach().flatten() for x in screen)) for screen in screens]
+        self._screens = [Occluder(*(x.detach().flatten() for x in screen)) for screen in screens]
         r = screens[0].signed_radius.detach()
         nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
         self._edges = exceeding(farthest - nearest, _EDGE).flatten()
@@ -127,7 +127,7 @@ class Screens:
         return total
 
 
-def _blocks(screen: Screen, slices: int) -> Tensor:
+def _blocks(screen: Occluder, slices: int) -> Tensor:
     """For each slice the blocks that hold a pixel of a surface: [K, rows, columns] bool."""
     covered = screen.coverage.detach() > 0
     return blocks_of(screen.places, slices, None if bool(covered.all()) else covered)

@@ -21,7 +21,7 @@ from defocus_core.renderer.engine.draft_detail import (
     smooth,
     with_detail,
 )
-from defocus_core.renderer.engine.frame import Frame
+from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.region_schedule import in_rows
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.checkpointing import recomputed
@@ -46,7 +46,9 @@ class Enlarging:
         cells: [C + 1, h, w], the cells to render: colours, and the share of detail.
     """
 
-    def __init__(self, frame: Frame, image: Pixels, pixels: Pixels, signed_radius: Pixels) -> None:
+    def __init__(
+        self, frame: SharedFrame, image: Pixels, pixels: Pixels, signed_radius: Pixels
+    ) -> None:
         """Add the channel of detail to the cells.
 
         Args:

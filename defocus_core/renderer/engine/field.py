@@ -9,18 +9,18 @@ from torch import Tensor
 
 from defocus_core.optics.cat_eye import CatEye, falloff
 from defocus_core.optics.pupil_field import View
-from defocus_core.renderer.blur.kernel_bank import Window
-from defocus_core.renderer.engine.frame import Frame, Slicing
+from defocus_core.renderer.blur.kernel_bank import TransformWindow
+from defocus_core.renderer.engine.frame import SharedFrame, Slicing
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.views import Views
 
 
-def frame_at(frame: Frame, box: Box) -> Frame:
+def frame_at(frame: SharedFrame, box: Box) -> SharedFrame:
     """The frame as a region of it sees it: its windows have the pupils of the region's corners."""
     if frame.settings.field is None:
         return frame
     views = corner_views(frame, box)
-    clipped: dict[int, Window] = {}
+    clipped: dict[int, TransformWindow] = {}
 
     def slicing(of: Slicing) -> Slicing:
         for window in of.windows:
@@ -35,7 +35,7 @@ def frame_at(frame: Frame, box: Box) -> Frame:
     return replace(frame, slices=slices)
 
 
-def corner_views(frame: Frame, box: Box) -> list[View]:
+def corner_views(frame: SharedFrame, box: Box) -> list[View]:
     """The pupils that the corners of a region see, by rows; none if all see it alike."""
     field = frame.settings.field
     if field is None:
@@ -47,7 +47,7 @@ def corner_views(frame: Frame, box: Box) -> list[View]:
     ]
 
 
-def views_of(frame: Frame, at: Tensor, core: Box, region: Box) -> View | None:
+def views_of(frame: SharedFrame, at: Tensor, core: Box, region: Box) -> View | None:
     """The pupil as pixels [n, 2], rows and columns, see it: [n] places.
 
     Args:

@@ -11,7 +11,7 @@ from torch import Tensor
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.parts import LEFT, RIGHT, Part
-from defocus_core.renderer.blur.kernel_bank import Window
+from defocus_core.renderer.blur.kernel_bank import TransformWindow
 from defocus_core.renderer.compositing.frame_border import ASIDE, OPAQUE
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.layers.octaves import Turns
@@ -62,7 +62,7 @@ class Slicing(NamedTuple):
 
     stride: int
     halvings: int
-    windows: list[Window]
+    windows: list[TransformWindow]
     layers: list[int]
     cells: list[int]
     reaches: list[int]
@@ -135,7 +135,7 @@ class Division(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Frame:
+class SharedFrame:
     """The data that all regions of one picture share.
 
     Attributes:

@@ -12,12 +12,12 @@ from functools import reduce
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.blur.layer_blur import Blur, Shown
+from defocus_core.renderer.blur.layer_blur import Blur, ShownLayer
 from defocus_core.renderer.compositing.saturating_sum import add_behind, summed
-from defocus_core.renderer.engine.frame import Frame
+from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.renderer.layers.ladder import position
-from defocus_core.renderer.layers.samples import Samples
+from defocus_core.renderer.layers.samples import SurfaceSamples
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.pyramid import axes, halves, place_of
 from defocus_core.tensors.resampling import Shares, cells_read, linear_shares, resampled
@@ -67,7 +67,7 @@ class Filling:
 
     def __init__(
         self,
-        frame: Frame,
+        frame: SharedFrame,
         grid: Grid,
         boxes: tuple[Box, Box],
         hidden: HiddenLayer,
@@ -135,7 +135,7 @@ class Filling:
 
         return Hidden(octaves, enlarged)
 
-    def _octaves(self, layers: dict[int, Shown], size: tuple[int, int]) -> dict[int, Tensor]:
+    def _octaves(self, layers: dict[int, ShownLayer], size: tuple[int, int]) -> dict[int, Tensor]:
         """The sum [m, C + 1, h, w] of the layers of each octave that has one."""
         octaves: dict[int, list[tuple[Box, Tensor]]] = {}
         for number, shown in sorted(layers.items()):
@@ -152,7 +152,7 @@ class Filling:
         return self._shares[key]
 
 
-def _samples(hidden: HiddenLayer, radii: tuple[float, ...]) -> Samples:
+def _samples(hidden: HiddenLayer, radii: tuple[float, ...]) -> SurfaceSamples:
     """The pixels of a hidden surface, with their places on the ladder of its slices."""
     color, radius, mask = hidden
     index = numbers_of(mask)
@@ -161,7 +161,7 @@ def _samples(hidden: HiddenLayer, radii: tuple[float, ...]) -> Samples:
     places = places.reshape(radius.shape)
     nowhere = torch.zeros((0, 2), dtype=torch.long, device=places.device)
     no_fringe, coverage = color.new_zeros(0, len(color) + 1), mask[None].to(color.dtype)
-    return Samples(color, coverage, places, nowhere, no_fringe, places[0, :0], None, None)
+    return SurfaceSamples(color, coverage, places, nowhere, no_fringe, places[0, :0], None, None)
 
 
 def _side(octaves: dict[int, Tensor], side: int) -> Tensor | None:

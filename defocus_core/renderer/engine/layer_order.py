@@ -13,15 +13,15 @@ were not there, what they hide included, and shows in proportion where these lea
 
 from __future__ import annotations
 
-from defocus_core.renderer.blur.layer_blur import Shown
-from defocus_core.renderer.compositing.aperture_views import Fronts
+from defocus_core.renderer.blur.layer_blur import ShownLayer
+from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.engine.hidden_fill import Filling, Hidden
 from defocus_core.renderer.layers.octaves import Turns
 
 
 def add_in_order(
-    fronts: Fronts,
-    visible: list[dict[int, Shown]],
+    fronts: TileCompositor,
+    visible: list[dict[int, ShownLayer]],
     hidden: list[Filling],
     turns: Turns,
     index: int,

@@ -8,12 +8,12 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.blur.layer_blur import Sliced
-from defocus_core.renderer.compositing.aperture_views import Fronts
+from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.frame_border import own_light
 from defocus_core.renderer.compositing.highlights import Highlights, split_samples
 from defocus_core.renderer.compositing.saturating_sum import within_alpha
-from defocus_core.renderer.compositing.screens import Screen
-from defocus_core.renderer.engine.frame import Frame
+from defocus_core.renderer.compositing.screens import Occluder
+from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.hidden_fill import Filling
 from defocus_core.renderer.engine.layer_order import add_in_order
 from defocus_core.renderer.engine.region import Region
@@ -23,8 +23,8 @@ from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.renderer.inpainting.known_layer import Behind, separated
 from defocus_core.renderer.layers.ladder import position
 from defocus_core.renderer.layers.matting import Unmixed, whole
-from defocus_core.renderer.layers.samples import Samples
-from defocus_core.renderer.layers.stacked_samples import Layered, Sampled, Stack
+from defocus_core.renderer.layers.samples import SurfaceSamples
+from defocus_core.renderer.layers.stacked_samples import Layered, Sampled, SampleStack
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.pyramid import axes
 from defocus_core.tensors.source import Pixels
@@ -36,7 +36,7 @@ class LayeredRegion(Region):
 
     def __init__(
         self,
-        frame: Frame,
+        frame: SharedFrame,
         grid: Grid,
         pixels: Pixels,
         signed_radius: Pixels,
@@ -96,19 +96,19 @@ class LayeredRegion(Region):
             total = [so_far + share * weight for so_far, share in zip(total, shares, strict=True)]
         return total
 
-    def _drawn(self, highlights: Highlights, screens: Sequence[Screen], core: Box) -> Tensor:
+    def _drawn(self, highlights: Highlights, screens: Sequence[Occluder], core: Box) -> Tensor:
         """The discs of highlights; what hides a part of a light is in its coverage already."""
         places = position(self._solid, self._frame.slices.radii)
-        solid = Screen(self._solid, places, torch.ones_like(places))
+        solid = Occluder(self._solid, places, torch.ones_like(places))
         return super()._drawn(highlights, [solid], core)
 
-    def _within(self, samples: Sampled, signed_radius: Tensor) -> Samples:
+    def _within(self, samples: Sampled, signed_radius: Tensor) -> SurfaceSamples:
         """The samples that reach the tiles, of the pixels of the rectangle around."""
         radii, inside = self._frame.slices.radii, self._inside
         places = position(inside.of(signed_radius), radii)
-        return Samples.within(inside, samples.own, places, radii, others=samples.others)
+        return SurfaceSamples.within(inside, samples.own, places, radii, others=samples.others)
 
-    def _uncovered(self, stack: Stack) -> Samples:
+    def _uncovered(self, stack: SampleStack) -> SurfaceSamples:
         """What no sample covers, as a surface without colours."""
         rest = stack.through[-1:]
         blank = whole(rest[:0], rest[0])._replace(coverage=rest)
@@ -138,7 +138,7 @@ class LayeredRegion(Region):
         pair = super()._paired(centre, left, right)
         return within_alpha(pair, self._frame.division.left_share)
 
-    def _fronts(self, index: int) -> tuple[Fronts, list[Filling]]:
+    def _fronts(self, index: int) -> tuple[TileCompositor, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
         fronts, reaching = self._blank(index), self._reaching(index)
         visible = self._blur.over_tile(self._visible, index)

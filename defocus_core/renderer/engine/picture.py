@@ -18,7 +18,7 @@ from defocus_core.renderer.engine.draft_cells import (
 )
 from defocus_core.renderer.engine.draft_enlarging import Enlarging
 from defocus_core.renderer.engine.field import darkened
-from defocus_core.renderer.engine.frame import Frame
+from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.preparation import frame_of
 from defocus_core.renderer.engine.region_schedule import rendered_regions
 from defocus_core.renderer.engine.settings import Settings
@@ -34,7 +34,7 @@ from defocus_core.tensors.source import Pixels, Scalar, banded
 from defocus_core.tensors.views import Views
 
 
-class Picture:
+class FramedPicture:
     """A picture, and the frame that its regions share.
 
     Attributes:
@@ -182,8 +182,8 @@ def shared_fill(
     if wanted or not any(_has_edges(band) for band in banded(signed_radius)):
         return None
 
-    def frame() -> Frame:
-        return Picture(image, signed_radius, settings, None, repair=repair).frame
+    def frame() -> SharedFrame:
+        return FramedPicture(image, signed_radius, settings, None, repair=repair).frame
 
     return SharedFill(frame, image, signed_radius, [float(px) for px in offsets], keep=keep)
 

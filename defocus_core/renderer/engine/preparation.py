@@ -14,7 +14,7 @@ from defocus_core.renderer.engine.frame import (
     NEIGHBOURHOOD,
     Content,
     Division,
-    Frame,
+    SharedFrame,
     Slices,
     Slicing,
 )
@@ -48,7 +48,7 @@ def frame_of(
     layered: Layered | None = None,
     all_ends: tuple[float, float] | None = None,
     border: tuple[float, float] | None = None,
-) -> Frame:
+) -> SharedFrame:
     """The frame of a picture: its statistics, slices, windows, tiles and parts.
 
     Args:
@@ -140,7 +140,7 @@ def frame_of(
         known=slicing(fine, known, 1),
         invented=slicing(coarse, invented, stride),
     )
-    return Frame(
+    return SharedFrame(
         size,
         settings,
         quality,

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from defocus_core.renderer.blur.field_blend import blended
 from defocus_core.renderer.blur.layer_blur import Blur, Sliced
-from defocus_core.renderer.compositing.aperture_views import Fronts
+from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.bokeh_discs import draw
 from defocus_core.renderer.compositing.frame_border import own_light, share_in_frame
 from defocus_core.renderer.compositing.highlights import Highlights, split
@@ -24,9 +24,9 @@ from defocus_core.renderer.compositing.saturating_sum import (
     pair_of,
     picture,
 )
-from defocus_core.renderer.compositing.screens import Screen, screens_of
+from defocus_core.renderer.compositing.screens import Occluder, screens_of
 from defocus_core.renderer.engine.field import corner_views, frame_at, views_of
-from defocus_core.renderer.engine.frame import Frame
+from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.hidden_fill import Filling
 from defocus_core.renderer.engine.layer_order import add_in_order
 from defocus_core.renderer.engine.shared_fill import FillOfColors, continued
@@ -34,7 +34,7 @@ from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
 from defocus_core.renderer.inpainting.known_layer import Behind, separated
 from defocus_core.renderer.layers.ladder import position
 from defocus_core.renderer.layers.matting import Unmixed, unmixed, whole
-from defocus_core.renderer.layers.samples import Samples, Sheet
+from defocus_core.renderer.layers.samples import Sheet, SurfaceSamples
 from defocus_core.renderer.layers.slopes import AROUND as AROUND_SLOPES
 from defocus_core.renderer.layers.slopes import slopes
 from defocus_core.renderer.layers.subpixel_shifts import AROUND as AROUND_SHIFTS
@@ -57,7 +57,7 @@ class Region:
 
     def __init__(
         self,
-        frame: Frame,
+        frame: SharedFrame,
         grid: Grid,
         pixels: Pixels,
         signed_radius: Pixels,
@@ -122,7 +122,7 @@ class Region:
         own = unmix(pixels, signed_radius)
         return own, signed_radius, highlights
 
-    def _drawn(self, highlights: Highlights, screens: Sequence[Screen], core: Box) -> Tensor:
+    def _drawn(self, highlights: Highlights, screens: Sequence[Occluder], core: Box) -> Tensor:
         """The discs of highlights behind surfaces, for each part of the aperture."""
         radii, (aperture, parts, *_) = self._frame.slices.radii, self._frame.division
         barrel = views_of(self._frame, highlights.at, core, self._grid.box)
@@ -157,10 +157,12 @@ class Region:
             color = around.of(own.color)
             shifts = Shifts(color, radius, places, inner, radii, aperture, parts[groups[-1]])
         lean = None if lean is None else inner.of(lean)
-        samples = Samples.within(inside, own, inner.of(places), radii, lean, shifts, self._others)
+        samples = SurfaceSamples.within(
+            inside, own, inner.of(places), radii, lean, shifts, self._others
+        )
         return self._sliced(samples)
 
-    def _sliced(self, samples: Samples) -> Sliced:
+    def _sliced(self, samples: SurfaceSamples) -> Sliced:
         """Visible samples whose light reaches the region, and what they are continued by."""
         samples = samples._replace(around=self._inner.seen_from(self._held))
         return self._blur.sliced(samples, 1, self._frame.slices.visible.layers)
@@ -230,13 +232,13 @@ class Region:
             share = share * mean(expected[:, 0])
         return share.clamp(0, 1)[None]
 
-    def _fronts(self, index: int) -> tuple[Fronts, list[Filling]]:
+    def _fronts(self, index: int) -> tuple[TileCompositor, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
         fronts, visible = self._blank(index), self._blur.over_tile(self._visible, index)
         turns, reaching = self._frame.slices.turns, self._reaching(index)
         return fronts, add_in_order(fronts, visible, reaching, turns, index)
 
-    def _blank(self, index: int) -> Fronts:
+    def _blank(self, index: int) -> TileCompositor:
         """The views of a tile without surfaces."""
         content, quality = self._frame.content, self._frame.quality
         doubt = _DOUBT * quality.least_slope if content.quantised else None
@@ -245,7 +247,7 @@ class Region:
             like.new_zeros(group.stop - group.start, len(like) + 1, *size)
             for group in self._frame.division.groups
         ]
-        return Fronts(blank, self._full(index), doubt)
+        return TileCompositor(blank, self._full(index), doubt)
 
     def _reaching(self, index: int) -> list[Filling]:
         """The hidden surfaces that reach a tile, known before invented."""

@@ -9,7 +9,7 @@ from itertools import count, islice
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.engine.frame import NEIGHBOURHOOD, Frame
+from defocus_core.renderer.engine.frame import NEIGHBOURHOOD, SharedFrame
 from defocus_core.renderer.engine.layered_region import LayeredRegion
 from defocus_core.renderer.engine.region import Region
 from defocus_core.renderer.engine.shared_fill import FillOfColors
@@ -32,7 +32,7 @@ _COMPUTED = (
 
 
 def rendered_regions(
-    frame: Frame,
+    frame: SharedFrame,
     pixels: Pixels,
     signed_radius: Pixels,
     hidden: Behind | None,
@@ -107,7 +107,7 @@ def rendered_regions(
     return in_order()
 
 
-def _copied(frame: Frame, grid: Grid, pixels: Pixels, part: Views | None = None) -> Views:
+def _copied(frame: SharedFrame, grid: Grid, pixels: Pixels, part: Views | None = None) -> Views:
     """Views of a region in focus: its pixels themselves, but for a part that was computed."""
     image = grid.box.of(pixels).to(frame.dtype)
     trust, images = image.new_ones(1, *image.shape[1:]), [image] * frame.views
@@ -123,7 +123,7 @@ def _copied(frame: Frame, grid: Grid, pixels: Pixels, part: Views | None = None)
     return Views(images, trust, added([counts, copies]), grid.box)
 
 
-def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
+def assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[Views]) -> Views:
     """The views of the whole picture.
 
     Each image [C, H, W] has memory of its own: a caller who keeps one does not keep the others.
@@ -148,7 +148,7 @@ def assembled(frame: Frame, pixels: Tensor, parts: Iterator[Views]) -> Views:
     return Views(images, trust, total(frame, counts), Box(0, 0, *pixels.shape[-2:]))
 
 
-def total(frame: Frame, counts: list[dict[str, int]]) -> dict[str, int]:
+def total(frame: SharedFrame, counts: list[dict[str, int]]) -> dict[str, int]:
     """The counts of all regions together."""
     return {"slices": len(frame.slices.radii), **added([dict.fromkeys(_COMPUTED, 0), *counts])}
 
@@ -164,7 +164,7 @@ def in_rows(parts: Iterator[Views]) -> Iterator[list[Views]]:
     yield row
 
 
-def blurred_part(frame: Frame, grid: Grid, signed_radius: Pixels) -> Grid | None:
+def blurred_part(frame: SharedFrame, grid: Grid, signed_radius: Pixels) -> Grid | None:
     """The part of a region to compute: its tiles, cut to the pixels that blurred light reaches.
 
     Args:
@@ -183,7 +183,7 @@ def blurred_part(frame: Frame, grid: Grid, signed_radius: Pixels) -> Grid | None
     return grid.within(Box.over(down, across)) if down and across else None
 
 
-def _reached(frame: Frame, around: Box, radii: Tensor, dim: int) -> Span | None:
+def _reached(frame: SharedFrame, around: Box, radii: Tensor, dim: int) -> Span | None:
     """Blocks along an axis that blurred light reaches; None if none are reached.
 
     Args:
@@ -202,7 +202,7 @@ def _reached(frame: Frame, around: Box, radii: Tensor, dim: int) -> Span | None:
     return Span(first // BLOCK * BLOCK, (last // BLOCK + 1) * BLOCK)
 
 
-def _reach(frame: Frame, least: Tensor, most: Tensor) -> Tensor | int:
+def _reach(frame: SharedFrame, least: Tensor, most: Tensor) -> Tensor | int:
     """Px around pixels of radii [n] from least to most in which their blur changes the picture."""
     if frame.content.edges:  # which reveal hidden surfaces, too
         return frame.margin

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.compositing.highlights import split
-from defocus_core.renderer.engine.frame import Frame
+from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, hidden_layer
 from defocus_core.renderer.layers.matting import unmixed, whole
@@ -37,7 +37,7 @@ class SharedFill:
 
     def __init__(
         self,
-        frame: Callable[[], Frame],
+        frame: Callable[[], SharedFrame],
         pixels: Pixels,
         signed_radius: Pixels,
         offsets: Sequence[float],
@@ -93,7 +93,7 @@ class SharedFill:
         return continued(own.color, radius, self._backdrop, outer, inside, frame)
 
     @cached_property
-    def _frame(self) -> Frame:
+    def _frame(self) -> SharedFrame:
         """The frame of all channels, if anything is continued."""
         return self._made()
 
@@ -137,7 +137,7 @@ def continued(
     backdrop: Backdrop | FillOfColors,
     outer: Box,
     inside: Box,
-    frame: Frame,
+    frame: SharedFrame,
 ) -> HiddenLayer | None:
     """The hidden layer of a region, continued here or for all colours; None without any.
 

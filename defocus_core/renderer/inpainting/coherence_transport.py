@@ -11,7 +11,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.inpainting.two_layer_pyramid import Level
+from defocus_core.renderer.inpainting.two_layer_pyramid import PyramidLevel
 
 # Greatest difference in px between the radii of neighbours at half resolution on one surface.
 _SAME = 1.013
@@ -26,7 +26,7 @@ _ALIKE = 2.013
 _FLAT, _UNCLEAR = 1e-3, 0.05
 
 
-def structure(half: Level) -> Level:
+def structure(half: PyramidLevel) -> PyramidLevel:
     """A picture with its structure tensor as three further channels: xx, xy and yy.
 
     The tensor is made of slopes between neighbours on one surface, summed over channels (Di Zenzo

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.pyramid import Axis, Halves, halves, spread_out
+from defocus_core.tensors.pyramid import Axis, AxisHalving, halves, spread_out
 
 # How much farther, in px of radius, than the surface in front of it hidden content must be; no
 # round number, so that rounding decides nothing.
@@ -167,7 +167,7 @@ def reach_of(edges: Tensor, grain: float, span: float, fine: tuple[Axis, Axis]) 
     )
 
 
-def _cells(place: Tensor, axis: Halves) -> list[Tensor]:
+def _cells(place: Tensor, axis: AxisHalving) -> list[Tensor]:
     """The one or two cells of half resolution that pixels are part of, along an axis."""
     place = place + axis.before
     if not axis.axis.odd:

@@ -16,7 +16,12 @@ from torch import Tensor
 
 from defocus_core.renderer.inpainting.coherence_transport import structure
 from defocus_core.renderer.inpainting.disocclusion import Reach, edges_in_cells, grain_of, reach_of
-from defocus_core.renderer.inpainting.two_layer_pyramid import Level, coarser, pixels_of, stacked
+from defocus_core.renderer.inpainting.two_layer_pyramid import (
+    PyramidLevel,
+    coarser,
+    pixels_of,
+    stacked,
+)
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.neighbourhoods import ends_of
 from defocus_core.tensors.pyramid import Axis, axes, halves
@@ -46,7 +51,7 @@ class Backdrop(NamedTuple):
         fine: Where the middle of the frame is at full resolution.
     """
 
-    levels: list[Level]
+    levels: list[PyramidLevel]
     reach: Reach
     fine: tuple[Axis, Axis]
 
@@ -81,7 +86,7 @@ def backdrop_of(
     half = halves(H, fine[0])
     quarter = halves(half.length, half.axis)
 
-    def band_of(rows: tuple[int, int]) -> tuple[Level, Tensor, int, int]:
+    def band_of(rows: tuple[int, int]) -> tuple[PyramidLevel, Tensor, int, int]:
         """The level and the edges of a band of rows [first, end), and these rows in the level."""
         first, last = (row - quarter.axis.middle for row in rows)
         top = max(0, fine[0].middle + 4 * (first - _AROUND))
@@ -103,7 +108,7 @@ def backdrop_of(
     cuts = [*range(0, quarter.length, step), quarter.length]
     edges = torch.empty(half.length, halves(W, fine[1]).length, dtype=torch.int32, device=device)
 
-    def bands() -> Iterator[tuple[Level, int, int]]:
+    def bands() -> Iterator[tuple[PyramidLevel, int, int]]:
         done = 0
         for level, band_edges, first, end in threaded(band_of, list(pairwise(cuts)), threads):
             edges[done : done + len(band_edges)] = band_edges
@@ -122,7 +127,7 @@ def _coarsely(
     limit: float,
     grain: float,
     middle: tuple[Axis, Axis],
-) -> tuple[Level, Tensor, int]:
+) -> tuple[PyramidLevel, Tensor, int]:
     """The level of quarter resolution; edges at half resolution, and the middle row in these."""
     r = signed_radius.detach()
     farther = _beside_edges(r)

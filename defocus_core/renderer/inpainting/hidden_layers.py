@@ -18,9 +18,9 @@ from torch import Tensor
 from defocus_core.renderer.inpainting.coherence_transport import FARTHEST, transported
 from defocus_core.renderer.inpainting.disocclusion import DECAY, STEP
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
-from defocus_core.renderer.inpainting.push_pull import Asked, continued, nearby
+from defocus_core.renderer.inpainting.push_pull import HiddenQueries, continued, nearby
 from defocus_core.renderer.inpainting.region_view import View, half_view, whole_view
-from defocus_core.renderer.inpainting.two_layer_pyramid import Level, coarser, pixels_of
+from defocus_core.renderer.inpainting.two_layer_pyramid import PyramidLevel, coarser, pixels_of
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.sparse_masks import numbers_of
 
@@ -94,7 +94,7 @@ def hidden_layer(
     row = index.div(cells.width, rounding_mode="floor")
     at = torch.stack([row + cells.top, index - row * cells.width + cells.left], 1)
     shown, source, front, ceiling = (x.flatten().index_select(0, index) for x in revealed)
-    asked = Asked(at, front + (source - front) * _BETWEEN, ceiling)
+    asked = HiddenQueries(at, front + (source - front) * _BETWEEN, ceiling)
     values, tensor, weight = _from_frame(
         backdrop, asked._replace(at=view.pixels(at) + at.new_tensor(box[:2]))
     )
@@ -115,7 +115,7 @@ def hidden_layer(
     return HiddenLayer(color, radius, radius.detach() > near + STEP)
 
 
-def _from_frame(backdrop: Backdrop, asked: Asked) -> tuple[Tensor, Tensor, Tensor]:
+def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tensor, Tensor]:
     """The farther surfaces around pixels of a frame, at a quarter of its resolution and less.
 
     Args:
@@ -136,14 +136,14 @@ def _from_frame(backdrop: Backdrop, asked: Asked) -> tuple[Tensor, Tensor, Tenso
 
 
 def _with_adjacent_surface(
-    values: Tensor, weight: Tensor, half: Level, view: View, asked: Asked
+    values: Tensor, weight: Tensor, half: PyramidLevel, view: View, asked: HiddenQueries
 ) -> tuple[Tensor, Tensor]:
     """Values and weights, but first those of the surface next to each cell, at half resolution."""
     offsets = (-0.25, 0.25) if view.halvings else (0.0,)
     offset = asked.border.new_tensor([(y, x) for y in offsets for x in offsets])
     n, count = len(asked.at), len(offset)
     spots = view.pixels((offset[:, None] + asked.at).flatten(0, 1))
-    each = Asked(spots, asked.border.repeat(count), asked.ceiling.repeat(count))
+    each = HiddenQueries(spots, asked.border.repeat(count), asked.ceiling.repeat(count))
     next_values, share = nearby(half, each, view.fine)
     next_values = next_values.reshape(-1, count, n).mean(1)
     share = share.reshape(count, n).mean(0)

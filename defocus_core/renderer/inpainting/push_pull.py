@@ -13,7 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.inpainting.two_layer_pyramid import Level, Sheet
+from defocus_core.renderer.inpainting.two_layer_pyramid import CellSurface, PyramidLevel
 from defocus_core.tensors.pyramid import Axis, places
 
 # Weight from which on a pixel takes nothing from coarser levels.
@@ -22,7 +22,7 @@ _ENOUGH = 0.5
 _PIXELS = 1 << 15
 
 
-class Asked(NamedTuple):
+class HiddenQueries(NamedTuple):
     """Hidden pixels, and the range of radii of the surfaces that are continued to each.
 
     Attributes:
@@ -35,15 +35,15 @@ class Asked(NamedTuple):
     border: Tensor
     ceiling: Tensor
 
-    def select(self, index: Tensor) -> Asked:
+    def select(self, index: Tensor) -> HiddenQueries:
         """The pixels of these indices."""
-        return Asked(*(values.index_select(0, index) for values in self))
+        return HiddenQueries(*(values.index_select(0, index) for values in self))
 
 
 def continued(
     finest: tuple[Tensor, Tensor],
-    levels: Sequence[Level],
-    asked: Asked,
+    levels: Sequence[PyramidLevel],
+    asked: HiddenQueries,
     fine: tuple[Axis, Axis],
 ) -> tuple[Tensor, Tensor]:
     """Values of hidden pixels, each from the surfaces that are continued to it.
@@ -69,18 +69,22 @@ def continued(
     return values, weight
 
 
-def nearby(level: Level, asked: Asked, fine: tuple[Axis, Axis]) -> tuple[Tensor, Tensor]:
+def nearby(
+    level: PyramidLevel, asked: HiddenQueries, fine: tuple[Axis, Axis]
+) -> tuple[Tensor, Tensor]:
     """The mean of the four cells of one level around each pixel, weighted by distance.
 
     Arguments and result are those of `continued`.
     """
     chunks = zip(*(torch.split(values, _PIXELS) for values in asked), strict=True)
-    parts = [_nearby(level, Asked(*chunk), fine) for chunk in chunks]
+    parts = [_nearby(level, HiddenQueries(*chunk), fine) for chunk in chunks]
     values, weights = zip(*parts, strict=True)
     return torch.cat(values, 1), torch.cat(weights)
 
 
-def _nearby(level: Level, asked: Asked, fine: tuple[Axis, Axis]) -> tuple[Tensor, Tensor]:
+def _nearby(
+    level: PyramidLevel, asked: HiddenQueries, fine: tuple[Axis, Axis]
+) -> tuple[Tensor, Tensor]:
     """The same for few pixels at once."""
     n, ends = len(asked.at), (asked.border.detach().repeat(4), asked.ceiling.detach().repeat(4))
     place = torch.stack(places(asked.at, fine, level.middle, level.halvings))
@@ -99,7 +103,7 @@ def _nearby(level: Level, asked: Asked, fine: tuple[Axis, Axis]) -> tuple[Tensor
 
 
 def _weighed(
-    sheet: Sheet, cell: Tensor, ends: tuple[Tensor, Tensor], share: Tensor
+    sheet: CellSurface, cell: Tensor, ends: tuple[Tensor, Tensor], share: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Values [K, n] of cells times weights, and weights [n]; 0 unless radii lie between `ends`."""
     least = sheet.least.index_select(0, cell)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.inpainting.two_layer_pyramid import Level
+from defocus_core.renderer.inpainting.two_layer_pyramid import PyramidLevel
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.pyramid import Axis, averaged, halves, spread_out
 
@@ -59,7 +59,7 @@ def whole_view(image: Tensor, signed_radius: Tensor, middle: _Axes) -> View:
     return View(picture, signed_radius.detach(), middle, middle, 0)
 
 
-def half_view(half: Level, fine: _Axes) -> View:
+def half_view(half: PyramidLevel, fine: _Axes) -> View:
     """A picture at half resolution."""
     near = half.first.least
     if half.second is not None and half.number is not None:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.tensors.pyramid import Axis, Halves, extended, halved, halves, pulled
+from defocus_core.tensors.pyramid import Axis, AxisHalving, extended, halved, halves, pulled
 from defocus_core.tensors.sparse_masks import numbers_of
 
 # Range of radii in px that counts as one surface in a cell of two by two pixels; and the factor by
@@ -24,7 +24,7 @@ _ALIKE, _GROWTH = 1.013, 1.5
 _CELLS = 1 << 12
 
 
-class Sheet(NamedTuple):
+class CellSurface(NamedTuple):
     """A surface in each of n cells.
 
     Attributes:
@@ -40,7 +40,7 @@ class Sheet(NamedTuple):
     most: Tensor
 
 
-class Level(NamedTuple):
+class PyramidLevel(NamedTuple):
     """A picture, or a part of one, at some resolution.
 
     Attributes:
@@ -55,15 +55,15 @@ class Level(NamedTuple):
     """
 
     size: tuple[int, int]
-    first: Sheet
-    second: Sheet | None
+    first: CellSurface
+    second: CellSurface | None
     number: Tensor | None
     middle: tuple[Axis, Axis]
     halvings: int
     edges: Tensor
     whole: bool = False
 
-    def channels(self, channels: slice) -> Level:
+    def channels(self, channels: slice) -> PyramidLevel:
         """The level with a range of its channels."""
         first = self.first._replace(values=self.first.values[channels])
         second = self.second
@@ -77,7 +77,7 @@ def pixels_of(
     signed_radius: Tensor,
     middle: tuple[Axis, Axis],
     weight: Tensor | None = None,
-) -> Level:
+) -> PyramidLevel:
     """A picture at full resolution.
 
     Args:
@@ -94,11 +94,11 @@ def pixels_of(
     if not whole and not bool((counted := weight.bool()).all()):
         least, most = torch.where(counted, r, torch.inf), torch.where(counted, r, -torch.inf)
     none = torch.zeros(0, dtype=torch.long, device=r.device)
-    first = Sheet(values.flatten(1), weight, least, most)
-    return Level(size, first, None, None, middle, 0, none, whole)
+    first = CellSurface(values.flatten(1), weight, least, most)
+    return PyramidLevel(size, first, None, None, middle, 0, none, whole)
 
 
-def coarser(level: Level) -> Level:
+def coarser(level: PyramidLevel) -> PyramidLevel:
     """The next coarser level, at half the resolution."""
     H, W = level.size
     down, across = (halves(n, axis) for n, axis in zip(level.size, level.middle, strict=True))
@@ -121,9 +121,9 @@ def coarser(level: Level) -> Level:
         for each in (first.most, -least)
     )
     edges = numbers_of((most > -torch.inf) & ~(most + least < alike))
-    dense = Sheet(values.flatten(1), weight.flatten().clamp_(max=1), least.neg_(), most)
+    dense = CellSurface(values.flatten(1), weight.flatten().clamp_(max=1), least.neg_(), most)
     middle, size = (down.axis, across.axis), (down.length, across.length)
-    result = Level(size, dense, None, None, middle, level.halvings + 1, edges)
+    result = PyramidLevel(size, dense, None, None, middle, level.halvings + 1, edges)
     if not len(edges):
         return result
     pairs = [
@@ -140,7 +140,7 @@ def coarser(level: Level) -> Level:
     number[edges.index_select(0, held)] = torch.arange(
         len(held), dtype=torch.int32, device=edges.device
     )
-    second = Sheet(*(each.index_select(-1, held) for each in near))
+    second = CellSurface(*(each.index_select(-1, held) for each in near))
     return result._replace(second=second, number=number)
 
 
@@ -162,7 +162,7 @@ def _greatest_of(values: Tensor, odd: tuple[bool, bool], overlapping: bool) -> T
     return values
 
 
-def _taps(axis: Halves, overlapping: bool) -> list[tuple[int, float]]:
+def _taps(axis: AxisHalving, overlapping: bool) -> list[tuple[int, float]]:
     """The pixels that have a share in cell i, counted from 2 i, and their shares."""
     if axis.axis.odd:
         return [(-1, 0.5), (0, 1.0), (1, 0.5)]
@@ -172,8 +172,12 @@ def _taps(axis: Halves, overlapping: bool) -> list[tuple[int, float]]:
 
 
 def _split(
-    level: Level, cells: Tensor, axes: tuple[Halves, Halves], overlapping: bool, alike: float
-) -> tuple[Sheet, Sheet]:
+    level: PyramidLevel,
+    cells: Tensor,
+    axes: tuple[AxisHalving, AxisHalving],
+    overlapping: bool,
+    alike: float,
+) -> tuple[CellSurface, CellSurface]:
     """The farthest surface and the next one in cells [n] of half resolution.
 
     Args:
@@ -197,7 +201,7 @@ def _split(
         shares.append(share[:, None] * inside)
     index = (places[0][:, None] * level.size[1] + places[1]).flatten()
     share = (shares[0][:, None] * shares[1]).flatten()
-    sheet = Sheet(*(each.index_select(-1, index) for each in level.first))
+    sheet = CellSurface(*(each.index_select(-1, index) for each in level.first))
     if level.second is not None and level.number is not None:
         number = level.number.index_select(0, index)
         held = torch.nonzero(number >= 0)[:, 0]
@@ -208,7 +212,7 @@ def _split(
                 sheet, level.second, (0.0, 0.0, torch.inf, -torch.inf), strict=True
             )
         )
-        sheet, share = _joined([sheet, Sheet(*nearer)]), share.repeat(2)
+        sheet, share = _joined([sheet, CellSurface(*nearer)]), share.repeat(2)
     values, weight, least, most, share = (
         each.reshape(*each.shape[:-1], -1, len(cells)) for each in (*sheet, share)
     )
@@ -222,18 +226,20 @@ def _split(
         total = part.sum(0)
         mean = (values * part).sum(1) / torch.where(total > 0, total, 1.0)
         lowest = torch.where(chosen, least, torch.inf).amin(0)
-        sheets.append(Sheet(mean, total.clamp(max=1), lowest, top))
+        sheets.append(CellSurface(mean, total.clamp(max=1), lowest, top))
     return sheets[0], sheets[1]
 
 
-def _joined(sheets: list[Sheet]) -> Sheet:
+def _joined(sheets: list[CellSurface]) -> CellSurface:
     """Sheets joined along their cells."""
     if len(sheets) == 1:
         return sheets[0]
-    return Sheet(*(torch.cat(each, -1) for each in zip(*sheets, strict=True)))
+    return CellSurface(*(torch.cat(each, -1) for each in zip(*sheets, strict=True)))
 
 
-def stacked(bands: Iterable[tuple[Level, int, int]], height: int, axis: Axis) -> Level:
+def stacked(
+    bands: Iterable[tuple[PyramidLevel, int, int]], height: int, axis: Axis
+) -> PyramidLevel:
     """A level joined from bands of rows.
 
     Args:
@@ -241,8 +247,8 @@ def stacked(bands: Iterable[tuple[Level, int, int]], height: int, axis: Axis) ->
         height: Rows of the result.
         axis: The middle of the frame among these rows.
     """
-    whole: Level | None = None
-    seconds: list[Sheet] = []
+    whole: PyramidLevel | None = None
+    seconds: list[CellSurface] = []
     done = held = 0
     for band, first, end in bands:
         width = band.size[1]
@@ -251,8 +257,14 @@ def stacked(bands: Iterable[tuple[Level, int, int]], height: int, axis: Axis) ->
             number = torch.full_like(band.first.least[:1], -1, dtype=torch.int32)
             number = number.repeat(height * width)
             middle = (axis, band.middle[1])
-            whole = Level(
-                (height, width), Sheet(*blank), None, number, middle, band.halvings, band.edges[:0]
+            whole = PyramidLevel(
+                (height, width),
+                CellSurface(*blank),
+                None,
+                number,
+                middle,
+                band.halvings,
+                band.edges[:0],
             )
         rows, cells = slice(first * width, end * width), (end - first) * width
         for into, values in zip(whole.first, band.first, strict=True):
@@ -261,7 +273,7 @@ def stacked(bands: Iterable[tuple[Level, int, int]], height: int, axis: Axis) ->
             number = band.number[rows]
             kept = torch.nonzero(number >= 0)[:, 0]
             values = number.index_select(0, kept)
-            seconds.append(Sheet(*(each.index_select(-1, values) for each in band.second)))
+            seconds.append(CellSurface(*(each.index_select(-1, values) for each in band.second)))
             whole.number[kept + done] = torch.arange(
                 held, held + len(kept), dtype=torch.int32, device=kept.device
             )

@@ -155,7 +155,7 @@ def position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
     return places.reshape(signed_radius.shape)
 
 
-class _Piece(NamedTuple):
+class _QuadraticPiece(NamedTuple):
     """Radii up to `end` px, whose share in the slice after `rung` is a r² + b r + c."""
 
     rung: int
@@ -165,16 +165,16 @@ class _Piece(NamedTuple):
     c: float
 
 
-def _pieces(radii: tuple[float, ...]) -> list[_Piece]:
+def _pieces(radii: tuple[float, ...]) -> list[_QuadraticPiece]:
     """The pieces of the function from radii to shares, in ascending order."""
     pieces = []
     for rung, (low, high) in enumerate(pairwise(radii)):
         square, width = high * high - low * low, high - low
         if low * high < 0:  # the ladder has no rung in focus
-            pieces.append(_Piece(rung, high, 0.0, 1 / width, -low / width))
+            pieces.append(_QuadraticPiece(rung, high, 0.0, 1 / width, -low / width))
             continue
         a = 1 / square if square else 0.0
-        whole = _Piece(rung, high, a, 0.0, -a * low * low)
+        whole = _QuadraticPiece(rung, high, a, 0.0, -a * low * low)
         sharp = [] if min(abs(low), abs(high)) or max(-low, high) < 2 * SOFT else _sharp(whole)
         pieces += [*sharp, whole] if high > 0 else [whole, *sharp]
         if sharp and high == 0:
@@ -182,14 +182,14 @@ def _pieces(radii: tuple[float, ...]) -> list[_Piece]:
     return pieces
 
 
-def _sharp(whole: _Piece) -> list[_Piece]:
+def _sharp(whole: _QuadraticPiece) -> list[_QuadraticPiece]:
     """Two pieces that replace one next to focus: from 0 to SHARP, and from SHARP to SOFT."""
     k = whole.a * (SOFT / (SOFT - SHARP)) ** 2  # times (|r| - SHARP)²
     if whole.end > 0:
-        between = _Piece(whole.rung, SOFT, k, -2 * k * SHARP, k * SHARP**2)
-        return [_Piece(whole.rung, SHARP, 0.0, 0.0, 0.0), between]
-    between = _Piece(whole.rung, -SHARP, k, 2 * k * SHARP, 1 + k * SHARP**2)
-    return [between, _Piece(whole.rung, 0.0, 0.0, 0.0, 1.0)]
+        between = _QuadraticPiece(whole.rung, SOFT, k, -2 * k * SHARP, k * SHARP**2)
+        return [_QuadraticPiece(whole.rung, SHARP, 0.0, 0.0, 0.0), between]
+    between = _QuadraticPiece(whole.rung, -SHARP, k, 2 * k * SHARP, 1 + k * SHARP**2)
+    return [between, _QuadraticPiece(whole.rung, 0.0, 0.0, 0.0, 1.0)]
 
 
 def membership(places: Tensor, slices: Tensor) -> Tensor:

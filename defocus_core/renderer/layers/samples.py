@@ -17,7 +17,7 @@ from defocus_core.tensors.box import Box
 Sheet = tuple[Tensor, Tensor]
 
 
-class Samples(NamedTuple):
+class SurfaceSamples(NamedTuple):
     """A layer of the scene as samples with positions on the ladder of slices.
 
     Attributes:
@@ -55,7 +55,7 @@ class Samples(NamedTuple):
         slopes: Tensor | None = None,
         shifts: Shifts | None = None,
         others: Sequence[Sheet] = (),
-    ) -> Samples:
+    ) -> SurfaceSamples:
         """The samples of pixels in a box.
 
         Args:

@@ -14,7 +14,7 @@ from defocus_core.renderer.layers.extents import Patch, patches
 from defocus_core.renderer.layers.fringe_samples import FringeSamples
 from defocus_core.renderer.layers.ladder import membership
 from defocus_core.renderer.layers.planar_slices import Planes
-from defocus_core.renderer.layers.samples import Samples
+from defocus_core.renderer.layers.samples import SurfaceSamples
 from defocus_core.tensors.box import Box, Span
 from defocus_core.tensors.continuing import continue_edges, level_beyond, places_continued
 from defocus_core.tensors.pyramid import Axis, averaged
@@ -25,7 +25,7 @@ from defocus_core.tensors.tiling import BLOCK, Grid
 _BAND, _AREA = 64, 1 << 16
 
 
-class _Sheet(NamedTuple):
+class _SampleSheet(NamedTuple):
     """Samples of which no two are of one pixel.
 
     Attributes:
@@ -49,7 +49,7 @@ class Surface:
 
     def __init__(
         self,
-        samples: Samples,
+        samples: SurfaceSamples,
         reaches: list[int],
         layers: list[int],
         grid: Grid,
@@ -110,14 +110,14 @@ class Surface:
         self._unframed(self._own, framed).copy_(self._lean)
         return framed
 
-    def _sheet(self, layer: Tensor, places: Tensor, count: int) -> _Sheet:
+    def _sheet(self, layer: Tensor, places: Tensor, count: int) -> _SampleSheet:
         """Samples, from a framed layer and their places [H, W]; without coverage none exists."""
         framed = self._framed([places[None]])[0]
         own, covered = (self._unframed(self._own, x) for x in (framed, layer.detach()[-1].bool()))
         exists = None if bool(covered.all()) else covered
-        return _Sheet(layer, framed, blocks_of(own, count, exists).cpu())
+        return _SampleSheet(layer, framed, blocks_of(own, count, exists).cpu())
 
-    def _layer(self, samples: Samples) -> Tensor:
+    def _layer(self, samples: SurfaceSamples) -> Tensor:
         """The pixels themselves, colour times coverage and coverage, framed."""
         color, coverage = samples.color, samples.coverage
         if coverage is not None:
@@ -168,7 +168,7 @@ class Surface:
             self._fringe.add(slices, self._layers[rungs.start], rungs.start, window, lit)
         return slices
 
-    def _sheets_of(self, rungs: range, box: Box) -> list[_Sheet]:
+    def _sheets_of(self, rungs: range, box: Box) -> list[_SampleSheet]:
         """The sheets that have pixels of slices in the blocks of a box, the nearest first."""
         if len(self._sheets) == 1:
             return self._sheets

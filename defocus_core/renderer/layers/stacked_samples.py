@@ -129,7 +129,7 @@ class Layered(NamedTuple):
         radius, coverage = (box.of(x).to(self.dtype) for x in (self.signed_radius, self.coverage))
         return torch.where(coverage > 0, radius, self.ends[1]), coverage
 
-    def stack(self, box: Box, dtype: torch.dtype | None = None) -> Stack:
+    def stack(self, box: Box, dtype: torch.dtype | None = None) -> SampleStack:
         """The samples of the pixels in a box, nearest first; of equal radii in order of layers."""
         dtype = dtype or self.dtype
         radius, coverage = self.radii(box)
@@ -146,10 +146,10 @@ class Layered(NamedTuple):
         color, radius = color[:most], radius[:most]
         left = torch.cumprod(1 - color[:, -1], 0)
         through = torch.cat([torch.ones_like(left[:1]), left])
-        return Stack(color, radius, through, self.blurs_alpha)
+        return SampleStack(color, radius, through, self.blurs_alpha)
 
 
-class Stack(NamedTuple):
+class SampleStack(NamedTuple):
     """The samples of the pixels of a window, nearest first.
 
     Attributes:

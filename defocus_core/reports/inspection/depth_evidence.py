@@ -17,7 +17,7 @@ from defocus_core.io.arrays import IN_MEMORY, bands
 from defocus_core.io.depth_formats.file_types import read_numbers
 from defocus_core.io.depth_formats.photo_depth import is_heic, is_jpeg
 from defocus_core.io.depth_formats.reading import DepthReading
-from defocus_core.io.depth_formats.samples import Samples
+from defocus_core.io.depth_formats.samples import DepthNumbers
 from defocus_core.io.depth_formats.table import ROWS
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.images.png_text import png_text
@@ -108,7 +108,7 @@ def _names_evidence(path: Path, info: FileInfo) -> Iterator[str]:
             yield f"{place.format(stem=path.stem)} beside it: {_say(name)}"
 
 
-def _numbers_evidence(path: Path, samples: Samples, reading: DepthReading) -> Iterator[str]:
+def _numbers_evidence(path: Path, samples: DepthNumbers, reading: DepthReading) -> Iterator[str]:
     """Evidence of the numbers of a file without a named format."""
     texts = png_text(path)
     if {"near", "far"} <= texts.keys():
@@ -136,7 +136,7 @@ def _numbers_evidence(path: Path, samples: Samples, reading: DepthReading) -> It
         yield f"negative numbers: disparity about a plane, {_say('hci-lightfield')}"
 
 
-def _faults(samples: Samples) -> Iterator[str]:
+def _faults(samples: DepthNumbers) -> Iterator[str]:
     """Faults of depth that make the blur worse."""
     if samples.type == "8-bit PNG":
         yield "warning: 8 bits hold 256 levels, which show as steps of blur"
@@ -171,7 +171,7 @@ def _edges(values: Any) -> tuple[int, int]:
     return edges, mixed
 
 
-def _share(samples: Samples, number: int) -> float:
+def _share(samples: DepthNumbers, number: int) -> float:
     values = samples.values
     count = sum(int((values[rows] == number).sum()) for rows in bands(values.shape))
     return count / float(values.shape[0] * values.shape[1])

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading, Shot, Taken
+from defocus_core.batch.jobs.job import FrameLens, Job, Machine, Outputs, Picture, Reading, Shot
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.plain_values import plain, typed
 from defocus_core.batch.lenses.lens import Draw, Lens
@@ -23,7 +23,7 @@ DRAW = Draw(7, "a", 3, (("fnumber", "uniform(1, 2)"), ("focus", "inf")), attempt
 HIDDEN = replace(PICTURE, hidden=Picture("b", Path("b.exr"), Path("c.exr")))
 LENS = Lens(50.0, 2.0, math.inf, (3, 4), 24.0, 6, 15.0, None, 40.0, draw=DRAW)
 
-FRAME = Taken(replace(PICTURE, frame=3), LENS)
+FRAME = FrameLens(replace(PICTURE, frame=3), LENS)
 SHOT = Shot((FRAME,), (FRAME.picture,), (FRAME, FRAME), "forward")
 
 

@@ -10,7 +10,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import FULL, LEFT, RIGHT, Part
 from defocus_core.renderer.compositing.bokeh_discs import draw
 from defocus_core.renderer.compositing.highlights import Highlights
-from defocus_core.renderer.compositing.screens import Screen
+from defocus_core.renderer.compositing.screens import Occluder
 from defocus_core.renderer.layers.ladder import position
 from defocus_core.tensors.box import Box
 
@@ -123,7 +123,7 @@ def _at(light: int, away: float) -> int:
 def drawn(
     some: Highlights, signed_radius: Tensor, aperture: Aperture, parts: list[Part], box: Box = WHOLE
 ) -> Tensor:
-    screen = Screen(signed_radius, position(signed_radius, RADII), torch.ones_like(signed_radius))
+    screen = Occluder(signed_radius, position(signed_radius, RADII), torch.ones_like(signed_radius))
     return draw(some, [screen], RADII, aperture, parts, box)
 
 
@@ -187,9 +187,9 @@ def test_a_shadow_is_as_dark_as_its_surface_covers(share: float) -> None:
     empty, whole = torch.zeros_like(radius), torch.ones_like(radius)
     front = torch.where(wire, 0.0, radius)
     places = [position(r, RADII) for r in (front, torch.where(wire, 0.0, radius))]
-    own = Screen(front, places[0], torch.where(wire, share, whole))
-    fringe = Screen(front, places[1], torch.where(wire, share, empty))
-    behind = Screen(radius, position(radius, RADII), whole)
+    own = Occluder(front, places[0], torch.where(wire, share, whole))
+    fringe = Occluder(front, places[1], torch.where(wire, share, empty))
+    behind = Occluder(radius, position(radius, RADII), whole)
     some = Highlights(torch.tensor([[30, 40]]), radius.new_ones(1, 1), radius.new_tensor([24.0]))
     clear = draw(some, [behind], RADII, Aperture(), [FULL], WHOLE)[0, 0]
     for screens in ([own], [behind, fringe]):
@@ -206,8 +206,8 @@ def test_the_shadow_of_a_slanted_wire_has_no_saw_teeth() -> None:
     front = torch.where(away < 1.5, -8.0, 24.0)
     share = (1.5 - away).clamp(0.0, 1.0)
     whole = torch.ones_like(front)
-    wire = Screen(front, position(front, RADII), torch.where(away < 1.5, share, whole))
-    behind = Screen(24 * whole, position(24 * whole, RADII), whole)
+    wire = Occluder(front, position(front, RADII), torch.where(away < 1.5, share, whole))
+    behind = Occluder(24 * whole, position(24 * whole, RADII), whole)
     light = Highlights(torch.tensor([[30, 40]]), front.new_ones(1, 1), front.new_tensor([24.0]))
     clear, seen = (
         draw(light, [screen], RADII, Aperture(), [FULL], WHOLE)[0, 0, 14:47]

@@ -7,7 +7,7 @@ import torch
 
 from defocus_core import render
 from defocus_core.renderer.engine import region_schedule
-from defocus_core.renderer.engine.frame import Frame
+from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.preparation import frame_of
 from defocus_core.renderer.engine.region_schedule import blurred_part
 from defocus_core.renderer.engine.settings import Settings
@@ -38,7 +38,7 @@ def scene(spot: Box, *, hard: bool) -> tuple[torch.Tensor, torch.Tensor]:
     return image, -9.0 * (inside > 0).float() if hard else (0.3 * inside).clamp(max=7)
 
 
-def frame_for(image: torch.Tensor, radius: torch.Tensor) -> Frame:
+def frame_for(image: torch.Tensor, radius: torch.Tensor) -> SharedFrame:
     return frame_of(image, radius, Settings(), find("standard"), None)
 
 

@@ -6,11 +6,18 @@ from measures import worst
 from scenes import pattern
 from torch import Tensor
 
-from defocus_core.renderer.inpainting.two_layer_pyramid import Level, coarser, pixels_of, stacked
+from defocus_core.renderer.inpainting.two_layer_pyramid import (
+    PyramidLevel,
+    coarser,
+    pixels_of,
+    stacked,
+)
 from defocus_core.tensors.pyramid import axes
 
 
-def levels(image: Tensor, radius: Tensor, count: int, weight: Tensor | None = None) -> list[Level]:
+def levels(
+    image: Tensor, radius: Tensor, count: int, weight: Tensor | None = None
+) -> list[PyramidLevel]:
     """A picture and its radii, halved some times."""
     size = (radius.shape[0], radius.shape[1])
     found = [pixels_of(torch.cat([image, radius[None]]), radius, axes(size), weight)]
@@ -19,7 +26,7 @@ def levels(image: Tensor, radius: Tensor, count: int, weight: Tensor | None = No
     return found
 
 
-def planes(level: Level) -> list[Tensor]:
+def planes(level: PyramidLevel) -> list[Tensor]:
     """All that a level tells, as pictures [..., h, w]; of the second surface 0 where it is none."""
     found = list(level.first)
     if level.second is not None:
