@@ -128,6 +128,15 @@ def test_no_two_classes_have_one_name() -> None:
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
 
 
+def length(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Lines of a function but for its docstring, which may need as many as it needs."""
+    lines = (function.end_lineno or 0) - function.lineno + 1
+    first = function.body[0]
+    return lines - (
+        (first.end_lineno or 0) - first.lineno + 1 if ast.get_docstring(function) else 0
+    )
+
+
 @pytest.mark.parametrize("path", [*CORE, *CLI], ids=name_of)
 def test_functions_are_short(path: Path) -> None:
     functions = (
@@ -135,7 +144,7 @@ def test_functions_are_short(path: Path) -> None:
         for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
     )
-    lines = {each.name: (each.end_lineno or 0) - each.lineno + 1 for each in functions}
+    lines = {each.name: length(each) for each in functions}
     assert {name: count for name, count in lines.items() if count > LONGEST_FUNCTION} == {}
 
 

@@ -121,36 +121,44 @@ def output_options(command: Command) -> Command:
                 show_default=True,
                 help="Type of the maps: EXR, or float TIFF, which image libraries read, too.",
             ),
-            option(
-                "--exr-type",
-                type=click.Choice(["half", "float"]),
-                help=f"Number type of the images' EXR.  [default: {Outputs.exr_type}]",
-            ),
-            option(
-                "--jpeg-quality",
-                type=click.IntRange(1, 100),
-                metavar="1…100",
-                help=f"Quality of JPEG images.  [default: {Outputs.jpeg_quality}]",
-            ),
-            option(
-                "--preview",
-                is_flag=True,
-                help="Also write OUT/<kind>/<stem>.preview.png to look at.",
-            ),
-            option(
-                "--multiview",
-                is_flag=True,
-                help="Write left and right as the two views of one EXR, OUT/multiview/<stem>.exr.",
-            ),
-            option(
-                "--keep-overscan",
-                is_flag=True,
-                help="Write the pixels beyond the display window of an EXR, too; they take part in "
-                "the blur in any case.",
-            ),
-            option("--overwrite", is_flag=True, help="Render again and replace what is there."),
+            *_encoding_options(),
         ],
     )(command)
+
+
+def _encoding_options() -> list[Decorator]:
+    """How the files of outputs are written."""
+    option = functools.partial(grouped_option, "Output")
+    return [
+        option(
+            "--exr-type",
+            type=click.Choice(["half", "float"]),
+            help=f"Number type of the images' EXR.  [default: {Outputs.exr_type}]",
+        ),
+        option(
+            "--jpeg-quality",
+            type=click.IntRange(1, 100),
+            metavar="1…100",
+            help=f"Quality of JPEG images.  [default: {Outputs.jpeg_quality}]",
+        ),
+        option(
+            "--preview",
+            is_flag=True,
+            help="Also write OUT/<kind>/<stem>.preview.png to look at.",
+        ),
+        option(
+            "--multiview",
+            is_flag=True,
+            help="Write left and right as the two views of one EXR, OUT/multiview/<stem>.exr.",
+        ),
+        option(
+            "--keep-overscan",
+            is_flag=True,
+            help="Write the pixels beyond the display window of an EXR, too; they take part in "
+            "the blur in any case.",
+        ),
+        option("--overwrite", is_flag=True, help="Render again and replace what is there."),
+    ]
 
 
 def _outputs(

@@ -7,6 +7,7 @@ Errors name the options of the command line: ‹depth-format› is ``format`` he
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -117,16 +118,16 @@ def read_depth(
             "depth-format", format, tuple(NAMES), "'defocus help depth' lists all"
         ),
         depth_unit=_one_of("depth-unit", unit, tuple(UNITS)),
-        depth_scale=scale,
+        depth_scale=_within("depth-scale", scale),
         depth_kind=_one_of("depth-kind", kind, KINDS),
         depth_channel=channel,
         part=part,
         view=view,
         depth_range=range_mm,
         geometry=_one_of("geometry", geometry, GEOMETRIES),
-        focal_px=focal_px,
-        fov=fov,
-        baseline=baseline_mm,
+        focal_px=_within("focal-px", focal_px),
+        fov=_within("fov", fov, 180.0),
+        baseline=_within("baseline", baseline_mm),
         doffs=doffs,
         sky=sky,
         invalid=holes if _one_of("invalid", holes, HOLES) in ("far", "fill") else "error",
@@ -227,3 +228,13 @@ def _one_of(field: str, word: str | None, known: Sequence[str], otherwise: str =
         return word
     remedy = did_you_mean(str(word), known, otherwise or f"choose from {', '.join(known)}")
     raise UsageProblem("unknown-name", f"{word!r} is not known", remedy, field=field)
+
+
+def _within(field: str, value: float | None, end: float = math.inf) -> float | None:
+    """A number between 0 and `end`, or None."""
+    if value is None or 0 < value < end:
+        return value
+    wanted = "positive and finite" if end == math.inf else f"above 0 and below {end:g}"
+    raise UsageProblem(
+        "out-of-range", f"{value:g} is not {wanted}", "give such a number", field=field
+    )

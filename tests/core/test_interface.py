@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import math
 import re
 import subprocess
 import sys
@@ -26,6 +27,7 @@ from defocus_core import (
     write_image,
     write_map,
 )
+from defocus_core.errors import UsageProblem
 
 ROOT = Path(defocus_core.__file__).parent
 NAMES = [
@@ -275,3 +277,10 @@ def test_a_rule_that_lets_everything_through_is_refused() -> None:
     with pytest.raises(DefocusError) as caught:
         compare_images("a.exr", "b.exr", fail=["psnr>45"])
     assert problem(caught) == ("no-rule", "fail")
+
+
+@pytest.mark.parametrize("said", [{"scale": -1.0}, {"focal_px": math.inf}, {"fov": 180.0}])
+def test_numbers_that_no_file_can_mean_are_refused(said: dict[str, float], tmp_path: Path) -> None:
+    with pytest.raises(UsageProblem) as caught:
+        read_depth(tmp_path / "depth.png", **said)
+    assert caught.value.code == "out-of-range"

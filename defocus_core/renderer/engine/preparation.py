@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import torch
 
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.parts import Part
 from defocus_core.renderer.blur.fourier import reach
 from defocus_core.renderer.blur.kernel_bank import Spread, merged_layers, spreads_of, windows
 from defocus_core.renderer.compositing.highlights import reached_by, threshold
@@ -19,7 +23,13 @@ from defocus_core.renderer.engine.frame import (
     Slicing,
 )
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.engine.statistics import border_ends, needs_double, surveyed, with_hidden
+from defocus_core.renderer.engine.statistics import (
+    Survey,
+    border_ends,
+    needs_double,
+    surveyed,
+    with_hidden,
+)
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.inpainting.hidden_layers import PX_AROUND
 from defocus_core.renderer.inpainting.known_layer import Behind
@@ -71,75 +81,37 @@ def frame_of(
     size = signed_radius.shape[0], signed_radius.shape[1]
     dtype = torch.promote_types(torch.promote_types(pixels.dtype, signed_radius.dtype), torch.float)
     survey = surveyed(pixels, signed_radius, dtype, settings.threads)
-    content = Content(
-        ends=all_ends or (survey.least, survey.most),
-        edges=layered is not None or max(survey.steepest) > EDGE,
-        tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.least_slope**2,
-        quantised=quantised,
-        uncertain=uncertain,
-        least=min(survey.darkest, 0.0),
-        limit=threshold(survey.brightness, survey.brightest),
-    )
+    edges = layered is not None or max(survey.steepest) > EDGE
+    content = _content(survey, quality, all_ends, edges, (quantised, uncertain))
     ends = content.ends if hidden is None else with_hidden(hidden, content.ends)
-    if layered is not None:
-        ends = layered.ends
+    ends = layered.ends if layered is not None else ends
     radii = _slice_radii(*ends, quality, settings)
     numbers = layers(radii, quality)
     exact = settings.num_layers is not None
     stride, halvings = (1, 0) if exact else (quality.hidden_stride, quality.hidden_halvings)
-    hidden_halvings = halvings if content.edges else 0
-    inwards = 0
+    halvings *= content.edges
     border = border or border_ends(signed_radius)
+    inwards = 0
     if exact or max(map(abs, border)) > SHARP:
-        unbounded = _at_resolution(radii, numbers, quality, _ANY_PX, 0)
-        inwards = _reach_of(border, radii, unbounded.reaches)
-        if content.edges:
-            unbounded = _at_resolution(radii, numbers, quality, _ANY_PX, hidden_halvings)
-            inwards = max(inwards, _reach_of(border, radii, unbounded.reaches, stride))
+        coarse_too = (halvings, stride) if edges else None
+        inwards = _inwards(border, radii, numbers, quality, coarse_too)
     # whole blocks, so that those of the frame stay where they are
     rows, columns = (-(-min(inwards, max(n, _BEYOND)) // BLOCK) * BLOCK for n in size)
     most = max(size[0] + rows, size[1] + columns) - 1
     fine = _at_resolution(radii, numbers, quality, most, 0)
-    coarse = _at_resolution(radii, numbers, quality, most, hidden_halvings)
+    coarse = _at_resolution(radii, numbers, quality, most, halvings)
     farthest = max(fine.reaches + coarse.reaches if content.edges else fine.reaches)
     margin = _margin(farthest, edges=content.edges, highlights=survey.brightest > content.limit)
     grid = grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
     tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
     pair = settings.dual_pixel if settings.left_right else None
-    # parts at the rim would be clipped away
-    count = quality.parts if settings.field is None else 1
+    count = quality.parts if settings.field is None else 1  # the rim would clip others away
     division = Division.of(settings.aperture, count, pair)
-    if needs_double(survey, content.limit):
-        dtype = torch.float64
-
-    def slicing(resolution: _Resolution, layer_of: list[int], stride: int) -> Slicing:
-        halvings, spreads, reaches = resolution
-        slice_windows = windows(
-            tuple(r / (1 << halvings) for r in radii),
-            spreads,
-            layer_of,
-            _halved(tile, halvings),
-            _halved(region, halvings),
-            settings.aperture,
-            division.parts,
-            dtype,
-            pixels.device,
-        )
-        cells = [spread.px for spread in spreads]
-        return Slicing(stride, halvings, slice_windows, layer_of, cells, reaches)
-
-    order = turns(radii, numbers)
-    octaves = kept_apart(radii, order.ahead)
-    known = merged_layers(numbers, octaves, fine.spreads, tile)
-    invented = merged_layers(numbers, octaves, coarse.spreads, _halved(tile, coarse.halvings))
-    slices = Slices(
-        radii,
-        order,
-        octaves,
-        visible=slicing(fine, numbers, 1),
-        known=slicing(fine, known, 1),
-        invented=slicing(coarse, invented, stride),
+    dtype = torch.float64 if needs_double(survey, content.limit) else dtype
+    slicing = partial(
+        _slicing, radii, (tile, region), settings.aperture, division.parts, dtype, pixels.device
     )
+    slices = _slices(radii, numbers, (fine, coarse), tile, stride, slicing)
     return SharedFrame(
         size,
         settings,
@@ -167,6 +139,102 @@ class _Resolution(NamedTuple):
     halvings: int
     spreads: list[Spread]
     reaches: list[int]
+
+
+def _content(
+    survey: Survey,
+    quality: Quality,
+    all_ends: tuple[float, float] | None,
+    edges: bool,
+    depth: tuple[bool, bool],
+) -> Content:
+    """What a picture holds; `depth` says whether it had few levels, and uncertain edges."""
+    return Content(
+        ends=all_ends or (survey.least, survey.most),
+        edges=edges,
+        tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.least_slope**2,
+        quantised=depth[0],
+        uncertain=depth[1],
+        least=min(survey.darkest, 0.0),
+        limit=threshold(survey.brightness, survey.brightest),
+    )
+
+
+def _slices(
+    radii: tuple[float, ...],
+    numbers: list[int],
+    resolutions: tuple[_Resolution, _Resolution],
+    tile: tuple[int, int],
+    stride: int,
+    slicing: Callable[[_Resolution, list[int], int], Slicing],
+) -> Slices:
+    """The slices of what is visible, known and invented, of fine and of coarse resolution."""
+    fine, coarse = resolutions
+    order = turns(radii, numbers)
+    octaves = kept_apart(radii, order.ahead)
+    known = merged_layers(numbers, octaves, fine.spreads, tile)
+    invented = merged_layers(numbers, octaves, coarse.spreads, _halved(tile, coarse.halvings))
+    return Slices(
+        radii,
+        order,
+        octaves,
+        visible=slicing(fine, numbers, 1),
+        known=slicing(fine, known, 1),
+        invented=slicing(coarse, invented, stride),
+    )
+
+
+def _inwards(
+    border: tuple[float, float],
+    radii: tuple[float, ...],
+    numbers: list[int],
+    quality: Quality,
+    hidden: tuple[int, int] | None,
+) -> int:
+    """How far light from beyond the frame reaches into it, in px.
+
+    Args:
+        border: Least and greatest signed radius on the edge of the frame.
+        radii: Signed radii of the slices.
+        numbers: The layer of each slice.
+        quality: The settings of the quality.
+        hidden: Halvings and stride of what is invented; None if nothing is.
+    """
+    unbounded = _at_resolution(radii, numbers, quality, _ANY_PX, 0)
+    inwards = _reach_of(border, radii, unbounded.reaches)
+    if hidden is not None:
+        halvings, stride = hidden
+        unbounded = _at_resolution(radii, numbers, quality, _ANY_PX, halvings)
+        inwards = max(inwards, _reach_of(border, radii, unbounded.reaches, stride))
+    return inwards
+
+
+def _slicing(
+    radii: tuple[float, ...],
+    sizes: tuple[tuple[int, int], tuple[int, int]],
+    aperture: Aperture,
+    parts: list[Part],
+    dtype: torch.dtype,
+    device: torch.device,
+    resolution: _Resolution,
+    layer_of: list[int],
+    stride: int,
+) -> Slicing:
+    """The slices of a surface at a resolution; sizes (height, width) are of a tile and a region."""
+    halvings, spreads, reaches = resolution
+    slice_windows = windows(
+        tuple(r / (1 << halvings) for r in radii),
+        spreads,
+        layer_of,
+        _halved(sizes[0], halvings),
+        _halved(sizes[1], halvings),
+        aperture,
+        parts,
+        dtype,
+        device,
+    )
+    cells = [spread.px for spread in spreads]
+    return Slicing(stride, halvings, slice_windows, layer_of, cells, reaches)
 
 
 def _at_resolution(

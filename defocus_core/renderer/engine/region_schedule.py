@@ -90,12 +90,11 @@ def rendered_regions(
                 if layered is None
                 else LayeredRegion(frame, part, pixels, signed_radius, layered, backdrop)
             )
-            each = range(len(part.tiles))
-            for tile in threaded(recomputed(region.tile), each, threads // at_once):
+            work = recomputed(region.tile), range(len(part.tiles)), threads // at_once
+            for tile in threaded(*work):
                 tiles.append(tile)
                 report(grid.box, 1)
-        rows = [tiles[i : i + part.columns] for i in range(0, len(tiles), part.columns)]
-        views = joined(rows)
+        views = joined([tiles[i : i + part.columns] for i in range(0, len(tiles), part.columns)])
         return views if part.box == grid.box else _copied(frame, grid, pixels, views)
 
     def in_order() -> Iterator[Views]:

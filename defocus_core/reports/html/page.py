@@ -16,7 +16,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from defocus_core.errors import printable
+from defocus_core.errors import printable, with_dashes
 from defocus_core.io.safe_files import written_whole
 from defocus_core.reports.html import thumbnails
 from defocus_core.reports.html.budget import fitted
@@ -84,7 +84,7 @@ def write_report(path: Path, report: Report) -> None:
     refuse_other(path, "html")
     with written_whole(path) as file:
         for part in parts:
-            file.write(part.encode("utf-8", "replace"))
+            file.write(with_dashes(part).encode("utf-8", "replace"))
 
 
 def _printed(report: Report, items: Sequence[Item]) -> dict[str, Any]:
@@ -225,6 +225,7 @@ def _first(items: Sequence[Item], status: str) -> int:
 def _in_script(value: object) -> str:
     """JSON that cannot end the element it stands in."""
     text = json.dumps(value, allow_nan=False, separators=(",", ":"))  # ASCII alone
+    text = with_dashes(text.replace("\\u2039", "‹").replace("\\u203a", "›"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
