@@ -152,7 +152,7 @@ def command(
     With --json, "pairs" has of each:
       picture      its path
       focus_m, focus_dioptres, focus_error_dioptres; focus_m is null at infinity
-      fnumber, fnumber_error (relative), px_per_dioptre
+      fnumber, fnumber_error (relative), px_per_dioptre; an error is null if it is unbounded
       blades, blade_rotation_deg, gains
       gamma, gamma_error (relative), shift_px (right, down)
       coc_mean_px, coc_p50_px, coc_p99_px, of the radii without sign

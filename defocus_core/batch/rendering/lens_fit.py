@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -140,16 +141,16 @@ def _record(found: Fit, options: FitOptions, width: int) -> dict[str, Any]:
     return {
         "focus_m": None if found.focus <= 0 else 1 / found.focus,
         "focus_dioptres": found.focus,
-        "focus_error_dioptres": found.focus_error,
+        "focus_error_dioptres": _finite(found.focus_error),
         "fnumber": options.foclen**2 / (2 * pitch * strength * shape),
-        "fnumber_error": found.strength_error,
+        "fnumber_error": _finite(found.strength_error),
         "px_per_dioptre": found.strength,
         "focal_length_mm": options.foclen,
         "sensor_width_mm": options.sensor_width,
         "blades": found.aperture.blades,
         "blade_rotation_deg": _rotation(found.aperture),
         "gamma": found.gamma,
-        "gamma_error": found.gamma_error,
+        "gamma_error": _finite(found.gamma_error),
         "shift_px": list(found.shift),
         "gains": list(found.gains),
         "psnr": dict(zip(("all", "edges", "elsewhere"), map(_finite, found.psnr), strict=True)),
@@ -163,7 +164,7 @@ def _rotation(aperture: Pupil) -> float:
 
 
 def _finite(value: float) -> float | None:
-    return value if value == value else None
+    return value if math.isfinite(value) else None
 
 
 def write_lens(path: Path, record: dict[str, Any]) -> None:
@@ -187,6 +188,10 @@ def write_lens(path: Path, record: dict[str, Any]) -> None:
         file.write(("\n".join(lines) + "\n").encode())
 
 
+def _error(value: float | None, times: float = 1) -> str:
+    return "?" if value is None else f"{times * value:.2g}"
+
+
 def words(record: dict[str, Any]) -> list[str]:
     """What was found, a line each."""
     focus, error = record["focus_dioptres"], record["focus_error_dioptres"]
@@ -194,8 +199,8 @@ def words(record: dict[str, Any]) -> list[str]:
     psnr = record["psnr"]
     shown = ", ".join(f"{name} {db:.1f} dB" for name, db in psnr.items() if db is not None)
     lines = [
-        f"focus {distance} ({focus:.4g} ± {error:.2g} 1/m)",
-        f"f-number {record['fnumber']:.4g} ± {100 * record['fnumber_error']:.2g} % for "
+        f"focus {distance} ({focus:.4g} ± {_error(error)} 1/m)",
+        f"f-number {record['fnumber']:.4g} ± {_error(record['fnumber_error'], 100)} % for "
         f"{record['focal_length_mm']:g}mm and a sensor of {record['sensor_width_mm']:g}mm: "
         f"{record['px_per_dioptre']:.4g} px of radius for 1/m",
         f"residual: {shown}",
@@ -203,8 +208,8 @@ def words(record: dict[str, Any]) -> list[str]:
     if record["blades"]:
         lines.append(f"{record['blades']} blades turned {record['blade_rotation_deg']:.3g} degrees")
     if record["gamma"] != 1:
-        error = 100 * record["gamma_error"]
-        lines.append(f"gamma {record['gamma']:.3f} ± {error:.2g} %: light is what is read to it")
+        error = _error(record["gamma_error"], 100)
+        lines.append(f"gamma {record['gamma']:.3f} ± {error} %: light is what is read to it")
     if any(record["shift_px"]):
         across, down = record["shift_px"]
         lines.append(f"blurred picture {across:.2f} px to the right, {down:.2f} px down")
