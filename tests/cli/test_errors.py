@@ -30,6 +30,8 @@ from command_line import (
 )
 from image_files import multi_part, save, write_deep
 
+from defocus_core.errors import CODES
+
 
 def test_a_missing_file(color: Path, depth: Path, out: Path) -> None:
     missing = color.with_name("none.exr")
@@ -44,8 +46,9 @@ def test_json_of_a_command_that_has_no_result_is_its_error(tmp_path: Path, color
     for words, code in {**asked, ("info",): 2, ("render", missing, "-o", "out", *LENS): 3}.items():
         ran = run(*words, "--json")
         message = ran.err.removeprefix("defocus: ").removesuffix("\n")
-        assert ran.json["error"] == {"message": message, "exit_code": code}
-        assert ran.code == code
+        error = ran.json["error"]
+        assert error["code"] in {*CODES, None}
+        assert (error["message"], error["exit_code"], ran.code) == (message, code, code)
     assert "error" not in run("info", color, missing, "--json").json
     assert run("info", missing).out == ""
 
