@@ -160,7 +160,7 @@ def regions_at_once(job: Job, room_mb: float) -> int:
 
 
 @pytest.mark.parametrize(
-    ("of_one_thread", "remedy"), [(90.0, "use --threads 1"), (800.0, "smaller picture")]
+    ("of_one_thread", "remedy"), [(90.0, "use ‹threads› 1"), (800.0, "smaller picture")]
 )
 def test_what_does_not_fit_is_refused_with_what_would_help(
     of_one_thread: float, remedy: str, short: Callable[..., Job]
@@ -194,7 +194,7 @@ def test_what_a_limit_forbids_a_greater_one_would_allow(
     monkeypatch.setattr(memory_budget, "enough_mb", lambda job, needed: 300.0 + needed)
     job = short(lambda threads, at_once: 60.0, limit=500 * memory.MB)
     monkeypatch.setattr(memory, "available_mb", lambda device="cpu": 4000.0)
-    with pytest.raises(TooLarge, match="use --memory 360MB"):
+    with pytest.raises(TooLarge, match="use ‹memory› 360MB"):
         regions_at_once(job, 30.0)
 
 

@@ -67,6 +67,6 @@ def test_a_contact_sheet_shows_another_look_of_each(tmp_path: Path) -> None:
     assert pixels.shape[:2] == (226 * -(-len(LENSES) // 3), 900)
     tiles = [pixels[226 * (i // 3) :, 300 * (i % 3) :][:200, :300] for i in range(len(LENSES))]
     flat = [tile.astype(float).ravel() for tile in tiles]
-    assert all(np.abs(a - b).max() > 20 for i, a in enumerate(flat) for b in flat[:i])
+    assert all(np.abs(a - b).max() > 15 for i, a in enumerate(flat) for b in flat[:i])
     refused(run("lenses", "-o", sheet), 3, "is there already", "--overwrite")
     refused(run("lenses", "-o", tmp_path / "sheet.jpg"), 3, "end its name in .png")

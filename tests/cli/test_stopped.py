@@ -62,10 +62,10 @@ def started(*args: object, slow: float, step: str = "job_steps.compute") -> subp
         "import os, sys, time; from defocus_cli import main\n"
         "from defocus_core.batch.rendering import job_steps\n"
         f"do = {step}\n"
-        "def slowly(*args):\n"
+        "def slowly(*args, **named):\n"
         "    print('up', flush=True)\n"
         f"    time.sleep({slow})\n"
-        "    return do(*args)\n"
+        "    return do(*args, **named)\n"
         f"{step} = slowly\n"
         "sys.exit(main.main())"
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from defocus_core.batch.depth.repair_words import repair_attribute
 from defocus_core.batch.lenses.quantities import length_text
 from defocus_core.batch.rendering.contents import contents_of
-from defocus_core.errors import InputError
+from defocus_core.errors import InputError, with_dashes
 from defocus_core.io.arrays import Beside, StackedPlanes
 from defocus_core.io.safe_files import written_together
 from defocus_core.system.text import version
@@ -120,7 +120,7 @@ def _repair(outcome: Outcome, kind: Kind) -> dict[str, str]:
     if reading.edge_width is not None:
         asked.append(f"‹edge-width› {reading.edge_width:g}px")
     values = {
-        "depth_repair_asked": " ".join(asked),
+        "depth_repair_asked": with_dashes(" ".join(asked)),
         "depth_repair": repair_attribute(outcome.repair),
     }
     return {name: value for name, value in values.items() if value}

@@ -63,7 +63,7 @@ def test_a_decided_repair_is_the_one_that_is_made() -> None:
     decided = rendered(Settings(decided=DepthRepair(noise=0.3)))
     found, none = rendered(Settings()), rendered(Settings(decided=DepthRepair()))
     assert torch.equal(none, rendered(Settings(depth_repair="off")))
-    assert (found - decided).abs().max() < 0.1 * (found - none).abs().max()
+    assert (found - decided).abs().max() < 0.12 * (found - none).abs().max()
 
 
 def test_still_noise_falls_with_the_root_of_the_number_of_frames() -> None:

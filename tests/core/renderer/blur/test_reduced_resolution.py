@@ -10,7 +10,8 @@ from torch import Tensor
 
 from defocus_core import render
 from defocus_core.renderer.layers import quality
-from defocus_core.renderer.layers.sliced_surface import Samples, Surface
+from defocus_core.renderer.layers.samples import SurfaceSamples
+from defocus_core.renderer.layers.sliced_surface import Surface
 from defocus_core.tensors import tiling
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.pyramid import axes, extended, halved, halves
@@ -48,7 +49,7 @@ def test_a_slice_is_averaged_as_its_pixels_are(size: tuple[int, int], halvings: 
     at = torch.tensor([[6, 8], [6, 8], [0, W - 1], [H - 1, 0]])
     extra = torch.rand(4, 4, generator=generator, dtype=torch.float64)
     extra_places = torch.tensor([0.0, 0.75, 0.5, 2.0], dtype=torch.float64)
-    samples = Samples(color, coverage, places, at, extra, extra_places, None, None)
+    samples = SurfaceSamples(color, coverage, places, at, extra, extra_places, None, None)
     surface = Surface(samples, [4, 4, 4], [0, 1, 1], grid_over(H, W), 4, 200)
     whole = torch.cat([color * coverage, coverage]) * (1 - places).clamp(min=0)
     for (y, x), values, share in zip(at.tolist(), extra, (1.0, 0.25, 0.5, 0.0), strict=True):
