@@ -11,6 +11,7 @@ from scenes import RADII, Scene, blurred_card, pattern, slanted_waves
 from torch import Tensor
 
 from defocus_core import QUALITIES, Aperture, render
+from defocus_core.optics.parts import LEFT
 
 APERTURES = [Aperture(), Aperture(6, 10.0), Aperture(5, 0.0), Aperture(psf_type="gaussian")]
 
