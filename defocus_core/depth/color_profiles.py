@@ -14,6 +14,7 @@ from torch import Tensor
 
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.tensors.neighbourhoods import halfway, squares_around
+from defocus_core.tensors.sparse_masks import exceeding, places_of
 
 # Greatest displacement in px; depth in px at which the colour of a surface is sampled at most.
 FARTHEST, _DEEPEST = 12, 15
@@ -42,47 +43,18 @@ class Silhouette(NamedTuple):
     normal: Tensor
 
 
-def crossed_edges(
-    radii: Tensor,
-    step: float,
-    lines: tuple[list[int], list[int]],
-    band: tuple[int, int],
-    scale: DistanceScale | None,
-) -> Tensor:
-    """The nearer pixels [n, 2] of the edges that some rows and columns cross within a band.
-
-    Args:
-        radii: [H, W] px, the band and what is around it.
-        step: Least step of an edge in px.
-        lines: Numbers of the rows and of the columns.
-        band: First row of the band and its end.
-        scale: Of distance, if an edge has to be one of distance, too.
-    """
-    at = []
-    for dim, numbers in enumerate(lines):
-        number = torch.tensor(numbers, dtype=torch.long, device=radii.device)
-        rise = _rise(radii.index_select(dim, number), 1 - dim, scale)
-        for mask, after in ((rise > step, 0), (rise < -step, 1)):
-            place = torch.nonzero(mask)
-            place[:, dim] = number[place[:, dim]]
-            place[:, 1 - dim] += after
-            at.append(place)
-    every = torch.cat(at)
-    return every[(every[:, 0] >= band[0]) & (every[:, 0] < band[1])]
-
-
 def edges_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Tensor:
     """The pixels [H, W] beside which the radius is greater by more than a step.
 
     Given a scale of distance, so is the distance: few levels of distance are many px of radius.
     """
-    edges = torch.zeros_like(radii, dtype=torch.bool)
-    for dim in (0, 1):
+    edges = torch.zeros(radii.numel(), dtype=torch.bool, device=radii.device)
+    for dim, stride in ((0, radii.shape[1]), (1, 1)):
         rise = _rise(radii, dim, scale)
-        n = rise.shape[dim]
-        edges.narrow(dim, 0, n).logical_or_(rise > step)
-        edges.narrow(dim, 1, n).logical_or_(rise < -step)
-    return edges
+        row, column = places_of(exceeding(rise.abs(), step)).unbind(1)
+        farther = rise[row, column] < 0  # the pixel itself, not the next one
+        edges[row * radii.shape[1] + column + stride * farther] = True
+    return edges.view(radii.shape)
 
 
 def _rise(radii: Tensor, dim: int, scale: DistanceScale | None) -> Tensor:
@@ -116,9 +88,10 @@ def displacement_costs(
     at, far, normal = silhouette
     (H, W), flat = radii.shape, radii.flatten()
     along = torch.arange(-REACH, REACH + 1, device=at.device).to(normal.dtype)
-    y, x = (at[:, d, None] + normal[d, :, None] * along for d in (0, 1))
+    # from the pixel on, so that it rounds alike anywhere in a frame
+    y, x = (at[:, d, None] + (normal[d, :, None] * along).round().long() for d in (0, 1))
     inside = (y >= 0) & (y <= H - 1) & (x >= 0) & (x <= W - 1)
-    place = y.round().long().clamp(0, H - 1) * W + x.round().long().clamp(0, W - 1)
+    place = y.clamp(0, H - 1) * W + x.clamp(0, W - 1)
     border = halfway(flat[at[:, 0] * W + at[:, 1]], flat[far])[:, None]
     is_near = flat[place] < border
     inwards = (is_near & inside)[:, : REACH + 1].flip(1).long().cumprod(1).sum(1)

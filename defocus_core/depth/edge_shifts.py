@@ -20,7 +20,6 @@ from defocus_core.depth.color_profiles import (
     NORMAL,
     REACH,
     Silhouette,
-    crossed_edges,
     displacement_costs,
     edges_of,
     silhouette_at,
@@ -28,7 +27,7 @@ from defocus_core.depth.color_profiles import (
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.soft_edges import slope_of_soft_edges
 from defocus_core.tensors.neighbourhoods import ends_of, extreme_around, halfway, squares_around
-from defocus_core.tensors.source import Pixels, banded, bands, spread
+from defocus_core.tensors.source import Pixels, banded, bands
 from defocus_core.tensors.sparse_masks import numbers_of, places_of
 from defocus_core.tensors.threads import threaded
 
@@ -41,16 +40,16 @@ _ROUNDS, _SMOOTHING = 20, 8
 _SPREAD = 0.15
 # Grains of displacement in a px: finer differences are rounding.
 _GRAINS = 1 << 8
-# Weight of rarity; share of a displacement's votes that count for those a px beside it.
-_RARITY, _BESIDE = 1.6, 0.25
-# Distance of the rows, and of the columns, on which silhouettes are examined for the displacements
-# of the picture; and where its edges are hard.
-_EVERY, _EVERY_OF_HARD = 4, 24
+# Weight of rarity, and its grain, so coarse that few pixels more or less change nothing; share of a
+# displacement's votes that count for those a px beside it.
+_RARITY, _COARSE, _BESIDE = 1.6, 0.2, 0.25
+# Pixels of silhouettes that are examined for the displacements of the picture; factors of a hash.
+_EXAMINED, _FACTORS = 1 << 12, (0x9E3779B97F4A7C1, 0x2545F4914F6CDD1D)
 # Least step of an edge: in px, and as a multiple of the slope of a ramp.
 _LEAST_STEP, _STEP = 0.3, 1.5
 # A picture of hard edges is shifted if so many profiles count, if the median displacement is so
 # many px, and if such a share of the votes lie within a px of it.
-_VOTES, _BIASED, _AGREED = 32, 0.75, 0.6
+_VOTES, _BIASED, _AGREED = 400, 0.75, 0.6
 # Px around a pixel that decide what it becomes.
 AROUND = REACH + NORMAL + 2 * (_ROUNDS + _SMOOTHING) + FARTHEST + 2
 # Half a px, so that averages of whole displacements are no ties.
@@ -95,45 +94,74 @@ def measured_shifts(
         float(ends[:, 0].amin()), float(ends[:, 1].amax()), signed_radius.shape
     )
     step = max(_LEAST_STEP, _STEP * slope)
-    if not soft:
-        votes = _votes(signed_radius, pixels, step, _EVERY_OF_HARD, threads, scale)
-        if float(votes.sum()) < _VOTES:
-            return None
-        median, agreed = _median(votes)
-        if abs(median) < _BIASED or agreed < _AGREED:
-            return None
-    votes = _votes(signed_radius, pixels, step, _EVERY, threads, scale)
-    if not float(votes.sum()):
+    votes = _votes(signed_radius, pixels, step, threads, scale)
+    if float(votes.sum()) <= (0 if soft else _VOTES):
+        return None
+    median, agreed = _median(votes)
+    if not soft and (abs(median) < _BIASED or agreed < _AGREED):
         return None
     share = (votes + 1) / (votes + 1).sum()
     share = (1 - 2 * _BESIDE) * share + _BESIDE * (share.roll(1) + share.roll(-1))
     rarity = -_RARITY * (share + 0.01).log()
-    return EdgeShifts(step, _median(votes)[0], tuple((rarity - rarity.amin()).tolist()))
+    rarity = ((rarity - rarity.amin()) / _COARSE).round() * _COARSE
+    return EdgeShifts(step, median, tuple(rarity.tolist()))
 
 
 def _votes(
     signed_radius: Pixels,
     pixels: Pixels,
     step: float,
-    every: int,
     threads: int,
     scale: DistanceScale | None,
 ) -> Tensor:
-    """The trust [2 * FARTHEST + 1] in each displacement, on some rows and columns of a picture."""
-    H, W = signed_radius.shape
+    """The trust [2 * FARTHEST + 1] in each displacement, over the silhouettes of a picture.
 
-    def votes_of(rows: tuple[int, int]) -> Tensor:
-        above, below = max(rows[0] - REACH, 0), min(rows[1] + REACH, H)
-        radii, colors = signed_radius[above:below].detach(), pixels[..., above:below, :].detach()
-        band = rows[0] - above, rows[1] - above
-        lines = [y + band[0] for y in spread(H, every, *rows)], spread(W, every)
-        votes = radii.new_zeros(2 * FARTHEST + 1, dtype=torch.float64)
-        for at in torch.split(crossed_edges(radii, step, lines, band, scale), _PROFILES):
-            costs, trust = displacement_costs(silhouette_at(at, radii), radii, colors)
-            votes.index_add_(0, costs.argmin(1), trust.double())
+    Of many pixels those are examined that a hash of what is around them chooses: the same ones
+    wherever they lie in the frame.
+    """
+    H, W = signed_radius.shape
+    every = bands(H, W)
+
+    def window(first: int, end: int) -> tuple[Tensor, Tensor]:
+        rows = slice(max(first, 0), end)
+        return signed_radius[rows].detach(), pixels[..., rows, :].detach()
+
+    def silhouette(rows: tuple[int, int]) -> tuple[Tensor, Tensor]:
+        """The pixels [n, 2] of a silhouette in a band of rows, and their hashes [n]."""
+        above = max(rows[0] - 1, 0)
+        radii, colors = window(above, rows[1] + 1)
+        at = places_of(edges_of(radii, step, scale)[rows[0] - above : rows[1] - above])
+        hashes = _hashes(at + at.new_tensor([rows[0] - above, 0]), radii, colors)
+        return at + at.new_tensor([rows[0], 0]), hashes
+
+    found = list(threaded(silhouette, every, threads))
+    hashes = torch.cat([own for _, own in found])
+    most = min(_EXAMINED / max(len(hashes), 1), 1.0)
+    if 2 * int((hashes < most).sum()) < min(_EXAMINED, len(hashes)):
+        most = 1.0  # too much is alike
+
+    def votes_of(number: int) -> Tensor:
+        votes = hashes.new_zeros(2 * FARTHEST + 1)
+        (at, own), (first, end) = found[number], every[number]
+        if len(at := at[own < most]):
+            radii, colors = window(first - REACH, end + REACH)
+            for chunk in torch.split(at - at.new_tensor([max(first - REACH, 0), 0]), _PROFILES):
+                costs, trust = displacement_costs(silhouette_at(chunk, radii), radii, colors)
+                votes.index_add_(0, costs.argmin(1), trust.double())
         return votes
 
-    return torch.stack(list(threaded(votes_of, bands(H, W), threads))).sum(0)
+    return torch.stack(list(threaded(votes_of, range(len(every)), threads))).sum(0) / most
+
+
+def _hashes(at: Tensor, radii: Tensor, pixels: Tensor) -> Tensor:
+    """Numbers [n] in [0, 1) that look random, of the radii and colours around pixels [n, 2]."""
+    beside = squares_around(at, (radii.shape[0], radii.shape[1])).flatten()
+    around = [values.flatten().index_select(0, beside) for values in (radii, *pixels)]
+    bits = torch.stack(around).float().view(torch.int32).view(len(around), len(at), 9).long()
+    factor = 2 * torch.arange(len(around) * bits.shape[2], device=at.device) + 1
+    mixed = (bits * _FACTORS[0] * factor.view(len(around), 1, -1)).sum((0, 2))
+    mixed = (mixed ^ (mixed >> 32)) * _FACTORS[1]
+    return ((mixed >> 40) & 0xFFFFFF).double() / (1 << 24)
 
 
 def _median(votes: Tensor) -> tuple[float, float]:

@@ -99,7 +99,8 @@ def _fill(images: _Images, loaded: Loaded, streams: Streams, progress: Progress 
                 shown = progress and partial(_of_all, progress, number, len(colors))
                 images.invented = 0  # of one rendering
                 for part in stream.regions(at_once, shown):
-                    images.place(streams.in_order(part, color), color)
+                    first = number == 0 or color.turned != colors[number - 1].turned
+                    images.place(streams.in_order(part, color), color, first=first)
             return stream
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
@@ -138,8 +139,11 @@ class _Images:
                 loaded.holding.keeping.new((height, width), dtype) for _ in range(count)
             )
 
-    def place(self, part: Views, colors: Colors) -> None:
-        """Copy a rendered region to its place: the channels and kinds that were rendered."""
+    def place(self, part: Views, colors: Colors, *, first: bool = True) -> None:
+        """Copy a rendered region to its place: the channels and kinds that were rendered.
+
+        Of trust, after the first colours, the least of all.
+        """
         import numpy as np
 
         from defocus_core.io.arrays import to_array
@@ -168,4 +172,6 @@ class _Images:
                     count = int(np.count_nonzero(beyond.any(axis=0)))
                     self.clamped[kind] = self.clamped.get(kind, 0) + count
             for plane, values in zip(planes, pixels, strict=True):
+                if not (first or KINDS[kind].image):
+                    values = np.minimum(values, plane[rows, columns])
                 plane[rows, columns] = values
