@@ -188,10 +188,10 @@ class Windows:
         return to_device(np.stack([plane[cuts] for plane in self._planes]), self.device)
 
 
-def bands(shape: Sequence[int]) -> list[slice]:
+def bands(shape: Sequence[int], pixels: int = _BAND) -> list[slice]:
     """Bands of rows that together are an array [H, W, …]."""
     height, width = shape[:2]
-    count = max(1, _BAND // max(1, width))
+    count = max(1, pixels // max(1, width))
     return [slice(*pair) for pair in pairwise([*range(0, height, count), height])]
 
 

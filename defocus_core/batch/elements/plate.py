@@ -30,11 +30,15 @@ class Plate:
     """A decoded plate.
 
     Attributes:
+        picture: where it is.
+        reading: how it was read.
         color: its colour.
         depth: its depth; infinitely far if it has none.
         warnings: what was taken for granted of it, and of the element over it.
     """
 
+    picture: Picture
+    reading: Reading
     color: Color
     depth: Depth
     warnings: tuple[str, ...] = ()
@@ -87,10 +91,10 @@ def _plate(
     from defocus_core.io.safe_files import read_head
 
     if picture.depth != picture.color:
-        return Plate(*read(picture, reading, overscan))
+        return Plate(picture, reading, *read(picture, reading, overscan))
     try:
         if is_exr(read_head(picture.color)):
-            return Plate(*read(picture, reading, overscan))
+            return Plate(picture, reading, *read(picture, reading, overscan))
     except NoDepthChannel:
         pass
     return _far_away(picture, reading, keeping, overscan)
@@ -203,4 +207,4 @@ def _far_away(picture: Picture, reading: Reading, keeping: Keeping, overscan: Ov
         metres[rows] = np.full(metres[rows].shape, np.inf, np.float32)
     depth = Depth(metres, picture.color, "", "no depth, infinitely far", overscan=overscan)
     warning = f"{picture.color.name}: the plate has no depth and is taken as infinitely far"
-    return Plate(color, element_depth(depth, color, keeping), (warning,))
+    return Plate(picture, reading, color, element_depth(depth, color, keeping), (warning,))

@@ -91,13 +91,13 @@ def _over_plate(job: Job, held: Holding) -> Loaded:
 
 def _with_layers(job: Job, loaded: Loaded) -> Loaded:
     """A picture with its samples if it is deep or has a holdout."""
-    picture, plate = job.picture, loaded.plate
+    picture = job.picture
     layers = layers_of_scene(
         picture,
         job.reading,
         parts_of(picture, job.reading)[0],
         (loaded.color, loaded.depth),
-        None if plate is None else (plate.color, plate.depth),
+        loaded.plate,
         loaded.holding.keeping,
         job.lens_focal,
     )
