@@ -40,7 +40,7 @@ def read_color(
     part: int | None = None,
     view: str | None = None,
 ) -> Color:
-    """Read the colour of an EXR, HDR, PNG, JPEG or TIFF file.
+    """Read the colour of an EXR, HDR, PNG, JPEG, TIFF or WEBP file.
 
     Args:
         path: The file.

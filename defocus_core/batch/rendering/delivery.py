@@ -79,7 +79,9 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
         count = len(contents.planes) // len(kind.rendered_as)
         views = range(0, len(contents.planes), count)
         write_preview(
-            preview, Beside([StackedPlanes(contents.planes[n : n + count]) for n in views])
+            preview,
+            Beside([StackedPlanes(contents.planes[n : n + count]) for n in views]),
+            rendering.color.attributes,
         )
     return warnings
 
