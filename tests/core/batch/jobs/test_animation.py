@@ -5,7 +5,7 @@ import pytest
 
 from defocus_core.batch.jobs.animation import Animation, read_animation
 from defocus_core.batch.jobs.job import Picture
-from defocus_core.batch.jobs.lens_options import parsed
+from defocus_core.batch.jobs.lens_from_options import parsed
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
 from defocus_core.errors import DefocusError, UsageProblem
 
