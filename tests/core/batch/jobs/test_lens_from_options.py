@@ -33,7 +33,7 @@ def test_a_round_aperture_cannot_be_turned(tmp_path: Path) -> None:
         make_lens({**FLAGS, "blades": 0, "blade-rotation": 30.0}, None)
     for text in ("blade-rotation = 30\n", "blades = 0\nblade-rotation = 30\n"):
         path = lens_file(tmp_path, text)
-        with pytest.raises(UsageProblem, match=r"lens\.toml: blade-rotation: .*add blades = "6""):
+        with pytest.raises(UsageProblem, match=r"lens\.toml: blade-rotation: .*add blades = .6"):
             make_lens(FLAGS, path)
         assert make_lens({**FLAGS, "blades": 5}, path).blade_rotation == 30
     with_blades = lens_file(tmp_path, "blades = 6\nblade-rotation = 30\n")
