@@ -18,7 +18,7 @@ from depth_files import colmap, dpt, gdepth, matlab, npy, pfm, png, with_text
 from optional_libraries import HEIC_MAGIC, with_hdf5, with_heic, write_hdf5
 from refusals import refuses
 
-from defocus_core.batch.jobs.reading_options import PARSERS, make_reading
+from defocus_core.batch.jobs.reading_options import READING_OPTIONS, make_reading
 from defocus_core.io.depth_formats.depth import read_depth, require_valid
 from defocus_core.io.depth_formats.table import FORMATS
 
@@ -491,7 +491,7 @@ def test_invalid_pixels_are_told_from_sky_and_refused(name: str, tmp_path: Path)
             fields["geometry"] = option
             continue
         text = f"{words.pop(0)} {words.pop(0)}" if option == "depth-range" else words.pop(0)
-        fields[option.replace("-", "_")] = PARSERS[option](text)
+        fields[option.replace("-", "_")] = READING_OPTIONS[option].parse(text)
     depth = read_depth(example.path, make_reading(fields, {}))
     np.testing.assert_array_equal(depth.invalid, np.isnan(example.metres))
     np.testing.assert_array_equal(np.isposinf(depth.metres), np.isposinf(example.metres))
