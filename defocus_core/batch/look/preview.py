@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.io.arrays import bands
+from defocus_core.io.arrays import LazyArray, bands
 from defocus_core.io.images.color_space import quantised
 from defocus_core.io.images.encode import display_encoded, srgb_matrix, write_samples
 
@@ -48,18 +48,11 @@ def write_depth_preview(path: Path, metres: Any) -> None:
 
     near = (float(np.min(metres[rows])) for rows in bands(metres.shape))
     nearest = min((value for value in near if np.isfinite(value)), default=1.0)
-    write_preview(path, _Disparity(metres, nearest))
 
+    def read(rows: slice) -> Any:
+        return (nearest / metres[rows])[:, :, None]
 
-class _Disparity:
-    """Nearest depth over depth, 0 … 1, [H, W, 1], a few rows at a time."""
-
-    def __init__(self, metres: Any, nearest: float) -> None:
-        self._metres, self._nearest = metres, nearest
-        self.shape = (*metres.shape, 1)
-
-    def __getitem__(self, rows: slice) -> Any:
-        return (self._nearest / self._metres[rows])[:, :, None]
+    write_preview(path, LazyArray((*metres.shape, 1), metres.dtype, read))
 
 
 def write_signed_preview(path: Path, radius: Any) -> None:

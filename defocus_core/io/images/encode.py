@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from defocus_core.errors import InputError, UsageProblem, one_line
-from defocus_core.io.arrays import StackedPlanes, bands
+from defocus_core.io.arrays import bands, stacked
 from defocus_core.io.exr.windows import Layout
 from defocus_core.io.exr.writing import as_half, clamped_half, write_exr
 from defocus_core.io.images.color_space import linear_to_srgb, quantised
@@ -61,7 +61,7 @@ def write_image(
     Args:
         path: its suffix says the format: exr, png, tif, tiff, jpg or jpeg.
         pixels: [H, W, C] scene-linear, premultiplied if A is among the channels: float32, or half
-            for an EXR of half. An array, or a `StackedPlanes`, which is read in strips of rows.
+            for an EXR of half. An array, or a tuple of its C arrays [H, W]; read in strips of rows.
         channels: names of the C channels, as `defocus_core.io.images.color.Color`.
         exr_type: half or float, of the EXR's image channels.
         bits: 8 or 16, of a PNG.
@@ -78,8 +78,11 @@ def write_image(
         InputError: the file cannot be written.
         UsageProblem: a suffix of no known format.
     """
+    if isinstance(pixels, tuple):
+        planes, pixels = list(pixels), stacked(pixels)
+    else:
+        planes = [pixels[:, :, index] for index in range(pixels.shape[2])]
     if path.suffix.lower() == ".exr":
-        planes = _planes(pixels)
         if exr_type == "half" and pixels.dtype == "f4":
             clamped, planes = _beyond_half(pixels), [as_half(plane) for plane in planes]
         named = dict(zip(channels, planes, strict=True))
@@ -244,13 +247,6 @@ def encoded_samples(
             problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
             raise InputError("unwritable", problem, "write EXR instead", path=path)
         yield memory
-
-
-def _planes(pixels: Any) -> list[Any]:
-    """The arrays [H, W] of an image [H, W, C]."""
-    if isinstance(pixels, StackedPlanes):
-        return list(pixels.planes)
-    return [pixels[:, :, index] for index in range(pixels.shape[2])]
 
 
 def _beyond_half(pixels: Any) -> int:
