@@ -8,7 +8,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.depth.focusing import radius_map
-from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.elements.overscan import reframed
+from defocus_core.batch.jobs.job import Job, Shot
 from defocus_core.batch.jobs.shots import AVERAGED
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.rendering.memory_budget import capacity_mb
@@ -168,15 +169,25 @@ class Neighbours:
         return chained([torch.from_numpy(each) for each in motions], radii, _STEP)
 
     def _motion(self, place: int) -> Motion:
+        import numpy as np
+
         picture = self._window[place]
         channel = self._shot.motion
         assert channel is not None
-        files, overscan = (picture.color, picture.depth), self._loaded.color.overscan
+        files, color = (picture.color, picture.depth), self._decoded(place)[0]
         motion: Motion = _CACHE.kept(
-            ("motion", picture, channel, overscan),
-            lambda: read_motion(files, channel, overscan),
+            ("motion", picture, channel, color.overscan),
+            lambda: read_motion(files, channel, color.overscan),
             self._most_mb(),
         )
+        wanted = self._loaded.color.overscan
+        if color.overscan != wanted:
+            still = None if color.alpha is None else 0.0
+            pairs = (
+                [reframed(plane, color.overscan, wanted, still)[:] for plane in vectors]
+                for vectors in motion
+            )
+            motion = Motion(*map(np.stack, pairs))
         if motion.to_next.shape[1:] != self._loaded.depth.metres.shape:
             raise InputError(
                 "wrong-size",
@@ -195,25 +206,48 @@ class Neighbours:
             self._radii[place] = radius_map(self._lens, depth, keeping)[0]
         return self._radii[place]
 
-    def _files(self, place: int) -> tuple[Color, Depth]:
-        picture = self._window[place]
-        keeping = self._loaded.holding.keeping
-        color, depth = _CACHE.kept(
+    def _decoded(self, place: int) -> tuple[Color, Depth]:
+        """Colour and depth of a frame of the window, with its own overscan."""
+        if place == self._place:
+            return self._loaded.color, self._loaded.depth
+        picture, keeping = self._window[place], self._loaded.holding.keeping
+        both: tuple[Color, Depth] = _CACHE.kept(
             (picture, self._job.reading, self._job.lens_focal),
             lambda: self._read(replace(self._job, picture=picture), keeping),
             self._most_mb(),
         )
+        return both
+
+    def _files(self, place: int) -> tuple[Color, Depth]:
+        """Colour and depth of a frame of the window, with the overscan of the frame.
+
+        Beyond its own there is nothing of an element; other pictures go on as at their edge.
+        """
+        import numpy as np
+
+        picture, (color, depth) = self._window[place], self._decoded(place)
+        own, wanted = color.overscan, self._loaded.color.overscan
+        if own != wanted:
+            dark, far = (None, None) if color.alpha is None else (0.0, np.inf)
+            far = 0.0 if far is not None and depth.is_radius else far
+            planes = tuple(reframed(plane, own, wanted, dark) for plane in color.planes)
+            color = replace(color, planes=planes, overscan=wanted)
+            metres = reframed(depth.metres, own, wanted, far)
+            depth = replace(depth, metres=metres, overscan=wanted, nothing=None)
         if color.shape != self._loaded.color.shape:
             height, width, channels = color.shape
             own = self._loaded.color.path
             problem = f"is {width}x{height} px of {channels} channels, unlike {own}"
-            raise InputError(
-                "wrong-size", problem, "give frames of one size, or ‹no-steady›", path=picture.color
-            )
+            raise InputError("wrong-size", problem, _remedy_of(self._shot), path=picture.color)
         return color, depth
 
     def _most_mb(self) -> float:
         return _SHARE * capacity_mb(self._job.machine)
+
+
+def _remedy_of(shot: Shot) -> str:
+    """What to do about frames of several sizes: those of a shot with motion are always needed."""
+    return f"give frames of one size, or {'leave out ‹motion›' if shot.motion else '‹no-steady›'}"
 
 
 class _Cache:
