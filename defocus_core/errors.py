@@ -46,13 +46,16 @@ CODES = {
     "no-such-part": "a file has no part, page or frame of that number",
     "no-such-view": "a file has no view of that name",
     "no-valid-depth": "there is nothing to focus on",
+    "not-explained": "a blur explains little of what pictures differ by",
     "not-finite": "numbers are NaN or infinite",
     "not-found": "a file or folder is not there",
     "not-numbers": "what is there cannot be taken as real numbers",
     "not-one-channel": "depth has several channels",
+    "not-one-scene": "pictures do not show the same",
     "not-square": "pixels are not square where they must be",
     "not-utf-8": "a text or a name is not UTF-8",
     "one-file": "many files would go to one",
+    "other-cause": "a shift, a curve or an exposure explains more than a blur",
     "other-machine": "times of another machine cannot be compared",
     "other-version": "another version of defocus runs elsewhere",
     "out-of-memory": "a picture does not fit into memory",
@@ -60,6 +63,7 @@ CODES = {
     "radii": "a file holds radii where depth is needed, or the reverse",
     "replaces-input": "an output would replace an input",
     "subsampled": "a channel has fewer samples than the others",
+    "swapped": "the sharp picture is given for the blurred one",
     "too-blurred": "a blur is larger than any picture",
     "too-large": "a file claims more than is read",
     "unknown-format": "a file is of a format that is not known",
@@ -142,6 +146,10 @@ class TooLarge(InputError):  # noqa: N818 - it is said of a file
 
 class Rejected(InputError):  # noqa: N818 - it is no error of the user's
     """A picture that a lens cannot take as asked."""
+
+
+class NotExplained(DefocusError):  # noqa: N818 - it is said of pictures
+    """No lens that was found explains what pictures differ by."""
 
 
 def one_line(text: object) -> str:

@@ -19,11 +19,13 @@ from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.jobs.lens_options import PARSERS
 from defocus_core.batch.jobs.pairing import find_pictures
 from defocus_core.batch.jobs.random_lenses import Sampling
+from defocus_core.batch.lenses import quantities
 from defocus_core.batch.lenses.radius_set import read_radius_set
 from defocus_core.batch.rendering import lens_fit, lens_match
-from defocus_core.errors import DefocusError, InputError, UsageProblem
+from defocus_core.errors import DefocusError, InputError, NotExplained, UsageProblem
 
 _MOST_BLADES = 99
+_OF_PAIRS = ("dual_pixel", "dp_model", "dp_crosstalk", "side_shading")  # attributes of FitOptions
 _Find = Callable[[Callable[[int, int], None]], dict[str, Any]]  # progress in, a record out
 
 
@@ -75,6 +77,9 @@ def _blades(text: str) -> tuple[int, ...]:
 )
 @grouped_option("Output", "--overwrite", is_flag=True, help="Replace lens files that are there.")
 @grouped_option(
+    "Output", "--accept", is_flag=True, help="Take a lens that does not explain the pictures."
+)
+@grouped_option(
     "Lens",
     "--focal-length",
     type=Quantity(PARSERS["focal-length"], "LENGTH"),
@@ -103,6 +108,46 @@ def _blades(text: str) -> tuple[int, ...]:
 )
 @grouped_option(
     "Lens",
+    "--focus",
+    type=Quantity(quantities.focus, "DISTANCE"),
+    metavar="DISTANCE",
+    help="The distance in focus, where it is known: it is not sought, and one plane will do.",
+)
+@grouped_option(
+    "Lens",
+    "--fnumber",
+    type=Quantity(PARSERS["fnumber"], "N"),
+    metavar="N",
+    help="The f-number, where it is known.",
+)
+@grouped_option(
+    "Sensor",
+    "--dual-pixel",
+    is_flag=True,
+    help="Find how the photodiodes of a pair share the light, too: model, crosstalk, sides.",
+)
+@grouped_option(
+    "Sensor",
+    "--dp-model",
+    type=Quantity(PARSERS["dp-model"], "MODEL"),
+    metavar="MODEL",
+    help="The model of the photodiodes or the file of their kernels, as for render; not sought.",
+)
+@grouped_option(
+    "Sensor",
+    "--dp-crosstalk",
+    type=Quantity(PARSERS["dp-crosstalk"], "0…0.49"),
+    metavar="0…0.49",
+    help="The crosstalk of the photodiodes, where it is known.",
+)
+@grouped_option(
+    "Sensor",
+    "--side-shading",
+    is_flag=True,
+    help="Find a factor of light of each side, too, that is a plane over the frame.",
+)
+@grouped_option(
+    "Lens",
     "--exposure",
     is_flag=True,
     help="Find a factor for each colour, too: the pictures differ in exposure or white balance.",
@@ -117,7 +162,8 @@ def _blades(text: str) -> tuple[int, ...]:
     "Lens",
     "--shift",
     is_flag=True,
-    help="Find by how many px, up to 16, BLURRED lies beside SHARP, too.",
+    help="Find by how many px, up to 16, BLURRED lies beside SHARP, too, and how much the lens "
+    "breathes: what is blurred lies farther outwards.",
 )
 @reading_options
 @shared.json_option
@@ -130,9 +176,16 @@ def command(
     seed: int | None,
     out: Path | None,
     overwrite: bool,
+    accept: bool,
     focal_length: float,
     sensor_width: float,
     blades: tuple[int, ...],
+    focus: float | quantities.Percentile | None,
+    fnumber: float | None,
+    dual_pixel: bool,
+    dp_model: str | Path | None,
+    dp_crosstalk: float | None,
+    side_shading: bool,
     exposure: bool,
     gamma: bool,
     shift: bool,
@@ -155,10 +208,14 @@ def command(
       fnumber, fnumber_error (relative), px_per_dioptre; an error is null if it is unbounded
       blades, blade_rotation_deg, gains
       gamma, gamma_error (relative), shift_px (right, down)
+      breathing, breathing_error: px outwards at the border, for a blur of 1 px
+      dp_model, dp_crosstalk, dp_crosstalk_error, left_is_right, side_shading, of a pair
+      explained    share of the difference of the pictures that the blur explains
       coc_mean_px, coc_p50_px, coc_p99_px, of the radii without sign
       asked        with --match, the same of SET
       psnr         all, edges, elsewhere, in dB of compressed light
       doubts       what these pictures do not tell
+      refusals     code, problem, remedy: why this is not their lens
     and "failed" of pictures without a lens: subject, problem, remedy
 
     \b
@@ -169,7 +226,18 @@ def command(
       defocus fit sharp depth blurred -o lenses --focal-length 85mm --exposure --blades 0,7
     """  # noqa: D301  click reads the backspace
     options = lens_fit.FitOptions(
-        focal_length, sensor_width, blades, exposure=exposure, gamma=gamma, shift=shift
+        focal_length,
+        sensor_width,
+        blades,
+        exposure=exposure,
+        gamma=gamma,
+        shift=shift,
+        dual_pixel=dual_pixel,
+        side_shading=side_shading,
+        focus=_distance(focus),
+        fnumber=fnumber,
+        dp_model=dp_model,
+        dp_crosstalk=dp_crosstalk,
     )
     _refuse_idle(blurred, match, seed, right, options)
     pictures = find_pictures(sharp, depth)
@@ -187,15 +255,30 @@ def command(
         except DefocusError as error:
             failures.add(error)
             continue
-        if place is not None:
+        refused = [] if accept or match else record["refusals"]
+        if place is not None and not refused:
             lens_fit.write_lens(place, record)
-        records.append({**record, "out": None if place is None else str(place)})
+        records.append({**record, "out": None if place is None or refused else str(place)})
+        for refusal in refused:
+            failures.add(NotExplained(**refusal, path=picture.color))
         if not as_json:
             lines = lens_match.match_words(record) if match else lens_fit.words(record)
             click.echo("\n".join([f"{picture.color}:", *(f"  {line}" for line in lines)]))
     if as_json and records:
         console.print_json(pairs=records, failed=failures.records())
     failures.end()
+
+
+def _distance(focus: float | quantities.Percentile | None) -> float | None:
+    """The distance in focus in mm, of an option.
+
+    Raises:
+        UsageProblem: it is no distance.
+    """
+    if isinstance(focus, quantities.Percentile):
+        problem, remedy = "is no distance", "give it like 2m"
+        raise UsageProblem("malformed", problem, remedy, field="focus", value=str(focus))
+    return focus
 
 
 def _places(
@@ -268,11 +351,20 @@ def _refuse_idle(
                 "give the blurred picture, or --match SET",
                 path="BLURRED",
             )
+        for name in _OF_PAIRS if right is None else ():
+            if getattr(options, name) not in (None, False):
+                raise UsageProblem(
+                    "idle-option",
+                    "has no effect without the right picture",
+                    "add ‹right› FILE, or leave it out",
+                    field=name.replace("_", "-"),
+                )
         return
     beside = {"BLURRED": blurred, "--right": right, "--blades": options.blades != (0,)}
-    beside |= {f"--{name}": getattr(options, name) for name in ("exposure", "gamma", "shift")}
+    names = ("exposure", "gamma", "shift", "focus", "fnumber", *_OF_PAIRS)
+    beside |= {f"--{name.replace('_', '-')}": getattr(options, name) for name in names}
     for name, value in beside.items():
-        if value:
+        if value not in (None, False):
             raise UsageProblem(
                 "contradiction", "stands beside --match, which needs none", "remove one", path=name
             )

@@ -120,8 +120,17 @@ def dual_pixel_of(lens: Lens) -> DualPixel:
     """
     from defocus_core.optics.dual_pixel import DualPixel
 
-    measured = None if lens.dp_kernels is None else _pair(lens.dp_kernels, _stamp(lens.dp_kernels))
+    measured = None if lens.dp_kernels is None else measured_pair(lens.dp_kernels)
     return DualPixel(lens.dp_model, lens.dp_crosstalk, measured)
+
+
+def measured_pair(path: Path) -> tuple[Sensitivity, Sensitivity]:
+    """What the left and the right photodiodes see, of a file of their kernels.
+
+    Raises:
+        InputError: the file cannot be read, or does not hold two kernels.
+    """
+    return _pair(path, _stamp(path))
 
 
 def disparity_of(lens: Lens) -> float:
