@@ -16,10 +16,10 @@ from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
 from defocus_cli.words.endings import Failures
 from defocus_core.batch.jobs.job import Picture, Reading
-from defocus_core.batch.jobs.lens_options import PARSERS
 from defocus_core.batch.jobs.pairing import find_pictures
 from defocus_core.batch.jobs.random_lenses import Sampling
 from defocus_core.batch.lenses import quantities
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.batch.lenses.radius_set import read_radius_set
 from defocus_core.batch.rendering import lens_fit, lens_match
 from defocus_core.errors import DefocusError, InputError, NotExplained, UsageProblem
@@ -82,7 +82,7 @@ def _blades(text: str) -> tuple[int, ...]:
 @grouped_option(
     "Lens",
     "--focal-length",
-    type=Quantity(PARSERS["focal-length"], "LENGTH"),
+    type=Quantity(LENS_OPTIONS["focal-length"].parse, "LENGTH"),
     default="50mm",
     show_default=True,
     metavar="LENGTH",
@@ -91,7 +91,7 @@ def _blades(text: str) -> tuple[int, ...]:
 @grouped_option(
     "Lens",
     "--sensor-width",
-    type=Quantity(PARSERS["sensor-width"], "LENGTH"),
+    type=Quantity(LENS_OPTIONS["sensor-width"].parse, "LENGTH"),
     default="36mm",
     show_default=True,
     metavar="LENGTH",
@@ -116,7 +116,7 @@ def _blades(text: str) -> tuple[int, ...]:
 @grouped_option(
     "Lens",
     "--fnumber",
-    type=Quantity(PARSERS["fnumber"], "N"),
+    type=Quantity(LENS_OPTIONS["fnumber"].parse, "N"),
     metavar="N",
     help="The f-number, where it is known.",
 )
@@ -129,14 +129,14 @@ def _blades(text: str) -> tuple[int, ...]:
 @grouped_option(
     "Sensor",
     "--dp-model",
-    type=Quantity(PARSERS["dp-model"], "MODEL"),
+    type=Quantity(LENS_OPTIONS["dp-model"].parse, "MODEL"),
     metavar="MODEL",
     help="The model of the photodiodes or the file of their kernels, as for render; not sought.",
 )
 @grouped_option(
     "Sensor",
     "--dp-crosstalk",
-    type=Quantity(PARSERS["dp-crosstalk"], "0…0.49"),
+    type=Quantity(LENS_OPTIONS["dp-crosstalk"].parse, "0…0.49"),
     metavar="0…0.49",
     help="The crosstalk of the photodiodes, where it is known.",
 )
@@ -247,26 +247,34 @@ def command(
         else _by_match(pictures, match, seed or 0, reading, options)
     )
     places = _places(pictures, out, many=sharp.is_dir(), overwrite=overwrite)
-    records, failures = [], Failures()
+    words = lens_match.match_words if match else lens_fit.words
+    failures, records = Failures(), []
     for picture, find, place in zip(pictures, finding, places, strict=True):
-        try:
-            with tile_bar() as progress:
-                record = find(progress)
-        except DefocusError as error:
-            failures.add(error)
-            continue
-        refused = [] if accept or match else record["refusals"]
-        if place is not None and not refused:
-            lens_fit.write_lens(place, record)
-        records.append({**record, "out": None if place is None or refused else str(place)})
-        for refusal in refused:
-            failures.add(NotExplained(**refusal, path=picture.color))
-        if not as_json:
-            lines = lens_match.match_words(record) if match else lens_fit.words(record)
-            click.echo("\n".join([f"{picture.color}:", *(f"  {line}" for line in lines)]))
+        record = _found(picture, find, place, failures, accept=accept or match is not None)
+        records += [record] if record else []
+        if record and not as_json:
+            click.echo("\n".join([f"{picture.color}:", *(f"  {x}" for x in words(record))]))
     if as_json and records:
         console.print_json(pairs=records, failed=failures.records())
     failures.end()
+
+
+def _found(
+    picture: Picture, find: _Find, place: Path | None, failures: Failures, *, accept: bool
+) -> dict[str, Any] | None:
+    """The record of the lens of a picture, which is written unless it explains little."""
+    try:
+        with tile_bar() as progress:
+            record = find(progress)
+        refusals = [] if accept else record["refusals"]
+        if place is not None and not refusals:
+            lens_fit.write_lens(place, record)
+    except DefocusError as error:
+        failures.add(error)
+        return None
+    for refusal in refusals:
+        failures.add(NotExplained(**refusal, path=picture.color))
+    return {**record, "out": None if place is None or refusals else str(place)}
 
 
 def _distance(focus: float | quantities.Percentile | None) -> float | None:

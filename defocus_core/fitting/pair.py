@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.nn.functional import max_pool2d
 
 from defocus_core.fitting.pictures import Scale
-from defocus_core.fitting.refusals import Refusal, explained_by, refusals_of
+from defocus_core.fitting.refusals import JudgedPair, Refusal, refusals_of
 from defocus_core.fitting.residual import Optics, Residual
 from defocus_core.fitting.search import MIDDLE, Found, Search
 from defocus_core.fitting.unknowns import MOST_SHIFT, Unknown, unknowns
@@ -151,7 +151,8 @@ def fit(
                 "hardly a pixel tells anything: nearly all are clipped, or seen from beyond the "
                 "border; give a darker picture, or one that is blurred less"
             )
-        return _told(search, found, disparity)
+        sought = {"shift": shift, "exposure": exposure, "gamma": gamma}
+        return _told(search, found, disparity, sought)
 
 
 def _one_channel(*pictures: Tensor) -> list[Tensor]:
@@ -180,7 +181,7 @@ def _check(sharp: Tensor, disparity: Tensor, seen: tuple[Tensor, ...], *, plane:
         )
 
 
-def _told(search: Search, found: Found, disparity: Tensor) -> Fit:
+def _told(search: Search, found: Found, disparity: Tensor, sought: dict[str, bool]) -> Fit:
     """What was found, with its uncertainty: blocks of the picture stand for chance.
 
     The covariance is that of clustered residuals, H⁻¹ (Σ g gᵀ) H⁻¹ (Liang & Zeger 1986).
@@ -192,7 +193,7 @@ def _told(search: Search, found: Found, disparity: Tensor) -> Fit:
     radius = point.strength * scale.factor * (point.focus - scale.disparity)
     pair = len(scale.seen) > 1
     shading = search.residual.shading(point, optics, scale) if search.residual.side_shading else ()
-    explained = explained_by(search.residual, point, optics)
+    evidence = JudgedPair.of(search.residual, point, optics)
     return Fit(
         point.strength,
         point.focus,
@@ -210,9 +211,9 @@ def _told(search: Search, found: Found, disparity: Tensor) -> Fit:
         point.breathing,
         errors.get("breathing", 0.0),
         tuple(tuple(float(x) for x in row) for row in shading),
-        explained,
+        evidence.explained,
         tuple(_doubts(found, disparity, errors)),
-        tuple(refusals_of(search.residual, point, optics, explained)),
+        tuple(refusals_of(evidence, sought)),
     )
 
 

@@ -32,7 +32,7 @@ def breathed(image: Tensor, signed_radius: Tensor, breathing: float) -> tuple[Te
         # a displacement is in proportion to the place: the same scale along both axes
         there = place * (1 - breathing * radius * (2 / width))[..., None]
         radius = _sampled(signed_radius[None], there, "nearest")[0]
-    return _sampled(image, there, "bicubic"), radius
+    return _sampled(image, there, "bilinear"), radius  # what is moved is blurred, too
 
 
 def _sampled(values: Tensor, places: Tensor, mode: str) -> Tensor:

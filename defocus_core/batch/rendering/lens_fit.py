@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from defocus_core.allowed_values import DUAL_PIXEL_MODELS
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.lenses.quantities import length_text
 from defocus_core.batch.rendering.measures import radius_measures
@@ -84,7 +85,7 @@ def _photodiodes(options: FitOptions) -> list[DualPixel]:
         InputError: the file of their kernels cannot be used.
     """
     from defocus_core.batch.look.opening import measured_pair
-    from defocus_core.optics.dual_pixel import DUAL_PIXEL_MODELS, DualPixel
+    from defocus_core.optics.dual_pixel import DualPixel
 
     share = options.dp_crosstalk or 0.0
     if isinstance(options.dp_model, Path):
@@ -115,7 +116,6 @@ def fit_pair(
 
     from defocus_core.batch.rendering.job_steps import read
     from defocus_core.fitting.pair import fit
-    from defocus_core.io.images.color import read_color, require_finite
     from defocus_core.optics.aperture import Aperture
 
     focal = options.foclen / options.sensor_width if reading.needs_lens else None
@@ -124,15 +124,7 @@ def fit_pair(
         raise InputError(
             "radii", "holds radii: there is no lens to be found", "give depth", path=depth.path
         )
-    seen = []
-    for path in filter(None, (pair.blurred, pair.right)):
-        other = read_color(path)
-        require_finite(other)
-        if other.shape[:2] != color.shape[:2]:
-            (height, width), (wide, high) = color.shape[:2], other.size
-            problem = f"is {wide}x{high} px but {color.path} is {width}x{height} px"
-            raise InputError("wrong-size", problem, "give pictures of one size", path=path)
-        seen.append(_light(other))
+    seen = [_read_beside(color, path) for path in filter(None, (pair.blurred, pair.right))]
     sharp = _light(color)
     count = min(len(each) for each in (sharp, *seen))
     disparity = 1 / torch.from_numpy(depth.metres[:].astype("float32"))
@@ -166,6 +158,23 @@ def fit_pair(
         **_record(found, options, color.shape[1]),
         **radius_measures(radius, None if depth.nothing is None else evenly(depth.nothing)),
     }
+
+
+def _read_beside(color: Color, path: Path) -> torch.Tensor:
+    """The light of a picture of the size of another.
+
+    Raises:
+        InputError: it cannot be read, or is of another size.
+    """
+    from defocus_core.io.images.color import read_color, require_finite
+
+    other = read_color(path)
+    require_finite(other)
+    if other.shape[:2] != color.shape[:2]:
+        (height, width), (wide, high) = color.shape[:2], other.size
+        problem = f"is {wide}x{high} px but {color.path} is {width}x{height} px"
+        raise InputError("wrong-size", problem, "give pictures of one size", path=path)
+    return _light(other)
 
 
 def _light(color: Color) -> torch.Tensor:

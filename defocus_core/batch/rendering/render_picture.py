@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.jobs.output_kinds import KINDS
+from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.rendering.colors_apart import Colors, renderings
 from defocus_core.batch.rendering.memory_budget import image_type, regions_at_once
 from defocus_core.batch.rendering.outcome import Loaded, Outcome, Rendering
 from defocus_core.batch.rendering.streams import Streams
-from defocus_core.errors import TooLarge
+from defocus_core.batch.sources import to_array
+from defocus_core.errors import TooLarge, UsageProblem
+from defocus_core.io.arrays import evenly
 from defocus_core.system import memory
 from defocus_core.system.process import set_to_render
 
@@ -53,7 +56,8 @@ def rendered(
     set_to_render()
     images = _Images(outcome.job, loaded)
     wall, cpu = time.perf_counter(), time.process_time()
-    streams = Streams(loaded, radius, outcome, seen)
+    scene = breathing_inputs(loaded, radius, outcome.lens, seen)
+    streams = Streams(*scene, outcome, seen)
     stream = _fill(images, loaded, streams, progress)
     if outcome.device == "cuda":
         torch.cuda.synchronize()
@@ -70,6 +74,30 @@ def rendered(
         warnings=(*outcome.warnings, *_clamped(stream.stats)),
     )
     return loaded.rendering(outcome, radius, images.planes, images.clamped)
+
+
+def breathing_inputs(
+    loaded: Loaded, radius: Any, lens: Lens, seen: HiddenLayer | None
+) -> tuple[Loaded, Any]:
+    """The picture and its radii as they are blurred, by a lens that breathes.
+
+    Raises:
+        UsageProblem: what lies behind the picture is known, too.
+    """
+    import numpy as np
+    import torch
+
+    from defocus_core.renderer.breathing import breathed
+
+    if not lens.breathing:
+        return loaded, radius
+    if loaded.is_layered or loaded.behind is not None or seen is not None:
+        problem = "moves one picture with its depth, not layers"
+        raise UsageProblem("unsupported", problem, "leave it out", field="breathing")
+    planes = torch.from_numpy(np.stack([plane[:] for plane in loaded.color.planes]))
+    image, moved = breathed(planes.float(), torch.from_numpy(evenly(radius)), lens.breathing)
+    color = replace(loaded.color, planes=tuple(image.numpy()))
+    return replace(loaded, color=color), moved.numpy()
 
 
 def _clamped(stats: Mapping[str, float]) -> list[str]:
@@ -142,7 +170,6 @@ class _Images:
         """Copy a rendered region to its place: the channels and kinds that were rendered."""
         import numpy as np
 
-        from defocus_core.io.arrays import to_array
         from defocus_core.io.exr.writing import clamped_half
 
         top, left, height, width = part.box
