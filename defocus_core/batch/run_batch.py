@@ -13,7 +13,6 @@ from defocus_core.batch.jobs.job import DEVICES, Job, Machine, Outputs
 from defocus_core.batch.jobs.jobs_file import jobs_of, read_jobs
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.workers import pipeline, run
-from defocus_core.batch.workers.job_result import Result
 from defocus_core.batch.workers.plan import Chunk, Done, Execution, Plan
 from defocus_core.batch.workers.run import Summary
 from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
@@ -120,7 +119,7 @@ class _Callbacks:
     def planned(self, plan: Plan) -> None:
         """Nothing."""
 
-    def ended(self, job: Job, record: Record, result: Result) -> None:
+    def ended(self, job: Job, record: Record) -> None:
         """Call the caller."""
         if self.call is not None:
             self.call(job, record)

@@ -7,9 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from defocus_core.batch.depth.focusing import focused
+from defocus_core.batch.depth.radii import radii_of
+from defocus_core.batch.depth.repairing import repaired_radii
+from defocus_core.batch.elements.reading import read
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.sources import lone_window, windows
+from defocus_core.batch.sources import to_array
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.images.color_space import quantised
 from defocus_core.io.images.encode import display_encoded, write_samples
@@ -51,26 +55,10 @@ def repaired_picture(
         InputError: a file cannot be used.
         UsageProblem: the options make no sense for it.
     """
-    import torch
-
-    from defocus_core.batch.depth import focusing
-    from defocus_core.batch.rendering import job_steps
-    from defocus_core.depth.repair import repair_depth
-
-    color, depth = job_steps.read(picture, reading, keeping, lens.foclen / lens.sensor_width)
-    focused = focusing.focused(lens, depth)
-    radius, _ = focusing.radius_map(focused, depth, keeping)
-    height, width = radius.shape
-    infinity = None if depth.is_radius else focusing.radius_at_infinity(focused, (width, height))
-    repaired, repair = repair_depth(
-        lone_window(radius, "cpu"),
-        windows(color.planes, "cpu"),
-        infinity,
-        torch.get_num_threads(),
-        depth_repair=reading.depth_repair,
-        edge_width=reading.edge_width,
-    )
-    return RepairedPicture(color, radius, repaired, repair)
+    color, depth = read(picture, reading, keeping, lens.foclen / lens.sensor_width)
+    radii = radii_of(focused(lens, depth), depth, keeping)
+    repaired, repair = repaired_radii(radii, color, reading)
+    return RepairedPicture(color, radii.px, repaired, repair)
 
 
 def write_repair_preview(path: Path, picture: RepairedPicture) -> None:
@@ -104,7 +92,5 @@ def _strips(picture: RepairedPicture) -> Iterator[NDArray[Any]]:
 
 def _change(picture: RepairedPicture, rows: slice) -> NDArray[Any]:
     """Px by which radii in some rows were changed: negative where depth was made nearer."""
-    from defocus_core.batch.sources import to_array
-
     change: NDArray[Any] = to_array(picture.repaired[rows]) - picture.given[rows]
     return change
