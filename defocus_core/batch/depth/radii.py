@@ -5,17 +5,22 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.jobs.lens_options import at
 from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.sources import lone_window, windows
 from defocus_core.errors import InputError, UsageProblem, reason
-from defocus_core.io.arrays import IN_MEMORY, Keeping, bands
+from defocus_core.io.arrays import IN_MEMORY, Keeping, bands, times
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from defocus_core.depth.diagnosis import DepthRepair
     from defocus_core.io.depth_formats.depth import Depth
+    from defocus_core.io.images.color_planes import Color
     from defocus_core.renderer.defocus_lens import DefocusLens
+    from defocus_core.tensors.source import Pixels
 
 MM_PER_M = 1000.0
 _MOST_PX = 1e6  # wider than any frame
@@ -37,6 +42,57 @@ class Radii(NamedTuple):
     ends: tuple[float, float]
     infinity: float | None
     scale: float
+
+    def repaired(
+        self,
+        color: Color,
+        reading: Reading,
+        *,
+        device: str = "cpu",
+        threads: int | None = None,
+        longer: float = 1.0,
+        decided: DepthRepair | None = None,
+        hold: bool = False,
+    ) -> tuple[Pixels, DepthRepair]:
+        """The radii [H, W] px by which a picture is rendered, and the repair that made them.
+
+        Args:
+            color: the colour, whose edges are those of the depth.
+            reading: what is known of the repair.
+            device: where it is computed.
+            threads: to compute with; None for as many as torch has.
+            longer: the longer half axis of the blur in px, in radii of the CoC.
+            decided: the repair, where it is known already.
+            hold: whether there is room for the repaired radii.
+        """
+        import torch
+
+        from defocus_core.depth.repair import repair_depth
+
+        return repair_depth(
+            lone_window(times(self.px, longer), device),
+            windows(color.planes, device),
+            None if self.infinity is None else longer * self.infinity,
+            torch.get_num_threads() if threads is None else threads,
+            depth_repair=reading.depth_repair,
+            edge_width=reading.edge_width,
+            decided=decided,
+            hold=hold,
+        )
+
+    def diagnosed(self, reading: Reading) -> DepthRepair:
+        """The repair that they need to be rendered, as far as it shows without colours."""
+        import torch
+
+        from defocus_core.depth.repair import diagnose_depth
+
+        return diagnose_depth(
+            lone_window(self.px, "cpu"),
+            self.infinity,
+            torch.get_num_threads(),
+            depth_repair=reading.depth_repair,
+            edge_width=reading.edge_width,
+        )
 
 
 def radii_of(lens: Lens, depth: Depth, keeping: Keeping = IN_MEMORY) -> Radii:

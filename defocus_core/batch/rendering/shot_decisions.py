@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 from defocus_core.batch.depth.focusing import focused
 from defocus_core.batch.depth.radii import Radii, radii_of
-from defocus_core.batch.depth.repairing import repaired_radii
 from defocus_core.batch.elements.reading import read
 from defocus_core.batch.jobs.job import FrameLens, Job, Shot
 from defocus_core.batch.lenses.lens import Lens
@@ -123,7 +122,7 @@ def _repair_of(frame: FrameLens, job: Job) -> tuple[DepthRepair, float]:
     color, depth = _read(frame, job)
     of_frame = dataclasses.replace(job, picture=frame.picture, lens=frame.lens)
     radii = radii_of(shot_focused(of_frame, depth), depth, holding(job).keeping)
-    _, repair = repaired_radii(radii, color, job.reading)
+    _, repair = radii.repaired(color, job.reading)
     return repair, radii.scale
 
 

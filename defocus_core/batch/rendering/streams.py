@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.depth.radii import Radii
-from defocus_core.batch.depth.repairing import repaired_radii
 from defocus_core.batch.elements.layers import layered
 from defocus_core.batch.elements.plate import layers_of
 from defocus_core.batch.look.lamps import lit
@@ -176,8 +175,7 @@ class Streams:
     ) -> tuple[Pixels, DepthRepair]:
         """The radii of a picture, repaired as its settings say."""
         settings = self._settings(self._every)
-        return repaired_radii(
-            radii,
+        return radii.repaired(
             color,
             self.made.job.reading,
             device=self.made.device,

@@ -145,12 +145,11 @@ def _repair(
     """How the depth would be repaired, and warnings of a depth that hardly suits the lens."""
     from defocus_core.batch.depth.implausible import implausible_radii
     from defocus_core.batch.depth.radii import radii_of
-    from defocus_core.batch.depth.repairing import repair_found
 
     with suppress(InputError):  # too near to be rendered, as the radius shows
         radii, declared = radii_of(lens, depth, keeping), reading.says_scale
         warnings = implausible_radii(depth, radii.px, radii.ends, lens, declared=declared)
-        return repair_found(radii, reading), warnings
+        return radii.diagnosed(reading), warnings
     return None, ()
 
 
