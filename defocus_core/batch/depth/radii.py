@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_core.batch.jobs.job import Reading
-from defocus_core.batch.jobs.lens_options import at
+from defocus_core.batch.jobs.lens_from_options import at
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.sources import lone_window, windows
 from defocus_core.errors import InputError, UsageProblem, reason

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.io.arrays import LazyArray, bands
 from defocus_core.io.images.color_space import quantised
-from defocus_core.io.images.encode import display_encoded, write_samples
+from defocus_core.io.images.encode import display_encoded, srgb_matrix, write_samples
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     import numpy as np
@@ -20,15 +21,18 @@ IN_FOCUS = (1.0, 1.0, 1.0)
 FAR = (0.10, 0.35, 0.70)
 
 
-def write_preview(path: Path, pixels: Any) -> None:
+def write_preview(path: Path, pixels: Any, attributes: Mapping[str, object] | None = None) -> None:
     """Write linear, premultiplied pixels [H, W, C], C = 1…4 as Y, YA, RGB, RGBA, over black.
+
+    Attributes may declare the primaries of the pixels.
 
     Raises:
         InputError: the file cannot be written.
     """
     channels = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[pixels.shape[2]]
+    to_srgb = srgb_matrix(path, channels, attributes or {})
     encoded = (
-        display_encoded(pixels[rows], channels, 8, keep_alpha=False)[0]
+        display_encoded(pixels[rows], channels, 8, keep_alpha=False, to_srgb=to_srgb)[0]
         for rows in bands(pixels.shape)
     )
     write_samples(path, pixels.shape[:2], encoded, "png", {})

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.depth.repair_words import repair_attribute
-from defocus_core.batch.lenses.quantities import length_text
+from defocus_core.batch.lenses.parameters import RECORDED
 from defocus_core.batch.rendering.contents import contents_of
 from defocus_core.errors import InputError, with_dashes
 from defocus_core.io.arrays import LazyArray, stacked
@@ -77,7 +77,8 @@ def _write_kind(made: Rendered, kind: Kind) -> list[str]:
     elif preview is not None and kind.source == "depth":
         write_depth_preview(preview, contents.planes[0])
     elif preview is not None:
-        write_preview(preview, _beside(contents.planes, len(kind.rendered_as)))
+        pictures = _beside(contents.planes, len(kind.rendered_as))
+        write_preview(preview, pictures, made.inputs.color.attributes)
     return warnings
 
 
@@ -111,9 +112,7 @@ def _attributes(made: Rendered, kind: Kind) -> dict[str, str]:
         "color_read_as": made.color_note,
         "depth_read_as": made.depth_words(rendered=kind.rendered),
         **_repair(made, kind),
-        **_optics(lens),
-        "blades": str(lens.blades),
-        "blade_rotation": f"{lens.blade_rotation:.9g}deg",
+        **_of_any_lens(lens),
         **{name: str(value) for name, value in lens.effects.items()},
         "coc_px": " ".join(f"{radius:.6g}" for radius in made.radii.ends),
         "quality": made.quality,
@@ -137,13 +136,11 @@ def _repair(made: Rendered, kind: Kind) -> dict[str, str]:
     return {name: value for name, value in values.items() if value}
 
 
-def _optics(lens: Lens) -> dict[str, str]:
-    """What of a lens decides the radii; nothing where a file holds them."""
-    if lens.is_shape:
-        return {}
+def _of_any_lens(lens: Lens) -> dict[str, str]:
+    """What every lens has; nothing of what decides the radii where a file holds them."""
+    values = {row: getattr(lens, row.field) for row in RECORDED.values()}
     return {
-        "focal_length": length_text(lens.foclen, 9),
-        "fnumber": f"{lens.fnum:.9g}",
-        "sensor_width": length_text(lens.sensor_width, 9),
-        "focus": "" if lens.foc_dist is None else length_text(lens.foc_dist, 9),
+        row.name.replace("-", "_"): "" if value is None else row.shown(value, 9) + row.optional_unit
+        for row, value in values.items()
+        if not (row.is_optics and lens.is_shape)
     }
