@@ -103,7 +103,7 @@ def frame_of(
     fine = _at_resolution(radii, numbers, quality, most, 0)
     coarse = _at_resolution(radii, numbers, quality, most, halvings)
     farthest = max(fine.reaches + coarse.reaches if content.edges else fine.reaches)
-    margin = _margin(farthest, edges=content.edges, highlights=survey.brightest > content.limit)
+    margin = _margin(farthest, edges=content.edges, highlights=content.highlights)
     division = _division(settings, quality)
     dtype = torch.float64 if needs_double(survey, content.limit) else dtype
     sample = (pixels.shape[0] + 1 + (layered is not None)) * dtype.itemsize
@@ -181,6 +181,7 @@ def _content(
     depth: tuple[bool, bool],
 ) -> Content:
     """What a picture holds; `depth` says whether it had few levels, and uncertain edges."""
+    limit = threshold(survey.brightness, survey.brightest)
     return Content(
         ends=all_ends or (survey.least, survey.most),
         edges=edges,
@@ -188,7 +189,8 @@ def _content(
         quantised=depth[0],
         uncertain=depth[1],
         least=min(survey.darkest, 0.0),
-        limit=threshold(survey.brightness, survey.brightest),
+        limit=limit,
+        highlights=survey.brightest > limit,
     )
 
 
