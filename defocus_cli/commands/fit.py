@@ -16,9 +16,9 @@ from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
 from defocus_cli.words.endings import Failures
 from defocus_core.batch.jobs.job import Picture, Reading
-from defocus_core.batch.jobs.lens_options import PARSERS
 from defocus_core.batch.jobs.pairing import find_pictures
 from defocus_core.batch.jobs.random_lenses import Sampling
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.batch.lenses.radius_set import read_radius_set
 from defocus_core.batch.rendering import lens_fit, lens_match
 from defocus_core.errors import DefocusError, InputError, UsageProblem
@@ -77,7 +77,7 @@ def _blades(text: str) -> tuple[int, ...]:
 @grouped_option(
     "Lens",
     "--focal-length",
-    type=Quantity(PARSERS["focal-length"], "LENGTH"),
+    type=Quantity(LENS_OPTIONS["focal-length"].parse, "LENGTH"),
     default="50mm",
     show_default=True,
     metavar="LENGTH",
@@ -86,7 +86,7 @@ def _blades(text: str) -> tuple[int, ...]:
 @grouped_option(
     "Lens",
     "--sensor-width",
-    type=Quantity(PARSERS["sensor-width"], "LENGTH"),
+    type=Quantity(LENS_OPTIONS["sensor-width"].parse, "LENGTH"),
     default="36mm",
     show_default=True,
     metavar="LENGTH",

@@ -10,8 +10,9 @@ from typing import Any
 import click
 
 from defocus_core.batch.jobs.output_kinds import FORMAT_ALIASES, SUFFIXES
+from defocus_core.batch.lenses.parameters import Param
 from defocus_core.batch.lenses.quantities import read_at
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import UsageProblem, with_dashes
 from defocus_core.reports.replaceable import refuse_other
 
 Command = Callable[..., Any]
@@ -166,6 +167,23 @@ def grouped_option(heading: str, *names: str, **settings: Any) -> Decorator:
     return click.option(*names, cls=GroupedOption, heading=heading, **settings)
 
 
+def param_option(heading: str, param: Param) -> Decorator:
+    """The option of a row of a table of options."""
+    names = (f"--{param.name}", param.field) if param.flag else (f"--{param.name}",)
+    settings: dict[str, Any] = {"help": with_dashes(param.help), "metavar": param.metavar or None}
+    if param.flag:
+        settings |= {"flag_value": param.name, "default": None}
+    elif param.choices:
+        settings["type"] = click.Choice(param.choices)
+    elif param.min_whole is not None:
+        settings["type"] = click.IntRange(min=param.min_whole)
+    elif param.parse_word is not None:
+        settings |= {"type": Quantity(param.parse_word, "DISTANCE"), "nargs": 2, "default": None}
+    else:
+        settings["type"] = Quantity(param.parse, param.metavar)
+    return grouped_option(heading, *names, **settings)
+
+
 def bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) -> Decorator:
     """Add ``options`` to a command and hand it what ``make`` makes of their values, as ``name``."""
 
@@ -179,7 +197,7 @@ def bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) ->
         for option in reversed(options):
             optioned = option(optioned)
         added = optioned.__click_params__[-len(options) :]
-        keys = {param.name for param in added}  # two flags may set one value
+        keys = dict.fromkeys(param.name for param in added)  # two flags may set one value
         return call
 
     return decorate

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.jobs.job import QUALITIES
+from defocus_core.allowed_values import QUALITIES
 from defocus_core.bench.error import BASELINES
 from defocus_core.bench.tables import CAP, means
 from defocus_core.errors import UsageProblem

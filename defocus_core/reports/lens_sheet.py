@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.jobs.lens_options import make_lens
+from defocus_core.batch.jobs.lens_from_options import make_lens
 from defocus_core.batch.lenses.shipped_lenses import ShippedLens
 from defocus_core.batch.look.opening import aperture_of, cat_eye_of
 from defocus_core.io.images.color_space import linear_to_srgb, quantised

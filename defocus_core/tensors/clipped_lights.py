@@ -46,8 +46,6 @@ _CELLS = 6
 _MEASURED = 1.001
 # A blob is a light if it gets more than this share of the gain.
 _COUNTED = 0.05
-# What "auto" stands for: threshold, in linear light, and gain.
-AUTO_LIGHTS = (0.93, 16.0)
 
 
 def with_lights(

@@ -10,11 +10,12 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import NamedTuple
 
+from defocus_core.allowed_values import LEAST_TILE
 from defocus_core.tensors.box import Box
 
 TILE = 192
 # Width in px of the blocks in which the presence of slices is recorded.
-BLOCK = 16
+BLOCK = LEAST_TILE
 # Least px on a side of a region, unless the frame is smaller: what tiles share is computed once.
 _REGION = 960
 # Greatest margin of a region, in which light from outside is read, as a share of its width.

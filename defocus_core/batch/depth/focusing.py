@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.depth.matching import matched
 from defocus_core.batch.jobs.job import Machine
-from defocus_core.batch.jobs.lens_options import at, refuse_near_focus
+from defocus_core.batch.jobs.lens_from_options import at, refuse_near_focus
 from defocus_core.batch.jobs.random_lenses import drawn_lens
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.quantities import Percentile, length_text

@@ -23,9 +23,10 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.batch.jobs.job import OTHERS, Picture
-from defocus_core.batch.jobs.lens_options import PARSERS, checked, refuse_contradiction
+from defocus_core.batch.jobs.lens_from_options import checked, refuse_contradiction
 from defocus_core.batch.jobs.pairing import SCENE_SUFFIXES, find_pictures, whole_shot
 from defocus_core.batch.jobs.toml_file import Table, refuse_unknown
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.rows import Row, read_rows
 from defocus_core.io.shots.frame_patterns import MISSING, frame_choice
@@ -178,7 +179,7 @@ def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
 
 
 def _entry(row: Mapping[str, Any], where: str, folder: Path) -> Entry:
-    refuse_unknown(row, (*PARSERS, *ROW_KEYS), where, "a row")
+    refuse_unknown(row, (*LENS_OPTIONS, *ROW_KEYS), where, "a row")
     options = {
         key: checked(key, value, f"{where}: {key}")
         for key, value in row.items()

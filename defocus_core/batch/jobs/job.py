@@ -14,11 +14,9 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.sidecars import files_beside
 
-QUALITIES = ("draft", "standard", "high", "reference")
 DEVICES = ("auto", "cpu", "cuda")
 FRAME_ROLE = "frame"  # of other frames among the inputs
 OTHERS = ("hidden", "over", "holdout")  # pictures that belong to another one
-TILES = (16, 1 << 14)  # px; of defocus_core, too
 
 
 @dataclass(frozen=True)

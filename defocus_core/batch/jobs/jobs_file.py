@@ -28,8 +28,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from defocus_core.allowed_values import QUALITIES
 from defocus_core.batch.jobs.inputs import read_inputs, read_whole_shot
-from defocus_core.batch.jobs.job import QUALITIES, Job, Machine, Outputs, Reading
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Reading
 from defocus_core.batch.jobs.lens_plan import lens_file_of, read_plan
 from defocus_core.batch.jobs.output_kinds import (
     FORMAT_ALIASES,
@@ -40,7 +41,7 @@ from defocus_core.batch.jobs.output_kinds import (
     in_one_file,
 )
 from defocus_core.batch.jobs.reading_options import (
-    NAMES_OF_OPTIONS,
+    READING_OPTIONS,
     lens_file_reading,
     make_reading,
     reading_values,
@@ -113,9 +114,9 @@ def jobs_of(stored: Mapping[str, Any], path: Path, outputs: Outputs, machine: Ma
         (entry,) = animated([by_frame[frame]], animation, plan, named["lens"], reading)
         return dict(plan.lenses(entry))
 
-    splits = read_splits(named["split"])
+    splits = read_splits(named["split"]).assign([job.picture for job in jobs])
     return with_shot(
-        [dataclasses.replace(job, split=splits.of(job.picture)) for job in jobs],
+        [dataclasses.replace(job, split=own) for job, own in zip(jobs, splits, strict=True)],
         [each.picture for each in every],
         lambda picture, suffix: lenses(picture.frame)[suffix],
         together,
@@ -125,7 +126,7 @@ def jobs_of(stored: Mapping[str, Any], path: Path, outputs: Outputs, machine: Ma
 
 def _reading(section: Table, lens: Table, machine: Table) -> Reading:
     """The options of ``[reading]``, over those of the lens file."""
-    section.refuse_unknown(NAMES_OF_OPTIONS)
+    section.refuse_unknown(tuple(READING_OPTIONS))
     values = reading_values(section.values, section.place)
     if "depth-repair" in machine.values:
         if "depth-repair" in section.values:

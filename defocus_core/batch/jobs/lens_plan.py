@@ -10,12 +10,10 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from defocus_core.batch.jobs.inputs import Entry
-from defocus_core.batch.jobs.lens_options import (
-    ALTERNATIVES,
-    OF_BLADES,
-    PARSERS,
+from defocus_core.batch.jobs.lens_from_options import (
     at,
     based,
     checked,
@@ -41,12 +39,13 @@ from defocus_core.batch.jobs.random_lenses import (
 from defocus_core.batch.jobs.sweep import Point, read_sweep
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.batch.lenses.lens import Draw, Lens
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS, alternatives
 from defocus_core.batch.lenses.quantities import Percentile, pixel_count
 from defocus_core.batch.lenses.shipped_lenses import lens_path
 from defocus_core.errors import UsageProblem
 
 METADATA = "lens-from-metadata"
-KEYS = (*PARSERS, "file", "max-coc", METADATA)
+KEYS = (*LENS_OPTIONS, "file", "max-coc", METADATA)
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
     lens.refuse_unknown(KEYS)
     own = {
         name: based(name, checked(name, lens.values[name], lens.place(name)), lens.file)
-        for name in PARSERS
+        for name in LENS_OPTIONS
         if name in lens.values
     }
     refuse_contradiction(own, f"{lens.file}: [lens] ")
@@ -134,10 +133,10 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
         same: sweep.name
         for point in points
         for name in point.options
-        for same in _with_alternative(name)
+        for same in alternatives(name)
     }
     _refuse_taken(sampling.options, taken, sample.place(""))
-    taken |= {same: sample.name for name in sampling.options for same in _with_alternative(name)}
+    taken |= {same: sample.name for name in sampling.options for same in alternatives(name)}
     _refuse_taken(own, taken, lens.place(""))
     file = lens_file_of(lens)
     stored = {} if file is None else read_lens_file(file)
@@ -203,23 +202,26 @@ def _check_lens(options: Mapping[str, str], source: str, *, radii: bool, matched
     if not radii:
         found = dict.fromkeys(("fnumber", "focus"), "") if matched else {}
         refuse_missing({**options, **found}, source)
-        nearest = min(_extremes(options, "focus"), default=math.inf)
-        longest = max(_extremes(options, "focal-length"))
+        nearest = min(_distances(options, "focus"), default=math.inf)
+        longest = max(_distances(options, "focal-length"))
         refuse_near_focus(nearest, longest, at(source, "focus"))
-    bladed = any(_extremes(options, "blades"))
-    for name in OF_BLADES:
-        refuse_idle(name, any(_extremes(options, name)), bladed, source)
+    for name in options:
+        refuse_idle(LENS_OPTIONS[name], lambda of: any(_extremes(options, of)), source)
 
 
-def _extremes(options: Mapping[str, str], name: str) -> list[float]:
+def _distances(options: Mapping[str, str], name: str) -> list[float]:
+    """The lengths that an option can get in mm, or the ends of their range."""
+    return [each for each in _extremes(options, name) if not isinstance(each, Percentile)]
+
+
+def _extremes(options: Mapping[str, str], name: str) -> tuple[Any, ...]:
     """The values that an option can get, or the ends of their range; none if the depth decides."""
     if name not in options:
-        return []
+        return ()
     drawn = distribution(name, options[name])
     if drawn is not None and drawn.kind == "percentile":
-        return []
-    values = (parsed(name, options[name]),) if drawn is None else drawn.values
-    return [float(value) for value in values if not isinstance(value, Percentile)]
+        return ()
+    return (parsed(name, options[name]),) if drawn is None else drawn.values
 
 
 def _refuse_taken(options: Iterable[str], taken: Mapping[str, str], source: str) -> None:
@@ -229,8 +231,3 @@ def _refuse_taken(options: Iterable[str], taken: Mapping[str, str], source: str)
             raise UsageProblem(
                 "contradiction", f"is in [{taken[name]}], too", "remove one", path=at(source, name)
             )
-
-
-def _with_alternative(name: str) -> set[str]:
-    """The option, and the one that says the same in another way."""
-    return {name}.union(*(pair for pair in ALTERNATIVES if name in pair))

@@ -16,9 +16,10 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from defocus_core.batch.jobs.lens_options import PARSERS, at, lens_of, parsed, refuse_contradiction
+from defocus_core.batch.jobs.lens_from_options import at, lens_of, parsed, refuse_contradiction
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.batch.lenses.lens import Draw, Lens
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.batch.lenses.quantities import (
     Percentile,
     QuantityError,
@@ -32,14 +33,10 @@ from defocus_core.errors import UsageProblem, reason
 if TYPE_CHECKING:
     from defocus_core.optics.distributions import Distribution
 
-KEYS = ("n", "seed", "max-coc", "match", *PARSERS)
+KEYS = ("n", "seed", "max-coc", "match", *LENS_OPTIONS)
 # What a lens must not have whose radii are those of a set.
-MATCHED = ("fnumber", "aperture-diameter", "focus", "focus-at", "sharp-range", "max-coc")
+MATCHED = (*(name for name, row in LENS_OPTIONS.items() if row.is_matched), "max-coc")
 _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
-_NOT_RANGED = (
-    *("blades", "focus-at", "aperture-image", "sharp-range"),
-    *("dp-model", "cat-eye", "axial-color", "vignetting", "noise", "noise-seed", "highlights"),
-)
 
 
 def drawn_lens(draw: Draw, source: str, max_coc: float | None) -> Lens:
@@ -96,7 +93,7 @@ def read_sampling(table: Table) -> Sampling:
         raise UsageProblem(
             "missing-option", "is missing", f"write {key} = 7 below [sample]", path=table.place(key)
         )
-    options = {name: text_of(table.values[name]) for name in PARSERS if name in table.values}
+    options = {name: text_of(table.values[name]) for name in LENS_OPTIONS if name in table.values}
     refuse_contradiction(options, f"{table.file}: [sample] ")
     for name, text in options.items():
         if read_at(table.place(name), distribution, name, text) is None:
@@ -145,7 +142,7 @@ def distribution(name: str, text: str) -> Distribution | None:
         return None
     from defocus_core.optics.distributions import Distribution
 
-    if kind != "choice" and name in _NOT_RANGED:
+    if kind != "choice" and not LENS_OPTIONS[name].is_ranged:
         raise QuantityError(f"{name} is not drawn from a range", "write choice(…)")
     if kind in ("disparity", "percentile") and name != "focus":
         raise QuantityError(f"{kind} is for the focus only", "write uniform(…) or loguniform(…)")

@@ -21,16 +21,17 @@ from defocus_core.batch.jobs.animation import (
 )
 from defocus_core.batch.jobs.inputs import Entry
 from defocus_core.batch.jobs.job import Picture, Reading
-from defocus_core.batch.jobs.lens_options import (
-    ALTERNATIVES,
+from defocus_core.batch.jobs.lens_from_options import (
     make_lens,
     merged,
     parsed,
     read_lens_file,
 )
 from defocus_core.batch.jobs.lens_plan import METADATA, LensPlan
+from defocus_core.batch.jobs.reading_options import field_of_view
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.lenses.parameters import alternatives
 from defocus_core.errors import UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW
@@ -116,10 +117,10 @@ class ShotLenses:
             )
         texts = self.animation.texts(picture.frame)
         if FIELD_OF_VIEW in texts:
-            texts["focal-length"] = self._focal_length(float(texts.pop(FIELD_OF_VIEW)), picture)
+            texts["focal-length"] = self._focal_length(texts.pop(FIELD_OF_VIEW), picture)
         return texts
 
-    def _focal_length(self, degrees: float, picture: Picture) -> str:
+    def _focal_length(self, text: str, picture: Picture) -> str:
         """The focal length of a vertical field of view, on the sensor of the picture's shape."""
         from defocus_core.io.images.describe import describe
 
@@ -129,12 +130,11 @@ class ShotLenses:
         )
         size = describe(picture.color)
         height = width * size.height / size.width
-        return f"{height / 2 / math.tan(math.radians(degrees / 2)):.9g}mm"
+        return f"{height / 2 / math.tan(math.radians(field_of_view(text) / 2)):.9g}mm"
 
 
 def _with_alternatives(name: str) -> set[str]:
-    name = "focal-length" if name == FIELD_OF_VIEW else name
-    return {name}.union(*(pair for pair in ALTERNATIVES if name in pair))
+    return alternatives("focal-length" if name == FIELD_OF_VIEW else name)
 
 
 def read_animation_table(table: Table) -> Animation:

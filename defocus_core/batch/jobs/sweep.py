@@ -15,16 +15,14 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.jobs.lens_options import (
-    LENGTHS,
-    PARSERS,
+from defocus_core.batch.jobs.lens_from_options import (
     based,
     checked,
     parsed,
     refuse_contradiction,
-    tag,
 )
 from defocus_core.batch.jobs.toml_file import Table, refuse_unknown
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.batch.lenses.quantities import Percentile
 from defocus_core.errors import UsageProblem
 
@@ -53,9 +51,9 @@ def read_sweep(table: Table) -> list[Point]:
     Raises:
         UsageProblem: an option is unknown, a value makes no sense, or two lenses have one name.
     """
-    table.refuse_unknown((*PARSERS, "lenses"))
+    table.refuse_unknown((*LENS_OPTIONS, "lenses"))
     axes = [_sets(table)] if "lenses" in table.values else []
-    for name in PARSERS:
+    for name in LENS_OPTIONS:
         if name in table.values:
             texts = _values(name, table.values[name], table.place(name), table.file)
             _refuse_many(math.prod(map(len, axes)) * len(texts), f"{table.file}: [sweep]")
@@ -82,8 +80,8 @@ def _points(table: Table, axes: Sequence[Sequence[Mapping[str, str]]]) -> list[P
                 )
             options |= part
         refuse_contradiction(options, f"{table.file}: [sweep] ")
-        names = (name for name in PARSERS if name in options)
-        suffix = "".join(f"_{tag(name, parsed(name, options[name]))}" for name in names)
+        rows = (row for name, row in LENS_OPTIONS.items() if name in options)
+        suffix = "".join(f"_{row.file_tag(parsed(row.name, options[row.name]))}" for row in rows)
         if suffix in points:
             problem = f"has two lenses named '{suffix[1:]}'"
             raise UsageProblem(
@@ -110,7 +108,7 @@ def _sets(table: Table) -> list[dict[str, str]]:
         remedy = 'write lenses = [{focus = "1m", fnumber = 2}, {focus = "2m", fnumber = 4}]'
         raise UsageProblem("malformed", "is no list of lenses", remedy, path=where)
     _refuse_many(len(sets), where)
-    refuse_unknown((name for one in sets for name in one), tuple(PARSERS), where, "a lens")
+    refuse_unknown((name for one in sets for name in one), tuple(LENS_OPTIONS), where, "a lens")
     return [
         {
             name: based(name, checked(name, value, f"{where}: {name}"), table.file)
@@ -126,7 +124,8 @@ def _range(name: str, text: str, where: str) -> list[str]:
     if not match:
         raise UsageProblem("malformed", f"'{text}' is no range", _RANGE_EXAMPLE, path=where)
     low, high = (_end(name, match[side].strip(), where) for side in (1, 2))
-    fit = ("disparity", "depth", "log") if name == "focus" else ("steps", "log")
+    row = LENS_OPTIONS[name]
+    fit = ("disparity", "depth", "log") if row.even_in == "disparity" else ("steps", "log")
     count, scale = int(match[3]), match[4] or fit[0]
     for wrong, problem, remedy in (
         (scale not in fit, f"{name} has no steps in {scale}", f"write in {' or in '.join(fit)}"),
@@ -145,9 +144,7 @@ def _range(name: str, text: str, where: str) -> list[str]:
     shares = (index / (count - 1) for index in range(1, count - 1))
     between = [back((1 - share) * to(low) + share * to(high)) for share in shares]
     values = [low, *(float(f"{value:.6g}") for value in between), high]
-    unit = "mm" if name in LENGTHS else ""
-    texts = [str(value).removesuffix(".0") + unit * math.isfinite(value) for value in values]
-    return [checked(name, text, where) for text in texts]
+    return [checked(name, row.text(value), where) for value in values]
 
 
 def _end(name: str, text: str, where: str) -> float:

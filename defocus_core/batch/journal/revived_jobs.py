@@ -22,7 +22,8 @@ from defocus_core.batch.jobs.job import (
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.journal.plain_values import typed
-from defocus_core.batch.lenses.lens import LENS_FILES, Lens
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.lenses.parameters import LENS_FILES
 from defocus_core.errors import InputError
 
 

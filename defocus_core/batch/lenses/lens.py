@@ -8,11 +8,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from defocus_core.batch.lenses.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
 from defocus_core.batch.lenses.quantities import Percentile, length_text
-
-DUAL_PIXEL_MODELS = ("split", "smooth")
-# Fields of files that a lens is made of.
-LENS_FILES = ("aperture_image", "dp_kernels")
 
 
 @dataclass(frozen=True)
@@ -77,20 +74,11 @@ class Lens:
     def effects(self) -> dict[str, Any]:
         """Its effects that are on, by the names of their fields: what a lens is without blades."""
         values = {name: getattr(self, name) for name in EFFECTS}
-        effects = {name: value for name, value in values.items() if value != EFFECTS[name]}
-        for name, path in self.files.items():
-            effects[name] = path.name
-        if self.sharp_range is not None:
-            effects["sharp_range"] = "..".join(map(length_text, self.sharp_range))
-        if self.axial_color is not None:
-            effects["axial_color"] = "{:g}mm:{:g}mm".format(*self.axial_color)
-        if self.cat_eye is not None:
-            effects["cat_eye"] = "{:g}:{:g}".format(*self.cat_eye)
-        if self.highlights is not None:
-            effects["highlights"] = "{:g}:{:g}".format(*self.highlights)
-        if self.noise is not None:
-            effects["noise"] = "{:g}:{:g}".format(*self.noise)
-        return effects
+        return {
+            name: EFFECT_OPTIONS[name].recorded(value)
+            for name, value in values.items()
+            if value != EFFECTS[name]
+        }
 
     @property
     def files(self) -> dict[str, Path]:
@@ -105,17 +93,7 @@ class Lens:
 
 
 # Fields of effects that most lenses have not got, and their values if they are off.
-EFFECTS = {
-    field.name: field.default
-    for field in fields(Lens)
-    if field.name
-    in (
-        *("sharp_range", "blade_curvature", "obstruction", "spherical", "squeeze"),
-        *("aperture_image", "dp_model", "dp_kernels", "dp_crosstalk"),
-        *("noise", "noise_seed", "highlights"),
-        *("cat_eye", "vignetting", "axial_color"),
-    )
-}
+EFFECTS = {field.name: field.default for field in fields(Lens) if field.name in EFFECT_OPTIONS}
 
 
 def lens_record(lens: Lens) -> dict[str, Any]:
@@ -123,13 +101,9 @@ def lens_record(lens: Lens) -> dict[str, Any]:
 
     Of a lens of which only the shape is known, the other numbers are None.
     """
-    record: dict[str, Any] = {
-        "focal_length_mm": None if lens.is_shape else lens.foclen,
-        "fnumber": None if math.isnan(lens.fnum) else lens.fnum,
-        "sensor_width_mm": None if lens.is_shape else lens.sensor_width,
-        "focus_mm": "inf" if lens.foc_dist == math.inf else lens.foc_dist,
-        "blades": lens.blades,
-        "blade_rotation_deg": lens.blade_rotation,
+    record = {
+        key: None if row.is_optics and lens.is_shape else row.recorded(getattr(lens, row.field))
+        for key, row in RECORDED.items()
     }
     record |= lens.effects
     if lens.focus_at is not None:

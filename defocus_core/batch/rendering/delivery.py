@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.depth.repair_words import repair_attribute
-from defocus_core.batch.lenses.quantities import length_text
+from defocus_core.batch.lenses.parameters import RECORDED
 from defocus_core.batch.rendering.contents import contents_of
 from defocus_core.errors import InputError, with_dashes
-from defocus_core.io.arrays import Beside, StackedPlanes
+from defocus_core.io.arrays import LazyArray, stacked
 from defocus_core.io.safe_files import written_together
 from defocus_core.system.text import version
 
@@ -55,7 +56,7 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
         }
         lost = write_image(
             path,
-            StackedPlanes(contents.planes),
+            contents.planes,
             contents.names,
             exr_type=job.outputs.exr_type,
             bits=16 if job.outputs.format == "png16" else 8,
@@ -76,12 +77,23 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
     elif preview is not None and kind.source == "depth":
         write_depth_preview(preview, contents.planes[0])
     elif preview is not None:
-        count = len(contents.planes) // len(kind.rendered_as)
-        views = range(0, len(contents.planes), count)
-        write_preview(
-            preview, Beside([StackedPlanes(contents.planes[n : n + count]) for n in views])
-        )
+        pictures = _beside(contents.planes, len(kind.rendered_as))
+        write_preview(preview, pictures, rendering.color.attributes)
     return warnings
+
+
+def _beside(planes: Sequence[Any], views: int) -> LazyArray:
+    """The planes [H, W] of views side by side, [H, views * W, C]."""
+    import numpy as np
+
+    count = len(planes) // views
+    pictures = [stacked(planes[n : n + count]) for n in range(0, len(planes), count)]
+    height, width = planes[0].shape
+
+    def read(rows: slice) -> Any:
+        return np.concatenate([picture[rows] for picture in pictures], axis=1)
+
+    return LazyArray((height, width * views, count), planes[0].dtype, read)
 
 
 def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
@@ -100,9 +112,7 @@ def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
         "color_read_as": outcome.color_note,
         "depth_read_as": outcome.depth_words(rendered=kind.rendered),
         **_repair(outcome, kind),
-        **_optics(lens),
-        "blades": str(lens.blades),
-        "blade_rotation": f"{lens.blade_rotation:.9g}deg",
+        **_of_any_lens(lens),
         **{name: str(value) for name, value in lens.effects.items()},
         "coc_px": " ".join(f"{radius:.6g}" for radius in outcome.coc_px),
         "quality": outcome.quality,
@@ -126,13 +136,11 @@ def _repair(outcome: Outcome, kind: Kind) -> dict[str, str]:
     return {name: value for name, value in values.items() if value}
 
 
-def _optics(lens: Lens) -> dict[str, str]:
-    """What of a lens decides the radii; nothing where a file holds them."""
-    if lens.is_shape:
-        return {}
+def _of_any_lens(lens: Lens) -> dict[str, str]:
+    """What every lens has; nothing of what decides the radii where a file holds them."""
+    values = {row: getattr(lens, row.field) for row in RECORDED.values()}
     return {
-        "focal_length": length_text(lens.foclen, 9),
-        "fnumber": f"{lens.fnum:.9g}",
-        "sensor_width": length_text(lens.sensor_width, 9),
-        "focus": "" if lens.foc_dist is None else length_text(lens.foc_dist, 9),
+        row.name.replace("-", "_"): "" if value is None else row.shown(value, 9) + row.optional_unit
+        for row, value in values.items()
+        if not (row.is_optics and lens.is_shape)
     }

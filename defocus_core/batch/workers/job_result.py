@@ -21,7 +21,8 @@ from defocus_core.batch.depth.repair_words import repair_record
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.reasons import Step, verdict
-from defocus_core.batch.lenses.lens import LENS_FILES, lens_record
+from defocus_core.batch.lenses.lens import lens_record
+from defocus_core.batch.lenses.parameters import LENS_FILES
 from defocus_core.batch.rendering import delivery, job_steps
 from defocus_core.batch.rendering.measures import measures
 

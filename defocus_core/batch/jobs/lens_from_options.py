@@ -1,4 +1,4 @@
-"""Lens options: their names, how each is read and written, and the lens that they describe.
+"""The lens that options describe, as texts of files or as the caller gives them.
 
 Files hold options as texts, ``{"focus": "2m"}``, with the units they have on the command line. A
 lens file holds them, and reading options if it likes::
@@ -20,56 +20,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.jobs.reading_options import NAMES_OF_OPTIONS
+from defocus_core.batch.jobs.reading_options import READING_OPTIONS
 from defocus_core.batch.jobs.toml_file import read_toml, refuse_unknown
-from defocus_core.batch.lenses import quantities
-from defocus_core.batch.lenses.lens import DUAL_PIXEL_MODELS, Lens
-from defocus_core.batch.lenses.quantities import length_text, read_at, text_of
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.lenses.parameters import ALTERNATIVES, LENS_OPTIONS, SHAPES, LensParam
+from defocus_core.batch.lenses.quantities import Percentile, length_text, read_at, text_of
 from defocus_core.errors import UsageProblem
 
-# How each option is read, and what a file name calls it.
-_ROWS: dict[str, tuple[Callable[[str], Any], str]] = {
-    "focal-length": (quantities.length, "fl"),
-    "fnumber": (quantities.fnumber, "f"),
-    "aperture-diameter": (quantities.length, "d"),
-    "sensor-width": (quantities.length, "sensor"),
-    "focus": (quantities.focus, "focus"),
-    "focus-at": (quantities.pixel, "at"),
-    "sharp-range": (quantities.distances, "sharp"),
-    "cat-eye": (quantities.rim, "rim"),
-    "axial-color": (quantities.shifts, "axial"),
-    "vignetting": (quantities.switch, "vignetting"),
-    "blades": (quantities.blades, "blades"),
-    "blade-rotation": (quantities.angle, "turn"),
-    "blade-curvature": (quantities.within(0, 1, "a curvature", "like 0.5"), "curve"),
-    "obstruction": (quantities.within(0, 0.95, "a share of the radius", "like 0.4"), "mirror"),
-    "spherical": (quantities.within(-1, 1, "a spherical aberration", "like 0.5"), "ring"),
-    "squeeze": (quantities.within(1, 4, "a squeeze", "like 2"), "squeeze"),
-    "aperture-image": (quantities.file, "pupil"),
-    "highlights": (quantities.highlights, "lights"),
-    "dp-model": (quantities.dual_pixel(DUAL_PIXEL_MODELS), "dp"),
-    "dp-crosstalk": (quantities.within(0, 0.49, "a share of the light", "like 0.15"), "crosstalk"),
-    "noise": (quantities.noise, "noise"),
-    "noise-seed": (quantities.seed, "seed"),
-}
-PARSERS = {name: parser for name, (parser, _) in _ROWS.items()}
-LENGTHS = frozenset({"focal-length", "aperture-diameter", "sensor-width", "focus"})
-ALTERNATIVES = (
-    ("fnumber", "aperture-diameter"),
-    ("focus", "focus-at"),
-    ("blades", "aperture-image"),
-)
-# Options that change nothing of an opening without blades.
-OF_BLADES = {"blade-rotation": "turns", "blade-curvature": "bends"}
 CALLER = "‹"
-_REQUIRED = {"focal-length": "50mm", "fnumber": "1.4", "focus": "2m"}  # with an example of each
-# What decides the radii: nothing where a file holds them. The others are the shape of the opening.
-_OPTICS = (
-    *("focal-length", "fnumber", "aperture-diameter", "sensor-width"),
-    *("focus", "focus-at", "sharp-range", "cat-eye", "vignetting"),
-    "axial-color",
-)
-SHAPES = tuple(name for name in _ROWS if name not in _OPTICS)
 
 
 @lru_cache(maxsize=65536)
@@ -79,7 +37,7 @@ def parsed(name: str, text: str) -> Any:
     Raises:
         QuantityError: the text makes no sense.
     """
-    return PARSERS[name](text)
+    return LENS_OPTIONS[name].parse(text)
 
 
 def checked(name: str, value: object, where: str) -> str:
@@ -98,27 +56,6 @@ def at(source: str, name: str) -> str:
     return f"‹{name}›" if source == CALLER else f"{source}{name}"
 
 
-def tag(name: str, value: Any) -> str:
-    """The part of a file name for an option, like ``focus2m``, ``f1.4`` or ``at240x135``."""
-    if isinstance(value, Path):
-        text = value.stem
-    elif isinstance(value, bool):
-        text = "on" if value else "off"
-    elif value is None:
-        text = "off"
-    elif isinstance(value, str):
-        text = value
-    elif isinstance(value, quantities.Percentile):
-        text = f"p{value.percent:.6g}"
-    elif name == "sharp-range":
-        text = "-".join(map(length_text, value))
-    elif isinstance(value, tuple):
-        text = "x".join(map(str, value))
-    else:
-        text = length_text(value) if name in LENGTHS else f"{value:.6g}"
-    return _ROWS[name][1] + text
-
-
 def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """Options of both, of which ``over`` win, also over the alternatives to them.
 
@@ -126,7 +63,7 @@ def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """
     lost = {name for pair in ALTERNATIVES for name in pair if over.keys() & set(pair)}
     if str(over.get("blades")) == "0" or "aperture-image" in over:
-        lost.update(OF_BLADES)
+        lost.update(row.name for row in LENS_OPTIONS.values() if row.needs == "blades")
     return {name: value for name, value in base.items() if name not in lost} | dict(over)
 
 
@@ -158,15 +95,9 @@ def make_lens(
     values = merged({name: parsed(name, text) for name, text in stored.items()}, options)
     if not radii:
         refuse_missing(values, CALLER, lacking)
-    if options.get("vignetting") and "cat-eye" not in values:
-        problem, remedy = "darkens nothing without a rim", "add ‹cat-eye› 1.05:1.5, or leave it out"
-        raise UsageProblem("idle-option", problem, remedy, field="vignetting")
-    if options.get("noise-seed") and "noise" not in values:
-        problem, remedy = "changes nothing without noise", "add ‹noise› 4000:3, or leave it out"
-        raise UsageProblem("idle-option", problem, remedy, field="noise-seed")
-    for name in OF_BLADES:
+    for name in values:
         source = CALLER if name in options else f"{file}: "
-        refuse_idle(name, values.get(name), values.get("blades"), source)
+        refuse_idle(LENS_OPTIONS[name], lambda of: values.get(of), source)
     lens = lens_of(values, CALLER if {"focus", "focus-at"} & options.keys() else f"{file}: ")
     if lens.foc_dist is not None:
         refuse_near_focus(lens.foc_dist, lens.foclen, at(lens.focus_source, "focus"))
@@ -180,33 +111,13 @@ def lens_of(values: Mapping[str, Any], source: str = "") -> Lens:
         values: the options; of a lens whose shape alone is known, blades and their rotation.
         source: how errors about the focus begin.
     """
-    foclen, focus = values.get("focal-length", math.nan), values.get("focus")
-    if "fnumber" in values:
-        fnum = values["fnumber"]
-    else:
-        fnum = foclen / values.get("aperture-diameter", math.nan)
-    percentile = focus.percent if isinstance(focus, quantities.Percentile) else None
-    return Lens(
-        foclen=foclen,
-        fnum=fnum,
-        foc_dist=focus if percentile is None else None,
-        focus_at=values.get("focus-at"),
-        sensor_width=values.get("sensor-width", Lens.sensor_width),
-        sharp_range=values.get("sharp-range"),
-        cat_eye=values.get("cat-eye"),
-        axial_color=values.get("axial-color"),
-        vignetting=values.get("vignetting", Lens.vignetting),
-        focus_percentile=percentile,
-        focus_source=source,
-        **{field_of(name, values[name]): values[name] for name in SHAPES if name in values},
-    )
-
-
-def field_of(name: str, value: object = None) -> str:
-    """The attribute of `Lens` that has a value of an option of its shape."""
-    if name == "dp-model" and isinstance(value, Path):
-        return "dp_kernels"
-    return name.replace("-", "_")
+    fields: dict[str, Any] = {"foclen": math.nan, "fnum": math.nan, "foc_dist": None}
+    fields |= {LENS_OPTIONS[name].field_of(value): value for name, value in values.items()}
+    if (diameter := fields.pop("aperture_diameter", None)) is not None:
+        fields["fnum"] = fields["foclen"] / diameter
+    if isinstance(fields["foc_dist"], Percentile):
+        fields |= {"foc_dist": None, "focus_percentile": fields["foc_dist"].percent}
+    return Lens(**fields, focus_source=source)
 
 
 def read_lens_file(file: Path) -> dict[str, str]:
@@ -218,8 +129,8 @@ def read_lens_file(file: Path) -> dict[str, str]:
     """
     remedy = 'give a TOML file, with lines like focal-length = "50mm"'
     stored = read_toml(file, what="lens file", remedy=remedy)
-    stored = {name: value for name, value in stored.items() if name not in NAMES_OF_OPTIONS}
-    refuse_unknown(stored, tuple(PARSERS), file, "a lens file")
+    stored = {name: value for name, value in stored.items() if name not in READING_OPTIONS}
+    refuse_unknown(stored, tuple(LENS_OPTIONS), file, "a lens file")
     refuse_contradiction(stored, f"{file}: ")
     return {
         name: based(name, checked(name, value, f"{file}: {name}"), file)
@@ -244,9 +155,9 @@ def refuse_missing(values: Mapping[str, Any], source: str, lacking: Path | None 
     """Raise UsageProblem if a required option is missing, from the metadata of a picture, too."""
     problem = "is missing" if lacking is None else f"is missing, and not in {lacking} either"
     others = dict(ALTERNATIVES)
-    for name, example in _REQUIRED.items():
-        other = others.get(name)
-        if name in values or other in values:
+    for row in LENS_OPTIONS.values():
+        name, example, other = row.name, row.example, others.get(row.name)
+        if not row.required or name in values or other in values:
             continue
         if source == CALLER:
             either = f" or ‹{other}›" if other else ""
@@ -260,7 +171,7 @@ def refuse_missing(values: Mapping[str, Any], source: str, lacking: Path | None 
 def refuse_optics(names: Iterable[str], source: str) -> None:
     """Raise UsageProblem if an option decides the radii, which the depth files hold themselves."""
     for name in names:
-        if name in _OPTICS:
+        if LENS_OPTIONS[name].is_optics:
             problem = "changes nothing: with depth-format coc, the files hold the radii"
             remedy = f"leave it out; {', '.join(SHAPES)} shape the opening"
             raise UsageProblem("idle-option", problem, remedy, path=at(source, name))
@@ -268,16 +179,16 @@ def refuse_optics(names: Iterable[str], source: str) -> None:
 
 def shape_of(options: Mapping[str, Any]) -> dict[str, Any]:
     """The options that shape the opening."""
-    return {name: value for name, value in options.items() if name not in _OPTICS}
+    return {name: value for name, value in options.items() if not LENS_OPTIONS[name].is_optics}
 
 
-def refuse_idle(name: str, value: object, blades: object, source: str) -> None:
-    """Raise UsageProblem if an option of blades has a ``value``, but the aperture no ``blades``."""
-    if value and not blades:
-        example = "‹blades›" if source == CALLER else "blades ="
-        problem = f"{OF_BLADES[name]} blades; this aperture has none"
-        remedy = f"give it some, like {example} 6, or leave it out"
-        raise UsageProblem("idle-option", problem, remedy, path=at(source, name))
+def refuse_idle(row: LensParam, value: Callable[[str], object], source: str) -> None:
+    """Raise UsageProblem if an option has a ``value``, and the option that it needs has none."""
+    if row.needs and value(row.name) and not value(row.needs):
+        example = LENS_OPTIONS[row.needs].example
+        given = f"‹{row.needs}› {example}" if source == CALLER else f'{row.needs} = "{example}"'
+        remedy = f"add {given}, or leave it out"
+        raise UsageProblem("idle-option", row.idle, remedy, path=at(source, row.name))
 
 
 def refuse_near_focus(foc_dist: float, foclen: float, where: str) -> None:
