@@ -8,7 +8,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.datasets import update
+from defocus_core.batch.datasets import origin, update
 from defocus_core.batch.jobs.job import DEVICES, Job, Machine, Outputs
 from defocus_core.batch.jobs.jobs_file import jobs_of, read_jobs
 from defocus_core.batch.journal.journal import Record
@@ -106,6 +106,8 @@ def run_batch(
     summary = run.carry_out(asked, Path(out), execution, _Callbacks(ended))
     if summary.interrupted and summary.left:
         raise KeyboardInterrupt
+    if isinstance(jobs, str | PathLike | Mapping):
+        origin.keep(Path(out), jobs if isinstance(jobs, Mapping) else Path(jobs))
     update.index(Path(out), None, {job.sample_id for job in asked})
     return summary
 
