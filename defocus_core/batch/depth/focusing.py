@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.depth.matching import matched
 from defocus_core.batch.jobs.job import Machine
-from defocus_core.batch.jobs.lens_from_options import at, refuse_near_focus
+from defocus_core.batch.jobs.lens_from_options import refuse_near_focus
 from defocus_core.batch.jobs.random_lenses import drawn_lens
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.quantities import Percentile, length_text
@@ -52,7 +52,7 @@ def focused(lens: Lens, depth: Depth) -> Lens:
                 raise
             rejected = error
     problem = f"{rejected.problem}, with the last of {ATTEMPTS} lenses drawn for it"
-    raise Rejected(rejected.code, problem, rejected.remedy, path=rejected.subject)
+    raise Rejected(rejected.code, problem, rejected.remedy, path=rejected.place)
 
 
 def signed_radius(
@@ -193,7 +193,7 @@ def _thin_lens(lens: Lens, size: tuple[int, int]) -> DefocusLens:
         thin_lens.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
         thin_lens.sharp_range = lens.sharp_range
     except ValueError as error:
-        option = at(lens.focus_source, "focus")
+        option = lens.focus_source.at("focus")
         raise UsageProblem(
             "out-of-range", reason(error), "check the lens options", path=option
         ) from error
@@ -213,7 +213,7 @@ def _focused_once(lens: Lens, depth: Depth) -> Lens:
 
 def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
     (x, y), (width, height) = pixel, depth.size
-    option = at(lens.focus_source, "focus-at")
+    option = lens.focus_source.at("focus-at")
     if not (0 <= x < width and 0 <= y < height):
         raise UsageProblem(
             "out-of-range",
@@ -227,7 +227,7 @@ def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
         problem = f"{x},{y} has an alpha of 0 in {depth.path}, and nothing to focus on"
         raise UsageProblem("no-valid-depth", problem, "give a pixel of the element", path=option)
     foc_dist = float(depth.metres[place][0, 0]) * MM_PER_M
-    refuse_near_focus(foc_dist, lens.foclen, f"{option}: {depth.path} at {x},{y}")
+    refuse_near_focus(foc_dist, lens.foclen, option, f"{depth.path} at {x},{y}: ")
     return foc_dist
 
 

@@ -16,7 +16,7 @@ from itertools import accumulate
 
 from defocus_core.batch.jobs.job import Picture
 from defocus_core.batch.jobs.toml_file import Table
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import CALLER, Place, UsageProblem
 
 NAME = re.compile(r"[A-Za-z0-9_]{1,40}")
 _SCENE = "scene"
@@ -30,7 +30,7 @@ class Splits:
 
     shares: Mapping[str, float]
     scene: re.Pattern[str] | None = None
-    where: str = ""
+    where: Place = CALLER
 
     def of(self, picture: Picture) -> str:
         """The split of a picture; empty without splits.
