@@ -125,7 +125,7 @@ def command(
             alone = pipeline.execute_alone(tile_count)
             summary = run.carry_out(jobs, outputs.root, execution(alone), report)
     if summary.statuses["ok"]:
-        update.refresh(outputs.root, {job.sample_id for job in jobs})
+        update.refresh(outputs.root, {job.sample_id for job in jobs}, summary.withdrawn)
     if shot.contact is not None and (sheet := write_contact_sheet(jobs, shot.contact)):
         console.stderr(f"contact sheet -> {sheet}")
     if as_json:

@@ -109,7 +109,7 @@ def diagnosed(
     def evidence(rows: tuple[int, int]) -> _BandEvidence:
         return _evidence(signed_radius, rows, dtype, infinity)
 
-    of_bands = list(threaded(evidence, bands(*signed_radius.shape), threads))
+    of_bands = list(threaded(evidence, bands(signed_radius), threads))
     if noise is None:
         noise = noise_from(torch.stack([band.scatter for band in of_bands]).sum(0))
         if noise is not None:
@@ -177,7 +177,7 @@ def _has_ramps(signed_radius: Pixels, pixels: int) -> bool:
     A few ramps among many hard edges are surfaces that are seen between two others.
     """
     hard, enough = 0, _RARE * pixels
-    for first, last in bands(*signed_radius.shape):
+    for first, last in bands(signed_radius):
         if hard <= enough and pixels:
             around = signed_radius[max(0, first - 1) : last + 2]
             hard += int(hard_steps(around, STEEP))
@@ -232,7 +232,7 @@ def _edge_counts(
     """The edges of radii [H, W] px, of distance if a scale is given, steeper than a slope."""
     soft = hard = 0
     widths = torch.zeros(2 * _HALF_EDGE * _PER_PX + 1, dtype=torch.long)
-    for first, last in bands(*signed_radius.shape):
+    for first, last in bands(signed_radius):
         above = min(first, _BESIDE_EDGE + 1)
         around = signed_radius[first - above : last + _BESIDE_EDGE + 1].detach()
         steepest = steepness(around)

@@ -40,7 +40,7 @@ def read_color(
     part: int | None = None,
     view: str | None = None,
 ) -> Color:
-    """Read the colour of an EXR, HDR, PNG, JPEG or TIFF file.
+    """Read the colour of an EXR, HDR, PNG, JPEG, TIFF or WEBP file.
 
     Args:
         path: The file.
@@ -85,7 +85,7 @@ def read_depth(
         path: The file: EXR, PNG, TIFF, NPY, NPZ, PFM, HDF5, MATLAB, ….
         format: The name of its format, like ``kitti``; ``defocus help depth`` lists all.
         unit: Of the numbers: mm, cm, m or ft.
-        scale: Multiplies the numbers.
+        scale: Multiplies the numbers; negative for depth that is negative in front of the camera.
         kind: What the numbers are: depth or disparity.
         channel: Which channel of an EXR file, or array of a container; PART/CHANNEL works.
         part: Which part of an EXR file, page of a TIFF or frame of an array, from 0.
@@ -118,7 +118,7 @@ def read_depth(
             "depth-format", format, tuple(NAMES), "'defocus help depth' lists all"
         ),
         depth_unit=_one_of("depth-unit", unit, tuple(UNITS)),
-        depth_scale=_within("depth-scale", scale),
+        depth_scale=_factor("depth-scale", scale),
         depth_kind=_one_of("depth-kind", kind, KINDS),
         depth_channel=channel,
         part=part,
@@ -228,6 +228,13 @@ def _one_of(field: str, word: str | None, known: Sequence[str], otherwise: str =
         return word
     remedy = did_you_mean(str(word), known, otherwise or f"choose from {', '.join(known)}")
     raise UsageProblem("unknown-name", f"{word!r} is not known", remedy, field=field)
+
+
+def _factor(field: str, value: float | None) -> float | None:
+    """A number that is neither 0 nor infinite, or None; negative ones turn a depth round."""
+    if value is not None:
+        _within(field, abs(value))
+    return value
 
 
 def _within(field: str, value: float | None, end: float = math.inf) -> float | None:

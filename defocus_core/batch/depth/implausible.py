@@ -118,6 +118,16 @@ def _of_file(depth: Depth) -> Iterator[str]:
     if any(word in channel for word in _UNREAL):
         problem = f"channel {depth.channel} is one that Unreal writes in centimetres"
         yield f"{path}: {problem}, but depth is taken as metres; say ‹depth-format› unreal-mrq"
+    if "mist" in channel:
+        problem = f"channel {depth.channel} is a fog of 0 to 1 by distance, and no depth"
+        yield f"{path}: {problem}; render the pass Z, and say ‹depth-channel›"
+    if "vrayzdepth" in channel and _within_one(depth):
+        problem = f"channel {depth.channel} lies within 0 and 1, as V-Ray maps black to white"
+        yield f"{path}: {problem}; say ‹depth-format› vray-zdepth with its ‹depth-range›"
     if channel == _HYPERSIM and path.suffix.lower() in (".hdf5", ".h5"):
         problem = "array dataset is that of Hypersim, whose numbers are distances to the point"
         yield f"{path}: {problem}; say ‹depth-format› hypersim, or metres"
+
+
+def _within_one(depth: Depth) -> bool:
+    return all(float(depth.metres[rows].max()) <= 1 for rows in bands(depth.metres.shape))

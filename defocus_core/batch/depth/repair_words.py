@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_core.batch.depth.focusing import radius_at_infinity
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.io.arrays import Windows
+from defocus_core.batch.sources import lone_window
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
@@ -52,7 +52,7 @@ def repair_found(lens: Lens, radius: Any, size: tuple[int, int], reading: Readin
     from defocus_core.depth.repair import diagnose_depth
 
     return diagnose_depth(
-        Windows([radius], "cpu", lone=True),
+        lone_window(radius, "cpu"),
         radius_at_infinity(lens, size),
         torch.get_num_threads(),
         depth_repair=reading.depth_repair,

@@ -6,8 +6,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.jobs.job import Reading
+from defocus_core.batch.sources import windows
 from defocus_core.errors import InputError
-from defocus_core.io.arrays import Keeping, Windows, bands
+from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth import Depth, require_valid
 
 if TYPE_CHECKING:
@@ -61,6 +62,6 @@ def _fill_guided(metres: Any, depth: Depth, color: Color) -> None:
     from defocus_core.depth.guided_resize import GuidedDepth
 
     given = torch.from_numpy(depth.metres[:].astype("float32"))
-    guided = GuidedDepth(given, Windows(color.planes, "cpu"))
+    guided = GuidedDepth(given, windows(color.planes, "cpu"))
     for rows in bands(metres.shape):
         metres[rows] = guided[rows].numpy()

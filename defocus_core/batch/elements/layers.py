@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.elements.planes import Coverage, LayerWindows
-from defocus_core.io.arrays import Windows
+from defocus_core.batch.elements.planes import coverage
+from defocus_core.batch.sources import layer_windows, windows
 from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
@@ -69,8 +69,8 @@ class Layers:
 def flat_layer(color: Color, depth: Depth) -> Layers:
     """A picture that is not deep as one layer."""
     light = (*color.light, *color.planes[len(color.channels) :])
-    coverage = Coverage(color.planes[0].shape, color.alpha)
-    return Layers((light,), (coverage,), (replace(depth, nothing=None),), len(color.light))
+    alpha = coverage(color.planes[0].shape, color.alpha)
+    return Layers((light,), (alpha,), (replace(depth, nothing=None),), len(color.light))
 
 
 def layered(lights: Sequence[Pixels], layers: Layers, radii: Sequence[Any], device: str) -> Layered:
@@ -84,5 +84,5 @@ def layered(lights: Sequence[Pixels], layers: Layers, radii: Sequence[Any], devi
     """
     from defocus_core.renderer.layers.stacked_samples import Layered
 
-    radius, coverage = Windows(radii, device), Windows(layers.alpha, device)
-    return Layered.of(LayerWindows(lights), radius, coverage)
+    radius, alpha = windows(radii, device), windows(layers.alpha, device)
+    return Layered.of(layer_windows(lights), radius, alpha)

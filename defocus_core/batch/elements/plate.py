@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.elements.overscan import overscan_of
-from defocus_core.batch.elements.planes import Both, Coverage, LayerWindows
+from defocus_core.batch.elements.planes import coverage
 from defocus_core.batch.jobs.job import Picture, Reading
+from defocus_core.batch.sources import layer_windows, lone_window, windows
 from defocus_core.errors import InputError
-from defocus_core.io.arrays import Keeping, Windows, bands
+from defocus_core.io.arrays import Keeping, bands, computed
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.system.text import counted
 
@@ -156,8 +157,8 @@ def layers_of(
     size = pictures[0].planes[0].shape
     repaired = [
         repair_depth(
-            Windows([radius], device, lone=True),
-            Windows(color.planes, device),
+            lone_window(radius, device),
+            windows(color.planes, device),
             settings.infinity,
             settings.threads,
             depth_repair=settings.depth_repair,
@@ -166,9 +167,9 @@ def layers_of(
         for color, radius in zip(pictures, radii, strict=True)
     ]
     layers = Layered.of(
-        LayerWindows(lights),
-        LayerWindows([radius for radius, _ in repaired]),
-        Windows([Coverage(size, color.alpha) for color in pictures], device),
+        layer_windows(lights),
+        layer_windows([radius for radius, _ in repaired]),
+        windows([coverage(size, color.alpha) for color in pictures], device),
     )
     return layers, repaired[0][1]
 
@@ -177,7 +178,7 @@ def nothing_of(element: Depth, plate: Plate) -> Any:
     """Where neither an element nor its plate has anything, bool [H, W]; None if nowhere."""
     if element.nothing is None or plate.depth.nothing is None:
         return None
-    return Both(element.nothing, plate.depth.nothing)
+    return computed(lambda a, b: a & b, element.nothing, plate.depth.nothing)
 
 
 def _far_away(picture: Picture, reading: Reading, keeping: Keeping, overscan: Overscan) -> Plate:

@@ -114,9 +114,9 @@ def jobs_of(stored: Mapping[str, Any], path: Path, outputs: Outputs, machine: Ma
         (entry,) = animated([by_frame[frame]], animation, plan, named["lens"], reading)
         return dict(plan.lenses(entry))
 
-    splits = read_splits(named["split"])
+    splits = read_splits(named["split"]).assign([job.picture for job in jobs])
     return with_shot(
-        [dataclasses.replace(job, split=splits.of(job.picture)) for job in jobs],
+        [dataclasses.replace(job, split=own) for job, own in zip(jobs, splits, strict=True)],
         [each.picture for each in every],
         lambda picture, suffix: lenses(picture.frame)[suffix],
         together,

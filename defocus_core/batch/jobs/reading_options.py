@@ -60,14 +60,14 @@ def format_name(text: str) -> str:
 
 
 def scale(text: str) -> float:
-    """A positive factor, from ``0.001`` or ``1/256``."""
+    """A factor, from ``0.001``, ``1/256`` or ``-1``."""
     fraction = _FRACTION.fullmatch(text)
     if fraction:
         above, below = scale(fraction[1]), scale(fraction[2])
         return above / below
     value = number(text)
-    if not 0 < value < math.inf:
-        raise QuantityError(f"'{text}' is not positive and finite", "write it like 0.001 or 1/256")
+    if not 0 < abs(value) < math.inf:
+        raise QuantityError(f"'{text}' is 0 or not finite", "write it like 0.001 or 1/256")
     return value
 
 

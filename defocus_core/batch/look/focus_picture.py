@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.look.preview import diverging, largest
-from defocus_core.io.arrays import bands
+from defocus_core.io.arrays import LazyArray, bands
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 
 if TYPE_CHECKING:
@@ -29,44 +30,28 @@ def focus_planes(color: Color, radius: Any) -> tuple[Any, ...]:
         color: the colour input.
         radius: signed CoC radius in px, [H, W].
     """
+    import numpy as np
+
     most = max(largest(radius[rows]) for rows in bands(radius.shape))
     inset = _histogram(radius, most)
-    return tuple(_Plane(color, radius, most, inset, channel) for channel in range(3))
+    height, width = inset.shape[:2]
+    top = radius.shape[0] - height
 
-
-class _Plane:
-    """A channel of the picture in false colour, [H, W]."""
-
-    def __init__(self, color: Color, radius: Any, most: float, inset: Any, channel: int) -> None:
-        import numpy as np
-
-        self._color, self._radius, self._most = color, radius, most
-        self._inset, self._channel = inset, channel
-        self.shape, self.dtype = radius.shape, np.dtype(np.float32)
-
-    def __getitem__(self, rows: slice) -> NDArray[Any]:
-        import numpy as np
-
-        colors = [
-            plane[rows]
-            for plane, name in zip(
-                self._color.planes, self._color.channels, strict=False
-            )  # passes follow
-            if name != "A"
-        ]
+    def read(channel: int, rows: slice) -> NDArray[Any]:
+        colors = [plane[rows] for plane in color.light]
         light = np.mean([plane.astype("float32") for plane in colors], axis=0, dtype="float32")
         brightness = linear_to_srgb(np.clip(light, 0, 1))
-        hue = _hues(self._radius[rows], self._most)[..., self._channel]
+        hue = _hues(radius[rows], most)[..., channel]
         shown = hue * (_DARKEST + (1 - _DARKEST) * brightness)
-        first, last, _ = rows.indices(self.shape[0])
-        height, width = self._inset.shape[:2]
-        top = self.shape[0] - height
+        first, last, _ = rows.indices(radius.shape[0])
         if last > top:
             begin = max(first, top)
-            part = self._inset[begin - top : last - top, :, self._channel]
-            shown[begin - first :, :width] = part
+            shown[begin - first :, :width] = inset[begin - top : last - top, :, channel]
         linear: NDArray[Any] = srgb_to_linear(shown).astype("float32")
         return linear
+
+    dtype = np.dtype(np.float32)
+    return tuple(LazyArray(radius.shape, dtype, partial(read, channel)) for channel in range(3))
 
 
 def _hues(radius: NDArray[Any], most: float) -> NDArray[Any]:

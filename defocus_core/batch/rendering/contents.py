@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_core.batch.look.noisy_planes import noisy
 from defocus_core.batch.look.opening import disparity_of
+from defocus_core.io.arrays import LazyArray, computed
 from defocus_core.io.exr.views import name_in_view
 from defocus_core.io.exr.windows import Layout, Window
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from defocus_core.batch.jobs.output_kinds import Kind
     from defocus_core.batch.rendering.outcome import Rendering
     from defocus_core.io.images.color_planes import Color
@@ -43,10 +43,8 @@ def contents_of(rendering: Rendering, kind: Kind) -> Contents:
     names: tuple[str, ...] = (kind.name,)
     extras: dict[str, Any] = {}
     if kind.of_radius:
-        disparity = disparity_of(rendering.outcome.lens)
-        planes: tuple[Any, ...] = (
-            _OfRadius(rendering.radius, disparity, kind.of_radius, rendering.nothing),
-        )
+        values = partial(kind.of_radius, disparity=disparity_of(rendering.outcome.lens))
+        planes: tuple[Any, ...] = (_of_radius(rendering.radius, rendering.nothing, values),)
     elif kind.image:
         names, planes, extras = _image(rendering, kind)
     else:
@@ -93,7 +91,21 @@ def _shown(color: Color, planes: Sequence[Any]) -> tuple[Any, ...]:
     if not any(color.overscan):
         return tuple(planes)
     window = color.overscan.shown(*color.shape[:2])
-    return tuple(_ShownRows(plane, window) for plane in planes)
+    rows, columns = window
+    shape = rows.stop - rows.start, columns.stop - columns.start
+
+    def read(plane: Any, within: slice) -> Any:
+        first, last, _ = within.indices(shape[0])
+        return plane[rows.start + first : rows.start + last][:, columns]
+
+    return tuple(LazyArray(shape, plane.dtype, partial(read, plane)) for plane in planes)
+
+
+def _of_radius(radius: Any, nothing: Any, compute: Callable[[Any], Any]) -> LazyArray:
+    """A map that is computed from the signed radii [H, W]; 0 of nothing."""
+    if nothing is None:
+        return computed(compute, radius)
+    return computed(lambda r, n: compute(r) * ~n, radius, nothing)
 
 
 def _image(
@@ -121,38 +133,3 @@ def _image(
         passes = [as_half(plane) if half else plane for plane in own[shown:]]
         extras |= dict(zip(own_names[shown:], passes, strict=True))
     return tuple(names), tuple(planes), extras
-
-
-class _OfRadius:
-    """A map that is computed from the signed radii [H, W], a few rows at a time; 0 of nothing."""
-
-    def __init__(
-        self, radius: Any, disparity: float, compute: Callable[[Any, float], Any], nothing: Any
-    ) -> None:
-        self._radius, self._disparity = radius, disparity
-        self._compute, self._nothing = compute, nothing
-        self.shape, self.dtype = radius.shape, radius.dtype
-
-    def __getitem__(self, rows: slice) -> NDArray[Any]:
-        values: NDArray[Any] = self._compute(self._radius[rows], self._disparity)
-        if self._nothing is not None:
-            values = values * ~self._nothing[rows]
-        return values
-
-
-class _ShownRows:
-    """The rows and columns of an array [H, W] that are written, a few rows at a time."""
-
-    def __init__(self, whole: Any, window: tuple[slice, slice]) -> None:
-        self._whole, (self._rows, self._columns) = whole, window
-        self.shape = (
-            self._rows.stop - self._rows.start,
-            self._columns.stop - self._columns.start,
-        )
-        self.dtype = whole.dtype
-
-    def __getitem__(self, rows: slice) -> NDArray[Any]:
-        first, last, _ = rows.indices(self.shape[0])
-        top = self._rows.start
-        values: NDArray[Any] = self._whole[top + first : top + last]
-        return values[:, self._columns]

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.depth.repair_words import repair_attribute
 from defocus_core.batch.lenses.parameters import RECORDED
 from defocus_core.batch.rendering.contents import contents_of
 from defocus_core.errors import InputError, with_dashes
-from defocus_core.io.arrays import Beside, StackedPlanes
+from defocus_core.io.arrays import LazyArray, stacked
 from defocus_core.io.safe_files import written_together
 from defocus_core.system.text import version
 
@@ -55,7 +56,7 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
         }
         lost = write_image(
             path,
-            StackedPlanes(contents.planes),
+            contents.planes,
             contents.names,
             exr_type=job.outputs.exr_type,
             bits=16 if job.outputs.format == "png16" else 8,
@@ -76,12 +77,23 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
     elif preview is not None and kind.source == "depth":
         write_depth_preview(preview, contents.planes[0])
     elif preview is not None:
-        count = len(contents.planes) // len(kind.rendered_as)
-        views = range(0, len(contents.planes), count)
-        write_preview(
-            preview, Beside([StackedPlanes(contents.planes[n : n + count]) for n in views])
-        )
+        pictures = _beside(contents.planes, len(kind.rendered_as))
+        write_preview(preview, pictures, rendering.color.attributes)
     return warnings
+
+
+def _beside(planes: Sequence[Any], views: int) -> LazyArray:
+    """The planes [H, W] of views side by side, [H, views * W, C]."""
+    import numpy as np
+
+    count = len(planes) // views
+    pictures = [stacked(planes[n : n + count]) for n in range(0, len(planes), count)]
+    height, width = planes[0].shape
+
+    def read(rows: slice) -> Any:
+        return np.concatenate([picture[rows] for picture in pictures], axis=1)
+
+    return LazyArray((height, width * views, count), planes[0].dtype, read)
 
 
 def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:

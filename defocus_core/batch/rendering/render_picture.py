@@ -14,6 +14,7 @@ from defocus_core.batch.rendering.colors_apart import Colors, renderings
 from defocus_core.batch.rendering.memory_budget import image_type, regions_at_once
 from defocus_core.batch.rendering.outcome import Loaded, Outcome, Rendering
 from defocus_core.batch.rendering.streams import Streams
+from defocus_core.batch.sources import to_array
 from defocus_core.errors import TooLarge
 from defocus_core.system import memory
 from defocus_core.system.process import set_to_render
@@ -142,7 +143,6 @@ class _Images:
         """Copy a rendered region to its place: the channels and kinds that were rendered."""
         import numpy as np
 
-        from defocus_core.io.arrays import to_array
         from defocus_core.io.exr.writing import clamped_half
 
         top, left, height, width = part.box

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.io.arrays import Keeping, Windows, bands
+from defocus_core.batch.sources import lone_window, windows
+from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.images.color_space import quantised
 from defocus_core.io.images.encode import display_encoded, write_samples
 
@@ -62,8 +63,8 @@ def repaired_picture(
     height, width = radius.shape
     infinity = None if depth.is_radius else focusing.radius_at_infinity(focused, (width, height))
     repaired, repair = repair_depth(
-        Windows([radius], "cpu", lone=True),
-        Windows(color.planes, "cpu"),
+        lone_window(radius, "cpu"),
+        windows(color.planes, "cpu"),
         infinity,
         torch.get_num_threads(),
         depth_repair=reading.depth_repair,
@@ -103,7 +104,7 @@ def _strips(picture: RepairedPicture) -> Iterator[NDArray[Any]]:
 
 def _change(picture: RepairedPicture, rows: slice) -> NDArray[Any]:
     """Px by which radii in some rows were changed: negative where depth was made nearer."""
-    from defocus_core.io.arrays import to_array
+    from defocus_core.batch.sources import to_array
 
     change: NDArray[Any] = to_array(picture.repaired[rows]) - picture.given[rows]
     return change

@@ -17,8 +17,9 @@ from defocus_core.batch.jobs.job import FrameLens, Job, Shot
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.rendering.memory_budget import holding
 from defocus_core.batch.rendering.outcome import Loaded
+from defocus_core.batch.sources import lone_window, windows
 from defocus_core.errors import DefocusError
-from defocus_core.io.arrays import Keeping, Windows
+from defocus_core.io.arrays import Keeping
 from defocus_core.io.shots.frame_patterns import in_words
 
 if TYPE_CHECKING:
@@ -126,8 +127,8 @@ def _repair_of(frame: FrameLens, job: Job, read: Read) -> tuple[DepthRepair, flo
     radius, _ = radius_map(lens, depth, keeping)
     infinity = None if depth.is_radius else radius_at_infinity(lens, depth.size)
     _, repair = repair_depth(
-        Windows([radius], "cpu", lone=True),
-        Windows(color.planes, "cpu"),
+        lone_window(radius, "cpu"),
+        windows(color.planes, "cpu"),
         infinity,
         torch.get_num_threads(),
         depth_repair=job.reading.depth_repair,

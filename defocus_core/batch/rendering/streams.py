@@ -10,24 +10,21 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.depth.focusing import radius_at_infinity, radius_map
 from defocus_core.batch.elements.layers import layered
-from defocus_core.batch.elements.planes import LayerWindows
 from defocus_core.batch.elements.plate import layers_of
 from defocus_core.batch.look.lamps import lit
 from defocus_core.batch.look.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
 from defocus_core.batch.rendering.colors_apart import (
     Colors,
-    chosen,
     of_colors,
-    plus,
     renderings,
-    transposed,
     turned_layer,
     turned_layers,
     with_offset,
 )
 from defocus_core.batch.rendering.memory_budget import holds_cells, room_on
 from defocus_core.batch.rendering.outcome import Loaded, Outcome
-from defocus_core.io.arrays import Windows, bands, times
+from defocus_core.batch.sources import chosen, layer_windows, lone_window, plus, transposed, windows
+from defocus_core.io.arrays import bands, times
 from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
@@ -183,8 +180,8 @@ class Streams:
 
         device, settings = self.outcome.device, self._settings(self._every)
         return repair_depth(
-            Windows([times(self._radius, self._longer)], device, lone=True),
-            Windows(self._loaded.color.planes, device),
+            lone_window(times(self._radius, self._longer), device),
+            windows(self._loaded.color.planes, device),
             settings.infinity,
             settings.threads,
             depth_repair=settings.depth_repair,
@@ -202,7 +199,7 @@ class Streams:
     def _image(self) -> Pixels:
         """The picture, with the light of its lamps."""
         color = self._loaded.color
-        picture = Windows(color.planes, self.outcome.device)
+        picture = windows(color.planes, self.outcome.device)
         (image,), self.lights = lit([picture], len(color.light), self.outcome.lens)
         return image
 
@@ -213,17 +210,17 @@ class Streams:
         if (layers := loaded.layers) is not None:
             keeping = loaded.holding.keeping
             radii = [radius_map(lens, d, keeping)[0] for d in layers.depths]
-            lights: list[Pixels] = [Windows(light, device) for light in layers.light]
+            lights: list[Pixels] = [windows(light, device) for light in layers.light]
             known = layered(lights, layers, [times(r, self._longer) for r in radii], device)
             if known.deepest == 1 and not known.open:
                 return None
             lights, self.lights = lit(lights, layers.colors, lens)
-            return known._replace(colors=LayerWindows(lights)), None
+            return known._replace(colors=layer_windows(lights)), None
         if loaded.plate is None:
             return None
         own, behind = (times(array, self._longer) for array in self._radius.arrays)
         pictures = (loaded.color, loaded.plate.color)
-        lights = [Windows((*c.light, *c.planes[len(c.channels) :]), device) for c in pictures]
+        lights = [windows((*c.light, *c.planes[len(c.channels) :]), device) for c in pictures]
         lights, self.lights = lit(lights, len(loaded.color.light), lens)
         settings = self._settings(self._every)
         return layers_of(lights, pictures, (own, behind), settings, device)
@@ -263,7 +260,7 @@ class Streams:
             shown = np.logical_or.reduce([plane[rows] != 0 for plane in color.planes])
             known[rows] = np.isfinite(depth.metres[rows]) | shown
         return Behind(
-            Windows(color.planes, device),
-            Windows([times(radius, self._longer)], device, lone=True),
-            Windows([known], device, lone=True),
+            windows(color.planes, device),
+            lone_window(times(radius, self._longer), device),
+            lone_window(known, device),
         )

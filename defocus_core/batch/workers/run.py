@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
+from defocus_core.batch.datasets import update
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity, run_file
 from defocus_core.batch.journal.journal import Journal, Record, input_path, journal_path, read_all
@@ -58,6 +59,7 @@ class Summary:
     warnings: Counter[str] = field(default_factory=Counter)  # without their numbers
     seconds: float = 0.0
     interrupted: bool = False
+    withdrawn: set[str] = field(default_factory=set)  # samples taken out of the index of OUT
 
 
 def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener) -> Summary:
@@ -116,6 +118,8 @@ def _carried_out(
         plan.files.clear()
         if execution.shard is None and not execution.again:
             run_file.forget_shards(out)
+        changing = {job.sample_id for job, _ in plan.todo}
+        summary.withdrawn = update.withdraw(out, changing, alone=execution.shard is None)
         try:
             with Journal(journal_path(out, execution.shard)) as journal:
                 _Batch(

@@ -5,6 +5,7 @@ What the numbers of a file mean is a row of `table`, or said by the user.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -169,6 +170,9 @@ def require_valid(depth: Depth) -> None:
     what = "NaN or infinite" if depth.is_radius else "NaN or ≤ 0"
     problem = f"is {what} in {counted(count, 'pixel')}, the first at {first}"
     remedy = "fill the holes, and write inf for sky; or say ‹invalid› far, or fill"
+    if not depth.is_radius and count == math.prod(depth.metres.shape) and _is_behind(depth.metres):
+        problem = "has negative depth everywhere"
+        remedy = "if it is negative in front of the camera, as Houdini's Pz, say ‹depth-scale› -1"
     if depth.data_window:
         problem = f"{problem}; its data window is {depth.data_window} only"
         remedy = "render the whole display window, or give the colour alpha; or say ‹invalid› far"
@@ -180,6 +184,12 @@ def require_valid(depth: Depth) -> None:
             "or ‹invalid› far, or fill"
         )
     raise InputError("invalid-depth", problem, remedy, path=depth.path)
+
+
+def _is_behind(metres: Any) -> bool:
+    """Whether most depths are negative."""
+    behind = sum(int(np.count_nonzero(metres[rows] < 0)) for rows in bands(metres.shape))
+    return bool(2 * behind > math.prod(metres.shape))
 
 
 def _strided(samples: DepthNumbers, step: int) -> DepthNumbers:

@@ -219,7 +219,9 @@ def is_sky(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_] | Non
         sky: NDArray[np.bool_] = numbers <= np.float32(decoding.sky)
     else:
         with np.errstate(over="ignore"):  # a double beyond float32 is sky
-            sky = numbers.astype(np.float32, copy=False) >= np.float32(decoding.sky)
+            depths = numbers.astype(np.float32, copy=False)
+            ahead = -depths if decoding.scale < 0 else depths
+            sky = ahead >= np.float32(decoding.sky)
     for number in decoding.sky_numbers:
         sky |= numbers == number
     return sky

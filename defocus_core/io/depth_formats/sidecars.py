@@ -6,6 +6,7 @@ Also the metadata of the file itself: MoGe's text chunks, HEIC's and GDepth's pr
 from __future__ import annotations
 
 import configparser
+import json
 import math
 import re
 from collections.abc import Callable, Mapping
@@ -71,7 +72,7 @@ def facts_of(name: str, path: Path, metadata: Mapping[str, Any]) -> Facts | None
         for place in _PLACES[name](path):
             if place.is_file():
                 return _SIDECAR_READERS[name](place, path)
-    except (OSError, ValueError, KeyError, IndexError, configparser.Error) as error:
+    except (OSError, ValueError, KeyError, IndexError, TypeError, configparser.Error) as error:
         problem = f"does not say what {name} of {path.name} should ({reason(error)})"
         raise InputError("malformed", problem, _CHECK, path=place) from None
     return None
@@ -105,6 +106,23 @@ def _parameters(path: Path, _: Path) -> Facts:
     baseline = float(values["baseline_mm"]) / 1000
     focus = _positive(float(values["focus_distance_m"]))
     return Facts(path.name, _positive(focal), _positive(baseline), focal * baseline / focus)
+
+
+def _cityscapes(path: Path, _: Path) -> Facts:
+    """Cityscapes' camera/*.json; numbers are 256 times the disparity, and 1 more."""
+    camera = json.loads(_text(path))
+    focal, baseline = float(camera["intrinsic"]["fx"]), float(camera["extrinsic"]["baseline"])
+    return Facts(path.name, _positive(focal), _positive(baseline), -1 / 256)
+
+
+def _cityscapes_cameras(path: Path) -> list[Path]:
+    """Where the camera of disparity/SPLIT/CITY/STEM_disparity.png may lie."""
+    name = f"{path.stem.removesuffix('_disparity')}_camera.json"
+    places = [path.with_name(name)]
+    if len(path.parents) > 3:
+        split, city = path.parent.parent.name, path.parent.name
+        places.append(path.parents[3] / "camera" / split / city / name)
+    return places
 
 
 def _intrinsics(path: Path, depth: Path) -> Facts:
@@ -178,12 +196,14 @@ _METADATA_READERS: dict[str, Callable[[Mapping[str, Any]], Facts | None]] = {
 _SIDECAR_READERS: dict[str, Callable[[Path, Path], Facts]] = {
     "calib.txt": _calib,
     "parameters.cfg": _parameters,
+    "camera.json": _cityscapes,
     "intrinsics.txt": _intrinsics,
     "Extrinsics": _extrinsics,
 }
 _PLACES: dict[str, Callable[[Path], list[Path]]] = {
     "calib.txt": lambda path: [path.with_name("calib.txt")],
     "parameters.cfg": lambda path: [path.with_name("parameters.cfg")],
+    "camera.json": _cityscapes_cameras,
     "intrinsics.txt": lambda path: [
         path.with_name("intrinsics.txt"),
         path.parent.parent / "cam_data" / "intrinsics.txt",

@@ -9,6 +9,7 @@ import io
 import struct
 from typing import TYPE_CHECKING, Any
 
+from defocus_core.io.arrays import computed
 from defocus_core.io.exr.header import STRUCTURAL, Raw, header_bytes, read_attributes
 from defocus_core.io.exr.windows import Layout, Window
 from defocus_core.io.safe_files import quiet, written_whole
@@ -120,16 +121,6 @@ def as_half(plane: Any) -> Any:
     """An array [H, W] as half, clamped; itself if it is."""
     import numpy as np
 
-    return plane if plane.dtype == np.float16 else _Half(plane)
-
-
-class _Half:
-    """A float32 array [H, W] as half, clamped."""
-
-    def __init__(self, whole: Any) -> None:
-        import numpy as np
-
-        self._whole, self.shape, self.dtype = whole, whole.shape, np.dtype(np.float16)
-
-    def __getitem__(self, rows: slice) -> NDArray[np.float16]:
-        return clamped_half(self._whole[rows])[0]
+    if plane.dtype == np.float16:
+        return plane
+    return computed(lambda values: clamped_half(values)[0], plane, dtype=np.dtype(np.float16))

@@ -1,8 +1,8 @@
 """Colour spaces of files: what they declare, and the curves between their samples and light.
 
-sRGB (IEC 61966-2-1, exact), power laws and linear samples are decoded. Primaries stay as they are,
-since the blur does not depend on them. Another declaration, as an embedded profile or a curve of
-HDR television, is not applied, and a warning says so.
+sRGB (IEC 61966-2-1, exact), power laws, linear samples and ICC profiles of curves and a matrix are
+decoded. Primaries stay as they are, since the blur does not depend on them. Another declaration, as
+a profile of tables or a curve of HDR television, is not applied, and a warning says so.
 """
 
 from __future__ import annotations
@@ -10,6 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
+
+from defocus_core.io.images.icc import Profile, read_profile
+from defocus_core.io.images.primaries import REC_709, Chromaticities, primaries_name
 
 if TYPE_CHECKING:
     import numpy as np
@@ -28,17 +31,30 @@ class ColorSpace:
         gamma: exponent of the power law that decodes them, 1 for linear, None for sRGB.
         note: the same in words.
         unheeded: what the file declares that is not applied; empty if nothing.
+        profile: the ICC profile that decodes them instead; None if there is none.
     """
 
     gamma: float | None
     note: str
     unheeded: str
+    profile: Profile | None = None
+
+    @property
+    def primaries(self) -> Chromaticities:
+        """Those of the decoded light."""
+        return REC_709 if self.profile is None else self.profile.primaries
 
 
 def color_space(spec: Any) -> ColorSpace:
     """How the samples of an OpenImageIO ``spec`` are understood."""
     declared, gamma = _declared(spec)
     kind = str(spec.format)
+    named, profile = _profile(spec)
+    if profile is not None:
+        primaries = primaries_name(profile.primaries)
+        curve = f"profile '{named}'" if named else "its profile"
+        note = f"{_SAMPLES.get(kind, kind)}, decoded by {curve}, primaries {primaries}"
+        return ColorSpace(None, note, "", profile)
     if not declared:
         gamma = 1.0 if kind in _FLOATS else None
     curve = _CURVES.get(gamma) or f"the power {gamma:g}"
@@ -55,6 +71,15 @@ def _declared(spec: Any) -> tuple[bool, float | None]:
         return True, None
     power = spec.get_float_attribute("oiio:Gamma", 0.0)
     return power > 0, float(power)
+
+
+def _profile(spec: Any) -> tuple[str, Profile | None]:
+    """The name of the embedded profile, and what it says of R, G and B where it is not sRGB."""
+    name = str(spec.get_string_attribute("ICCProfile:profile_description"))
+    data = spec.getattribute("ICCProfile")
+    if data is None or "srgb" in name.lower() or spec.nchannels < 3:
+        return name, None
+    return name, read_profile(bytes(data))
 
 
 def _unheeded(spec: Any, *, declared: bool) -> str:
@@ -111,6 +136,7 @@ def linear_light(
     *,
     gamma: float | None,
     associated: bool,
+    profile: Profile | None = None,
 ) -> NDArray[np.float32]:
     """Linear light of the samples of a file, premultiplied by alpha if there is one.
 
@@ -119,6 +145,7 @@ def linear_light(
         alpha: [H, W, 1], 0…1.
         gamma: exponent of the power law that decodes them, 1 for linear, None for sRGB.
         associated: whether the samples are multiplied by alpha already.
+        profile: decodes them instead of the power law.
     """
     import numpy as np
 
@@ -126,8 +153,12 @@ def linear_light(
     if alpha is not None and associated and gamma != 1.0:
         # Such files were premultiplied after encoding, as editors do: undo that first.
         visible = np.where(alpha > 0, alpha, np.float32(1.0))
-        return _decoded(np.minimum(unit(colour) / visible, 1.0), gamma) * alpha
-    if colour.dtype.kind == "u":
+        straight = np.minimum(unit(colour) / visible, 1.0)
+        light = _decoded(straight, gamma) if profile is None else profile.light(straight)
+        return light * alpha
+    if profile is not None:
+        linear = profile.light(colour)
+    elif colour.dtype.kind == "u":
         linear = decoding_table(colour.dtype.itemsize * 8, gamma)[colour]
     else:
         linear = _decoded(colour, gamma)

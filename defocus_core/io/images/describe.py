@@ -109,7 +109,7 @@ def describe(path: Path) -> FileInfo:
     if is_heic(head):
         values = read_heic(path).values
         return _arrays(path, {"depth": (values.shape, values.dtype.name)}, at_once=True)
-    known = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
+    known = "EXR, PNG, JPEG, TIFF, WEBP, HDR, PFM or NPY"
     pages = read_pages(path, wanted=known)
     parts = tuple(
         PartInfo(p.page, "", tuple((name, p.type) for name in p.channels), p.deep, p.whole)

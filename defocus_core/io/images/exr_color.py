@@ -15,6 +15,12 @@ from defocus_core.io.exr.views import default_warning, in_view
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.exr_channels import ChannelGroup, choose_color, light_passes
+from defocus_core.io.images.primaries import (
+    REC_709,
+    declared_primaries,
+    primaries_name,
+    same_primaries,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -101,10 +107,12 @@ def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
     view = f"view {header.shown}" if header.shown else ""
     chroma = "luminance and chroma" if "RY" in chosen.channels else ""
     kind = f"EXR {' and '.join(sorted(kinds))}, linear"
+    declared = declared_primaries(header.attributes)
+    primaries = "" if same_primaries(declared, REC_709) else f"primaries {primaries_name(declared)}"
     aspect = _aspect(header)
     pixels = "" if aspect == 1 else f"pixels {aspect:g} times as wide as high"
     return ", ".join(
-        filter(None, (kind, view, chroma, pixels, header.cut_note(overscan), thumbnail))
+        filter(None, (kind, primaries, view, chroma, pixels, header.cut_note(overscan), thumbnail))
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
@@ -37,8 +38,9 @@ from defocus_core.renderer.layers.ladder import SHARP, evenly, layers, rungs
 from defocus_core.renderer.layers.octaves import kept_apart, turns
 from defocus_core.renderer.layers.quality import Quality
 from defocus_core.renderer.layers.stacked_samples import Layered
+from defocus_core.tensors.device_plan import launches_cost, tile_pixels
 from defocus_core.tensors.source import Pixels
-from defocus_core.tensors.tiling import BLOCK, grid_over, largest, regions
+from defocus_core.tensors.tiling import BLOCK, Grid, few_tiles, grid_over, largest, regions
 
 # The scene goes on beyond the frame as far as its light reaches, but by no more px than this or the
 # side of the frame.
@@ -102,12 +104,11 @@ def frame_of(
     coarse = _at_resolution(radii, numbers, quality, most, halvings)
     farthest = max(fine.reaches + coarse.reaches if content.edges else fine.reaches)
     margin = _margin(farthest, edges=content.edges, highlights=survey.brightest > content.limit)
-    grid = grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
-    tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
-    pair = settings.dual_pixel if settings.left_right else None
-    count = quality.parts if settings.field is None else 1  # the rim would clip others away
-    division = Division.of(settings.aperture, count, pair)
+    division = _division(settings, quality)
     dtype = torch.float64 if needs_double(survey, content.limit) else dtype
+    sample = (pixels.shape[0] + 1 + (layered is not None)) * dtype.itemsize
+    grid = _grid_of(settings, size, pixels.device, numbers, sample * len(division.parts))
+    tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
     slicing = partial(
         _slicing, radii, (tile, region), settings.aperture, division.parts, dtype, pixels.device
     )
@@ -125,6 +126,37 @@ def frame_of(
         slices,
         division,
     )
+
+
+def _division(settings: Settings, quality: Quality) -> Division:
+    """The parts of the aperture."""
+    count = quality.parts if settings.field is None else 1  # the rim would clip others away
+    pair = settings.dual_pixel if settings.left_right else None
+    return Division.of(settings.aperture, count, pair)
+
+
+def _grid_of(
+    settings: Settings,
+    size: tuple[int, int],
+    device: torch.device,
+    layer_of: list[int],
+    bytes_each: int,
+) -> Grid:
+    """The tiles of a frame of a (height, width).
+
+    Args:
+        settings: The options.
+        size: Of the frame.
+        device: Of the picture.
+        layer_of: For each slice the number of its layer.
+        bytes_each: Bytes of the colours and the coverage of a pixel, for all parts of the aperture.
+    """
+    if settings.tile is not None or not launches_cost(device):
+        return grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
+    # blurred layers, the slices of one with their transforms, and the pictures that they are of
+    layers = Counter(layer_of)
+    copies = len(layers) + 4 * max(layers.values()) + 10
+    return grid_over(*size, few_tiles(*size, tile_pixels(device, bytes_each * copies)))
 
 
 class _Resolution(NamedTuple):

@@ -55,7 +55,7 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
     Raises:
         ValueError: If a value is not finite, a radius beyond 1e8 px, or light beyond `BRIGHTEST`.
     """
-    H, W = signed_radius.shape
+    W = signed_radius.shape[1]
 
     def band_statistics(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
         """Statistics of radii, the least and greatest value of colours, counts of brightness."""
@@ -65,7 +65,7 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
         return radii, torch.stack([band.amin(), brightness.amax()]), counted(brightness)
 
     radius_ends, color_ends, counts = [], [], torch.zeros((), dtype=torch.long)
-    for radii, pair, band_counts in threaded(band_statistics, bands(H, W), threads):
+    for radii, pair, band_counts in threaded(band_statistics, bands(pixels), threads):
         radius_ends.append(radii)
         color_ends.append(pair)
         counts = band_counts + counts
@@ -103,7 +103,7 @@ def border_ends(signed_radius: Pixels) -> tuple[float, float]:
     """The least and the greatest signed radius [H, W] on the edge of the frame."""
     H, W = signed_radius.shape
     lines = [signed_radius[:1], signed_radius[H - 1 :]]
-    for first, last in bands(H, W):
+    for first, last in bands(signed_radius):
         lines += [signed_radius[first:last, :1], signed_radius[first:last, W - 1 :]]
     least, most = ends_of(torch.cat([line.detach().flatten() for line in lines])).tolist()
     return least, most

@@ -35,16 +35,14 @@ def structure(half: PyramidLevel) -> PyramidLevel:
     Args:
         half: Linear colour and radius in px, at half of the resolution.
     """
-    radius = half.first.most.index_fill(0, half.edges, torch.nan)
+    radius = torch.where(half.edges, torch.nan, half.first.most)
     picture, r = (x.reshape(*x.shape[:-1], *half.size) for x in (half.first.values, radius))
     x, y = (_slope(picture[:-1], r, dim) for dim in (-1, -2))
     tensor = torch.stack([(x * x).sum(0), (x * y).sum(0), (y * y).sum(0)])
-    first = half.first._replace(values=torch.cat([picture, tensor]).flatten(1))
     second = half.second
     if second is not None:  # a second sheet has too few pixels for slopes
-        tensor = second.values.new_zeros(3, len(second.most))
-        second = second._replace(values=torch.cat([second.values, tensor]))
-    return half._replace(first=first, second=second)
+        second = second.with_values(second.data.new_zeros(3, len(second.most)))
+    return half._replace(first=half.first.with_values(tensor.flatten(1)), second=second)
 
 
 def _slope(values: Tensor, r: Tensor, dim: int) -> Tensor:

@@ -17,6 +17,7 @@ from torch import Tensor
 
 from defocus_core.depth.edge_surfaces import (
     AT_ONCE,
+    BYTES_EACH,
     EDGE,
     MIDDLE,
     Around,
@@ -26,6 +27,7 @@ from defocus_core.depth.edge_surfaces import (
     share_deviation,
     side_of,
 )
+from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.neighbourhoods import extreme_around, halfway
 from defocus_core.tensors.sparse_masks import exceeding, places_of
 
@@ -88,7 +90,7 @@ def unmixed(image: Tensor, signed_radius: Tensor, *, uncertain: bool = False) ->
     border, deviation = halfway(nearest, farthest), _UNCERTAIN if uncertain else _EXPECTED
     chunks = [
         _taken_apart(image, signed_radius, edge, border, at, deviation)
-        for at in torch.split(places, AT_ONCE)
+        for at in torch.split(places, pieces(places.device, AT_ONCE, BYTES_EACH))
     ]
     at, own, share, fringe_at, fringe, fringe_radius = map(torch.cat, zip(*chunks, strict=True))
     index = at[:, 0] * edge.shape[1] + at[:, 1]

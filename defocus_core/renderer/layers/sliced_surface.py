@@ -17,12 +17,13 @@ from defocus_core.renderer.layers.planar_slices import Planes
 from defocus_core.renderer.layers.samples import SurfaceSamples
 from defocus_core.tensors.box import Box, Span
 from defocus_core.tensors.continuing import continue_edges, level_beyond, places_continued
+from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.pyramid import Axis, averaged
 from defocus_core.tensors.tiling import BLOCK, Grid
 
 # Rows of samples averaged at once are a multiple of _BAND, of about _AREA samples: they stay in a
-# cache.
-_BAND, _AREA = 64, 1 << 16
+# cache of a CPU. Bytes that a sample takes elsewhere.
+_BAND, _AREA, _BYTES_EACH = 64, 1 << 16, 120
 
 
 class _SampleSheet(NamedTuple):
@@ -284,7 +285,8 @@ class Surface:
     def _bands(self, rung: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
         """Rectangles that cover a slice once; they begin multiples of `step` from the middle."""
         bounds, width = self.bounds([rung]), self._own.width
-        rows = max(step, _AREA // max(bounds.width, 1) // _BAND * _BAND, _BAND)
+        area = pieces(self._places.device, _AREA, _BYTES_EACH)
+        rows = max(step, area // max(bounds.width, 1) // _BAND * _BAND, _BAND)
         whole = _aligned(bounds, rows, middle)
         for top in range(whole.top, whole.top + whole.height, rows):
             band = Box(top, 0, rows, width).grown(0, self._own)

@@ -12,7 +12,7 @@ import torch
 from elsewhere import NAME, elsewhere, here, there
 from torch import Tensor
 
-from defocus_core.io.arrays import Windows, to_array, to_device
+from defocus_core.batch.sources import to_array, to_device, windows
 
 VALUES = np.arange(12, dtype=np.float32).reshape(3, 4)
 
@@ -27,7 +27,7 @@ def test_arrays_come_back_as_they_were() -> None:
 
 def test_windows_are_read_onto_the_device() -> None:
     with elsewhere():
-        seen = Windows([VALUES, 2 * VALUES], NAME)[..., 1:, 2:]
+        seen = windows([VALUES, 2 * VALUES], NAME)[..., 1:, 2:]
     assert np.array_equal(here(seen), np.stack([VALUES, 2 * VALUES])[:, 1:, 2:])
 
 
