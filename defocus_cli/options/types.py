@@ -12,7 +12,7 @@ import click
 from defocus_core.batch.jobs.output_kinds import FORMAT_ALIASES, SUFFIXES
 from defocus_core.batch.lenses.parameters import Param
 from defocus_core.batch.lenses.quantities import read_at
-from defocus_core.errors import UsageProblem, with_dashes
+from defocus_core.errors import Place, UsageProblem, with_dashes
 from defocus_core.reports.replaceable import refuse_other
 
 Command = Callable[..., Any]
@@ -26,6 +26,12 @@ def option_name(param: click.Parameter | None) -> str:
     return param.human_readable_name if param else "command line"
 
 
+def place_of(param: click.Parameter | None) -> Place:
+    """The place of an option or argument, for errors."""
+    name = option_name(param)
+    return Place(field=name[2:]) if name.startswith("--") else Place(name)
+
+
 class FilePath(click.ParamType[Path]):
     """A path; whether anything is there, and of use, is asked when it is opened."""
 
@@ -34,7 +40,7 @@ class FilePath(click.ParamType[Path]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """A path that is not empty, as ``"$UNSET"`` would be."""
         if not str(value):
-            raise UsageProblem("empty", "is empty", "give a path", path=option_name(param))
+            raise UsageProblem("empty", "is empty", "give a path", path=place_of(param))
         return Path(value)
 
 
@@ -60,7 +66,7 @@ class Quantity(click.ParamType[Any]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Parse ``value``; what is parsed already passes."""
-        return read_at(option_name(param), self.parse, value) if isinstance(value, str) else value
+        return read_at(place_of(param), self.parse, value) if isinstance(value, str) else value
 
 
 class Listed(click.ParamType[tuple[Any, ...]]):
@@ -90,7 +96,7 @@ class Listed(click.ParamType[tuple[Any, ...]]):
             except ValueError:
                 problem = f"'{word.strip()}' is no {self.name}"
                 remedy = f"write like {self.example}"
-                raise UsageProblem("malformed", problem, remedy, path=option_name(param)) from None
+                raise UsageProblem("malformed", problem, remedy, path=place_of(param)) from None
         return tuple(dict.fromkeys(values))
 
 

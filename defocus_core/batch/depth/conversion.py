@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Place:
+class DepthTarget:
     """A depth file, the EXR to write, and its preview if there is to be one."""
 
     file: Path
@@ -44,14 +44,14 @@ class Converted:
         warnings: what was taken for granted, and what tells of another format.
     """
 
-    place: Place
+    place: DepthTarget
     depth: Depth
     range_m: tuple[float, float] | None
     sky: int
     warnings: tuple[str, ...]
 
 
-def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[Place]:
+def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarget]:
     """Where each file goes: to OUT itself if that ends in .exr, else to OUT/<stem>.exr.
 
     Raises:
@@ -70,12 +70,12 @@ def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[Place]:
             problem = f"would be written to {target}, and so would {first[target]}"
             raise UsageProblem("duplicate", problem, "convert them to two directories", path=file)
     return [
-        Place(file, target, target.with_suffix(".preview.png") if preview else None)
+        DepthTarget(file, target, target.with_suffix(".preview.png") if preview else None)
         for file, target in zip(files, outs, strict=True)
     ]
 
 
-def refuse_existing(wanted: Sequence[Place], *, overwrite: bool) -> None:
+def refuse_existing(wanted: Sequence[DepthTarget], *, overwrite: bool) -> None:
     """Refuse to replace files, unless that is asked for; an input is never replaced.
 
     Raises:
@@ -96,7 +96,7 @@ def refuse_existing(wanted: Sequence[Place], *, overwrite: bool) -> None:
                 )
 
 
-def convert(place: Place, reading: Reading) -> Converted:
+def convert(place: DepthTarget, reading: Reading) -> Converted:
     """Read a depth file and write it as EXR.
 
     Raises:

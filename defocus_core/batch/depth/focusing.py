@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from defocus_core.batch.depth.matching import matched
 from defocus_core.batch.depth.radii import MM_PER_M, signed_radius
 from defocus_core.batch.jobs.job import Machine
-from defocus_core.batch.jobs.lens_from_options import at, refuse_near_focus
+from defocus_core.batch.jobs.lens_from_options import refuse_near_focus
 from defocus_core.batch.jobs.random_lenses import drawn_lens
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.quantities import Percentile, length_text
@@ -44,7 +44,7 @@ def focused(lens: Lens, depth: Depth) -> Lens:
                 raise
             rejected = error
     problem = f"{rejected.problem}, with the last of {ATTEMPTS} lenses drawn for it"
-    raise Rejected(rejected.code, problem, rejected.remedy, path=rejected.subject)
+    raise Rejected(rejected.code, problem, rejected.remedy, path=rejected.place)
 
 
 def _focused_once(lens: Lens, depth: Depth) -> Lens:
@@ -60,7 +60,7 @@ def _focused_once(lens: Lens, depth: Depth) -> Lens:
 
 def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
     (x, y), (width, height) = pixel, depth.size
-    option = at(lens.focus_source, "focus-at")
+    option = lens.focus_source.at("focus-at")
     if not (0 <= x < width and 0 <= y < height):
         raise UsageProblem(
             "out-of-range",
@@ -74,7 +74,7 @@ def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
         problem = f"{x},{y} has an alpha of 0 in {depth.path}, and nothing to focus on"
         raise UsageProblem("no-valid-depth", problem, "give a pixel of the element", path=option)
     foc_dist = float(depth.metres[place][0, 0]) * MM_PER_M
-    refuse_near_focus(foc_dist, lens.foclen, f"{option}: {depth.path} at {x},{y}")
+    refuse_near_focus(foc_dist, lens.foclen, option, f"{depth.path} at {x},{y}: ")
     return foc_dist
 
 

@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_core.batch.jobs.job import Reading
-from defocus_core.batch.jobs.lens_from_options import at
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.sources import lone_window, windows
 from defocus_core.errors import InputError, UsageProblem, reason
@@ -169,7 +168,7 @@ def thin_lens_of(lens: Lens, size: tuple[int, int]) -> DefocusLens:
         thin_lens.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
         thin_lens.sharp_range = lens.sharp_range
     except ValueError as error:
-        option = at(lens.focus_source, "focus")
+        option = lens.focus_source.at("focus")
         raise UsageProblem(
             "out-of-range", reason(error), "check the lens options", path=option
         ) from error

@@ -139,7 +139,7 @@ def _reading(section: Table, lens: Table, machine: Table) -> Reading:
             )
         repair = {"depth-repair": machine.values["depth-repair"]}
         values |= reading_values(repair, machine.place)
-    return make_reading(values, lens_file_reading(lens_file_of(lens)), section.place("edge-width"))
+    return make_reading(values, lens_file_reading(lens_file_of(lens)), section.place())
 
 
 def _outputs(section: Table, outputs: Outputs) -> Outputs:

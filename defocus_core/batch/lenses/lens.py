@@ -10,6 +10,7 @@ from typing import Any
 
 from defocus_core.batch.lenses.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
 from defocus_core.batch.lenses.quantities import Percentile, length_text
+from defocus_core.errors import CALLER, Place
 
 
 @dataclass(frozen=True)
@@ -67,8 +68,8 @@ class Lens:
     noise_seed: int = 0
     radii_px: tuple[float, float, float] | None = None  # mean, median, 99th percentile of the blur
     draw: Draw | None = None  # of a random lens; another can be drawn from it
-    # How errors about its focus begin: the file that sets it, if one does.
-    focus_source: str = field(default="", compare=False)
+    # Where its focus stands, for errors.
+    focus_source: Place = field(default=CALLER, compare=False)
 
     @property
     def effects(self) -> dict[str, Any]:
