@@ -49,6 +49,8 @@ def focused(lens: Lens, depth: Depth) -> Lens:
 
 def _focused_once(lens: Lens, depth: Depth) -> Lens:
     """The lens with the focus distance that the depth decides, and the f-number if it does."""
+    if lens.blur is not None:
+        return lens if lens.focus_at is None else _on_number(lens, lens.focus_at, depth)
     if lens.radii_px is not None:
         return matched(lens, depth)
     if lens.focus_at is not None:
@@ -58,7 +60,26 @@ def _focused_once(lens: Lens, depth: Depth) -> Lens:
     return lens
 
 
+def _on_number(lens: Lens, pixel: tuple[int, int], depth: Depth) -> Lens:
+    """The lens with the number of a pixel of relative disparity in focus."""
+    number = float(depth.metres[_place_of(lens, pixel, depth)][0, 0])
+    return dataclasses.replace(lens, focus_value=number)
+
+
 def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
+    """The depth in mm of a pixel.
+
+    Raises:
+        UsageProblem: it lies outside the picture, has nothing to focus on, or is too near.
+    """
+    foc_dist = float(depth.metres[_place_of(lens, pixel, depth)][0, 0]) * MM_PER_M
+    at = f"{depth.path} at {pixel[0]},{pixel[1]}: "
+    refuse_near_focus(foc_dist, lens.foclen, lens.focus_source.at("focus-at"), at)
+    return foc_dist
+
+
+def _place_of(lens: Lens, pixel: tuple[int, int], depth: Depth) -> tuple[slice, slice]:
+    """Row and column of a pixel of the picture, which must show something."""
     (x, y), (width, height) = pixel, depth.size
     option = lens.focus_source.at("focus-at")
     if not (0 <= x < width and 0 <= y < height):
@@ -73,9 +94,7 @@ def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
     if depth.nothing is not None and depth.nothing[place].any():
         problem = f"{x},{y} has an alpha of 0 in {depth.path}, and nothing to focus on"
         raise UsageProblem("no-valid-depth", problem, "give a pixel of the element", path=option)
-    foc_dist = float(depth.metres[place][0, 0]) * MM_PER_M
-    refuse_near_focus(foc_dist, lens.foclen, option, f"{depth.path} at {x},{y}: ")
-    return foc_dist
+    return place
 
 
 def _at_percentile(lens: Lens, depth: Depth) -> float:
@@ -113,7 +132,9 @@ def _within_max_coc(lens: Lens, depth: Depth) -> Lens:
     if not ends.size:
         return lens
     extremes = np.array([ends.min(), ends.max()])
-    if not depth.is_radius:
+    if lens.blur is not None:
+        extremes = np.array([lens.blur])
+    elif not depth.is_radius:
         extremes = signed_radius(lens, extremes, depth.size)
     radius = float(np.abs(extremes).max())
     if radius > lens.max_coc:

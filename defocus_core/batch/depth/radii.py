@@ -35,12 +35,14 @@ class Radii(NamedTuple):
         ends: the least and the greatest of them, of what is there.
         infinity: of what is infinitely far; None where the file holds radii.
         scale: px for a disparity of 1 per mm; 1 where the file holds radii.
+        clamped: how many were larger than the lens lets them be.
     """
 
     px: Any
     ends: tuple[float, float]
     infinity: float | None
     scale: float
+    clamped: int = 0
 
     def repaired(
         self,
@@ -98,11 +100,19 @@ def radii_of(lens: Lens, depth: Depth, keeping: Keeping = IN_MEMORY) -> Radii:
     """The radii of a whole frame; those of a file of radii as they are.
 
     Raises:
-        InputError: a depth is so near, or the focus, that no frame would hold the blur.
+        InputError: a depth is so near, or the focus, that no frame would hold the blur; or all of a
+            relative disparity is in focus.
         UsageProblem: there is no such lens, or its blur is beyond all numbers.
     """
+    radii = _radii_of(lens, depth, keeping)
+    return radii if lens.clamp_blur is None else _clamped(radii, lens.clamp_blur, depth, keeping)
+
+
+def _radii_of(lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
     import torch
 
+    if lens.blur is not None:
+        return _relative(lens.blur, lens, depth, keeping)
     if depth.is_radius:
         ends = _ends_of_file(depth)
         return Radii(_with_nothing(depth.metres, ends[1], depth), ends, None, 1.0)
@@ -122,6 +132,58 @@ def radii_of(lens: Lens, depth: Depth, keeping: Keeping = IN_MEMORY) -> Radii:
     near = float(thin_lens.signed_radius(torch.tensor([MM_PER_M], dtype=torch.float64)))
     scale = (infinity - near) * MM_PER_M
     return Radii(_with_nothing(whole, ends[1], depth), ends, infinity, scale)
+
+
+def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
+    """The radii of relative disparity, of which the largest is ``blur`` px.
+
+    Raises:
+        InputError: all of it is in focus.
+    """
+    import torch
+
+    from defocus_core.depth.conversion import radius_from_relative_disparity
+
+    assert lens.focus_value is not None
+    of_bands = [depth.something(rows) for rows in bands(depth.metres.shape)]
+    least = min((float(numbers.min()) for numbers in of_bands if numbers.size), default=0.0)
+    most = max((float(numbers.max()) for numbers in of_bands if numbers.size), default=0.0)
+    reach = max(abs(lens.focus_value - least), abs(lens.focus_value - most))
+    if not reach:
+        problem = f"has the number {least:g} everywhere, which is in focus"
+        remedy = "give the depth of the picture, or another ‹focus-value›"
+        raise InputError("no-valid-depth", problem, remedy, path=depth.path)
+    largest = -blur if depth.inverted else blur
+    whole = keeping.new(depth.metres.shape, "float32")
+    for rows in bands(depth.metres.shape):
+        disparity = torch.from_numpy(depth.metres[rows].astype("float64"))
+        radius = radius_from_relative_disparity(disparity, lens.focus_value, largest, reach)
+        whole[rows] = radius.float().numpy()
+    ends = sorted(largest * (lens.focus_value - number) / reach for number in (least, most))
+    return Radii(_with_nothing(whole, ends[1], depth), (ends[0], ends[1]), None, 1.0)
+
+
+def _clamped(radii: Radii, limit: float, depth: Depth, keeping: Keeping) -> Radii:
+    """The radii of which none is larger than ``limit`` px."""
+    import numpy as np
+
+    clamped, whole = (
+        0,
+        keeping.new(radii.px.shape, "float32"),
+    )  # those of a file are other jobs', too
+    for rows in bands(radii.px.shape):
+        larger = np.abs(radii.px[rows]) > np.float32(limit)
+        if depth.nothing is not None:
+            larger &= ~depth.nothing[rows]
+        clamped += int(np.count_nonzero(larger))
+        whole[rows] = np.clip(radii.px[rows], -limit, limit)
+
+    def within(radius: float) -> float:
+        return min(max(radius, -limit), limit)
+
+    infinity = None if radii.infinity is None else within(radii.infinity)
+    ends = within(radii.ends[0]), within(radii.ends[1])
+    return radii._replace(px=whole, ends=ends, infinity=infinity, clamped=clamped)
 
 
 def signed_radius(

@@ -23,7 +23,13 @@ from typing import Any
 from defocus_core.batch.jobs.reading_options import READING_OPTIONS
 from defocus_core.batch.jobs.toml_file import read_toml, refuse_unknown
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.parameters import ALTERNATIVES, LENS_OPTIONS, SHAPES, LensParam
+from defocus_core.batch.lenses.parameters import (
+    ALTERNATIVES,
+    BESIDE_BLUR,
+    LENS_OPTIONS,
+    SHAPES,
+    LensParam,
+)
 from defocus_core.batch.lenses.quantities import Percentile, length_text, read_at, text_of
 from defocus_core.errors import CALLER, Place, UsageProblem
 
@@ -82,11 +88,14 @@ def make_lens(
     options = {name: value for name, value in flags.items() if value is not None}
     refuse_contradiction(options, CALLER)
     stored = {} if file is None else read_lens_file(file)
-    if radii:
-        refuse_optics(options, CALLER)
-        stored = shape_of(stored)
+    in_pixels = "blur" in options or "blur" in stored
+    if radii or in_pixels:
+        refuse_optics(options, CALLER, in_pixels=in_pixels)
+        stored = shape_of(stored, in_pixels=in_pixels)
     values = merged({name: parsed(name, text) for name, text in stored.items()}, options)
-    if not radii:
+    if in_pixels:
+        refuse_unfocused(values, CALLER)
+    elif not radii:
         refuse_missing(values, CALLER, lacking)
     for name in values:
         source = CALLER if name in options else Place(file)
@@ -161,18 +170,39 @@ def refuse_missing(values: Mapping[str, Any], source: Place, lacking: Path | Non
         raise UsageProblem("missing-option", problem, remedy, path=source.at(name))
 
 
-def refuse_optics(names: Iterable[str], source: Place) -> None:
-    """Raise UsageProblem if an option decides the radii, which the depth files hold themselves."""
+def refuse_unfocused(values: Mapping[str, Any], source: Place) -> None:
+    """Raise UsageProblem if nothing says what is in focus beside a blur in pixels."""
+    if not values.keys() & {"focus-at", "focus-value"}:
+        problem, remedy = "says not what is in focus", "add ‹focus-at› X,Y or ‹focus-value› NUMBER"
+        raise UsageProblem("missing-option", problem, remedy, path=source.at("blur"))
+
+
+def refuse_optics(names: Iterable[str], source: Place, *, in_pixels: bool = False) -> None:
+    """Raise UsageProblem if an option decides the radii, which something else decides already.
+
+    Args:
+        names: of the options.
+        source: where they stand.
+        in_pixels: whether a blur in pixels decides them, else the depth files hold them.
+    """
     for name in names:
+        if in_pixels and name not in BESIDE_BLUR:
+            problem = "changes nothing beside blur, which is no lens"
+            raise UsageProblem(
+                "contradiction", problem, "leave one of them out", path=source.at(name)
+            )
+        if in_pixels:
+            continue
         if LENS_OPTIONS[name].is_optics:
             problem = "changes nothing: with depth-format coc, the files hold the radii"
             remedy = f"leave it out; {', '.join(SHAPES)} shape the opening"
             raise UsageProblem("idle-option", problem, remedy, path=source.at(name))
 
 
-def shape_of(options: Mapping[str, Any]) -> dict[str, Any]:
-    """The options that shape the opening."""
-    return {name: value for name, value in options.items() if not LENS_OPTIONS[name].is_optics}
+def shape_of(options: Mapping[str, Any], *, in_pixels: bool) -> dict[str, Any]:
+    """The options that shape the opening, and the focus beside a blur in pixels."""
+    kept = BESIDE_BLUR if in_pixels else SHAPES
+    return {name: value for name, value in options.items() if name in kept}
 
 
 def refuse_idle(row: LensParam, value: Callable[[str], object], source: Place) -> None:

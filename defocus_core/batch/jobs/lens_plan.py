@@ -25,6 +25,7 @@ from defocus_core.batch.jobs.lens_from_options import (
     refuse_missing,
     refuse_near_focus,
     refuse_optics,
+    refuse_unfocused,
     shape_of,
 )
 from defocus_core.batch.jobs.random_lenses import (
@@ -139,11 +140,14 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
     _refuse_taken(own, taken, lens.place())
     file = lens_file_of(lens)
     stored = {} if file is None else read_lens_file(file)
+    swept = [name for point in points for name in point.options]
+    in_pixels = "blur" in {*stored, *own, *swept, *sampling.options}
     if radii:
         refuse_optics(own, lens.place())
-        refuse_optics((name for point in points for name in point.options), sweep.place())
+        refuse_optics(swept, sweep.place())
         refuse_optics(sampling.options, sample.place())
-        stored = shape_of(stored)
+    if radii or in_pixels:
+        stored = shape_of(stored, in_pixels=in_pixels)
     if sampling.match is not None:
         _refuse_beside_match(lens, sweep, sample, points, radii=radii)
         stored = {name: text for name, text in stored.items() if name not in MATCHED}
@@ -198,7 +202,10 @@ def _max_coc(lens: Table, sample: Table) -> float | None:
 
 def _check_lens(options: Mapping[str, str], source: Place, *, radii: bool, matched: bool) -> None:
     """Refuse a lens without a required option, with a useless one, or that may focus too near."""
-    if not radii:
+    if "blur" in options:
+        refuse_optics(options, source, in_pixels=True)
+        refuse_unfocused(options, source)
+    elif not radii:
         found = dict.fromkeys(("fnumber", "focus"), "") if matched else {}
         refuse_missing({**options, **found}, source)
         nearest = min(_distances(options, "focus"), default=math.inf)

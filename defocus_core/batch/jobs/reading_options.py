@@ -217,6 +217,13 @@ _ROWS = (
         )
     ),
     ReadingParam(
+        name="invert",
+        flag=True,
+        parse=str,
+        help="Black is near in a depth of relative disparity; with ‹blur›.",
+        of_pictures=True,
+    ),
+    ReadingParam(
         name="fov",
         parse=field_of_view,
         metavar="DEG",

@@ -257,6 +257,41 @@ _ROWS = (
         is_matched=True,
     ),
     LensParam(
+        name="blur",
+        parse=quantities.pixel_count,
+        metavar="PX",
+        help="Radius of the most blurred pixel, like 40px, instead of a lens: the depth is "
+        "relative disparity of any scale, white near; ‹focus-at› or ‹focus-value› says what is in "
+        "focus.",
+        tag="blur",
+        example="40px",
+        unit="px",
+        even_in="log",
+    ),
+    LensParam(
+        name="focus-value",
+        parse=quantities.number,
+        metavar="NUMBER",
+        help="The number of the depth file that is in focus, like 128; with ‹blur›.",
+        tag="value",
+        example="128",
+        even_in="steps",
+        needs="blur",
+        idle="is in focus with a blur in pixels only",
+        instead_of="focus-at",
+    ),
+    LensParam(
+        name="clamp-blur",
+        parse=quantities.pixel_count,
+        metavar="PX",
+        help="No radius is larger than this, like 60px; how many were is said.  "
+        "[default: no limit]",
+        tag="clamp",
+        example="60px",
+        unit="px",
+        even_in="log",
+    ),
+    LensParam(
         name="cat-eye",
         parse=quantities.rim,
         metavar="SIZE:DISTANCE",
@@ -425,6 +460,7 @@ _ROWS = (
 LENS_OPTIONS: Mapping[str, LensParam] = {row.name: row for row in _ROWS}
 ALTERNATIVES = tuple((row.instead_of, row.name) for row in _ROWS if row.instead_of)
 SHAPES = tuple(row.name for row in _ROWS if not row.is_optics)
+BESIDE_BLUR = frozenset({*SHAPES, "focus-at"})  # what has an effect where the blur is in pixels
 # The options by their keys in records: those of any lens, and those of effects that are on.
 RECORDED = {row.recorded_as: row for row in _ROWS if row.recorded_as and not row.instead_of}
 EFFECT_OPTIONS = {

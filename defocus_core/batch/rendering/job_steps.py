@@ -7,6 +7,7 @@ from collections.abc import Callable
 from defocus_core.batch.depth.focusing import quality_of
 from defocus_core.batch.depth.implausible import implausible
 from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.rendering.inputs import Inputs, load_inputs
 from defocus_core.batch.rendering.memory_budget import base_mb
 from defocus_core.batch.rendering.render_picture import with_views
@@ -17,6 +18,7 @@ from defocus_core.errors import InputError, UsageProblem
 from defocus_core.system import memory
 from defocus_core.system.interrupts import put_off
 from defocus_core.system.process import imports
+from defocus_core.system.text import counted
 
 __all__ = ["choose_device", "compute", "load", "load_inputs", "prepare"]
 
@@ -65,10 +67,17 @@ def prepare(job: Job, inputs: Inputs) -> Rendered:
         radii=radii,
         device=choose_device(job.machine.device),
         quality=quality_of(job.machine, radii.ends),
-        warnings=(*likely, *inputs.warnings),
+        warnings=(*likely, *_clamp_words(lens, radii.own.clamped), *inputs.warnings),
         decided=decided,
         shot_note=decided_words(job.shot, decided),
     )
+
+
+def _clamp_words(lens: Lens, clamped: int) -> tuple[str, ...]:
+    """What became of radii that are too large; nothing where none is."""
+    if not clamped or lens.clamp_blur is None:
+        return ()
+    return (f"radius of {counted(clamped, 'pixel')} clamped to {lens.clamp_blur:g} px",)
 
 
 def load() -> None:

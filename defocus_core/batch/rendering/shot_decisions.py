@@ -58,7 +58,8 @@ def shot_focused(job: Job, depth: Depth, *, deep: bool = False) -> Lens:
 
 def is_found(lens: Lens) -> bool:
     """Whether the depth decides where the focus of a lens lies."""
-    return lens.focus_at is not None or lens.focus_percentile is not None
+    by_depth = lens.focus_at is not None or lens.focus_percentile is not None
+    return by_depth and lens.blur is None  # its numbers may be of another scale in each frame
 
 
 def _mean_focus(frames: Sequence[FrameLens], job: Job) -> float:

@@ -49,6 +49,7 @@ class Depth:
         overscan: pixels beyond the picture shown.
         nothing: where the colour is an element's and holds nothing, bool [H, W]; None if nowhere.
             The depth is inf there, a radius 0.
+        inverted: of relative disparity, whether black is near.
     """
 
     metres: Any
@@ -64,6 +65,7 @@ class Depth:
     data_window: str = ""
     overscan: Overscan = NO_OVERSCAN
     nothing: Any = None
+    inverted: bool = False
 
     @property
     def size(self) -> tuple[int, int]:
@@ -154,6 +156,7 @@ def read_depth(
         named=reading.depth_format is not None,
         data_window=samples.data_window,
         overscan=overscan,
+        inverted=reading.invert is not None,
     )
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
 

@@ -51,6 +51,9 @@ def resolved(
         UsageProblem: an option is missing, or two declarations contradict each other.
         InputError: a sidecar cannot be understood, or the type of file has no custom.
     """
+    if reading.relative:
+        near = "black" if reading.invert else "white"
+        return Decoding("radius", words=f"relative disparity, {near} near")
     row = reading.row
     facts = facts_of(row.sidecar, path, samples.metadata) if row.sidecar else None
     declared = Declared(path, reading, row, samples, facts)

@@ -76,7 +76,6 @@ def depth_figures(
     import numpy as np
 
     from defocus_core.batch.depth.focusing import focused
-    from defocus_core.batch.depth.radii import signed_radius
     from defocus_core.batch.depth.repair_words import repair_record, repair_words
 
     depth = _read(path, reading, keeping, lens, color)
@@ -101,7 +100,7 @@ def depth_figures(
         lens = focused(lens, depth)
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
         extremes = np.array([min(ends), max(ends)], np.float32)
-        coc_px = [float(r) for r in signed_radius(lens, extremes, depth.size)]
+        coc_px = _ends_px(lens, extremes, depth, keeping)
         if not invalid:
             repair, warnings = _repair(depth, lens, reading, keeping)
     return depth.note, {
@@ -151,6 +150,15 @@ def _repair(
         warnings = implausible_radii(depth, radii.px, radii.ends, lens, declared=declared)
         return radii.diagnosed(reading), warnings
     return None, ()
+
+
+def _ends_px(lens: Lens, extremes: NDArray[Any], depth: Depth, keeping: Keeping) -> list[float]:
+    """The ends of the radii of depths with these extremes."""
+    from defocus_core.batch.depth.radii import radii_of, signed_radius
+
+    if depth.is_radius:
+        return list(radii_of(lens, depth, keeping).ends)
+    return [float(r) for r in signed_radius(lens, extremes, depth.size)]
 
 
 def ends_of(values: NDArray[Any]) -> list[float]:
