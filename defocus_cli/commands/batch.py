@@ -25,11 +25,7 @@ from defocus_core.reports.html import batches
 from defocus_core.system.process import cores
 
 
-@click.command(
-    "batch",
-    cls=GroupedCommand,
-    short_help="Do the jobs of a file: many pictures, many lenses; go on where it was stopped.",
-)
+@click.command("batch", cls=GroupedCommand)
 @click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")
 @click.option(
     "-o",

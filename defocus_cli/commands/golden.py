@@ -36,11 +36,7 @@ from defocus_core.system.text import counted
 _DEFAULT_RULES = Rules(fail=(rule("max>1e-4"),))
 
 
-@click.group(
-    "golden",
-    invoke_without_command=True,
-    short_help="Keep pictures that later renders must be like, and check them.",
-)
+@click.group("golden", invoke_without_command=True)
 @click.pass_context
 def command(ctx: click.Context) -> None:
     """Keep goldens: the pictures of a jobs file that were accepted; later renders must be like.

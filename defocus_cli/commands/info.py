@@ -22,11 +22,7 @@ from defocus_core.reports.inspection.inspection import inspect, inspect_pairs
 from defocus_core.reports.inspection.repair_drawing import check_preview, draw_repair
 
 
-@click.command(
-    "info",
-    cls=GroupedCommand,
-    short_help="Say what is in a file: size, channels, depth range, blur with a lens.",
-)
+@click.command("info", cls=GroupedCommand)
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
 @shot_lens_options(required=False)
 @reading_options

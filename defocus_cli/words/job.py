@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
-from defocus_core.batch.jobs.job import FRAME_ROLE
+from defocus_core.batch.jobs.job import FRAME_ROLE, Job
 from defocus_core.batch.lenses.lens import lens_record, lens_record_words, lens_words
 from defocus_core.io.arrays import scratch_folder
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from defocus_core.batch.jobs.job import Job
-
 
 # Each count, the count that it is a share of, and words; counts that a renderer lacks are left out.
 _LINES = (

@@ -9,14 +9,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
+from defocus_core.bench.timing import Case, MeasuredCost
 from defocus_core.errors import InputError, reason
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from defocus_core.bench.timing import Case, MeasuredCost
 
 TOLERANCE = 0.25  # how much slower, in transforms, counts as slower
 

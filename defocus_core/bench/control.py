@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from statistics import fmean
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from defocus_core.bench.error import work
-
-if TYPE_CHECKING:
-    from defocus_core.bench.truth_set import Pictures, TruthShot
+from defocus_core.bench.truth_set import Pictures, TruthShot
 
 
 @dataclass(frozen=True)

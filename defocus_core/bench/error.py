@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from defocus_core.bench.timing import FftUnit, MeasuredCost, measured
+from defocus_core.bench.truth_set import Pictures, TruthShot
 from defocus_core.errors import InputError
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from defocus_core.bench.truth_set import Pictures, TruthShot
     from defocus_core.evaluation.metrics import Errors
 
 BASELINES = {"input": "the sharp input", "sum": "plain sum of slices", "over": "over / alpha"}

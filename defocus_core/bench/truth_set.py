@@ -12,8 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from defocus_core.batch.depth.radii import radii_of
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import InputError, UsageProblem, reason
+from defocus_core.io.depth_formats.depth import read_depth, require_valid
+from defocus_core.io.images.color import read_color, require_finite
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -147,9 +150,6 @@ def read(shot: TruthShot) -> Pictures:
     """
     import torch
 
-    from defocus_core.batch.depth.radii import radii_of
-    from defocus_core.io.depth_formats.depth import read_depth, require_valid
-
     depth = read_depth(shot.folder / "depth.exr")
     require_valid(depth)
     radii, size = radii_of(shot.lens, depth), depth.metres.shape
@@ -161,8 +161,6 @@ def read(shot: TruthShot) -> Pictures:
 
 def _rgb(path: Path, size: tuple[int, int]) -> Tensor:
     import torch
-
-    from defocus_core.io.images.color import read_color, require_finite
 
     color = read_color(path)
     require_finite(color)

@@ -8,19 +8,16 @@ Pixels that are NaN or infinite in A or B are left out here, since they are judg
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.compare.pixels import Pixels
 from defocus_core.evaluation.similarity import REACH, similarity
 from defocus_core.io.images.color_space import linear_to_srgb
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from defocus_core.compare.pixels import Pixels
 
 
 @dataclass(frozen=True)
@@ -73,8 +70,6 @@ _STRIP = 64  # rows of SSIM that are computed at once, so that they stay in the 
 
 def encoded(plane: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
     """Values as a screen shows them: sRGB-encoded, clipped to 0…1; NaN is 0."""
-    import numpy as np
-
     if plane.dtype == np.float16 and gamma == 1.0:  # a hundred times as fast for 16 bits
         codes = np.ascontiguousarray(plane).view(np.uint16)
         every = np.arange(2**16, dtype=np.uint16).view(np.float16).astype(np.float32)
@@ -93,8 +88,6 @@ def measure(pixels: Pixels, *, over: float, ssim: bool = True) -> dict[str, floa
         over: the difference that the metric ``share`` counts pixels beyond.
         ssim: whether SSIM is wanted.
     """
-    import numpy as np
-
     count = np.count_nonzero(pixels.finite) if pixels.finite is not None else pixels.a[0].size
     if not count:
         return {}
@@ -136,8 +129,6 @@ def measure_edges(pixels: Pixels, near: NDArray[np.bool_]) -> dict[str, float]:
 
 
 def _sum_of_magnitudes(plane: NDArray[Any], finite: NDArray[np.bool_] | None) -> float:
-    import numpy as np
-
     magnitudes = np.abs(plane) if finite is None else np.abs(plane[finite])
     return float(magnitudes.sum(dtype=np.float64))
 
@@ -159,8 +150,6 @@ def _decibels(
     total: int,
 ) -> float:
     """PSNR of encoded channels for a peak of 1."""
-    import numpy as np
-
     squares = 0.0
     for old, new in zip(a, b, strict=True):
         difference = np.subtract(new, old)
@@ -172,8 +161,6 @@ def _decibels(
 
 
 def _luma(channels: Sequence[NDArray[np.float32]], layer: Sequence[str]) -> NDArray[np.float32]:
-    import numpy as np
-
     weights = [np.float32(_LUMA[name[-1]]) for name in layer]
     luma = channels[0] * weights[0]
     for channel, weight in zip(channels[1:], weights[1:], strict=True):
@@ -185,8 +172,6 @@ def _ssim(
     a: NDArray[np.float32], b: NDArray[np.float32], finite: NDArray[np.bool_] | None
 ) -> float | None:
     """Structural similarity of lumas [H, W], whose windows' middles are compared; None of none."""
-    import numpy as np
-
     total, count = 0.0, 0
     inner = slice(REACH, -REACH)
     for top in range(0, a.shape[0] - 2 * REACH, _STRIP):
@@ -202,8 +187,6 @@ def _percentile(
     greatest: NDArray[np.float64], finite: NDArray[np.bool_] | None, total: int
 ) -> float:
     """The 99.9th percentile, linear between the two nearest."""
-    import numpy as np
-
     values = greatest.ravel() if finite is None else greatest[finite]
     place = 0.999 * (total - 1)
     lower = math.floor(place)

@@ -359,7 +359,7 @@ def test_a_scheduler_that_is_none_is_refused(
     assert not out.exists()
 
 
-HEAVY = ("torch", "numpy", "OpenEXR", "OpenImageIO", "distributed", "pandas")
+HEAVY = ("torch", "OpenEXR", "OpenImageIO", "distributed", "pandas")
 
 
 def test_a_finished_batch_of_a_thousand_jobs_ends_at_once(

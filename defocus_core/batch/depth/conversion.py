@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from defocus_core.batch.depth.implausible import implausible_file
 from defocus_core.batch.jobs.job import Reading
+from defocus_core.batch.look.preview import write_depth_preview
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.arrays import bands
+from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
+from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.safe_files import written_together
 from defocus_core.system.interrupts import put_off
 from defocus_core.system.text import version
-
-if TYPE_CHECKING:
-    from defocus_core.io.depth_formats.depth import Depth
 
 
 @dataclass(frozen=True)
@@ -105,11 +105,6 @@ def convert(place: DepthTarget, reading: Reading) -> Converted:
     """
     with put_off():
         import numpy as np
-
-    from defocus_core.batch.depth.implausible import implausible_file
-    from defocus_core.batch.look.preview import write_depth_preview
-    from defocus_core.io.depth_formats.depth import read_depth, require_valid
-    from defocus_core.io.exr.writing import write_exr
 
     if reading.row.rule == "radius":
         problem = "holds radii of a lens, and no depth"

@@ -7,7 +7,8 @@ A random lens whose blur exceeds ``max_coc``, or which cannot focus on the pictu
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from defocus_core.batch.depth.matching import matched
 from defocus_core.batch.depth.radii import MM_PER_M, signed_radius
@@ -18,9 +19,7 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.quantities import Percentile, length_text
 from defocus_core.errors import Rejected, UsageProblem
 from defocus_core.io.arrays import bands
-
-if TYPE_CHECKING:
-    from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.depth_formats.depth import Depth
 
 
 def focused(lens: Lens, depth: Depth) -> Lens:
@@ -123,8 +122,6 @@ def _at_percentile(lens: Lens, depth: Depth) -> float:
 
 def _within_max_coc(lens: Lens, depth: Depth) -> Lens:
     """The lens, unless its blur exceeds ``max_coc`` in this picture."""
-    import numpy as np
-
     if lens.max_coc is None:
         return lens
     strips = (depth.something(rows) for rows in bands(depth.metres.shape))

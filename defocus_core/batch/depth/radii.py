@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.sources import lone_window, windows
 from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands, times
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.images.color_planes import Color
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from defocus_core.depth.diagnosis import DepthRepair
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.images.color_planes import Color
     from defocus_core.renderer.defocus_lens import DefocusLens
     from defocus_core.tensors.source import Pixels
 
@@ -243,7 +243,6 @@ def _through(thin_lens: DefocusLens, metres: NDArray[np.float32]) -> NDArray[np.
     Raises:
         UsageProblem: the blur is beyond all numbers.
     """
-    import numpy as np
     import torch
 
     depth_mm = torch.from_numpy(metres.astype("float64")) * MM_PER_M
@@ -273,8 +272,6 @@ def _refuse_blur(ends: list[float], depth: Depth, rows: slice) -> None:
 
 def _with_nothing(radius: Any, farthest: float, depth: Depth) -> Any:
     """The radii, the farthest where there is nothing; in place."""
-    import numpy as np
-
     for rows in bands(radius.shape) if depth.nothing is not None else ():
         radius[rows] = np.where(depth.nothing[rows], np.float32(farthest), radius[rows])
     return radius

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.elements.planes import coverage
 from defocus_core.batch.sources import layer_windows, windows
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.images.color_planes import Color
 from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.images.color_planes import Color
     from defocus_core.renderer.layers.stacked_samples import Layered
     from defocus_core.tensors.source import Pixels
 

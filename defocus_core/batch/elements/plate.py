@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.batch.elements.alpha import element_depth
 from defocus_core.batch.elements.overscan import overscan_of
 from defocus_core.batch.elements.planes import coverage
@@ -14,12 +16,17 @@ from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.sources import layer_windows, windows
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping, bands, computed
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.exr.header import is_exr, read_headers
+from defocus_core.io.exr.views import views_of
 from defocus_core.io.exr.windows import Overscan
+from defocus_core.io.images.color import read_color, require_finite
+from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.exr_channels import NoDepthChannel
+from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.images.color_planes import Color
     from defocus_core.renderer.layers.stacked_samples import Layered
     from defocus_core.tensors.source import Pixels
 
@@ -65,10 +72,6 @@ def read_over(
 
 def _reading_of_plate(picture: Picture, reading: Reading) -> Reading:
     """The options without those that choose among layers and parts of the element."""
-    from defocus_core.io.exr.header import is_exr, read_headers
-    from defocus_core.io.exr.views import views_of
-    from defocus_core.io.safe_files import read_head
-
     exr = is_exr(read_head(picture.color))
     view = reading.view if exr and views_of(read_headers(picture.color)) else None
     return replace(reading, color_layer=None, depth_channel=None, part=None, view=view)
@@ -86,10 +89,6 @@ def _plate(
     Raises:
         InputError: a file cannot be read.
     """
-    from defocus_core.io.exr.header import is_exr
-    from defocus_core.io.images.exr_channels import NoDepthChannel
-    from defocus_core.io.safe_files import read_head
-
     try:
         if picture.depth != picture.color or is_exr(read_head(picture.color)):
             return Plate(*read(picture, reading, keeping, lens_focal, overscan))
@@ -105,8 +104,6 @@ def _checked(element: Color, plate: Plate) -> Plate:
     Raises:
         InputError: the two are of different sizes or channels, or the element has no alpha.
     """
-    import numpy as np
-
     path, alpha = plate.color.path, element.alpha
     if alpha is None:
         problem = "has no alpha, and hides the plate everywhere"
@@ -169,11 +166,6 @@ def _far_away(picture: Picture, reading: Reading, keeping: Keeping, overscan: Ov
     Raises:
         InputError: the files hold radii, which have no far.
     """
-    import numpy as np
-
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.images.color import read_color, require_finite
-
     if reading.holds_radii:
         raise InputError(
             "radii", "has no radii", "give them as ‹over› PLATE RADII", path=picture.color

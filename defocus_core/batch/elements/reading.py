@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from defocus_core.batch.depth.resizing import of_size
 from defocus_core.batch.elements.alpha import element_depth
 from defocus_core.batch.elements.overscan import overscan_of
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.errors import InputError
+from defocus_core.io.array_files.containers import container_type
 from defocus_core.io.arrays import IN_MEMORY, Keeping
+from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
 from defocus_core.io.exr.views import require_view
 from defocus_core.io.exr.windows import Overscan
-
-if TYPE_CHECKING:
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import read_color, require_finite
+from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.describe import describe
+from defocus_core.io.images.exr_channels import require_part
+from defocus_core.io.safe_files import read_head
 
 
 def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None]:
@@ -27,11 +29,6 @@ def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None
     """
     if reading.part is None:
         return None, None
-    from defocus_core.io.array_files.containers import container_type
-    from defocus_core.io.images.describe import describe
-    from defocus_core.io.images.exr_channels import require_part
-    from defocus_core.io.safe_files import read_head
-
     if container_type(read_head(picture.depth, 32)):  # which has frames
         return reading.part if len(describe(picture.color).parts) > 1 else None, reading.part
     paths = (picture.color, picture.depth)
@@ -61,9 +58,6 @@ def read(
         InputError: a file cannot be used.
         UsageProblem: the options make no sense for it.
     """
-    from defocus_core.io.depth_formats.depth import read_depth, require_valid
-    from defocus_core.io.images.color import read_color, require_finite
-
     shared = picture.color == picture.depth
     parts = parts_of(picture, reading)
     require_view((picture.color, picture.depth), reading.view)

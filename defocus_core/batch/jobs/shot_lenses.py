@@ -34,6 +34,7 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import alternatives
 from defocus_core.errors import Place, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
+from defocus_core.io.images.describe import describe
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW
 from defocus_core.io.shots.lens_metadata import OptionFromMetadata, lens_of
 
@@ -122,8 +123,6 @@ class ShotLenses:
 
     def _focal_length(self, text: str, picture: Picture) -> str:
         """The focal length of a vertical field of view, on the sensor of the picture's shape."""
-        from defocus_core.io.images.describe import describe
-
         stored = {} if self.file is None else read_lens_file(self.file)
         width = self.flags.get("sensor-width") or parsed(
             "sensor-width", stored.get("sensor-width", f"{Lens.sensor_width}mm")

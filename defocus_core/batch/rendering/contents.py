@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+from defocus_core.batch.jobs.output_kinds import Kind
+from defocus_core.batch.look.focus_picture import focus_planes
 from defocus_core.batch.look.noisy_planes import noisy
 from defocus_core.batch.look.opening import disparity_of
+from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.io.arrays import LazyArray, computed
 from defocus_core.io.exr.views import name_in_view
 from defocus_core.io.exr.windows import Layout, Window
-
-if TYPE_CHECKING:
-    from defocus_core.batch.jobs.output_kinds import Kind
-    from defocus_core.batch.rendering.rendered import Rendered
-    from defocus_core.io.images.color_planes import Color
+from defocus_core.io.exr.writing import as_half
+from defocus_core.io.images.color_planes import Color
 
 
 class Contents(NamedTuple):
@@ -62,8 +62,6 @@ def contents_of(made: Rendered, kind: Kind) -> Contents:
 
 def _focus(made: Rendered) -> Contents:
     """The picture shown in false colour."""
-    from defocus_core.batch.look.focus_picture import focus_planes
-
     color = made.inputs.color
     (radius,) = _shown(color, [made.radii.shown])
     planes = focus_planes(replace(color, planes=_shown(color, color.planes)), radius)
@@ -110,8 +108,6 @@ def _of_radius(radius: Any, nothing: Any, compute: Callable[[Any], Any]) -> Lazy
 
 def _image(made: Rendered, kind: Kind) -> tuple[tuple[str, ...], tuple[Any, ...], dict[str, Any]]:
     """Names and arrays of the channels of colour, and further channels: blurred and carried."""
-    from defocus_core.io.exr.writing import as_half
-
     color, every = made.inputs.color, made.images[kind.name]
     half = made.job.outputs.exr_type == "half"
     names: list[str] = []

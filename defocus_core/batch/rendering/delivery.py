@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from defocus_core.batch.depth.repair_words import repair_attribute
+from defocus_core.batch.jobs.output_kinds import Kind
+from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import RECORDED
+from defocus_core.batch.look.preview import write_depth_preview, write_preview, write_signed_preview
 from defocus_core.batch.rendering.contents import contents_of
+from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.errors import InputError, with_dashes
 from defocus_core.io.arrays import LazyArray, stacked
+from defocus_core.io.exr.writing import write_exr
+from defocus_core.io.images.encode import write_image, write_map
 from defocus_core.io.safe_files import written_together
 from defocus_core.system.text import version
-
-if TYPE_CHECKING:
-    from defocus_core.batch.jobs.output_kinds import Kind
-    from defocus_core.batch.lenses.lens import Lens
-    from defocus_core.batch.rendering.rendered import Rendered
 
 
 def write(made: Rendered) -> Rendered:
@@ -39,14 +42,6 @@ def write(made: Rendered) -> Rendered:
 
 def _write_kind(made: Rendered, kind: Kind) -> list[str]:
     """Write the file of a kind, and its preview if there is to be one; the warnings."""
-    from defocus_core.batch.look.preview import (
-        write_depth_preview,
-        write_preview,
-        write_signed_preview,
-    )
-    from defocus_core.io.exr.writing import write_exr
-    from defocus_core.io.images.encode import write_image, write_map
-
     job, contents = made.job, contents_of(made, kind)
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
     attributes, warnings = _attributes(made, kind), []
@@ -84,8 +79,6 @@ def _write_kind(made: Rendered, kind: Kind) -> list[str]:
 
 def _beside(planes: Sequence[Any], views: int) -> LazyArray:
     """The planes [H, W] of views side by side, [H, views * W, C]."""
-    import numpy as np
-
     count = len(planes) // views
     pictures = [stacked(planes[n : n + count]) for n in range(0, len(planes), count)]
     height, width = planes[0].shape

@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.depth.repair_words import repair_record, repair_words
 from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.rendering import job_steps
+from defocus_core.batch.rendering.colors_apart import renderings
 from defocus_core.batch.rendering.memory_budget import base_mb, regions_at_once
+from defocus_core.batch.rendering.streams import Streams
 from defocus_core.errors import DefocusError
 from defocus_core.io.arrays import scratch_folder
 from defocus_core.system.process import set_to_render
@@ -92,8 +95,6 @@ def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusErr
     Raises:
         UsageProblem: this machine has not got the device.
     """
-    from defocus_core.batch.rendering import job_steps
-
     job_steps.load()
     device = job_steps.choose_device(jobs[0].machine.device)
     rate = 0.0
@@ -110,9 +111,6 @@ def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusErr
 
 
 def _forecast(job: Job, device: str, rate: float) -> Forecast:
-    from defocus_core.batch.rendering import job_steps
-    from defocus_core.batch.rendering.colors_apart import renderings
-    from defocus_core.batch.rendering.streams import Streams
     from defocus_core.evaluation.cost import cost
 
     start = time.perf_counter()

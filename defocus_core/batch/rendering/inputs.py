@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from defocus_core.batch.depth.radii import Radii, radii_of
 from defocus_core.batch.elements.deep import layers_of_scene
+from defocus_core.batch.elements.layers import Layers
 from defocus_core.batch.elements.plate import Plate, nothing_of, read_over
 from defocus_core.batch.elements.reading import parts_of, read
 from defocus_core.batch.jobs.job import Job
@@ -15,11 +18,8 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.rendering.memory_budget import Holding, capacity_mb, holding
 from defocus_core.errors import InputError, TooLarge, UsageProblem
 from defocus_core.io.arrays import computed
-
-if TYPE_CHECKING:
-    from defocus_core.batch.elements.layers import Layers
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.images.color_planes import Color
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.images.color_planes import Color
 
 
 class SceneRadii(NamedTuple):
@@ -91,8 +91,6 @@ class Inputs:
             InputError: a depth is so near, or the focus, that no frame would hold the blur.
             UsageProblem: there is no such lens, or its blur is beyond all numbers.
         """
-        import numpy as np
-
         keeping, nothing = self.holding.keeping, self.depth.nothing
         own = radii_of(lens, self.depth, keeping)
         plate = None if self.plate is None else radii_of(lens, self.plate.depth, keeping)

@@ -5,13 +5,13 @@ They are of a grid of its pixels, so that they cost next to nothing.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from defocus_core.batch.lenses.radius_set import MEASURES as RADII
+from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.io.arrays import evenly
-
-if TYPE_CHECKING:
-    from defocus_core.batch.rendering.rendered import Rendered
 
 _WHITE = 0.9999  # of an integer picture, in linear light
 _FLOATS = (".exr", ".hdr")  # whose light has no end
@@ -43,8 +43,6 @@ def measures(made: Rendered) -> dict[str, float | None]:
 
 def _over_time(made: Rendered) -> dict[str, Any]:
     """The number of a frame, and ascending quantiles of its disparity in 1/m, from 0 to 100 %."""
-    import numpy as np
-
     frame = made.job.picture.frame
     if frame is None or made.metres is None:
         return {}
@@ -69,8 +67,6 @@ def radius_measures(radius: Any, nothing: Any) -> dict[str, float]:
         radius: signed, of any shape.
         nothing: where pixels hold nothing; None if nowhere.
     """
-    import numpy as np
-
     sizes = np.abs((radius if nothing is None else radius[~nothing]).astype("float64"))
     found = (sizes.mean(), *np.percentile(sizes, (50, 99))) if sizes.size else (0.0, 0.0, 0.0)
     return dict(zip(RADII, map(float, found), strict=True))
@@ -78,8 +74,6 @@ def radius_measures(radius: Any, nothing: Any) -> dict[str, float]:
 
 def _clipped(made: Rendered) -> float | None:
     """The share of pixels of the input that are white in a colour; None of EXR and HDR."""
-    import numpy as np
-
     color = made.inputs.color
     if color.path.suffix.lower() in _FLOATS:
         return None

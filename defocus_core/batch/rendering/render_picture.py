@@ -8,6 +8,8 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.rendering.colors_apart import Colors, renderings
 from defocus_core.batch.rendering.memory_budget import image_type, regions_at_once
@@ -15,6 +17,7 @@ from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.batch.rendering.streams import Streams
 from defocus_core.batch.sources import to_array
 from defocus_core.errors import TooLarge
+from defocus_core.io.exr.writing import clamped_half
 from defocus_core.system import memory
 from defocus_core.system.process import set_to_render
 
@@ -140,10 +143,6 @@ class _Images:
 
     def place(self, part: Views, colors: Colors) -> None:
         """Copy a rendered region to its place: the channels and kinds that were rendered."""
-        import numpy as np
-
-        from defocus_core.io.exr.writing import clamped_half
-
         top, left, height, width = part.box
         if colors.turned:
             top, left, height, width = left, top, width, height

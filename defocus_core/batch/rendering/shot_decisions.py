@@ -20,12 +20,12 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.rendering.inputs import Inputs
 from defocus_core.batch.rendering.memory_budget import holding
 from defocus_core.errors import DefocusError
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.images.color_planes import Color
 from defocus_core.io.shots.frame_patterns import in_words
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.images.color_planes import Color
 
 _KEPT = 1 << 12  # foci of frames
 _FOCI: dict[object, float] = {}

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.batch.depth.radii import radii_of
 from defocus_core.batch.elements.reading import read
 from defocus_core.batch.jobs.shots import AVERAGED
@@ -14,14 +16,14 @@ from defocus_core.batch.rendering.memory_budget import capacity_mb
 from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.errors import InputError, TooLarge, UsageProblem
 from defocus_core.io.arrays import bands
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.images.color_planes import Color
 from defocus_core.io.shots.motion_channels import Motion, read_motion
 from defocus_core.system import memory
 
 if TYPE_CHECKING:
     import torch
 
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.images.color_planes import Color
     from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
     from defocus_core.sequences.motion import Frame
 
@@ -245,7 +247,6 @@ def _size_mb(value: Any) -> float:
 
 def _image(color: Color, rows: slice) -> torch.Tensor:
     """The colours [C, h, W] of some rows."""
-    import numpy as np
     import torch
 
     return torch.from_numpy(np.stack([plane[rows] for plane in color.planes]).astype(np.float32))

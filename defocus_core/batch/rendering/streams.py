@@ -8,6 +8,8 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.batch.depth.radii import Radii
 from defocus_core.batch.elements.layers import layered
 from defocus_core.batch.elements.plate import layers_of
@@ -25,10 +27,10 @@ from defocus_core.batch.rendering.memory_budget import holds_cells, room_on
 from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.batch.sources import chosen, layer_windows, lone_window, plus, transposed, windows
 from defocus_core.io.arrays import bands, times
+from defocus_core.io.images.color_planes import Color
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
-    from defocus_core.io.images.color_planes import Color
     from defocus_core.renderer.engine.settings import Settings
     from defocus_core.renderer.engine.shared_fill import SharedFill
     from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
@@ -246,8 +248,6 @@ class Streams:
 
     def _behind(self) -> Behind:
         """The hidden layer: it is unknown where depth is inf and colour 0."""
-        import numpy as np
-
         from defocus_core.renderer.inpainting.known_layer import Behind
 
         device, radii = self.made.device, self.made.radii.hidden

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from defocus_core.batch.depth.repair_words import repair_record
 from defocus_core.batch.jobs.job import Job
@@ -25,11 +25,9 @@ from defocus_core.batch.journal.reasons import Step, verdict
 from defocus_core.batch.lenses.lens import lens_record
 from defocus_core.batch.lenses.parameters import LENS_FILES
 from defocus_core.batch.rendering import delivery, job_steps
+from defocus_core.batch.rendering.inputs import Inputs
 from defocus_core.batch.rendering.measures import measures
-
-if TYPE_CHECKING:
-    from defocus_core.batch.rendering.inputs import Inputs
-    from defocus_core.batch.rendering.rendered import Rendered
+from defocus_core.batch.rendering.rendered import Rendered
 
 TileCount = Callable[[int, int], None]
 BESIDE = ("stats", "trace", "error")  # keys of what the journal does not keep

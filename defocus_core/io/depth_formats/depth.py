@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,6 @@ from defocus_core.io.depth_formats.samples import DepthNumbers, divided
 from defocus_core.io.depth_formats.sidecars import marked_pixels
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @dataclass(frozen=True)

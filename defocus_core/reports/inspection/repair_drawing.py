@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.batch.depth.focusing import focused
 from defocus_core.batch.depth.radii import radii_of
@@ -15,13 +18,9 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.sources import to_array
 from defocus_core.errors import UsageProblem
 from defocus_core.io.arrays import bands
+from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.color_space import quantised
 from defocus_core.io.images.encode import display_encoded, write_samples
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from defocus_core.io.images.color_planes import Color
 
 # Brightness of the grey picture below the false colours; px of radius from which these are full.
 _DIMMED, _FULL = 0.5, 2.0
@@ -77,8 +76,6 @@ def draw_repair(pairs: Sequence[dict[str, Any]], reading: Reading, lens: Lens, p
 
 def _strips(color: Color, given: Any, repaired: Any) -> Iterator[NDArray[Any]]:
     """Rows of the picture and its repair, from the radii [H, W] px before and after it."""
-    import numpy as np
-
     channels = color.channels
     planes = color.planes[: len(channels)]
     for rows in bands(given.shape):
