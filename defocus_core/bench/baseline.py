@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.errors import InputError, reason
+from defocus_core.errors import InputError, cannot_read, reason
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -91,9 +91,7 @@ def read_baseline(path: Path) -> Baseline:
         fft_units = {str(row["case"]): float(row["fft_units"]) for row in document["rows"]}
         threads, device = int(document["threads"]), str(document["device"])
     except OSError as error:
-        raise InputError(
-            "unreadable", f"cannot be read: {reason(error)}", "check the path", path=path
-        ) from error
+        raise cannot_read(path, error, "check the path") from error
     except (ValueError, TypeError, KeyError) as error:
         problem = f"is no stored run ({type(error).__name__}: {reason(error)})"
         raise InputError(
