@@ -143,7 +143,7 @@ def _seconds(todo: Sequence[Job], whole: Mapping[str, Any]) -> float:
 
 def _bytes(plan: Plan, samples: Sequence[Forecast]) -> float:
     """Bytes that the jobs will write, estimated from files of jobs done before, if any."""
-    pixels = sum(math.prod(each.outcome.size) for each in samples) / len(samples) * len(plan.todo)
+    pixels = sum(math.prod(each.size) for each in samples) / len(samples) * len(plan.todo)
     done = [record for _, record in plan.settled if record["status"] == "ok"]
     if done:
         written = sum(output["size"] for one in done for output in one["outputs"].values())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
@@ -46,10 +46,11 @@ def measure_control(
     )
 
     sharp, radius = pictures.sharp.to(device), pictures.signed_radius.to(device)
+    there = replace(pictures, sharp=sharp, signed_radius=radius)
     for method in methods:
         made = []
         for strength in STRENGTHS:
-            picture = work(method, shot, sharp, radius, threads, strength)()
+            picture = work(method, shot, there, threads, strength)()
             made.append(blur_made(picture, sharp, border=shot.border))
         correlation = rank_correlation(STRENGTHS, made)
         yield Control(shot.scene, shot.name, method, correlation, rises(made), tuple(made))

@@ -52,11 +52,15 @@ class TruthShot:
 
 @dataclass(frozen=True)
 class Pictures:
-    """A shot decoded: sharp picture and truth [3, H, W], linear; signed radius [H, W] in px."""
+    """A shot decoded: sharp picture and truth [3, H, W], linear; signed radius [H, W] in px.
+
+    Beside them the radius of what is infinitely far.
+    """
 
     sharp: Tensor
     truth: Tensor
     signed_radius: Tensor
+    infinity: float
 
 
 def sample_set() -> Path:
@@ -141,15 +145,16 @@ def read(shot: TruthShot) -> Pictures:
     """
     import torch
 
-    from defocus_core.batch.depth.focusing import signed_radius
+    from defocus_core.batch.depth.radii import radii_of
     from defocus_core.io.depth_formats.depth import read_depth, require_valid
 
     depth = read_depth(shot.folder / "depth.exr")
     require_valid(depth)
-    height, width = depth.metres.shape
-    radius = torch.from_numpy(signed_radius(shot.lens, depth.metres, (width, height)))
-    sharp, truth = (_rgb(path, (height, width)) for path in (shot.folder / "rgb.exr", shot.truth))
-    return Pictures(sharp, truth, radius)
+    radii, size = radii_of(shot.lens, depth), depth.metres.shape
+    radius = torch.from_numpy(radii.px)
+    sharp, truth = (_rgb(path, size) for path in (shot.folder / "rgb.exr", shot.truth))
+    assert radii.infinity is not None
+    return Pictures(sharp, truth, radius, radii.infinity)
 
 
 def _rgb(path: Path, size: tuple[int, int]) -> Tensor:

@@ -3,6 +3,7 @@
 A TOML file with the tables
   [inputs]    pictures, see `inputs`
   [split]     shares of train, test, …, see `splits`
+  [dataset]   title, licence, source and citation, see `batch.datasets.origin`
   [lens]      the options of a lens; ``file``, a lens file below them; ``max-coc``, see [sample]
   [animate]   keys of lens options by frame, see `animation`; ``file``, files of
               keys; ``interpolation``
@@ -29,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.allowed_values import QUALITIES
+from defocus_core.batch.datasets.origin import read_origin
 from defocus_core.batch.jobs.inputs import read_inputs, read_whole_shot
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Reading
 from defocus_core.batch.jobs.lens_plan import KEYS as LENS_KEYS
@@ -57,7 +59,7 @@ from defocus_core.errors import UsageProblem
 
 TABLES = (
     *("inputs", "split", "lens", "animate", "shot", "sweep", "sample"),
-    *("reading", "outputs", "machine"),
+    *("reading", "outputs", "machine", "dataset"),
 )
 MOST_JOBS = 10_000_000
 _OUTPUTS = (
@@ -99,6 +101,7 @@ def jobs_of(stored: Mapping[str, Any], path: Path, outputs: Outputs, machine: Ma
     """
     refuse_unknown(stored, TABLES, path, "a jobs file", "table")
     named = {name: table(path, stored, name) for name in TABLES}
+    read_origin(named["dataset"])
     reading = _reading(named["reading"], named["lens"], named["machine"])
     plan = read_plan(named["lens"], named["sweep"], named["sample"], radii=reading.holds_radii)
     outputs = _outputs(named["outputs"], outputs)

@@ -71,7 +71,8 @@ def _histogram(radius: Any, most: float) -> NDArray[Any]:
 
     strips = [radius[rows] for rows in bands(radius.shape)]
     ends = min(float(s.min()) for s in strips), max(float(s.max()) for s in strips)
-    width_px = max(ends[1] - ends[0], 1e-6)
+    least = 2 * _BINS * float(np.spacing(np.float32(max(map(abs, ends)))))  # two numbers a bin
+    width_px = max(ends[1] - ends[0], 1e-6, least)
     of_strips = [np.histogram(s, _BINS, (ends[0], ends[0] + width_px))[0] for s in strips]
     counts = np.sum(of_strips, axis=0)
     height, width = (

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from defocus_core.batch.elements.reading import read
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.lenses.quantities import length_text
 from defocus_core.batch.rendering.measures import radius_measures
@@ -74,7 +75,6 @@ def fit_pair(
     """
     import torch
 
-    from defocus_core.batch.rendering.job_steps import read
     from defocus_core.fitting.pair import fit
     from defocus_core.io.images.color import read_color, require_finite
     from defocus_core.optics.aperture import Aperture

@@ -16,8 +16,8 @@ from torch.nn.functional import max_pool2d, pad
 from defocus_core.renderer.layers.ladder import position
 from defocus_core.tensors.box import Box
 
-# Neighbours are of two surfaces if their radii differ by more than this, in px and as a share of the
-# radius; less is a slope.
+# Neighbours are of two surfaces if their radii differ by more than this, in px and as a share of
+# the radius; less is a slope.
 _NEAR, _FAR = 0.25, 0.1
 
 

@@ -75,7 +75,8 @@ def depth_figures(
     """
     import numpy as np
 
-    from defocus_core.batch.depth import focusing
+    from defocus_core.batch.depth.focusing import focused
+    from defocus_core.batch.depth.radii import signed_radius
     from defocus_core.batch.depth.repair_words import repair_record, repair_words
 
     depth = _read(path, reading, keeping, lens, color)
@@ -97,10 +98,10 @@ def depth_figures(
     coc_px, repair = None, None
     warnings: tuple[str, ...] = ()
     if lens is not None and ends:
-        lens = focusing.focused(lens, depth)
+        lens = focused(lens, depth)
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
         extremes = np.array([min(ends), max(ends)], np.float32)
-        coc_px = [float(r) for r in focusing.signed_radius(lens, extremes, depth.size)]
+        coc_px = [float(r) for r in signed_radius(lens, extremes, depth.size)]
         if not invalid:
             repair, warnings = _repair(depth, lens, reading, keeping)
     return depth.note, {
@@ -142,15 +143,13 @@ def _repair(
     depth: Depth, lens: Lens, reading: Reading, keeping: Keeping
 ) -> tuple[DepthRepair | None, tuple[str, ...]]:
     """How the depth would be repaired, and warnings of a depth that hardly suits the lens."""
-    from defocus_core.batch.depth import focusing
     from defocus_core.batch.depth.implausible import implausible_radii
-    from defocus_core.batch.depth.repair_words import repair_found
+    from defocus_core.batch.depth.radii import radii_of
 
     with suppress(InputError):  # too near to be rendered, as the radius shows
-        radius, ends = focusing.radius_map(lens, depth, keeping)
-        declared = reading.says_scale
-        warnings = implausible_radii(depth, radius, ends, lens, declared=declared)
-        return repair_found(lens, radius, depth.size, reading), warnings
+        radii, declared = radii_of(lens, depth, keeping), reading.says_scale
+        warnings = implausible_radii(depth, radii.px, radii.ends, lens, declared=declared)
+        return radii.diagnosed(reading), warnings
     return None, ()
 
 
