@@ -158,6 +158,8 @@ def error_line(error: click.ClickException) -> str:
     if isinstance(error, click.NoSuchOption):
         if error.possibilities:
             remedy = f"did you mean {' or '.join(sorted(error.possibilities))}?"
+        if error.ctx is not None and error.ctx.info_name == "batch":
+            remedy = _in_jobs_file(error.option_name.removeprefix("--")) or remedy
         return f"{error.option_name}: no such option; {remedy}"
     if isinstance(error, click.MissingParameter):
         return f"{option_name(error.param)}: is missing; {remedy}"
@@ -167,6 +169,14 @@ def error_line(error: click.ClickException) -> str:
         problem = _clause(error).removeprefix(f"Option '{error.option_name}' ")
         return f"{error.option_name}: {problem}; {remedy}"
     return f"command line: {_clause(error)}; {remedy}"
+
+
+def _in_jobs_file(name: str) -> str:
+    """The remedy for an option of a batch that is a key of its jobs file; empty if it is none."""
+    from defocus_core.batch.jobs.jobs_file import KEYS
+
+    table = next((table for table, keys in KEYS.items() if name in keys), "")
+    return table and f"write {name} below [{table}] of the jobs file"
 
 
 def system_error_line(error: OSError) -> str:

@@ -63,7 +63,6 @@ CODES = {
     "subsampled": "a channel has fewer samples than the others",
     "too-blurred": "a blur is larger than any picture",
     "too-large": "a file claims more than is read",
-    "unknown-format": "a file is of a format that is not known",
     "unknown-name": "a name is not known",
     "unknown-unit": "the unit of numbers is not known",
     "unreachable": "a scheduler cannot be reached",
@@ -180,6 +179,12 @@ class TooLarge(InputError):  # noqa: N818 - it is said of a file
 
 class Rejected(InputError):  # noqa: N818 - it is no error of the user's
     """A picture that a lens cannot take as asked."""
+
+
+def cannot_read(path: Path, error: OSError, remedy: str) -> InputError:
+    """The error for a file that the system does not read, or that is not there."""
+    code = "not-found" if isinstance(error, FileNotFoundError) else "unreadable"
+    return InputError(code, f"cannot be read: {reason(error)}", remedy, path=path)
 
 
 def one_line(text: object) -> str:

@@ -12,7 +12,7 @@ import click
 from defocus_core.batch.jobs.output_kinds import FORMAT_ALIASES, SUFFIXES
 from defocus_core.batch.lenses.parameters import Param
 from defocus_core.batch.lenses.quantities import read_at
-from defocus_core.errors import Place, UsageProblem, with_dashes
+from defocus_core.errors import Place, UsageProblem, did_you_mean, with_dashes
 from defocus_core.reports.replaceable import refuse_other
 
 Command = Callable[..., Any]
@@ -76,12 +76,16 @@ class Listed(click.ParamType[tuple[Any, ...]]):
         parse: makes a value of a word; raises ValueError for a word that is none.
         name: of a value, for errors.
         example: values as a user writes them, or the values that there are.
+        known: the words that there are, if they are known.
     """
 
-    def __init__(self, parse: Callable[[str], Any], name: str, example: str) -> None:
+    def __init__(
+        self, parse: Callable[[str], Any], name: str, example: str, known: Sequence[str] = ()
+    ) -> None:
         self.parse = parse
         self.name = name
         self.example = example
+        self.known = known
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -95,7 +99,7 @@ class Listed(click.ParamType[tuple[Any, ...]]):
                 values.append(self.parse(word.strip()))
             except ValueError:
                 problem = f"'{word.strip()}' is no {self.name}"
-                remedy = f"write like {self.example}"
+                remedy = did_you_mean(word.strip(), self.known, f"write like {self.example}")
                 raise UsageProblem("malformed", problem, remedy, path=place_of(param)) from None
         return tuple(dict.fromkeys(values))
 
@@ -106,7 +110,7 @@ def names_of(known: Sequence[str], name: str) -> Listed:
     def parse(word: str) -> str:
         return known[known.index(word)]
 
-    return Listed(parse, name, ",".join(known))
+    return Listed(parse, name, ",".join(known), known)
 
 
 class Format(click.Choice[str]):

@@ -215,5 +215,7 @@ def end(summary: Summary) -> None:
         raise Interrupted(f"{problem}; run the same command again to go on")
     failed = summary.statuses["failed"]
     if failed:
-        problem = f"{failed} of {summary.jobs} jobs failed ({reasons_words(summary.reasons)})"
-        raise SomeFailed(f"{problem}; run the same command again to try them once more")
+        problem = f"{failed} of {counted(summary.jobs, 'job')} failed"
+        again = "it" if failed == 1 else "them"
+        remedy = f"run the same command again to try {again} once more"
+        raise SomeFailed(f"{problem} ({reasons_words(summary.reasons)}); {remedy}")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.depth.radii import radii_of
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.errors import InputError, UsageProblem, reason
+from defocus_core.errors import InputError, UsageProblem, cannot_read, reason
 from defocus_core.io.depth_formats.depth import read_depth, require_valid
 from defocus_core.io.images.color import read_color, require_finite
 
@@ -107,9 +107,7 @@ def _shots(file: Path) -> list[TruthShot]:
         camera: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         shots = [_shot(file.parent, camera, shot) for shot in camera["shots"]]
     except OSError as error:
-        raise InputError(
-            "unreadable", f"cannot be read: {reason(error)}", "check it", path=file
-        ) from error
+        raise cannot_read(file, error, "check it") from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         problem = f"does not describe a camera ({type(error).__name__}: {reason(error)})"
         raise InputError(

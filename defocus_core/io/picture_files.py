@@ -215,7 +215,7 @@ def write_map(path: str | PathLike[str], plane: ArrayLike, *, channel: str = "Z"
         encode.write_map(Path(path), values)
     else:
         problem = "has a suffix of no format of maps"
-        raise UsageProblem("unknown-format", problem, "use .exr or .tif", path=Path(path))
+        raise UsageProblem("wrong-type", problem, "use .exr or .tif", path=Path(path))
 
 
 def _one_of(field: str, word: str | None, known: Sequence[str], otherwise: str = "") -> str | None:

@@ -11,7 +11,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, TextIO
 
-from defocus_core.errors import InputError, Place, reason
+from defocus_core.errors import InputError, Place, cannot_read, reason
 from defocus_core.io.below import open_plain
 
 SUFFIXES = (".csv", ".jsonl")
@@ -40,8 +40,7 @@ def read_rows(file: Path, what: str, example: str) -> Iterator[Row]:
             else:
                 yield from _json_rows(file, opened, example)
     except OSError as error:
-        problem = f"cannot be read: {reason(error)}"
-        raise InputError("unreadable", problem, "check the path", path=file) from None
+        raise cannot_read(file, error, "check the path") from None
     except UnicodeDecodeError:
         raise InputError("not-utf-8", "is not UTF-8 text", "save it as UTF-8", path=file) from None
 

@@ -306,6 +306,14 @@ def test_usage(args: tuple[str, ...], words: str, color: Path, depth: Path, out:
     assert not out.exists()
 
 
+@pytest.mark.parametrize(
+    ("option", "table"), [("--quality", "machine"), ("--focus", "lens"), ("--format", "outputs")]
+)
+def test_an_option_that_a_jobs_file_has_is_looked_for_there(option: str, table: str) -> None:
+    words = f"write {option[2:]} below [{table}] of the jobs file"
+    refused(run("batch", "jobs.toml", "-o", "out", option, "high"), 2, f"{option}: ", words)
+
+
 def test_usage_before_any_command() -> None:
     refused(run("bokeh"), 2, "bokeh", "--help")
     refused(run("render"), 2, "COLOR: is missing")

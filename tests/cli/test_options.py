@@ -67,6 +67,7 @@ def test_help_shows_options_under_their_headings() -> None:
             "'bokeh' is no output; write like render,left,right,up,down,coc,disparity",
         ),
         ("--outputs", "", "'' is no output; write like render"),
+        ("--outputs", "coc,rendr", "'rendr' is no output; did you mean render?"),
         ("--threads", "0", "x>=1"),
         ("--part", "-1", "x>=0"),
         ("--blades", "2", "0 (round) or 3 and more"),

@@ -33,6 +33,7 @@ from defocus_core.allowed_values import QUALITIES
 from defocus_core.batch.datasets.origin import read_origin
 from defocus_core.batch.jobs.inputs import read_inputs, read_whole_shot
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Reading
+from defocus_core.batch.jobs.lens_plan import KEYS as LENS_KEYS
 from defocus_core.batch.jobs.lens_plan import lens_file_of, read_plan
 from defocus_core.batch.jobs.output_kinds import (
     FORMAT_ALIASES,
@@ -61,6 +62,16 @@ TABLES = (
     *("reading", "outputs", "machine", "dataset"),
 )
 MOST_JOBS = 10_000_000
+_OUTPUTS = (
+    *("kinds", "format", "exr-type", "jpeg-quality", "preview", "multiview", "keep-overscan"),
+    *("map-format", "inputs"),
+)
+_MACHINE = ("quality", "tolerance", "depth-repair")
+# The keys of tables that are options of a single picture, too.
+KEYS = {
+    **{"lens": LENS_KEYS, "reading": tuple(READING_OPTIONS)},
+    **{"outputs": _OUTPUTS, "machine": _MACHINE},
+}
 
 
 def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
@@ -143,19 +154,7 @@ def _reading(section: Table, lens: Table, machine: Table) -> Reading:
 
 
 def _outputs(section: Table, outputs: Outputs) -> Outputs:
-    section.refuse_unknown(
-        (
-            "kinds",
-            "format",
-            "exr-type",
-            "jpeg-quality",
-            "preview",
-            "multiview",
-            "keep-overscan",
-            "map-format",
-            "inputs",
-        )
-    )
+    section.refuse_unknown(_OUTPUTS)
     name = section.values.get("format")
     if isinstance(name, str):
         aliased = {**section.values, "format": FORMAT_ALIASES.get(name, name)}
@@ -202,7 +201,7 @@ def _kinds(section: Table) -> tuple[str, ...] | None:
 
 
 def _machine(section: Table, machine: Machine) -> Machine:
-    section.refuse_unknown(("quality", "tolerance", "depth-repair"))
+    section.refuse_unknown(_MACHINE)
     values: dict[str, Any] = {
         "quality": section.choice("quality", QUALITIES),
         "tolerance": section.parsed("tolerance", pixel_count),

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from defocus_core.batch.lenses.quantities import read_at, text_of
-from defocus_core.errors import InputError, Place, UsageProblem, did_you_mean, reason
+from defocus_core.errors import InputError, Place, UsageProblem, cannot_read, did_you_mean, reason
 from defocus_core.io.below import open_plain
 
 T = TypeVar("T")
@@ -142,9 +142,7 @@ def _text(file: Path, what: str, remedy: str) -> str:
             data = opened.read(LARGEST_FILE + 1)  # not all of /dev/zero
         text = data.decode("utf-8-sig")
     except OSError as error:
-        raise InputError(
-            "unreadable", f"cannot be read: {reason(error)}", remedy, path=file
-        ) from None
+        raise cannot_read(file, error, remedy) from None
     except UnicodeDecodeError:
         raise InputError("malformed", "is not a text file", remedy, path=file) from None
     # A key of n parts takes memory of n² bytes, and the square of a line of names is small.

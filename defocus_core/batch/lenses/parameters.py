@@ -94,7 +94,7 @@ class LensParam(Param):
         is_matched: radii of a set decide it, so that it cannot be given beside them.
         even_in: the scale of sweeps in which it goes evenly between keys of frames, as one number
             or several; empty for what holds until the next key, and is drawn by choice only.
-        bare_unit: unit of a key of a frame that is a number alone.
+        bare_unit: unit of a key of a frame that is a number alone, where that is another.
         recorded_as: its key in records of any lens; empty where its field is recorded if it is on.
         file_field: the field that has the path, where the value may be a file.
     """
@@ -137,7 +137,8 @@ class LensParam(Param):
             is_bare = math.isfinite(float(text))
         except ValueError:
             is_bare = False
-        return f"{text.strip()}{self.bare_unit}" if is_bare else text
+        unit = self.bare_unit or ("" if self.separator else self.unit)
+        return f"{text.strip()}{unit}" if is_bare else text
 
     def file_tag(self, value: object) -> str:
         """The part of a file name for a value, like ``focus2m``, ``f1.4`` or ``at240x135``."""
@@ -165,7 +166,6 @@ _ROWS = (
         stored_as="foclen",
         recorded_as="focal_length_mm",
         unit="mm",
-        bare_unit="mm",
         even_in="log",
         required=True,
         is_optics=True,
@@ -193,7 +193,6 @@ _ROWS = (
         example="36mm",
         recorded_as="fnumber",
         unit="mm",
-        bare_unit="mm",
         even_in="log",
         instead_of="fnumber",
         is_optics=True,
@@ -208,7 +207,6 @@ _ROWS = (
         example="36mm",
         recorded_as="sensor_width_mm",
         unit="mm",
-        bare_unit="mm",
         even_in="log",
         is_optics=True,
     ),

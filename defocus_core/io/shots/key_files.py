@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from defocus_core.errors import InputError, Place, UsageProblem, reason
+from defocus_core.errors import InputError, Place, UsageProblem, cannot_read, reason
 from defocus_core.io.below import open_plain
 
 FIELD_OF_VIEW = "vertical-fov"  # of a .chan file, which becomes a focal length
@@ -111,8 +111,7 @@ def _rows(file: Path) -> Iterator[_Line]:
             data = opened.read(_LARGEST_FILE + 1)
         text = data.decode("utf-8-sig")
     except OSError as error:
-        problem = f"cannot be read: {reason(error)}"
-        raise InputError("unreadable", problem, "check the path", path=file) from None
+        raise cannot_read(file, error, "check the path") from None
     except UnicodeDecodeError:
         raise InputError("not-utf-8", "is not UTF-8 text", "save it as UTF-8", path=file) from None
     if "\0" in text or len(data) > _LARGEST_FILE:

@@ -56,5 +56,5 @@ def test_what_makes_no_sense_is_refused(tmp_path: Path, text: str, code: str, fi
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with refuses("unreadable", path=tmp_path / "none.csv"):
+    with refuses("not-found", path=tmp_path / "none.csv"):
         read_keys(tmp_path / "none.csv", None)
