@@ -160,10 +160,10 @@ def stacked(planes: Sequence[Any]) -> LazyArray:
     return LazyArray((*planes[0].shape, len(planes)), planes[0].dtype, read)
 
 
-def bands(shape: Sequence[int]) -> list[slice]:
+def bands(shape: Sequence[int], pixels: int = _BAND) -> list[slice]:
     """Bands of rows that together are an array [H, W, …]."""
     height, width = shape[:2]
-    count = max(1, _BAND // max(1, width))
+    count = max(1, pixels // max(1, width))
     return [slice(*pair) for pair in pairwise([*range(0, height, count), height])]
 
 

@@ -36,11 +36,15 @@ class Plate:
     """A decoded plate.
 
     Attributes:
+        picture: where it is.
+        reading: how it was read.
         color: its colour.
         depth: its depth; infinitely far if it has none.
         warnings: what was taken for granted of it, and of the element over it.
     """
 
+    picture: Picture
+    reading: Reading
     color: Color
     depth: Depth
     warnings: tuple[str, ...] = ()
@@ -91,7 +95,8 @@ def _plate(
     """
     try:
         if picture.depth != picture.color or is_exr(read_head(picture.color)):
-            return Plate(*read(picture, reading, keeping, lens_focal, overscan))
+            read_as = read(picture, reading, keeping, lens_focal, overscan)
+            return Plate(picture, reading, *read_as)
     except NoDepthChannel:
         if picture.depth != picture.color:
             raise
@@ -177,4 +182,4 @@ def _far_away(picture: Picture, reading: Reading, keeping: Keeping, overscan: Ov
         metres[rows] = np.full(metres[rows].shape, np.inf, np.float32)
     depth = Depth(metres, picture.color, "", "no depth, infinitely far", overscan=overscan)
     warning = f"{picture.color.name}: the plate has no depth and is taken as infinitely far"
-    return Plate(color, element_depth(depth, color, keeping), (warning,))
+    return Plate(picture, reading, color, element_depth(depth, color, keeping), (warning,))

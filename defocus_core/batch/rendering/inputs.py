@@ -162,13 +162,13 @@ def _over_plate(job: Job, held: Holding) -> Inputs:
 
 def _with_layers(job: Job, inputs: Inputs) -> Inputs:
     """A picture with its samples if it is deep or has a holdout."""
-    picture, plate = job.picture, inputs.plate
+    picture = job.picture
     layers = layers_of_scene(
         picture,
         job.reading,
         parts_of(picture, job.reading)[0],
         (inputs.color, inputs.depth),
-        None if plate is None else (plate.color, plate.depth),
+        inputs.plate,
         inputs.holding.keeping,
         job.lens_focal,
     )

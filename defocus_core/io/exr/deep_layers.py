@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.exr.deep_merging import merged
-from defocus_core.io.exr.deep_samples import ALPHA, DEPTH, Strip, strips
+from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT, Strip, strips
 from defocus_core.io.exr.header import Header
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
 
@@ -29,7 +29,7 @@ class DeepLayers:
     """The samples of a deep picture as layers of its frame, nearest first.
 
     Attributes:
-        layers: for each the arrays [H, W] by name of the channel.
+        layers: for each the arrays [H, W] by name of the channel; with volumes `FRONT`, too.
         merged: number of pixels that had more samples than there are layers.
     """
 
@@ -90,7 +90,8 @@ def deep_layers(
     frame, crowded = header.display.grown(overscan), 0
     layers: list[dict[str, Any]] = []
     kinds = {channel.name: channel.type for channel in header.channels}
-    wanted = (*names, ALPHA, DEPTH)
+    volumes = any(channel.plain == BACK for channel in header.channels)
+    wanted = (*names, ALPHA, DEPTH, *((FRONT, BACK) if volumes else ()))
     for strip in strips(path, header, last=True):
         strip, count = merged(strip, (*names, ALPHA))
         crowded += count

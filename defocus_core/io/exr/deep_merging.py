@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.io.exr.deep_samples import DEPTH, Strip
+from defocus_core.io.exr.deep_samples import BACK, DEPTH, FRONT, Strip
 
 MOST_LAYERS = 12
 _MERGED = 1 << 12  # pixels merged at once
@@ -43,6 +43,8 @@ def merged(strip: Strip, light: tuple[str, ...]) -> tuple[Strip, int]:
     pixel, rank = (np.concatenate([piece[k] for piece in pieces]) for k in (0, 1))
     merged = {n: np.concatenate([piece[2][n] for piece in pieces]).astype("f4") for n in light}
     merged[DEPTH] = np.concatenate(depths)
+    for name in (n for n in (FRONT, BACK) if n in strip.values):
+        merged[name] = np.concatenate([strip.values[name][kept], *depths[1:]])
     return Strip(strip.window, pixel, rank, merged), len(crowded)
 
 

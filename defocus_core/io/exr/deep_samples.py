@@ -1,7 +1,7 @@
 """Samples of a deep OpenEXR part, decoded some rows at a time, nearest first in each pixel.
 
-A sample with a ZBack beyond its Z fills a volume: it counts as a surface at the middle of both in
-1 / distance, whose blur is the mean of theirs.
+A sample with a ZBack beyond its Z fills a volume: its depth is the middle of both in 1 / distance,
+whose blur is the mean of theirs.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from defocus_core.io.exr.windows import Window
 HELD_BYTES = 1 << 27
 _held: dict[object, list[Strip]] = {}
 ALPHA, DEPTH, BACK = _OF_LAYERS = "A", "Z", "ZBack"
+FRONT = "ZFront"  # where a sample begins, beside its depth
 _ROWS, _PIXELS = 16, 1 << 16  # decoded at once
 _ROUNDING = 2e-3  # alpha beyond 1 by less is rounding of half
 
@@ -184,7 +185,8 @@ def _strip(path: Path, data: Any, window: Window, channels: Mapping[str, Channel
         values[name] = np.fromiter(numbers, "u4" if is_whole else "f4", len(pairs))
     _check_alpha(path, values)
     if BACK in values and DEPTH in values:
-        values[DEPTH] = _middle(values[DEPTH], values[BACK])
+        values[FRONT] = values[DEPTH]
+        values[DEPTH] = middle(values[DEPTH], values[BACK])
     if DEPTH in values:
         order = np.lexsort((np.nan_to_num(values[DEPTH], nan=np.inf, posinf=np.inf), pixel))
         values = {name: each[order] for name, each in values.items()}
@@ -208,8 +210,8 @@ def _check_alpha(path: Path, values: dict[str, NDArray[Any]]) -> None:
     values[ALPHA] = np.minimum(alpha, 1)
 
 
-def _middle(front: NDArray[Any], back: NDArray[Any]) -> NDArray[Any]:
+def middle(front: NDArray[Any], back: NDArray[Any]) -> NDArray[Any]:
     """The middle of volumes in 1 / distance; of surfaces, their distance."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        middle = 2 / (1 / front + 1 / back)
-    return np.where((back > front) & (front > 0), middle, front).astype(np.float32)
+        between = 2 / (1 / front + 1 / back)
+    return np.where((back > front) & (front > 0), between, front).astype(np.float32)
