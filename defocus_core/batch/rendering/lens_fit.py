@@ -10,19 +10,23 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.allowed_values import DUAL_PIXEL_MODELS
+from defocus_core.batch.elements.reading import read
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.lenses.quantities import length_text
 from defocus_core.batch.rendering.measures import radius_measures
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import evenly
+from defocus_core.io.images.color import read_color, require_finite
+from defocus_core.io.images.color_planes import Color
 from defocus_core.io.safe_files import written_whole
 
 if TYPE_CHECKING:
     import torch
 
     from defocus_core.fitting.pair import Fit
-    from defocus_core.io.images.color_planes import Color
     from defocus_core.optics.aperture import Aperture as Pupil
     from defocus_core.optics.dual_pixel import DualPixel
 
@@ -114,7 +118,6 @@ def fit_pair(
     """
     import torch
 
-    from defocus_core.batch.rendering.job_steps import read
     from defocus_core.fitting.pair import fit
     from defocus_core.optics.aperture import Aperture
 
@@ -166,8 +169,6 @@ def _read_beside(color: Color, path: Path) -> torch.Tensor:
     Raises:
         InputError: it cannot be read, or is of another size.
     """
-    from defocus_core.io.images.color import read_color, require_finite
-
     other = read_color(path)
     require_finite(other)
     if other.shape[:2] != color.shape[:2]:
@@ -179,7 +180,6 @@ def _read_beside(color: Color, path: Path) -> torch.Tensor:
 
 def _light(color: Color) -> torch.Tensor:
     """Linear light [C, H, W] without alpha."""
-    import numpy as np
     import torch
 
     return torch.from_numpy(np.stack([plane[:] for plane in color.light]).astype(np.float32))
