@@ -32,7 +32,8 @@ def kinds(kind: type[DefocusError]) -> set[str]:
     return {kind.__name__}.union(*(kinds(each) for each in kind.__subclasses__()))
 
 
-ERRORS = kinds(DefocusError) | {"NoSpace", "LockLost", "NoDepthChannel"}
+# A refusal of a fit has the code of the error that the command line makes of it.
+ERRORS = kinds(DefocusError) | {"NoSpace", "LockLost", "NoDepthChannel", "Refusal"}
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))

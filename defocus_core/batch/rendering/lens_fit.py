@@ -269,7 +269,7 @@ def write_lens(path: Path, record: dict[str, Any]) -> None:
 
 def breathes(record: dict[str, Any]) -> bool:
     """Whether a breathing was found that is more than chance."""
-    error = record["breathing_error"]
+    error = record.get("breathing_error")  # a lens that was matched has none
     return error is not None and abs(record["breathing"]) > max(_CHANCE * error, _LEAST_BREATHING)
 
 
