@@ -17,7 +17,6 @@ from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.batch.rendering.streams import Streams
 from defocus_core.batch.sources import to_array
 from defocus_core.errors import TooLarge, UsageProblem
-from defocus_core.io.arrays import evenly
 from defocus_core.io.exr.writing import clamped_half
 from defocus_core.system import memory
 from defocus_core.system.process import set_to_render
@@ -92,7 +91,7 @@ def breathing_inputs(made: Rendered, radius: Any, seen: HiddenLayer | None) -> t
         problem = "moves one picture with its depth, not layers"
         raise UsageProblem("unsupported", problem, "leave it out", field="breathing")
     planes = torch.from_numpy(np.stack([plane[:] for plane in inputs.color.planes]))
-    px = torch.from_numpy(evenly(made.radii.own.px if radius is None else radius))
+    px = torch.from_numpy((made.radii.own.px if radius is None else radius)[:])
     image, moved = breathed(planes.float(), px, breathing)
     color = replace(inputs.color, planes=tuple(image.numpy()))
     return replace(made, inputs=replace(inputs, color=color)), moved.numpy()

@@ -52,3 +52,13 @@ def test_a_light_is_drawn_where_a_lens_that_breathes_shows_it(tmp_path: Path) ->
         )
     radius = 50**2 / (2 * 0.1 * 2 * (1 - 50 / 3000)) * (1 / 3000 - 1 / 9000)
     assert at[1] - at[0] == pytest.approx(0.5 * radius * 20.5 / 40, abs=0.2)
+
+
+def test_white_stays_white_over_a_large_frame(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "rgb.exr", np.ones((300, 400, 3), np.float32))
+    metres = np.tile(np.linspace(1, 4, 400, dtype=np.float32), (300, 1))
+    depth = depth_exr(tmp_path / "z.exr", metres)
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "--breathing", "0.2")
+    ran = run("render", color, depth, *lens, "--quality", "draft", "-o", tmp_path / "out")
+    assert ran.code == 0, ran.err
+    assert read_exr(tmp_path / "out" / "render" / "rgb.exr")["G"] == pytest.approx(1, abs=2e-3)
