@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -57,12 +58,7 @@ Examples:
 """
 
 
-@click.command(
-    "compare",
-    cls=GroupedCommand,
-    help=_HELP,
-    short_help="Say whether pictures are the same, and what happened if not.",
-)
+@click.command("compare", cls=GroupedCommand, help=_HELP)
 @click.argument("a", type=FilePath())
 @click.argument("b", type=FilePath())
 @comparing.comparison_options()
@@ -117,8 +113,11 @@ def command(
         comparisons.write(asked.html, header, records, asked.settings, processes)
     accepted = accept_files(a, b, records) if accept else []
     if as_json:
-        more = {} if batches is None else {"recipes": [asdict(each) for each in batches.changes]}
-        more |= {"accepted": [str(path) for path in accepted]} if accept else {}
+        more: dict[str, Any] = (
+            {} if batches is None else {"recipes": [asdict(each) for each in batches.changes]}
+        )
+        if accept:
+            more["accepted"] = [str(path) for path in accepted]
         console.print_json(**compare_report.document(records), **more)
     elif not lone:
         console.stdout(compare_report.summary(records))

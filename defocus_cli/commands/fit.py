@@ -16,9 +16,10 @@ from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
 from defocus_cli.words.endings import Failures
 from defocus_core.batch.jobs.job import Picture, Reading
-from defocus_core.batch.jobs.lens_options import PARSERS
 from defocus_core.batch.jobs.pairing import find_pictures
 from defocus_core.batch.jobs.random_lenses import Sampling
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS
+from defocus_core.batch.lenses.quantities import QuantityError
 from defocus_core.batch.lenses.radius_set import read_radius_set
 from defocus_core.batch.rendering import lens_fit, lens_match
 from defocus_core.errors import DefocusError, InputError, UsageProblem
@@ -29,17 +30,13 @@ _Find = Callable[[Callable[[int, int], None]], dict[str, Any]]  # progress in, a
 
 def _blades(text: str) -> tuple[int, ...]:
     """Numbers of blades, as ``0,5,6``."""
-    from defocus_core.batch.lenses.quantities import QuantityError
-
     numbers = [part.strip() for part in text.split(",")]
     if not all(n.isdigit() and (int(n) == 0 or 3 <= int(n) <= _MOST_BLADES) for n in numbers):
         raise QuantityError(f"'{text}' names no numbers of blades", "write them like 0,5,6")
     return tuple(dict.fromkeys(map(int, numbers)))
 
 
-@click.command(
-    "fit", cls=GroupedCommand, short_help="Find the lens between a sharp and a blurred picture."
-)
+@click.command("fit", cls=GroupedCommand)
 @click.argument("sharp", type=FilePath(), metavar="SHARP")
 @click.argument("depth", type=FilePath(), metavar="DEPTH")
 @click.argument("blurred", type=FilePath(), required=False, metavar="[BLURRED]")
@@ -77,7 +74,7 @@ def _blades(text: str) -> tuple[int, ...]:
 @grouped_option(
     "Lens",
     "--focal-length",
-    type=Quantity(PARSERS["focal-length"], "LENGTH"),
+    type=Quantity(LENS_OPTIONS["focal-length"].parse, "LENGTH"),
     default="50mm",
     show_default=True,
     metavar="LENGTH",
@@ -86,7 +83,7 @@ def _blades(text: str) -> tuple[int, ...]:
 @grouped_option(
     "Lens",
     "--sensor-width",
-    type=Quantity(PARSERS["sensor-width"], "LENGTH"),
+    type=Quantity(LENS_OPTIONS["sensor-width"].parse, "LENGTH"),
     default="36mm",
     show_default=True,
     metavar="LENGTH",

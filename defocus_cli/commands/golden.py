@@ -18,7 +18,7 @@ from defocus_cli.words import golden as golden_report
 from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.worker_config import WorkerConfig
 from defocus_core.compare.goldens.faults import plant_all
-from defocus_core.compare.goldens.fresh import Rendered, rendered
+from defocus_core.compare.goldens.fresh import FreshPictures, rendered
 from defocus_core.compare.goldens.store import Store, accept, change_words, read_store
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import read_picture
@@ -208,13 +208,15 @@ def _report_header(
 
 def _rendered(
     jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
-) -> AbstractContextManager[Rendered]:
+) -> AbstractContextManager[FreshPictures]:
     report = batch_report.BatchReport(each=False)
     execution = Execution(crew.execute(), spread=crew.spread)
     return rendered(jobs_file, crew.machine, execution, report, only)
 
 
-def _proposal(fresh: Rendered, jobs_file: Path, crew: WorkerConfig, only: Sequence[str]) -> str:
+def _proposal(
+    fresh: FreshPictures, jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
+) -> str:
     """The rule that lets pass what a second render makes otherwise."""
     with _rendered(jobs_file, crew, only) as again:
         pairs = [FilePair(n, path, again.files.get(n)) for n, path in fresh.files.items()]
@@ -226,12 +228,12 @@ def _proposal(fresh: Rendered, jobs_file: Path, crew: WorkerConfig, only: Sequen
     return f"two renders differ by {noise:.2g}: --fail 'max>{_ROOM * noise:.2g}' lets that pass"
 
 
-def _narrowed(store: Store, fresh: Rendered, only: Sequence[str]) -> Store:
+def _narrowed(store: Store, fresh: FreshPictures, only: Sequence[str]) -> Store:
     """The goldens of the jobs that were chosen."""
     return store.only({job.sample_id for job in fresh.jobs}) if only else store
 
 
-def _compare(store: Store, fresh: Rendered, task: Task, processes: int) -> list[Comparison]:
+def _compare(store: Store, fresh: FreshPictures, task: Task, processes: int) -> list[Comparison]:
     """The new pictures by the goldens; other files in the folder are not looked at."""
     there = {name: path for name in store.files if (path := store.place(name))}
     names = sorted({*store.files, *fresh.files})

@@ -11,6 +11,8 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.compare.findings.cause import diagnose, of_another_size
 from defocus_core.compare.findings.clipping import clipped
 from defocus_core.compare.findings.finding import Finding
@@ -77,8 +79,6 @@ def compare_pictures(
         InputError: the mask or the CoC map cannot be read, or is not of this picture.
         UsageProblem: the region is not within the picture.
     """
-    import numpy as np
-
     with np.errstate(all="ignore"):  # NaN and infinity are looked for, not stumbled upon
         return _compared(Comparison(name, a.path, b.path), a, b, rules, settings)
 
@@ -140,8 +140,6 @@ def _pixels(
 
 def _selected(size: tuple[int, int], settings: CompareSettings) -> Any:
     """The pixels [H, W] that masks and regions leave; None for all."""
-    import numpy as np
-
     if settings.mask is None and settings.ignore_mask is None and not settings.ignore_region:
         return None
     selected = np.ones(size, bool) if settings.mask is None else read_mask(settings.mask, size)
@@ -249,8 +247,6 @@ def _met(
 
 def _placed(record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Comparison:
     """The record with the worst pixel, and where pixels differ."""
-    import numpy as np
-
     bad = pixels.greatest > 0
     row, column = np.unravel_index(int(pixels.greatest.argmax()), pixels.shape)
     assert record.nonfinite is not None
@@ -286,6 +282,4 @@ def _proposal(metrics: Mapping[str, float]) -> str:
 
 
 def _equal(a: Any, b: Any) -> bool:
-    import numpy as np
-
     return bool(np.array_equal(a, b, equal_nan=a.dtype.kind == "f" and b.dtype.kind == "f"))

@@ -9,8 +9,13 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.array_files.float_maps import is_float_map, read_float_map
@@ -21,12 +26,6 @@ from defocus_core.io.images.color_space import linear_light, unit
 from defocus_core.io.images.exr_channels import NO_DEPTH
 from defocus_core.io.images.raster import Raster, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 SUFFIXES = frozenset(
     {".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pfm", ".npy"},
@@ -146,8 +145,6 @@ def is_map(names: Sequence[str]) -> bool:
 
 def in_linear_light(picture: DecodedPicture) -> DecodedPicture:
     """The picture with its colour as linear light, multiplied by alpha if it has one."""
-    import numpy as np
-
     if picture.gamma == 1.0 and picture.associated:
         return picture
     planes = dict(picture.planes)
@@ -207,13 +204,11 @@ def _from_exr(path: Path) -> DecodedPicture:
 
 def _deep_samples(path: Path, headers: Sequence[Header]) -> dict[str, NDArray[Any]]:
     """The samples of all deep parts; none if the file is flat."""
-    import numpy as np
-
     found: dict[str, list[NDArray[Any]]] = {}
     for header in headers:
         for strip in strips(path, header, last=True) if header.deep else ():
             rows, columns = np.divmod(strip.pixel.astype(np.int64), strip.window.width)
-            places = (rows + strip.window.y << 32) + columns + strip.window.x
+            places = (rows + strip.window.y0 << 32) + columns + strip.window.x0
             found.setdefault("", []).append(places)
             for channel in header.channels:
                 found.setdefault(channel.name, []).append(strip.values[channel.name])
@@ -261,8 +256,6 @@ def _spoken(raw: Raw) -> str:
 
 
 def _from_raster(path: Path, pages: Sequence[Raster]) -> DecodedPicture:
-    import numpy as np
-
     if any(page.deep for page in pages):
         raise InputError(
             "deep-data", "holds deep data, which is not compared", "flatten it first", path=path

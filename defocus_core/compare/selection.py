@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.batch.lenses.quantities import QuantityError
 from defocus_core.compare.picture import read_picture
 from defocus_core.errors import InputError, UsageProblem
@@ -20,7 +22,6 @@ from defocus_core.errors import InputError, UsageProblem
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
 _EDGE = 1.0  # px
@@ -87,8 +88,6 @@ def read_mask(path: Path, size: tuple[int, int], *, empty: bool = False) -> NDAr
     Raises:
         InputError: it cannot be read, is of another size, holds NaN, or selects no pixel.
     """
-    import numpy as np
-
     mask = read_picture(path)
     if (mask.height, mask.width) != size:
         problem = f"is {mask.width}x{mask.height}, but the picture is {size[1]}x{size[0]}"
@@ -115,8 +114,6 @@ def within_neighbours(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> N
     The value of one side lies between those of the pixel and its eight neighbours on the other, in
     all channels, and at least three of these nine pixels are equal, as beside a line or an edge.
     """
-    import numpy as np
-
     ok = np.ones(a[0].shape, bool)
     equal = np.ones(a[0].shape, bool)
     for one, other in zip(a, b, strict=True):
@@ -131,8 +128,6 @@ def within_neighbours(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> N
 
 def _of_nine(values: NDArray[Any], combine: Any) -> NDArray[Any]:
     """Each pixel combined with its neighbours; the border is repeated."""
-    import numpy as np
-
     for axis in (0, 1):
         padded = np.pad(values, [(1, 1) if axis == k else (0, 0) for k in (0, 1)], mode="edge")
         parts = [padded.take(range(k, k + values.shape[axis]), axis=axis) for k in range(3)]
@@ -151,8 +146,6 @@ def near_edges(folder: Path, name: str, size: tuple[int, int]) -> NDArray[np.boo
     Raises:
         InputError: there is no such map, it cannot be read or is of another size.
     """
-    import numpy as np
-
     path = coc_file(folder, name)
     picture = read_picture(path)
     if (picture.height, picture.width) != size:
@@ -180,8 +173,6 @@ def near_edges(folder: Path, name: str, size: tuple[int, int]) -> NDArray[np.boo
 
 def widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     """Pixels with a true one within ``reach`` rows and columns."""
-    import numpy as np
-
     for axis in (0, 1):
         length = mask.shape[axis]
         counts = np.cumsum(mask, axis=axis, dtype=np.int32)

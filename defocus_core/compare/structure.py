@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.system.text import counted
 
@@ -83,8 +85,6 @@ def compare_structure(
 
 def compare_samples(a: DecodedPicture, b: DecodedPicture) -> Finding | None:
     """How the samples of two deep pictures differ; None if they do not, or one is flat."""
-    import numpy as np
-
     if not a.samples or not b.samples:
         return None
     old, new = (each.samples[""] for each in (a, b))

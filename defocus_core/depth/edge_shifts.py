@@ -27,6 +27,7 @@ from defocus_core.depth.color_profiles import (
 )
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.soft_edges import slope_of_soft_edges
+from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.neighbourhoods import ends_of, extreme_around, halfway, squares_around
 from defocus_core.tensors.source import Pixels, banded, bands, spread
 from defocus_core.tensors.sparse_masks import numbers_of, places_of
@@ -55,8 +56,8 @@ _VOTES, _BIASED, _AGREED = 32, 0.75, 0.6
 AROUND = REACH + NORMAL + 2 * (_ROUNDS + _SMOOTHING) + FARTHEST + 2
 # Half a px, so that averages of whole displacements are no ties.
 _HALF = 0.4937
-# Profiles examined at once: bounds memory.
-_PROFILES = 1 << 12
+# Profiles examined at once on a CPU, and bytes that each takes elsewhere: bounds memory.
+_PROFILES, _BYTES_EACH = 1 << 12, 1 << 14
 
 
 class EdgeShifts(NamedTuple):
@@ -91,9 +92,8 @@ def measured_shifts(
         scale: Of distance, if edges were soft in distance.
     """
     ends = torch.stack([ends_of(band) for band in banded(signed_radius)])
-    slope = slope_of_soft_edges(
-        float(ends[:, 0].amin()), float(ends[:, 1].amax()), signed_radius.shape
-    )
+    least, most = torch.stack([ends[:, 0].amin(), ends[:, 1].amax()]).tolist()
+    slope = slope_of_soft_edges(least, most, signed_radius.shape)
     step = max(_LEAST_STEP, _STEP * slope)
     if not soft:
         votes = _votes(signed_radius, pixels, step, _EVERY_OF_HARD, threads, scale)
@@ -128,12 +128,18 @@ def _votes(
         band = rows[0] - above, rows[1] - above
         lines = [y + band[0] for y in spread(H, every, *rows)], spread(W, every)
         votes = radii.new_zeros(2 * FARTHEST + 1, dtype=torch.float64)
-        for at in torch.split(crossed_edges(radii, step, lines, band, scale), _PROFILES):
+        crossed = crossed_edges(radii, step, lines, band, scale)
+        for at in torch.split(crossed, _profiles(radii)) if len(crossed) else ():
             costs, trust = displacement_costs(silhouette_at(at, radii), radii, colors)
             votes.index_add_(0, costs.argmin(1), trust.double())
         return votes
 
-    return torch.stack(list(threaded(votes_of, bands(H, W), threads))).sum(0)
+    return torch.stack(list(threaded(votes_of, bands(signed_radius), threads))).sum(0)
+
+
+def _profiles(like: Tensor) -> int:
+    """The number of profiles to examine at once."""
+    return pieces(like.device, _PROFILES, _BYTES_EACH)
 
 
 def _median(votes: Tensor) -> tuple[float, float]:
@@ -154,7 +160,9 @@ def with_shifted_edges(
     if not len(at):
         return signed_radius
     silhouette = silhouette_at(at, radii)
-    parts = (torch.split(x, _PROFILES, d) for x, d in zip(silhouette, (0, 0, 1), strict=True))
+    parts = (
+        torch.split(x, _profiles(radii), d) for x, d in zip(silhouette, (0, 0, 1), strict=True)
+    )
     chunks = map(Silhouette._make, zip(*parts, strict=True))
     found = [displacement_costs(chunk, radii, pixels.detach()) for chunk in chunks]
     costs, trust = map(torch.cat, zip(*found, strict=True))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from defocus_core.allowed_values import DUAL_PIXEL_MODELS
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import LEFT, RIGHT, Part
 from defocus_core.optics.sensitivity import Sensitivity
@@ -15,11 +16,9 @@ from defocus_core.tensors.validation import described, number, one_of
 
 # The share of the light at lens point u.x that the left photodiode gets is 1 for the left half of
 # the pupil and 0 for the right, or (1 - u.x) / 2 throughout.
-_HALVES: dict[str, tuple[Part, Part]] = {
-    "split": (LEFT, RIGHT),
-    "smooth": (Part(lean=-1.0), Part(lean=1.0)),
-}
-DUAL_PIXEL_MODELS: tuple[str, ...] = tuple(_HALVES)
+_HALVES: dict[str, tuple[Part, Part]] = dict(
+    zip(DUAL_PIXEL_MODELS, ((LEFT, RIGHT), (Part(lean=-1.0), Part(lean=1.0))), strict=True)
+)
 _MOST_CROSSTALK = 0.5
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from command_line import header, pair, refused, run
 
-from defocus_core.batch.jobs.lens_options import make_lens
+from defocus_core.batch.jobs.lens_from_options import make_lens
 from defocus_core.batch.lenses.shipped_lenses import ShippedLens, shipped_lenses
 from defocus_core.io.images.raster import read_samples
 

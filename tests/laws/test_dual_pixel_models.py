@@ -154,3 +154,13 @@ def test_kernels_of_no_pair_are_refused() -> None:
             sensitivities(*pair)
     with pytest.raises(ValueError, match="measured must be two"):
         DualPixel(measured=(left, right))
+
+
+def test_noise_and_a_soft_border_of_measured_kernels_have_no_extent() -> None:
+    left, right = (torch.nn.functional.pad(kernel, (24,) * 4) for kernel in measured())
+    noisy = left.clone()
+    noisy[0, 0] = noisy[-1, -2] = 0.03 * float((left + right).max())
+    clean = DualPixel(measured=sensitivities(left, right))
+    for pair in ((noisy, right), measured()):
+        apart = DualPixel(measured=sensitivities(*pair)).disparity(Aperture())
+        assert apart == pytest.approx(clean.disparity(Aperture()), rel=1e-3)

@@ -14,7 +14,8 @@ from decimal import Decimal
 from pathlib import Path
 from typing import TypeVar
 
-from defocus_core.errors import UsageProblem
+from defocus_core.allowed_values import AUTO_LIGHTS
+from defocus_core.errors import Place, UsageProblem
 
 T = TypeVar("T")
 
@@ -26,7 +27,6 @@ _BYTES = {
 _MOST_LENGTH = 1e30  # mm
 _MOST_ELECTRONS = 1e9
 _MOST_SHIFT = 10.0  # mm of the focus of a colour
-AUTO_LIGHTS = (0.93, 16.0)  # threshold and gain; of defocus_core, too
 MOST_BLADES = 100  # a polygon that nobody tells from a circle
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*)\s*", re.I)
 _PERCENTILE = re.compile(r"\s*percentile\s*\(([^(),]*)\)\s*", re.I)
@@ -51,7 +51,7 @@ class Percentile:
         return f"percentile({self.percent:.9g})"
 
 
-def read_at(where: str, parse: Callable[..., T], *texts: str) -> T:
+def read_at(where: Place, parse: Callable[..., T], *texts: str) -> T:
     """The value that a parser reads from a text.
 
     Raises:

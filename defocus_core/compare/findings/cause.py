@@ -40,14 +40,16 @@ def diagnose(pixels: Pixels, a: DecodedPicture, b: DecodedPicture) -> list[Findi
     if old.size and float(abs(new - old).max()) < _LAST_BITS:
         return []
     tried = list(tone.explanations(evidence))
-    for kind in (
-        lambda: geometry.explanations(evidence, _others(pixels, a.path)),
-        lambda: traces.explanations(evidence),
-        lambda: filters.explanations(evidence) if pixels.color else (),
-    ):
+    kinds: list[Iterator[Explanation]] = [
+        geometry.explanations(evidence, _others(pixels, a.path)),
+        traces.explanations(evidence),
+    ]
+    if pixels.color:
+        kinds.append(filters.explanations(evidence))  # the dearest
+    for kind in kinds:
         chosen = best(tried)
         if chosen is None or chosen.left + chosen.cost > _CERTAIN:
-            tried += kind()
+            tried += kind
     chosen = best(tried)
     if set(evidence.names) <= _MAPS_OF_COC and _is_of_values(chosen):
         return _of_maps(evidence)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from defocus_core.compare.findings.finding import Finding
 
 if TYPE_CHECKING:
@@ -17,8 +19,6 @@ _MORE = 1.05  # what was cut off is brighter than the limit by this
 
 def clipped(pixels: Pixels) -> list[Finding]:
     """The limit that the light of B was clipped at, if it was; looked for in every pair."""
-    import numpy as np
-
     tops = {}
     for layer in pixels.color:
         sides = [[pixels.plane(side, name) for name in layer] for side in ("a", "b")]
@@ -46,8 +46,6 @@ def clipped(pixels: Pixels) -> list[Finding]:
 
 def _greatest(plane: object) -> float:
     """The greatest number of a plane, NaN aside; by their codes, those of 16 bits are fast."""
-    import numpy as np
-
     values = np.asarray(plane)
     if values.dtype == np.float16:
         codes = np.ascontiguousarray(values).view(np.int16)

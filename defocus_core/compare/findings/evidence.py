@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.compare.metrics import unclipped
 from defocus_core.compare.selection import widened
 from defocus_core.io.images.color_space import srgb_to_linear
@@ -20,7 +22,6 @@ from defocus_core.io.images.color_space import srgb_to_linear
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from defocus_core.compare.findings.finding import Finding
@@ -81,8 +82,6 @@ class Evidence:
     @cached_property
     def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Rows and columns of the samples; the second half are the neighbours of the first."""
-        import numpy as np
-
         width = self.size[1]
         finite, right = self.pixels.finite, min(1, width - 1)
         ok = np.ones(self.size, bool) if finite is None else finite.copy()
@@ -102,8 +101,6 @@ class Evidence:
     @cached_property
     def fits(self) -> NDArray[np.bool_]:
         """Samples that choose parameters; the others measure."""
-        import numpy as np
-
         rows, columns = (places // _BLOCK for places in self.places)
         half = len(rows) // 2
         first = (rows[:half] + columns[:half]) % 2 == 0
@@ -117,8 +114,6 @@ class Evidence:
     @cached_property
     def steady(self) -> NDArray[np.bool_]:
         """Samples [C, N] that neither side may have clipped: all, where values have no bounds."""
-        import numpy as np
-
         a, b = self.sampled
         if self.gamma == 1.0:
             return np.ones(a.shape, bool)
@@ -126,24 +121,19 @@ class Evidence:
 
     def at(self, side: str, rows: Any, columns: Any, names: Sequence[str] = ()) -> Any:
         """Values [C, N] of side ``a`` or ``b`` at some places, 0 where a pixel is not finite."""
-        import numpy as np
-
         planes = [self.pixels.plane(side, name)[rows, columns] for name in names or self.names]
         values = np.clip(np.stack(planes), -_LARGEST, _LARGEST).astype(np.float32)
         return values if self.pixels.finite is None else np.nan_to_num(values)
 
     def scaled(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values on the scale that differences are measured on."""
-        import numpy as np
-
         if not self.pixels.color:
-            return np.arcsinh(values)
+            compressed: NDArray[Any] = np.arcsinh(values)
+            return compressed
         return unclipped(values) if self.gamma == 1.0 else values
 
     def light(self, values: NDArray[Any]) -> NDArray[np.float64]:
         """Stored values as linear light."""
-        import numpy as np
-
         if self.gamma == 1.0:
             return values.astype(np.float64)
         if self.gamma is None:
@@ -153,8 +143,6 @@ class Evidence:
 
     def stored(self, light: NDArray[Any]) -> NDArray[np.float32]:
         """Linear light as the files store it."""
-        import numpy as np
-
         if self.gamma == 1.0:
             return light.astype(np.float32)
         shown: NDArray[np.float32] = np.clip(light, 0.0, 1.0).astype(np.float32)
@@ -166,21 +154,18 @@ class Evidence:
 
     def unscaled_light(self, values: NDArray[Any]) -> NDArray[Any]:
         """Linear light of values on the scale of differences."""
-        import numpy as np
-
         if not self.pixels.color:
-            return np.sinh(values)
+            light: NDArray[Any] = np.sinh(values)
+            return light
         size = np.abs(values)
         beyond = np.exp(np.clip(size - 1.0, 0.0, 300.0) * (2.4 / 1.055))
-        return np.copysign(
-            np.where(size > 1.0, beyond, srgb_to_linear(np.minimum(size, 1.0))), values
-        )
+        magnitude = np.where(size > 1.0, beyond, srgb_to_linear(np.minimum(size, 1.0)))
+        signed: NDArray[Any] = np.copysign(magnitude, values)
+        return signed
 
     @cached_property
     def step(self) -> float:
         """What the number type of B may round off, on the scale of differences."""
-        import numpy as np
-
         values = self.scaled(self.sampled[1])
         level = math.sqrt(float(np.square(values).mean())) if values.size else 0.0
         steps = [_STEPS.get(kind, _RELATIVE_STEPS.get(kind, 1e-6) * level) for kind in self.types]
@@ -209,8 +194,6 @@ class Evidence:
         Returns:
             0 if all is explained up to noise, 1 or more if nothing.
         """
-        import numpy as np
-
         aim, whole = self._aim
         tested = np.broadcast_to(~self.fits, predicted.shape)
         used = tested if where is None else tested & where
@@ -222,14 +205,12 @@ class Evidence:
             and np.square(whole[used]).sum() < 0.3 * np.square(whole[tested]).sum()
         ):
             return math.inf
-        sides = (_pairs(side, used) for side in (whole, self.scaled(predicted) - aim))
-        return unexplained(*sides, self.step, lossy=not exact)
+        before, after = (_pairs(side, used) for side in (whole, self.scaled(predicted) - aim))
+        return unexplained(before, after, self.step, lossy=not exact)
 
     @cached_property
     def frame(self) -> tuple[slice, slice]:
         """Rows and columns that are looked at as a whole: around the middle of what differs."""
-        import numpy as np
-
         cuts = []
         for axis, length in enumerate(self.size):
             weights = self.pixels.greatest.sum(axis=1 - axis)
@@ -250,8 +231,6 @@ class Evidence:
     @cached_property
     def clipped_near(self) -> NDArray[np.bool_]:
         """Pixels [h, w] of the frame near to one that may be clipped, in files with bounds."""
-        import numpy as np
-
         near = np.zeros(self.framed[0].shape, bool)
         if self.gamma == 1.0:
             return near
@@ -261,8 +240,6 @@ class Evidence:
 
     def scaled_light(self, light: NDArray[Any]) -> NDArray[Any]:
         """Linear light on the scale of differences."""
-        import numpy as np
-
         return unclipped(light) if self.pixels.color else np.arcsinh(light)
 
     def left_framed(self, predicted: NDArray[Any], where: NDArray[np.bool_] | None = None) -> float:
@@ -279,8 +256,6 @@ class Evidence:
 
 def blocks_in_turn(size: tuple[int, int], side: int = _BLOCK) -> NDArray[np.bool_]:
     """Pixels [H, W] of blocks that choose parameters; the others measure."""
-    import numpy as np
-
     rows, columns = (np.arange(length) // side for length in size)
     turn: NDArray[np.bool_] = (rows[:, None] + columns) % 2 == 0
     return turn
@@ -316,15 +291,11 @@ def unexplained(
 
 
 def _power(here: NDArray[Any], beside: NDArray[Any]) -> float:
-    import numpy as np
-
     values = float(np.square(here, dtype="f8").sum() + np.square(beside, dtype="f8").sum())
     return values / (2 * here.size) if here.size else 0.0
 
 
 def _shared(here: NDArray[Any], beside: NDArray[Any]) -> float:
-    import numpy as np
-
     return float(np.multiply(here, beside, dtype="f8").sum()) / here.size if here.size else 0.0
 
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.compare.findings.evidence import Evidence, Explanation, blocks_in_turn
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.findings.geometry import fitted_in_parts
@@ -16,16 +18,16 @@ from defocus_core.compare.findings.geometry import fitted_in_parts
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    import numpy as np
     from numpy.typing import NDArray
 
 _REACH = 7  # px of a filter for all places
 _CHOSEN = 4000  # pixels that choose it
 _SIGMAS = (0.6, 1.2, 2.4, 4.8)  # px of the gaussians
-_FILTER_LEFT, _COC_LEFT, _RESOLUTION_LEFT, _SPREAD_LEFT = 0.3, 0.62, 0.6, 0.35
+_FILTER_LEFT, _COC_LEFT, _RESOLUTION_LEFT, _SPREAD_LEFT = 0.3, 0.62, 0.6, 0.25
 _LONG = 4.0  # how much wider than across a filter of motion is along
 _PIECE = 192  # px of a side of the part whose resolution is looked at
 _DETAIL_KEPT = 0.35  # of what a lower resolution cannot have
+_NONE_KEPT = 0.04  # where B surely had a lower resolution
 _SPREAD = 6.0  # px of the gaussian within which another bokeh shape keeps the light
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
 _UNLIKE_NEIGHBOURS = 0.3  # greatest correlation of noise with itself one pixel on
@@ -41,20 +43,16 @@ def explanations(evidence: Evidence) -> Iterator[Explanation]:
     yield from _spread_otherwise(evidence)
 
 
-def _slope(evidence: Evidence, light: NDArray[np.float64]) -> NDArray[np.float64]:
+def _slope(evidence: Evidence, light: NDArray[Any]) -> NDArray[Any]:
     """The slope of the scale of differences at some light."""
-    import numpy as np
-
     step = np.maximum(np.abs(light) * 1e-3, 1e-5)
     high, low = (evidence.scaled_light(light + s).astype(np.float64) for s in (step, -step))
-    slope: NDArray[np.float64] = (high - low) / (2 * step)
+    slope: NDArray[Any] = (high - low) / (2 * step)
     return slope
 
 
 def _filtered(evidence: Evidence) -> Iterator[Explanation]:
     """B is A through one filter for all places."""
-    import numpy as np
-
     a, b = evidence.framed
     height, width = a.shape
     weights = _slope(evidence, np.maximum(np.abs(a), np.abs(b)))
@@ -90,24 +88,18 @@ def _filtered(evidence: Evidence) -> Iterator[Explanation]:
         yield Explanation(finding, left, _FILTER_LEFT, 0.05)
 
 
-def _through(values: NDArray[np.float64], kernel: NDArray[np.float64]) -> NDArray[np.float64]:
+def _through(values: NDArray[Any], kernel: NDArray[Any]) -> NDArray[Any]:
     """Values [h, w] through a kernel [k, k], around at the borders."""
-    import numpy as np
-
     size, reach = values.shape, len(kernel) // 2
     padded = np.zeros(size)
     padded[: len(kernel), : len(kernel)] = kernel
     padded = np.roll(padded, (-reach, -reach), axis=(0, 1))
-    through: NDArray[np.float64] = np.fft.irfft2(
-        np.fft.rfft2(values) * np.fft.rfft2(padded), s=size
-    )
+    through: NDArray[Any] = np.fft.irfft2(np.fft.rfft2(values) * np.fft.rfft2(padded), s=size)
     return through
 
 
-def _of_kernel(kernel: NDArray[np.float64]) -> Finding | None:
+def _of_kernel(kernel: NDArray[Any]) -> Finding | None:
     """What a filter does, by its moments of second order; None if it only moves or scales."""
-    import numpy as np
-
     whole = float(kernel.sum())
     if not 0.2 < whole < 5:
         return None
@@ -137,8 +129,6 @@ def _of_kernel(kernel: NDArray[np.float64]) -> Finding | None:
 
 def _lower_resolution(evidence: Evidence) -> Iterator[Explanation]:
     """B has as much detail as a picture of a half or a quarter of the size, enlarged."""
-    import numpy as np
-
     whole = evidence.framed[0]
     piece = tuple(
         slice(max(0, (n - _PIECE) // 2), max(0, (n - _PIECE) // 2) + _PIECE) for n in whole.shape
@@ -167,17 +157,16 @@ def _lower_resolution(evidence: Evidence) -> Iterator[Explanation]:
             text = f"lower resolution: {size} resolution, {how}"
             finding = Finding("lower resolution", text, {"factor": factor})
             left = evidence.left_framed(predicted, cut)
-            yield Explanation(finding, left, _RESOLUTION_LEFT, kept - 0.2 + 0.02 * factor)
+            cost = kept + 0.02 * factor - 0.2 * (kept < _NONE_KEPT)
+            yield Explanation(finding, left, _RESOLUTION_LEFT, cost)
 
 
-def _enlarging(length: int, first: int, factor: int, how: str) -> NDArray[np.float64]:
+def _enlarging(length: int, first: int, factor: int, how: str) -> NDArray[Any]:
     """The matrix [length, n] that enlarges a line of fewer pixels."""
-    import numpy as np
-
     places = (np.arange(length) + first + 0.5) / factor - 0.5
     low = np.floor(places).astype(np.intp)
     t = places - low
-    weights = {
+    known: dict[str, dict[int, NDArray[Any]]] = {
         "nearest": {0: 1.0 * (t < 0.5), 1: 1.0 * (t >= 0.5)},
         "bilinear": {0: 1 - t, 1: t},
         "bicubic": {
@@ -186,20 +175,16 @@ def _enlarging(length: int, first: int, factor: int, how: str) -> NDArray[np.flo
             1: ((-1.5 * t + 2) * t + 0.5) * t,
             2: (0.5 * t - 0.5) * t * t,
         },
-    }[how]
+    }
     count = int(low[-1]) + 2
     matrix = np.zeros((length, count))
-    for k, weight in weights.items():
+    for k, weight in known[how].items():
         np.add.at(matrix, (np.arange(length), (low + k).clip(0, count - 1)), weight)
     return matrix[:, matrix.any(axis=0)]
 
 
-def _nearest_enlarged(
-    values: NDArray[np.float64], ways: list[NDArray[np.float64]]
-) -> NDArray[np.float64]:
+def _nearest_enlarged(values: NDArray[Any], ways: list[NDArray[Any]]) -> NDArray[Any]:
     """The enlarged picture that is nearest to values [h, w]."""
-    import numpy as np
-
     for way in ways:
         square = way.T @ way
         square[np.diag_indices(len(square))] += 1e-9
@@ -207,7 +192,7 @@ def _nearest_enlarged(
     return values
 
 
-def _reduced(values: NDArray[np.float64], ways: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+def _reduced(values: NDArray[Any], ways: list[NDArray[Any]]) -> NDArray[Any]:
     """Values [h, w] as fewer pixels, means of what they are enlarged to, enlarged again."""
     for way in ways:
         values = (way @ ((way.T @ values) / way.sum(axis=0)[:, None])).T
@@ -216,8 +201,6 @@ def _reduced(values: NDArray[np.float64], ways: list[NDArray[np.float64]]) -> ND
 
 def _another_coc(evidence: Evidence) -> Iterator[Explanation]:
     """B is A blurred, or A is B blurred, in each part by as much as it takes; or one way only."""
-    import numpy as np
-
     a, b = evidence.framed
     weights = _slope(evidence, np.maximum(np.abs(a), np.abs(b))) * ~evidence.clipped_near
     chooses = blocks_in_turn(a.shape, 4)
@@ -244,12 +227,8 @@ def _another_coc(evidence: Evidence) -> Iterator[Explanation]:
             yield Explanation(finding, moved, _COC_LEFT, 0.1)
 
 
-def _coc_words(
-    a: NDArray[np.float64], b: NDArray[np.float64], weights: NDArray[np.float64]
-) -> Finding:
+def _coc_words(a: NDArray[Any], b: NDArray[Any], weights: NDArray[Any]) -> Finding:
     """Where B is blurred more, and where less: where it has less of its detail, and where more."""
-    import numpy as np
-
     energy = np.square((b - a) * weights)
     details = [
         sum(np.square((smooth(side, s) - side) * weights) for s in _SIGMAS) for side in (a, b)
@@ -268,8 +247,6 @@ def _coc_words(
 
 def _spread_otherwise(evidence: Evidence) -> Iterator[Explanation]:
     """The same light is spread otherwise within a few pixels, by whatever kernel."""
-    import numpy as np
-
     a, b = evidence.framed
     weights = _slope(evidence, np.maximum(np.abs(a), np.abs(b)))
     difference = b - a
@@ -284,16 +261,14 @@ def _spread_otherwise(evidence: Evidence) -> Iterator[Explanation]:
     yield Explanation(finding, left, _SPREAD_LEFT, 1.0)  # where nothing else explains it
 
 
-def noise_like(difference: NDArray[np.float64]) -> bool:
+def noise_like(difference: NDArray[Any]) -> bool:
     """Whether neighbours of a difference [h, w] have little in common."""
     pairs = (difference[1:], difference[:-1]), (difference[:, 1:], difference[:, :-1])
     return all(abs(alike(*pair)) < _UNLIKE_NEIGHBOURS for pair in pairs)
 
 
-def alike(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+def alike(x: NDArray[Any], y: NDArray[Any]) -> float:
     """Correlation of two arrays, 0 if one is constant or empty."""
-    import numpy as np
-
     if not x.size:
         return 0.0
     x, y = x - x.mean(), y - y.mean()
@@ -302,12 +277,8 @@ def alike(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
     return float((x * y).sum()) / scale if scale else 0.0
 
 
-def smooth(
-    values: NDArray[np.float64], sigma: float, axes: tuple[int, ...] = (0, 1)
-) -> NDArray[np.float64]:
+def smooth(values: NDArray[Any], sigma: float, axes: tuple[int, ...] = (0, 1)) -> NDArray[Any]:
     """Values [h, w] through a gaussian along axes; the border is repeated."""
-    import numpy as np
-
     reach = max(1, math.ceil(3 * sigma))
     weights = np.exp(-(np.arange(reach + 1) ** 2) / (2 * sigma * sigma))
     weights /= weights[0] + 2 * weights[1:].sum()

@@ -9,13 +9,14 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.compare.findings.evidence import Evidence, Explanation, blocks_in_turn
 from defocus_core.compare.findings.finding import Finding
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
 _FRAME = 1024  # px of the middle of a picture in which a shift is looked for
@@ -90,7 +91,9 @@ def partners(path: Path | None) -> Iterator[tuple[str, Path]]:
             if kind != path.parent.name and other != view and other.is_file():
                 yield f"another view or frame: {kind} in place of {path.parent.name}", other
     match = _FRAME_NUMBER.search(path.stem)
-    for step in (-1, 1) if match is not None else ():
+    if match is None:
+        return
+    for step in (-1, 1):
         number = f"{int(match[1]) + step:0{len(match[1])}d}"
         other = path.with_name(
             path.stem[: match.start()] + number + path.stem[match.end() :] + path.suffix
@@ -124,8 +127,6 @@ def view_partner(path: Path) -> Path | None:
 
 
 def _other_file(evidence: Evidence, name: str, planes: Mapping[str, NDArray[Any]]) -> Explanation:
-    import numpy as np
-
     rows, columns = evidence.places
     predicted = np.stack([planes[n][rows, columns] for n in evidence.names]).astype(np.float32)
     return Explanation(
@@ -135,8 +136,6 @@ def _other_file(evidence: Evidence, name: str, planes: Mapping[str, NDArray[Any]
 
 def _cropped(evidence: Evidence) -> Iterator[Explanation]:
     """B is 0 outside of a window, and as A within it."""
-    import numpy as np
-
     planes = [evidence.pixels.plane("b", name) for name in evidence.names]
     if all(plane[0].any() and plane[:, 0].any() and plane[-1].any() for plane in planes):
         return
@@ -160,8 +159,6 @@ def _cropped(evidence: Evidence) -> Iterator[Explanation]:
 
 def _tiles_exchanged(evidence: Evidence) -> Iterator[Explanation]:
     """Tiles of B are tiles of A of another place; a tile is known by the mean of its channels."""
-    import numpy as np
-
     height, width = evidence.size
     pixels, rows, columns = evidence.pixels, *evidence.places
     for side in _TILES:
@@ -217,8 +214,6 @@ def _shifted(evidence: Evidence) -> Iterator[Explanation]:
 
 def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
     """Shifts (dx, dy) worth trying: peaks of correlations, and small ones."""
-    import numpy as np
-
     a, b = (_middle(evidence, side) for side in ("a", "b"))
     height, width = a.shape
     window = np.hanning(height + 2)[1:-1, None] * np.hanning(width + 2)[None, 1:-1]
@@ -236,13 +231,13 @@ def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
     return list(dict.fromkeys(offsets))
 
 
-def _middle(evidence: Evidence, side: str) -> NDArray[np.float64]:
+def _middle(evidence: Evidence, side: str) -> NDArray[Any]:
     """The mean of the channels in the middle of a picture, on the scale of differences."""
     height, width = evidence.size
     high, wide = min(height, _FRAME), min(width, _FRAME)
     top, left = (height - high) // 2, (width - wide) // 2
     cut = (slice(top, top + high), slice(left, left + wide))
-    middle: NDArray[np.float64] = evidence.scaled(evidence.at(side, *cut)).mean(axis=0, dtype="f8")
+    middle: NDArray[Any] = evidence.scaled(evidence.at(side, *cut)).mean(axis=0, dtype="f8")
     return middle
 
 
@@ -251,8 +246,6 @@ def _moved_a_little(evidence: Evidence, dx: int, dy: int) -> Iterator[Explanatio
 
     Shift, angle and scale are found by least squares on the gradient (Lucas and Kanade, 1981).
     """
-    import numpy as np
-
     rows, columns = evidence.places
     far = max(evidence.size) / 2
     fits = np.flatnonzero(evidence.fits)
@@ -290,13 +283,11 @@ def _moved(
     move: NDArray[Any],
     far: float,
     names: Sequence[str],
-) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+) -> tuple[NDArray[np.bool_], NDArray[Any]]:
     """Places of A that were within it, and A there with its slopes down and right, [3, C, N].
 
     Values are on the scale of differences, between pixels cubic (Keys, -1/2).
     """
-    import numpy as np
-
     height, width = evidence.size
     y, x = rows - (height - 1) / 2, columns - (width - 1) / 2
     at_y = rows - move[0] - (move[3] * y + move[2] * x) / far
@@ -315,10 +306,8 @@ def _moved(
     return inside, total
 
 
-def _moved_words(move: NDArray[np.float64], far: float) -> Finding:
+def _moved_words(move: NDArray[Any], far: float) -> Finding:
     """The finding of a small move: what of shift, turn and scale moves most is its name."""
-    import numpy as np
-
     dy, dx, turn, growth = (float(v) for v in move)
     degrees, scale = float(np.degrees(turn / far)), 1 + growth / far
     values = {"dx": dx, "dy": dy, "degrees": degrees, "scale": scale}
@@ -330,7 +319,7 @@ def _moved_words(move: NDArray[np.float64], far: float) -> Finding:
     return Finding(strongest[1], " and ".join(ways), values)
 
 
-def _keys(t: NDArray[np.float64]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+def _keys(t: NDArray[Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Weights of the four pixels around a place, and their derivatives."""
     return (
         ((-0.5 * t + 1.0) * t - 0.5) * t,
@@ -349,8 +338,6 @@ def _moved_in_parts(
     evidence: Evidence, tried: list[tuple[float, int, int]]
 ) -> Iterator[Explanation]:
     """Parts of the picture have moved by different amounts: another view, or another frame."""
-    import numpy as np
-
     a, b = (evidence.scaled_light(side).astype(np.float64) for side in evidence.framed)
     candidates = list(
         dict.fromkeys([(0, 0), *_part_offsets(a, b), *((dx, dy) for _, dx, dy in tried)])
@@ -378,10 +365,8 @@ def _moved_in_parts(
     yield Explanation(finding, left, _PARTS_LEFT, 0.0 if apart > 1 else 0.1)
 
 
-def _apart_from_one_move(moves: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
+def _apart_from_one_move(moves: NDArray[Any], weights: NDArray[Any]) -> float:
     """RMS distance in px of moves [h, w, 2] of parts from those of one shift, turn and scale."""
-    import numpy as np
-
     rows, columns = np.indices(weights.shape)
     root = np.sqrt(weights.ravel())
     design = np.stack([np.ones(root.size), rows.ravel(), columns.ravel()], axis=1) * root[:, None]
@@ -391,10 +376,8 @@ def _apart_from_one_move(moves: NDArray[np.float64], weights: NDArray[np.float64
     return math.sqrt(rest)
 
 
-def _part_offsets(a: NDArray[np.float64], b: NDArray[np.float64]) -> list[tuple[int, int]]:
+def _part_offsets(a: NDArray[Any], b: NDArray[Any]) -> list[tuple[int, int]]:
     """Moves (dx, dy) of windows of twice the size of a part, the most frequent first."""
-    import numpy as np
-
     side = 2 * _PART
     tops, lefts = (range(0, max(n - side, 0) + 1, _PART) for n in a.shape)
     window = np.hanning(side + 2)[1:-1, None] * np.hanning(side + 2)[None, 1:-1]
@@ -417,45 +400,36 @@ def _part_offsets(a: NDArray[np.float64], b: NDArray[np.float64]) -> list[tuple[
     return [offset for offset, _ in (found + near).most_common(24)]
 
 
-def _moved_by(values: NDArray[np.float64], dx: int, dy: int) -> NDArray[np.float64]:
+def _moved_by(values: NDArray[Any], dx: int, dy: int) -> NDArray[Any]:
     """Values [h, w] moved to the right and down; the border is repeated."""
-    import numpy as np
-
     rows, columns = (
         (np.arange(n) - step).clip(0, n - 1) for n, step in zip(values.shape, (dy, dx), strict=True)
     )
-    return values[rows][:, columns]
+    moved: NDArray[Any] = values[rows][:, columns]
+    return moved
 
 
-def _sums_of_parts(values: NDArray[np.float64], side: int = _PART) -> NDArray[np.float64]:
-    import numpy as np
-
+def _sums_of_parts(values: NDArray[Any], side: int = _PART) -> NDArray[Any]:
     rows = np.add.reduceat(values, np.arange(0, values.shape[0], side), axis=0)
     return np.add.reduceat(rows, np.arange(0, values.shape[1], side), axis=1)
 
 
-def _rest_of_move(
-    a: NDArray[np.float64], b: NDArray[np.float64], chooses: NDArray[np.bool_]
-) -> NDArray[np.float64]:
+def _rest_of_move(a: NDArray[Any], b: NDArray[Any], chooses: NDArray[np.bool_]) -> NDArray[Any]:
     """What a move of each part by fractions of a pixel adds, by least squares on the gradient."""
-    import numpy as np
-
     slopes: Any = np.gradient(a)
     return fitted_in_parts(slopes, b - a, chooses)
 
 
 def fitted_in_parts(
-    columns: Sequence[NDArray[np.float64]],
-    aim: NDArray[np.float64],
+    columns: Sequence[NDArray[Any]],
+    aim: NDArray[Any],
     chooses: NDArray[np.bool_],
     side: int = _PART,
-) -> NDArray[np.float64]:
+) -> NDArray[Any]:
     """The sum [h, w] of multiples of columns [h, w] that each part of a picture has for itself.
 
     The multiples are those of least squares at the pixels that choose, with a little of a ridge.
     """
-    import numpy as np
-
     square = np.stack(
         [[_sums_of_parts(one * other * chooses, side) for other in columns] for one in columns]
     )
@@ -479,8 +453,6 @@ def resized(a: Mapping[str, NDArray[Any]], b: Mapping[str, NDArray[Any]]) -> Ite
         a: channels [H, W] by name.
         b: channels [h, w] by name, all of one size.
     """
-    import numpy as np
-
     names = [name for name in a if name in b]
     if not names:
         return
@@ -509,8 +481,6 @@ def resized(a: Mapping[str, NDArray[Any]], b: Mapping[str, NDArray[Any]]) -> Ite
 
 def _corners(large: NDArray[Any], small: NDArray[Any]) -> Iterator[tuple[int, int]]:
     """Where a smaller picture may lie in a larger one: in the middle, at corners, at a match."""
-    import numpy as np
-
     spare_y, spare_x = large.shape[1] - small.shape[1], large.shape[2] - small.shape[2]
     yield from product((spare_x // 2, 0, spare_x), (spare_y // 2, 0, spare_y))
     # Pixels that match one distinctive pixel of the smaller picture.

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from itertools import permutations
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.compare.findings.evidence import EXACT, Evidence, Explanation
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.picture import color_layers, layers
@@ -14,7 +16,6 @@ from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
 _MOST_SWAPPED = 4  # channels of a layer whose permutations are tried
@@ -49,8 +50,6 @@ def explanations(evidence: Evidence) -> Iterator[Explanation]:
 
 def _empty(evidence: Evidence) -> Iterator[Explanation]:
     """B has one value everywhere, or is 0 within the rectangle where it differs."""
-    import numpy as np
-
     planes = [evidence.pixels.plane("b", name) for name in evidence.names]
     differs = evidence.pixels.greatest > 0
     rows, columns = (np.flatnonzero(differs.any(axis=axis)) for axis in (1, 0))
@@ -73,8 +72,6 @@ def _empty(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _rounded(evidence: Evidence) -> Iterator[Explanation]:
-    import numpy as np
-
     a, b = evidence.sampled
     with np.errstate(over="ignore"):
         rounded = a.astype(np.float16).astype(np.float32)
@@ -84,8 +81,6 @@ def _rounded(evidence: Evidence) -> Iterator[Explanation]:
 
 def _clipped(evidence: Evidence) -> Iterator[Explanation]:
     """B is A with all values beyond a limit set to the limit."""
-    import numpy as np
-
     a, _ = evidence.sampled
     (low, high), (least, most) = (_range(evidence, side) for side in ("a", "b"))
     if high > most:
@@ -111,8 +106,6 @@ def _range(evidence: Evidence, side: str) -> tuple[float, float]:
 
 def _quantised(evidence: Evidence) -> Iterator[Explanation]:
     """B is A rounded to the levels of few bits, which A is not on."""
-    import numpy as np
-
     a, _ = evidence.sampled
     clipped = _range(evidence, "b")[1] <= 1.001 < _range(evidence, "a")[1]
     aim = np.clip(a, 0.0, 1.0) if clipped else a
@@ -128,13 +121,11 @@ def _quantised(evidence: Evidence) -> Iterator[Explanation]:
             yield Explanation(Finding(name, f"{name}{how}", {"bits": bits}), left, EXACT)
 
 
-def _as_it_is(values: NDArray[np.float32]) -> NDArray[np.float32]:
+def _as_it_is(values: NDArray[Any]) -> NDArray[Any]:
     return values
 
 
-def _decoded(values: NDArray[Any]) -> NDArray[np.float32]:
-    import numpy as np
-
+def _decoded(values: NDArray[Any]) -> NDArray[Any]:
     return srgb_to_linear(np.maximum(values, 0.0)).astype(np.float32)
 
 
@@ -178,8 +169,6 @@ def _other_view(name: str) -> str:
 
 def _premultiplied(evidence: Evidence) -> Iterator[Explanation]:
     """Colour divided by its alpha, or multiplied once more."""
-    import numpy as np
-
     names = evidence.pixels.names
     alphas = {name: name[: -len(name.split(".")[-1])] + "A" for name in evidence.names}
     if not all(alpha in names and alpha not in evidence.names for alpha in alphas.values()):
@@ -194,8 +183,6 @@ def _premultiplied(evidence: Evidence) -> Iterator[Explanation]:
 
 def _another_exposure(evidence: Evidence) -> Iterator[Explanation]:
     """B is a multiple of A, the same for all channels or each with its own."""
-    import numpy as np
-
     a, b = evidence.sampled
     light, aim = evidence.light(a), evidence.light(b)
     weights = _weights(evidence, light) * evidence.steady
@@ -224,32 +211,26 @@ def _another_exposure(evidence: Evidence) -> Iterator[Explanation]:
         yield Explanation(finding, evidence.left(scaled, evidence.steady), cost=0.01)
 
 
-def _weights(evidence: Evidence, light: NDArray[np.float64]) -> NDArray[np.float64]:
+def _weights(evidence: Evidence, light: NDArray[Any]) -> NDArray[Any]:
     """The slope of the scale of differences at some light, 0 where a sample chooses nothing."""
-    import numpy as np
-
     magnitude = np.maximum(np.abs(light), 0.003)
     slopes = np.where(magnitude < 1.0, magnitude ** (1 / 2.4 - 1), 1.0 / magnitude)
     return np.asarray(slopes * evidence.fits)
 
 
 def _solved(
-    columns: Sequence[NDArray[np.float64]], aim: NDArray[np.float64], weights: NDArray[np.float64]
-) -> NDArray[np.float64]:
+    columns: Sequence[NDArray[Any]], aim: NDArray[Any], weights: NDArray[Any]
+) -> NDArray[Any]:
     """The multiples of columns that sum up to an aim, by weighted least squares."""
-    import numpy as np
-
     design = np.stack([(column * weights).ravel() for column in columns])
     square, sums = design @ design.T, design @ (aim * weights).ravel()
     square[np.diag_indices(len(columns))] *= 1 + 1e-12
-    solved: NDArray[np.float64] = np.linalg.lstsq(square, sums, rcond=None)[0]
+    solved: NDArray[Any] = np.linalg.lstsq(square, sums, rcond=None)[0]
     return solved
 
 
 def _another_gamma(evidence: Evidence) -> Iterator[Explanation]:
     """B is a power of A, or a multiple of one; or a curve was applied once more."""
-    import numpy as np
-
     a, _ = evidence.sampled
     for name, curve in (("sRGB-encoded", linear_to_srgb), ("sRGB-decoded", _decoded)):
         finding = Finding("another gamma", f"another gamma: {name} once more")
@@ -269,8 +250,6 @@ def _powers(
     *,
     clipped: bool = False,
 ) -> Iterator[Explanation]:
-    import numpy as np
-
     a, b = (curve(np.clip(v, 0, 1) if clipped else v) for v in evidence.sampled)
     usable = (a > 0.02) & (b > 0.02) & evidence.fits & evidence.steady
     if np.count_nonzero(usable) < 16:
@@ -292,19 +271,16 @@ def _powers(
         yield Explanation(both, left, cost=0.02)
 
 
-def _power(values: NDArray[np.float32], power: float, factor: float) -> NDArray[np.float32]:
-    import numpy as np
-
+def _power(values: NDArray[Any], power: float, factor: float) -> NDArray[Any]:
     magnitude = np.abs(values).astype(np.float64)
     with np.errstate(divide="ignore", over="ignore"):
         scaled = np.where(magnitude > 0, magnitude**power, 0.0) * factor
-    return (np.sign(values) * np.minimum(scaled, 1e30)).astype(np.float32)
+    signed: NDArray[Any] = np.sign(values) * np.minimum(scaled, 1e30)
+    return signed.astype(np.float32)
 
 
 def _raised(evidence: Evidence) -> Iterator[Explanation]:
     """B is a multiple of A and a constant: of light, or of the values that a screen shows."""
-    import numpy as np
-
     a, b = evidence.sampled
     steady = evidence.steady & (b > _range(evidence, "b")[0])
     light, aim = evidence.light(a), evidence.light(b)
@@ -337,8 +313,6 @@ def _raised(evidence: Evidence) -> Iterator[Explanation]:
 
 def _mixed(evidence: Evidence) -> Iterator[Explanation]:
     """Channels of one layer mixed: another saturation, or other primaries."""
-    import numpy as np
-
     layers_of = [each for each in color_layers(evidence.pixels.names) if len(each) == 3]
     if len(layers_of) != 1 or not set(evidence.names) <= set(layers_of[0]):
         return
@@ -371,10 +345,8 @@ def _mixed(evidence: Evidence) -> Iterator[Explanation]:
     yield Explanation(finding, evidence.left(stored, evidence.steady), cost=0.03)
 
 
-def _primaries(matrix: NDArray[np.float64]) -> str:
+def _primaries(matrix: NDArray[Any]) -> str:
     """What a matrix of colours does, in words."""
-    import numpy as np
-
     to_xyz = {name: _to_xyz(primaries) for name, primaries in _PRIMARIES.items()}
     for old, new in permutations(_PRIMARIES, 2):
         converted = np.linalg.solve(to_xyz[new], to_xyz[old])
@@ -383,12 +355,10 @@ def _primaries(matrix: NDArray[np.float64]) -> str:
     return "other primaries: channels mixed by a matrix"
 
 
-def _to_xyz(primaries: Sequence[tuple[float, float]]) -> NDArray[np.float64]:
+def _to_xyz(primaries: Sequence[tuple[float, float]]) -> NDArray[Any]:
     """The matrix from R, G, B to X, Y, Z of a white of D65."""
-    import numpy as np
-
     columns = np.array([(x / y, 1.0, (1 - x - y) / y) for x, y in (*primaries, _D65)]).T
-    whole: NDArray[np.float64] = columns[:, :3] * np.linalg.solve(columns[:, :3], columns[:, 3])
+    whole: NDArray[Any] = columns[:, :3] * np.linalg.solve(columns[:, :3], columns[:, 3])
     return whole
 
 
@@ -416,8 +386,6 @@ def _vignette(evidence: Evidence) -> Iterator[Explanation]:
 
 def _tone_curve(evidence: Evidence) -> Iterator[Explanation]:
     """B is a curve of A that rises everywhere, the same for all channels or each with its own."""
-    import numpy as np
-
     a, b = (evidence.scaled(side).astype(np.float64) for side in evidence.sampled)
     fits = np.broadcast_to(evidence.fits, a.shape) & evidence.steady
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from defocus_core.compare.findings.evidence import (
     Evidence,
@@ -17,11 +19,11 @@ from defocus_core.system.text import counted
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    import numpy as np
     from numpy.typing import NDArray
 
 _PERIODS = (8, 16, 32, 64, 128, 256, 512, 1024)  # px of tiles
 _WIDTHS = (1, 2, 4, 8, 16)  # px of a seam
+_LENGTH = 4.0  # of a halo, in widths of it
 _SEAM_LEFT, _GAIN_LEFT, _HALO_LEFT, _SPARK_LEFT, _CODEC_LEFT = 0.4, 0.3, 0.4, 0.3, 0.75
 _FEW = 1e-3  # share of the pixels that fireflies are at most
 _SEGMENT = 16  # px along a line that are taken together, so that noise averages out
@@ -45,10 +47,8 @@ def explanations(evidence: Evidence) -> Iterator[Explanation]:
     yield from _noise(evidence, difference[evidence.frame])
 
 
-def _difference(evidence: Evidence) -> NDArray[np.float32]:
+def _difference(evidence: Evidence) -> NDArray[Any]:
     """B − A on the scale of differences, the mean of the channels, of the whole picture [H, W]."""
-    import numpy as np
-
     total = np.zeros(evidence.size, np.float32)
     rows, columns = np.nonzero(evidence.pixels.greatest)
     a, b = (evidence.scaled(evidence.at(side, rows, columns)).mean(axis=0) for side in ("a", "b"))
@@ -56,10 +56,8 @@ def _difference(evidence: Evidence) -> NDArray[np.float32]:
     return total
 
 
-def _fireflies(difference: NDArray[np.float32]) -> Iterator[Explanation]:
+def _fireflies(difference: NDArray[Any]) -> Iterator[Explanation]:
     """A few pixels apart from each other hold the difference."""
-    import numpy as np
-
     power = np.square(difference, dtype="f8")
     most = max(1, int(_FEW * power.size))
     sparks = power > max(_SPARK**2, 0.01 * float(power.max()))
@@ -78,10 +76,8 @@ def _fireflies(difference: NDArray[np.float32]) -> Iterator[Explanation]:
     yield Explanation(finding, left, _SPARK_LEFT, -0.05)
 
 
-def _seams(evidence: Evidence, difference: NDArray[np.float32]) -> Iterator[Explanation]:
+def _seams(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation]:
     """The difference lies on lines that are the side of a tile apart."""
-    import numpy as np
-
     profiles = [_profile(difference), _profile(difference.T)]  # of columns and of rows
     total = sum(float(profile.mean()) for profile in profiles)
     if not total:
@@ -113,31 +109,26 @@ def _seams(evidence: Evidence, difference: NDArray[np.float32]) -> Iterator[Expl
             yield Explanation(finding, left, _SEAM_LEFT, 0.01 * wide + 0.4 / period - 0.05)
 
 
-def _profile(difference: NDArray[np.float32]) -> NDArray[np.float64]:
+def _profile(difference: NDArray[Any]) -> NDArray[Any]:
     """How far the difference of each column exceeds that of most, less noise."""
-    import numpy as np
-
     means = np.add.reduceat(difference, np.arange(0, len(difference), _SEGMENT), axis=0) / _SEGMENT
     power = np.square(means).mean(axis=0, dtype="f8")
-    return np.maximum(power - 2.5 * np.median(power), 0)
+    beyond: NDArray[Any] = np.maximum(power - 2.5 * np.median(power), 0)
+    return beyond
 
 
-def _spacing(profile: NDArray[np.float64]) -> int:
+def _spacing(profile: NDArray[Any]) -> int:
     """The distance of the lines of a profile, if all that stand out are as far apart; else 0."""
-    import numpy as np
-
     lines = np.flatnonzero(profile > 0.3 * profile.max())
     starts = lines[np.diff(lines, prepend=-9) > 4]
     gaps = np.diff(starts)
     return int(gaps[0]) if len(gaps) > 1 and np.ptp(gaps) == 0 and gaps[0] > 4 else 0
 
 
-def _phase(profile: NDArray[np.float64], period: int, wide: int) -> int:
+def _phase(profile: NDArray[Any], period: int, wide: int) -> int:
     """The first column or row, within a period, of the lines where a profile is greatest."""
-    import numpy as np
-
     folded = np.bincount(np.arange(len(profile)) % period, profile, period)
-    sums = sum(np.roll(folded, -k) for k in range(wide))
+    sums = np.sum([np.roll(folded, -k) for k in range(wide)], axis=0)
     middle = (period - wide // 2) % period
     best = int(np.argmax(sums))
     return middle if sums[middle] > 0.98 * sums[best] else best
@@ -145,8 +136,6 @@ def _phase(profile: NDArray[np.float64], period: int, wide: int) -> int:
 
 def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
     """Each tile is a multiple of A of its own, and it is tiles: another grid explains less."""
-    import numpy as np
-
     height, width = evidence.size
     rows, columns = evidence.places
     a, b = evidence.sampled
@@ -172,10 +161,8 @@ def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
             yield Explanation(finding, on_grid, _GAIN_LEFT, 0.02 + 0.5 / side)
 
 
-def _halo(evidence: Evidence, difference: NDArray[np.float32]) -> Iterator[Explanation]:
+def _halo(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation]:
     """The difference is a thin band of one sign."""
-    import numpy as np
-
     size = np.abs(difference)
     noise = 1.48 * float(np.median(size))
     band = size > max(0.15 * float(np.quantile(size, 0.999)), 4 * noise, 2 * evidence.step)
@@ -187,9 +174,10 @@ def _halo(evidence: Evidence, difference: NDArray[np.float32]) -> Iterator[Expla
     thick = _eroded(_eroded(_eroded(inner)))
     squares = np.square(difference[band], dtype="f8")
     one_sign = abs(float((squares * np.sign(difference[band])).sum()) / float(squares.sum()))
-    neighbours = sum(np.roll(band, step, axis) for axis in (0, 1) for step in (-1, 1))
+    moved = [np.roll(band, step, axis) for axis in (0, 1) for step in (-1, 1)]
+    neighbours = np.sum(moved, axis=0)
     alone = float((neighbours[band] < 2).mean())
-    if thick.sum() > 0.1 * area or one_sign < 0.8 or alone > 0.3:
+    if area < _LENGTH * wide * wide or thick.sum() > 0.1 * area or one_sign < 0.8 or alone > 0.3:
         return
     rest = np.where(band, np.float32(0), difference)
     pairs = [(v[:, :-1], v[:, 1:]) for v in (difference, rest)]
@@ -211,8 +199,6 @@ def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def _compressed(evidence: Evidence) -> Iterator[Explanation]:
     """In blocks of 8 px, frequencies of B are those of A rounded to steps (ITU-T T.81)."""
-    import numpy as np
-
     rows, columns = evidence.frame
     luma = []
     for side in ("a", "b"):
@@ -239,24 +225,20 @@ def _compressed(evidence: Evidence) -> Iterator[Explanation]:
         yield Explanation(Finding("compressed with losses", text), on_grid, _CODEC_LEFT, 0.1)
 
 
-def _frequencies(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
     """The discrete cosine transform of each block [n, 8, 8] of values [h, w]."""
-    import numpy as np
-
     k = np.arange(_DCT)
     basis = np.cos(np.pi / _DCT * np.outer(k, k + 0.5)) * math.sqrt(2 / _DCT)
     basis[0] /= math.sqrt(2)
     down, across = (n // _DCT for n in values.shape)
     cut = values[: down * _DCT, : across * _DCT]
     blocks = cut.reshape(down, _DCT, across, _DCT).transpose(0, 2, 1, 3).reshape(-1, _DCT, _DCT)
-    transformed: NDArray[np.float64] = basis @ blocks @ basis.T
+    transformed: NDArray[Any] = basis @ blocks @ basis.T
     return transformed
 
 
-def _noise(evidence: Evidence, difference: NDArray[np.float32]) -> Iterator[Explanation]:
+def _noise(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation]:
     """The difference has no mean, and nothing in common with its neighbours or with A."""
-    import numpy as np
-
     power = float(np.square(difference, dtype="f8").mean())
     if np.count_nonzero(difference) < _LEAST_CHANGED * difference.size or not power:
         return

@@ -22,7 +22,7 @@ _ROOM = 2**20  # bytes that a folder has free if it is not full
 
 
 @dataclass(frozen=True)
-class Rendered:
+class FreshPictures:
     """Pictures that were rendered: their jobs, the folder they are in, and how the batch ended."""
 
     jobs: Sequence[Job]
@@ -48,7 +48,7 @@ def rendered(
     execution: Execution,
     listener: Listener,
     only: Sequence[str] = (),
-) -> Iterator[Rendered]:
+) -> Iterator[FreshPictures]:
     """Render the jobs of a jobs file to a folder that is there in the block.
 
     Args:
@@ -69,7 +69,7 @@ def rendered(
     try:
         jobs = _chosen(read_jobs(jobs_file, Outputs(root), machine), only)
         summary = run.carry_out(jobs, root, execution, listener)
-        made = Rendered(jobs, root, summary)
+        made = FreshPictures(jobs, root, summary)
         if not made.complete and shutil.disk_usage(root).free < _ROOM:
             raise _no_room(root.parent, "it is full")
         yield made
