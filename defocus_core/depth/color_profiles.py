@@ -62,12 +62,12 @@ def crossed_edges(
     for dim, numbers in enumerate(lines):
         number = torch.tensor(numbers, dtype=torch.long, device=radii.device)
         rise = _rise(radii.index_select(dim, number), 1 - dim, scale)
-        for mask, after in ((rise > step, 0), (rise < -step, 1)):
-            place = torch.nonzero(mask)
-            place[:, dim] = number[place[:, dim]]
-            place[:, 1 - dim] += after
-            at.append(place)
+        after, *place = torch.nonzero(torch.stack([rise > step, rise < -step])).unbind(1)
+        place[dim], place[1 - dim] = number[place[dim]], place[1 - dim] + after
+        at.append(torch.stack(place, 1))
     every = torch.cat(at)
+    if band == (0, len(radii)):
+        return every
     return every[(every[:, 0] >= band[0]) & (every[:, 0] < band[1])]
 
 

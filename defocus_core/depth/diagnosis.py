@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -127,7 +128,8 @@ def _evidence(
     below = around[above : above + rows[1] + 1 - rows[0]]
     r = below[: rows[1] - rows[0]]
     steps = [around.diff(dim=dim) for dim in (0, 1)]
-    steepest = max(float(ends_of(step).abs().amax()) if step.numel() else 0.0 for step in steps)
+    sizes = [ends_of(step).abs().amax() for step in steps if step.numel()]
+    steepest = float(torch.stack(sizes).amax()) if sizes else 0.0
     ends = ends_of(r)
     softest, averaged = ends.new_zeros(()), ends.new_zeros((2, 4), dtype=torch.float64)
     ramps = torch.zeros((), dtype=torch.long, device=r.device)
@@ -148,11 +150,12 @@ def _repair(
 ) -> DepthRepair:
     """The repair that the evidence of all bands asks for."""
     ends = torch.stack([band.ends for band in of_bands])
-    if not bool(torch.isfinite(ends).all()):
-        return DepthRepair()  # a picture of such depth is refused
-    softest = float(torch.stack([band.softest for band in of_bands]).amax())
+    softest = torch.stack([band.softest for band in of_bands]).amax()
     ramps = torch.stack([band.ramps for band in of_bands]).sum()
-    least, most = float(ends[:, 0].amin()), float(ends[:, 1].amax())
+    found = torch.stack([ends[:, 0].amin(), ends[:, 1].amax(), softest]).double()
+    least, most, softest, ramps = torch.cat([found, ramps[None].double()]).tolist()
+    if not (math.isfinite(least) and math.isfinite(most)):
+        return DepthRepair()  # a picture of such depth is refused
     slope = slope_of_soft_edges(least, most, signed_radius.shape)
     soft, width, scale = 0, None, None
     if softest > slope:

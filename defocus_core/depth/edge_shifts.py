@@ -92,9 +92,8 @@ def measured_shifts(
         scale: Of distance, if edges were soft in distance.
     """
     ends = torch.stack([ends_of(band) for band in banded(signed_radius)])
-    slope = slope_of_soft_edges(
-        float(ends[:, 0].amin()), float(ends[:, 1].amax()), signed_radius.shape
-    )
+    least, most = torch.stack([ends[:, 0].amin(), ends[:, 1].amax()]).tolist()
+    slope = slope_of_soft_edges(least, most, signed_radius.shape)
     step = max(_LEAST_STEP, _STEP * slope)
     if not soft:
         votes = _votes(signed_radius, pixels, step, _EVERY_OF_HARD, threads, scale)

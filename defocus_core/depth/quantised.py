@@ -53,14 +53,12 @@ def levels_of(rows: Tensor, below: Tensor) -> Levels:
         rows: [n, W] px.
         below: [n, W] px, the rows below them; [n - 1, W] at the end of a frame.
     """
-    steps = []
-    for step in (rows.diff(dim=1), below - rows[: len(below)]):
-        size = step.abs_()
-        same = size.numel() - int(torch.count_nonzero(size))
-        if size.numel() and same <= _ALIKE * size.numel():
-            return Levels([], None)
-        few = (int(torch.count_nonzero(size <= most)) for most in (_LEAST, _MOST))
-        steps.append([size.numel(), same, *few])
+    sizes = [step.abs_() for step in (rows.diff(dim=1), below - rows[: len(below)])]
+    masks = [mask for size in sizes for mask in (size == 0, size <= _LEAST, size <= _MOST)]
+    counts = torch.stack([torch.count_nonzero(mask) for mask in masks]).view(2, 3).tolist()
+    steps = [[size.numel(), *few] for size, few in zip(sizes, counts, strict=True)]
+    if any(count and same <= _ALIKE * count for count, same, *_ in steps):
+        return Levels([], None)
     return Levels(steps, rows[:, spread(rows.shape[1], _EVERY)])
 
 

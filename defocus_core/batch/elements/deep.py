@@ -7,22 +7,28 @@ better. Colour and depth of such a file are those of its picture in focus and of
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from defocus_core.batch.elements.layers import Layers, flat_layer
+from defocus_core.batch.elements.plate import Plate
+from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping, bands, count_of
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.depth_formats.resolving import resolved
+from defocus_core.io.depth_formats.rules import decoded
+from defocus_core.io.depth_formats.samples import DepthNumbers
 from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT
+from defocus_core.io.exr.header import Header, is_exr, read_headers
+from defocus_core.io.exr.reading import read_layers
+from defocus_core.io.exr.views import in_view
+from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.exr_channels import choose_color
+from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from defocus_core.batch.elements.plate import Plate
-    from defocus_core.batch.jobs.job import Picture, Reading
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.exr.header import Header
-    from defocus_core.io.images.color_planes import Color
 
 
 def layers_of_scene(
@@ -48,8 +54,6 @@ def layers_of_scene(
     Raises:
         InputError: a file cannot be used, or something else is to be behind a deep picture.
     """
-    import numpy as np
-
     header = deep_header(picture, reading, part)
     headers = [header, None if plate is None else deep_header(plate.picture, plate.reading, None)]
     if headers == [None, None] and picture.holdout is None:
@@ -94,9 +98,6 @@ def _holdout(
     Raises:
         InputError: the file is not deep, or of another size than the picture.
     """
-    from defocus_core.io.exr.header import is_exr, read_headers
-    from defocus_core.io.safe_files import read_head
-
     color, depth = like
     path = holdout.color
     headers = read_headers(path) if is_exr(read_head(path)) else ()
@@ -124,11 +125,6 @@ def deep_header(picture: Picture, reading: Reading, part: int | None) -> Header 
     Raises:
         InputError: the file cannot be read, or has no colour.
     """
-    from defocus_core.io.exr.header import is_exr, read_headers
-    from defocus_core.io.exr.views import in_view
-    from defocus_core.io.images.exr_channels import choose_color
-    from defocus_core.io.safe_files import read_head
-
     if not is_exr(read_head(picture.color)):
         return None
     headers = in_view(picture.color, read_headers(picture.color), reading.view)
@@ -180,8 +176,6 @@ def _sampled(
     lens_focal: float | None,
 ) -> Layers:
     """The samples of a deep part as layers, with the channels of light that are wanted."""
-    from defocus_core.io.exr.reading import read_layers
-
     color, depth = like
     read = read_layers(path, header, sources, keeping, color.overscan)
     reading = replace(reading, part=None)
@@ -209,10 +203,6 @@ def _metres(
     lens_focal: float | None,
 ) -> Any:
     """Metres [H, W] of the numbers of a layer, read as those of the first surface."""
-    from defocus_core.io.depth_formats.resolving import resolved
-    from defocus_core.io.depth_formats.rules import decoded
-    from defocus_core.io.depth_formats.samples import DepthNumbers
-
     samples = DepthNumbers(numbers, "EXR", "", channel=like.channel)
     decoding = resolved(
         like.path, reading, samples, picture_width=color.size[0], lens_focal=lens_focal
@@ -231,8 +221,6 @@ def _depth(like: Depth, metres: Any, alpha: Any) -> Depth:
     Raises:
         InputError: a sample has no depth.
     """
-    import numpy as np
-
     for rows in bands(metres.shape):
         far = np.float32(0 if like.is_radius else np.inf)
         metres[rows] = np.where(np.asarray(alpha[rows]) > 0, metres[rows], far)

@@ -8,17 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.elements.planes import coverage
 from defocus_core.batch.sources import layer_windows, windows
-from defocus_core.io.arrays import bands
+from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.deep_merging import merged as merged_samples
 from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT, Strip
 from defocus_core.io.exr.deep_volumes import tidied
 from defocus_core.io.exr.windows import Window
+from defocus_core.io.images.color_planes import Color
 from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
-    from defocus_core.io.arrays import Keeping
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.images.color_planes import Color
     from defocus_core.renderer.layers.stacked_samples import Layered
     from defocus_core.tensors.source import Pixels
 

@@ -6,14 +6,20 @@ the colour's data window and display window together.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.io.arrays import LazyArray
+from defocus_core.io.depth_formats.exr_samples import choose_depth_channel
+from defocus_core.io.exr.header import is_exr, read_headers
+from defocus_core.io.exr.views import in_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from defocus_core.io.images.describe import describe
+from defocus_core.io.images.exr_channels import NoDepthChannel, choose_color
+from defocus_core.io.safe_files import read_head
 
 
 def overscan_of(
@@ -30,12 +36,6 @@ def overscan_of(
         InputError: a file cannot be read.
     """
     from dataclasses import replace
-
-    from defocus_core.io.depth_formats.exr_samples import choose_depth_channel
-    from defocus_core.io.exr.header import is_exr, read_headers
-    from defocus_core.io.exr.views import in_view
-    from defocus_core.io.images.exr_channels import NoDepthChannel, choose_color
-    from defocus_core.io.safe_files import read_head
 
     color_part, depth_part = parts
     if not is_exr(read_head(picture.color)):
@@ -70,8 +70,6 @@ def reframed(array: Any, own: Overscan, wanted: Overscan, nothing: float | None)
         wanted: that of the result.
         nothing: what is where the array has no pixels; None for those at its edge, repeated.
     """
-    import numpy as np
-
     if own == wanted:
         return array
     height, width = array.shape
@@ -95,7 +93,5 @@ def reframed(array: Any, own: Overscan, wanted: Overscan, nothing: float | None)
 
 def _size(path: Path) -> tuple[int, int]:
     """(height, width) of a file without windows."""
-    from defocus_core.io.images.describe import describe
-
     info = describe(path)
     return info.height, info.width

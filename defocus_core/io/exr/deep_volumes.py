@@ -100,7 +100,8 @@ def _absorbed(alpha: NDArray[Any]) -> NDArray[Any]:
     import numpy as np
 
     with np.errstate(divide="ignore"):
-        return np.minimum(-np.log1p(-alpha.astype("f8")), _OPAQUE)
+        absorbed: NDArray[Any] = np.minimum(-np.log1p(-alpha.astype("f8")), _OPAQUE)
+    return absorbed
 
 
 def _alpha_per(absorbed: NDArray[Any]) -> NDArray[Any]:
