@@ -52,12 +52,7 @@ Examples:
 """
 
 
-@click.command(
-    "compare",
-    cls=GroupedCommand,
-    help=_HELP,
-    short_help="Say whether pictures are the same, and what happened if not.",
-)
+@click.command("compare", cls=GroupedCommand, help=_HELP)
 @click.argument("a", type=FilePath())
 @click.argument("b", type=FilePath())
 @comparing.comparison_options()

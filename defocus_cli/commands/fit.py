@@ -19,6 +19,7 @@ from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.jobs.pairing import find_pictures
 from defocus_core.batch.jobs.random_lenses import Sampling
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS
+from defocus_core.batch.lenses.quantities import QuantityError
 from defocus_core.batch.lenses.radius_set import read_radius_set
 from defocus_core.batch.rendering import lens_fit, lens_match
 from defocus_core.errors import DefocusError, InputError, UsageProblem
@@ -29,17 +30,13 @@ _Find = Callable[[Callable[[int, int], None]], dict[str, Any]]  # progress in, a
 
 def _blades(text: str) -> tuple[int, ...]:
     """Numbers of blades, as ``0,5,6``."""
-    from defocus_core.batch.lenses.quantities import QuantityError
-
     numbers = [part.strip() for part in text.split(",")]
     if not all(n.isdigit() and (int(n) == 0 or 3 <= int(n) <= _MOST_BLADES) for n in numbers):
         raise QuantityError(f"'{text}' names no numbers of blades", "write them like 0,5,6")
     return tuple(dict.fromkeys(map(int, numbers)))
 
 
-@click.command(
-    "fit", cls=GroupedCommand, short_help="Find the lens between a sharp and a blurred picture."
-)
+@click.command("fit", cls=GroupedCommand)
 @click.argument("sharp", type=FilePath(), metavar="SHARP")
 @click.argument("depth", type=FilePath(), metavar="DEPTH")
 @click.argument("blurred", type=FilePath(), required=False, metavar="[BLURRED]")

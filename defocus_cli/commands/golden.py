@@ -18,7 +18,7 @@ from defocus_cli.words import golden as golden_report
 from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.worker_config import WorkerConfig
 from defocus_core.compare.goldens.faults import plant_all
-from defocus_core.compare.goldens.fresh import Rendered, rendered
+from defocus_core.compare.goldens.fresh import FreshPictures, rendered
 from defocus_core.compare.goldens.store import Store, accept, change_words, read_store
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import read_picture
@@ -36,11 +36,7 @@ from defocus_core.system.text import counted
 _DEFAULT_RULES = Rules(fail=(rule("max>1e-4"),))
 
 
-@click.group(
-    "golden",
-    invoke_without_command=True,
-    short_help="Keep pictures that later renders must be like, and check them.",
-)
+@click.group("golden", invoke_without_command=True)
 @click.pass_context
 def command(ctx: click.Context) -> None:
     """Keep goldens: the pictures of a jobs file that were accepted; later renders must be like.
@@ -199,18 +195,18 @@ def _report_header(
 
 def _rendered(
     jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
-) -> AbstractContextManager[Rendered]:
+) -> AbstractContextManager[FreshPictures]:
     report = batch_report.BatchReport(each=False)
     execution = Execution(crew.execute(), spread=crew.spread)
     return rendered(jobs_file, crew.machine, execution, report, only)
 
 
-def _narrowed(store: Store, fresh: Rendered, only: Sequence[str]) -> Store:
+def _narrowed(store: Store, fresh: FreshPictures, only: Sequence[str]) -> Store:
     """The goldens of the jobs that were chosen."""
     return store.only({job.sample_id for job in fresh.jobs}) if only else store
 
 
-def _compare(store: Store, fresh: Rendered, task: Task, processes: int) -> list[Comparison]:
+def _compare(store: Store, fresh: FreshPictures, task: Task, processes: int) -> list[Comparison]:
     """The new pictures by the goldens; other files in the folder are not looked at."""
     there = {name: path for name in store.files if (path := store.place(name))}
     names = sorted({*store.files, *fresh.files})

@@ -13,9 +13,7 @@ from defocus_core.batch.lenses.shipped_lenses import shipped_lenses
 from defocus_core.errors import InputError
 
 
-@click.command(
-    "lenses", cls=GroupedCommand, short_help="List the lens files that ship, or show their looks."
-)
+@click.command("lenses", cls=GroupedCommand)
 @grouped_option(
     "Output",
     "-o",

@@ -19,7 +19,7 @@ from defocus_cli.options.types import (
     ReportPath,
     bundle,
     grouped_option,
-    option_name,
+    place_of,
 )
 from defocus_core.compare.record import CompareSettings
 from defocus_core.compare.run import Task
@@ -106,9 +106,9 @@ class _Difference(click.ParamType[float]):
     ) -> float:
         """The number."""
         try:
-            return difference(float(value), option_name(param))
+            return difference(float(value), place_of(param))
         except ValueError:
-            return difference(value, option_name(param))
+            return difference(value, place_of(param))
 
 
 def _rules() -> list[Decorator]:

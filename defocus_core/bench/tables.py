@@ -9,14 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from statistics import fmean
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from defocus_core.bench.baseline import TOLERANCE
-from defocus_core.bench.error import BASELINES
-
-if TYPE_CHECKING:
-    from defocus_core.bench.error import Row
-    from defocus_core.bench.timing import Case, MeasuredCost
+from defocus_core.bench.error import BASELINES, Row
+from defocus_core.bench.timing import Case, MeasuredCost
 
 JUDGED = "standard"
 CAP = 50.0  # dB that a shot adds to a mean at most: easy scenes do not hide hard ones

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from statistics import median
 from typing import TYPE_CHECKING
 
+from defocus_core.batch.rendering import job_steps
 from defocus_core.errors import InputError
 from defocus_core.system import memory
 from defocus_core.system.process import set_to_render
@@ -154,8 +155,6 @@ def warm_up(device: str) -> str:
     Raises:
         UsageProblem: there is no such device.
     """
-    from defocus_core.batch.rendering import job_steps
-
     job_steps.load()
     import torch
 

@@ -8,14 +8,19 @@ channels, and NaN or infinity on one side only are never the same.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from defocus_core.compare.findings.cause import declared_coc, diagnose, of_another_size
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.flip import measure_flip
 from defocus_core.compare.metrics import equal_metrics, measure, measure_edges
 from defocus_core.compare.nonfinite import count_nonfinite
+from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_picture
 from defocus_core.compare.pixels import Pixels
 from defocus_core.compare.record import (
@@ -33,12 +38,6 @@ from defocus_core.compare.selection import near_edges, read_mask
 from defocus_core.compare.structure import compare_structure
 from defocus_core.compare.thresholds import Rules
 from defocus_core.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from defocus_core.compare.pairing import FilePair
 
 
 def compare_pair(
@@ -74,8 +73,6 @@ def compare_pictures(
         InputError: the mask or the CoC map cannot be read, or is not of this picture.
         UsageProblem: the region is not within the picture.
     """
-    import numpy as np
-
     with np.errstate(all="ignore"):  # NaN and infinity are looked for, not stumbled upon
         return _compared(Comparison(name, a.path, b.path), a, b, rules, settings)
 
@@ -188,8 +185,6 @@ def _met(rules: Sequence[Any], metrics: Mapping[str, float]) -> tuple[str, ...]:
 
 def _placed(record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Comparison:
     """The record with the worst pixel, and where pixels differ."""
-    import numpy as np
-
     bad = pixels.greatest > 0
     row, column = np.unravel_index(int(pixels.greatest.argmax()), pixels.shape)
     assert record.nonfinite is not None
@@ -225,6 +220,4 @@ def _proposal(metrics: Mapping[str, float]) -> str:
 
 
 def _equal(a: Any, b: Any) -> bool:
-    import numpy as np
-
     return bool(np.array_equal(a, b, equal_nan=a.dtype.kind == "f" and b.dtype.kind == "f"))

@@ -8,18 +8,16 @@ Pixels that are NaN or infinite in A or B are left out here, since they are judg
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.compare.pixels import Pixels
+from defocus_core.evaluation.similarity import REACH, similarity
 from defocus_core.io.images.color_space import linear_to_srgb
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from defocus_core.compare.pixels import Pixels
 
 
 @dataclass(frozen=True)
@@ -66,16 +64,12 @@ _ROWS = (
 METRICS = {metric.name: metric for metric in _ROWS}
 # PSNR in dB of equal pictures, as of `defocus_core`: a mean squared error below 1e-10.
 EQUAL = 99.0
-# A window of SSIM: 11 x 11 px, gaussian of sigma 1.5 px (Wang et al. 2004).
-_REACH, _SIGMA = 5, 1.5
 _LUMA = {"R": 0.2126, "G": 0.7152, "B": 0.0722, "Y": 1.0}
 _STRIP = 64  # rows of SSIM that are computed at once, so that they stay in the cache
 
 
 def encoded(plane: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
     """Values as a screen shows them: sRGB-encoded, clipped to 0…1; NaN is 0."""
-    import numpy as np
-
     if plane.dtype == np.float16 and gamma == 1.0:  # a hundred times as fast for 16 bits
         codes = np.ascontiguousarray(plane).view(np.uint16)
         every = np.arange(2**16, dtype=np.uint16).view(np.float16).astype(np.float32)
@@ -94,8 +88,6 @@ def measure(pixels: Pixels, *, over: float, ssim: bool = True) -> dict[str, floa
         over: the difference that the metric ``share`` counts pixels beyond.
         ssim: whether SSIM is wanted.
     """
-    import numpy as np
-
     count = np.count_nonzero(pixels.finite) if pixels.finite is not None else pixels.a[0].size
     if not count:
         return {}
@@ -114,7 +106,7 @@ def measure(pixels: Pixels, *, over: float, ssim: bool = True) -> dict[str, floa
     shown = [_shown(pixels, layer) for layer in pixels.color]
     if shown:
         metrics["psnr"] = min(_decibels(a, b, pixels.finite, total) for a, b in shown)
-    if shown and ssim and min(pixels.shape) > 2 * _REACH:
+    if shown and ssim and min(pixels.shape) > 2 * REACH:
         values = [
             _ssim(_luma(a, layer), _luma(b, layer), pixels.finite)
             for (a, b), layer in zip(shown, pixels.color, strict=True)
@@ -137,8 +129,6 @@ def measure_edges(pixels: Pixels, near: NDArray[np.bool_]) -> dict[str, float]:
 
 
 def _sum_of_magnitudes(plane: NDArray[Any], finite: NDArray[np.bool_] | None) -> float:
-    import numpy as np
-
     magnitudes = np.abs(plane) if finite is None else np.abs(plane[finite])
     return float(magnitudes.sum(dtype=np.float64))
 
@@ -160,8 +150,6 @@ def _decibels(
     total: int,
 ) -> float:
     """PSNR of encoded channels for a peak of 1."""
-    import numpy as np
-
     squares = 0.0
     for old, new in zip(a, b, strict=True):
         difference = np.subtract(new, old)
@@ -173,8 +161,6 @@ def _decibels(
 
 
 def _luma(channels: Sequence[NDArray[np.float32]], layer: Sequence[str]) -> NDArray[np.float32]:
-    import numpy as np
-
     weights = [np.float32(_LUMA[name[-1]]) for name in layer]
     luma = channels[0] * weights[0]
     for channel, weight in zip(channels[1:], weights[1:], strict=True):
@@ -185,53 +171,22 @@ def _luma(channels: Sequence[NDArray[np.float32]], layer: Sequence[str]) -> NDAr
 def _ssim(
     a: NDArray[np.float32], b: NDArray[np.float32], finite: NDArray[np.bool_] | None
 ) -> float | None:
-    """Structural similarity of lumas [H, W]; None if no window is wholly compared.
-
-    Means, variances and covariance are weighted by a gaussian of sigma 1.5 over 11 x 11 px, with
-    C1 = 0.01² and C2 = 0.03². The mean is over the windows that lie within the picture, and whose
-    pixel in the middle is compared.
-    """
-    import numpy as np
-
+    """Structural similarity of lumas [H, W], whose windows' middles are compared; None of none."""
     total, count = 0.0, 0
-    inner = slice(_REACH, -_REACH)
-    for top in range(0, a.shape[0] - 2 * _REACH, _STRIP):
-        rows = slice(top, top + _STRIP + 2 * _REACH)
-        x, y = (side[rows].astype(np.float64) for side in (a, b))
-        mean_x, mean_y, square, product = (_smooth(v) for v in (x, y, x * x + y * y, x * y))
-        both, squares = mean_x * mean_y, mean_x * mean_x + mean_y * mean_y
-        light = (2 * both + 1e-4) / (squares + 1e-4)
-        structure = (2 * (product - both) + 9e-4) / (square - squares + 9e-4)
-        values = light * structure
+    inner = slice(REACH, -REACH)
+    for top in range(0, a.shape[0] - 2 * REACH, _STRIP):
+        rows = slice(top, top + _STRIP + 2 * REACH)
+        values = similarity(*(side[rows].astype(np.float64) for side in (a, b)))
         if finite is not None:
             values = values[finite[rows][inner, inner]]
         total, count = total + float(values.sum()), count + values.size
     return total / count if count else None
 
 
-def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The gaussian mean of each window of 11 x 11 px within an array [h, w]."""
-    import numpy as np
-
-    weights = np.exp(-(np.arange(_REACH + 1) ** 2) / (2 * _SIGMA * _SIGMA))
-    weights /= weights[0] + 2 * weights[1:].sum()
-    for _ in range(2):  # down, then across
-        last = len(values) - _REACH
-        mean = weights[0] * values[_REACH:last]
-        for offset in range(1, _REACH + 1):
-            pair = values[_REACH - offset : last - offset] + values[_REACH + offset :][: len(mean)]
-            pair *= weights[offset]
-            mean += pair
-        values = mean.T
-    return values
-
-
 def _percentile(
     greatest: NDArray[np.float64], finite: NDArray[np.bool_] | None, total: int
 ) -> float:
     """The 99.9th percentile, linear between the two nearest."""
-    import numpy as np
-
     values = greatest.ravel() if finite is None else greatest[finite]
     place = 0.999 * (total - 1)
     lower = math.floor(place)

@@ -9,8 +9,13 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.array_files.float_maps import is_float_map, read_float_map
@@ -20,12 +25,6 @@ from defocus_core.io.images.color_space import linear_light, unit
 from defocus_core.io.images.exr_channels import NO_DEPTH
 from defocus_core.io.images.raster import Raster, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 SUFFIXES = frozenset(
     {".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pfm", ".npy"},
@@ -142,8 +141,6 @@ def is_map(names: Sequence[str]) -> bool:
 
 def in_linear_light(picture: DecodedPicture) -> DecodedPicture:
     """The picture with its colour as linear light, multiplied by alpha if it has one."""
-    import numpy as np
-
     if picture.gamma == 1.0 and picture.associated:
         return picture
     planes = dict(picture.planes)
@@ -246,8 +243,6 @@ def _spoken(raw: Raw) -> str:
 
 
 def _from_raster(path: Path, pages: Sequence[Raster]) -> DecodedPicture:
-    import numpy as np
-
     if any(page.deep for page in pages):
         raise InputError(
             "deep-data", "holds deep data, which is not compared", "flatten it first", path=path

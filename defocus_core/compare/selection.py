@@ -11,15 +11,14 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.batch.lenses.quantities import QuantityError
 from defocus_core.compare.picture import read_picture
 from defocus_core.errors import InputError, UsageProblem
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 _EDGE = 1.0  # px
 _REGION = re.compile(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(\d+)\s*,\s*(\d+)\s*")
@@ -76,8 +75,6 @@ def read_mask(path: Path, size: tuple[int, int]) -> NDArray[np.bool_]:
     Raises:
         InputError: it cannot be read, is of another size, holds NaN, or selects no pixel.
     """
-    import numpy as np
-
     mask = read_picture(path)
     if (mask.height, mask.width) != size:
         problem = f"is {mask.width}x{mask.height}, but the picture is {size[1]}x{size[0]}"
@@ -109,8 +106,6 @@ def near_edges(folder: Path, name: str, size: tuple[int, int]) -> NDArray[np.boo
     Raises:
         InputError: there is no such map, it cannot be read or is of another size.
     """
-    import numpy as np
-
     path = coc_file(folder, name)
     picture = read_picture(path)
     if (picture.height, picture.width) != size:
@@ -138,8 +133,6 @@ def near_edges(folder: Path, name: str, size: tuple[int, int]) -> NDArray[np.boo
 
 def widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     """Pixels with a true one within ``reach`` rows and columns."""
-    import numpy as np
-
     for axis in (0, 1):
         length = mask.shape[axis]
         counts = np.cumsum(mask, axis=axis, dtype=np.int32)

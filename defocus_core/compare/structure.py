@@ -6,15 +6,11 @@ channels, codec or data window is a note. Metadata that differs is listed apart.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from defocus_core.compare.findings.finding import Finding
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from defocus_core.compare.picture import DecodedPicture
+from defocus_core.compare.picture import DecodedPicture
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from typing import Any
 from defocus_core.batch.jobs.toml_file import Table, read_toml, refuse_unknown
 from defocus_core.batch.lenses.quantities import QuantityError, read_at
 from defocus_core.compare.metrics import METRICS
-from defocus_core.errors import UsageProblem, did_you_mean
+from defocus_core.errors import Place, UsageProblem, did_you_mean
 
 OVER = 0.01  # the difference that ``share`` counts pixels beyond, unless --over says another
 _RULE = re.compile(r"\s*([\w.-]+?)\s*(<=|>=|<|>)\s*([+-]?[\d.]+(?:e[+-]?\d+)?)\s*(%|dB)?\s*", re.I)
@@ -193,7 +193,7 @@ def _changes(table: Table) -> dict[str, Any]:
     return changes
 
 
-def difference(value: object, where: str) -> float:
+def difference(value: object, where: Place) -> float:
     """A difference that the metric ``share`` counts pixels beyond.
 
     Raises:

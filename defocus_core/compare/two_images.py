@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from defocus_core.batch.lenses.quantities import QuantityError
 from defocus_core.compare.comparison import compare_pictures
@@ -14,10 +18,7 @@ from defocus_core.compare.thresholds import OVER, Rule, Rules, rule
 from defocus_core.errors import UsageProblem
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from os import PathLike
-
-    from numpy.typing import ArrayLike
 
 _CHANNELS = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}
 
@@ -88,8 +89,6 @@ def planes_of(image: Any) -> dict[str, Any]:
     Raises:
         ValueError: It is no picture.
     """
-    import numpy as np
-
     if hasattr(image, "detach"):  # a tensor, whose channels come first
         values = np.asarray(image.detach().cpu().numpy())
         values = values[0] if values.ndim == 4 and values.shape[0] == 1 else values

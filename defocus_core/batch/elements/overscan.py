@@ -6,13 +6,16 @@ the colour's data window and display window together.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from defocus_core.batch.jobs.job import Picture, Reading
+from defocus_core.io.depth_formats.exr_samples import choose_depth_channel
+from defocus_core.io.exr.header import is_exr, read_headers
+from defocus_core.io.exr.views import in_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from defocus_core.io.images.describe import describe
+from defocus_core.io.images.exr_channels import NoDepthChannel, choose_color
+from defocus_core.io.safe_files import read_head
 
 
 def overscan_of(
@@ -29,12 +32,6 @@ def overscan_of(
         InputError: a file cannot be read.
     """
     from dataclasses import replace
-
-    from defocus_core.io.depth_formats.exr_samples import choose_depth_channel
-    from defocus_core.io.exr.header import is_exr, read_headers
-    from defocus_core.io.exr.views import in_view
-    from defocus_core.io.images.exr_channels import NoDepthChannel, choose_color
-    from defocus_core.io.safe_files import read_head
 
     color_part, depth_part = parts
     if not is_exr(read_head(picture.color)):
@@ -62,7 +59,5 @@ def overscan_of(
 
 def _size(path: Path) -> tuple[int, int]:
     """(height, width) of a file without windows."""
-    from defocus_core.io.images.describe import describe
-
     info = describe(path)
     return info.height, info.width

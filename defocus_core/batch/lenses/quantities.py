@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from defocus_core.allowed_values import AUTO_LIGHTS
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import Place, UsageProblem
 
 T = TypeVar("T")
 
@@ -51,7 +51,7 @@ class Percentile:
         return f"percentile({self.percent:.9g})"
 
 
-def read_at(where: str, parse: Callable[..., T], *texts: str) -> T:
+def read_at(where: Place, parse: Callable[..., T], *texts: str) -> T:
     """The value that a parser reads from a text.
 
     Raises:

@@ -8,18 +8,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from defocus_core.batch.elements.reading import read
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.lenses.quantities import length_text
 from defocus_core.batch.rendering.measures import radius_measures
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import evenly
+from defocus_core.io.images.color import read_color, require_finite
+from defocus_core.io.images.color_planes import Color
 from defocus_core.io.safe_files import written_whole
 
 if TYPE_CHECKING:
     import torch
 
     from defocus_core.fitting.pair import Fit
-    from defocus_core.io.images.color_planes import Color
     from defocus_core.optics.aperture import Aperture as Pupil
 
 _MM_PER_M = 1000.0
@@ -74,9 +78,7 @@ def fit_pair(
     """
     import torch
 
-    from defocus_core.batch.rendering.job_steps import read
     from defocus_core.fitting.pair import fit
-    from defocus_core.io.images.color import read_color, require_finite
     from defocus_core.optics.aperture import Aperture
 
     focal = options.foclen / options.sensor_width if reading.needs_lens else None
@@ -126,7 +128,6 @@ def fit_pair(
 
 def _light(color: Color) -> torch.Tensor:
     """Linear light [C, H, W] without alpha."""
-    import numpy as np
     import torch
 
     return torch.from_numpy(np.stack([plane[:] for plane in color.light]).astype(np.float32))

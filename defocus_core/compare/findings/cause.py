@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
 
 from defocus_core.compare.findings import geometry, sharpness, tone
 from defocus_core.compare.findings.evidence import Evidence, Explanation, best
 from defocus_core.compare.findings.finding import Finding
-from defocus_core.compare.picture import in_linear_light, read_picture
+from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_picture
+from defocus_core.compare.pixels import Pixels
 from defocus_core.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from pathlib import Path
-
-    from defocus_core.compare.picture import DecodedPicture
-    from defocus_core.compare.pixels import Pixels
 
 _COC_ATTRIBUTE = "defocus:coc_px"  # of a render: the range of its signed radii
 _MAPS_OF_COC = {"coc", "disparity"}

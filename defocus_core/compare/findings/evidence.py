@@ -8,18 +8,16 @@ half are spread over the picture.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+import numpy as np
+from numpy.typing import NDArray
 
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from defocus_core.compare.findings.finding import Finding
-    from defocus_core.compare.pixels import Pixels
+from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.pixels import Pixels
 
 _SAMPLES = 60_000
 _LARGEST = 1e30  # value that is looked at: beyond it, arithmetic in float32 overflows
@@ -50,8 +48,6 @@ class Evidence:
     """
 
     def __init__(self, pixels: Pixels, types: Mapping[str, str]) -> None:
-        import numpy as np
-
         differ = [bool(difference.any()) for difference in pixels.differences]
         self.pixels = pixels
         self.names = tuple(n for n, d in zip(pixels.names, differ, strict=True) if d)
@@ -63,8 +59,6 @@ class Evidence:
         )
 
     def _filled(self, plane: NDArray[Any]) -> NDArray[np.float32]:
-        import numpy as np
-
         values: NDArray[np.float32] = np.clip(plane, -_LARGEST, _LARGEST).astype(np.float32)
         return values if self.pixels.finite is None else np.nan_to_num(values)
 
@@ -76,8 +70,6 @@ class Evidence:
     @cached_property
     def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Rows and columns of the sampled pixels."""
-        import numpy as np
-
         finite = self.pixels.finite
         every = np.arange(self.pixels.greatest.size) if finite is None else np.flatnonzero(finite)
         if every.size > _SAMPLES:
@@ -99,8 +91,6 @@ class Evidence:
     @cached_property
     def step(self) -> float:
         """What the number type of B may round off, in arsinh of the values."""
-        import numpy as np
-
         level = float(np.sqrt(np.square(compressed(self.sampled[1])).mean()))
         steps = [_STEPS.get(kind, _RELATIVE_STEPS.get(kind, 1e-6) * level) for kind in self.types]
         return max(steps, default=0.0)
@@ -119,8 +109,6 @@ class Evidence:
         Returns:
             0 if all is explained up to the step of the number type, 1 or more if nothing.
         """
-        import numpy as np
-
         a, b = self.sampled
         if where is not None:
             if np.count_nonzero(where) < max(16, where.size // 4):
@@ -147,8 +135,6 @@ class Evidence:
 
 def compressed(values: NDArray[Any]) -> NDArray[Any]:
     """Values on a scale that is linear near 0 and logarithmic for highlights."""
-    import numpy as np
-
     compressed_values: NDArray[Any] = np.arcsinh(values)
     return compressed_values
 
@@ -160,6 +146,4 @@ def best(explanations: Sequence[Explanation], most: float = LEFT) -> Explanation
 
 
 def _rms(values: NDArray[Any]) -> float:
-    import numpy as np
-
     return math.sqrt(float(np.square(values, dtype=np.float64).mean())) if values.size else 0.0

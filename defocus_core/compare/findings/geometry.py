@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Mapping
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.compare.findings.evidence import Evidence, Explanation, compressed
 from defocus_core.compare.findings.finding import Finding
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    import numpy as np
-    from numpy.typing import NDArray
 
 _FRAME = 1024  # px of the middle of a picture in which a shift is looked for
 _PEAKS = 3  # of each correlation that are tried
@@ -86,8 +84,6 @@ def view_partner(path: Path) -> Path | None:
 
 
 def _swapped_views(evidence: Evidence, planes: list[NDArray[Any]]) -> Explanation:
-    import numpy as np
-
     rows, columns = evidence.places
     predicted = np.stack([plane[rows, columns] for plane in planes]).astype(np.float32)
     finding = Finding("left and right swapped", "left and right swapped")
@@ -96,8 +92,6 @@ def _swapped_views(evidence: Evidence, planes: list[NDArray[Any]]) -> Explanatio
 
 def _cropped(evidence: Evidence) -> Iterator[Explanation]:
     """B is 0 outside of a window, and as A within it."""
-    import numpy as np
-
     kept = (evidence.b != 0).any(axis=0)
     if not kept.any():
         return
@@ -134,8 +128,6 @@ def _shifted(evidence: Evidence) -> Iterator[Explanation]:
 
 def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
     """Shifts (dx, dy) worth trying: peaks of correlations, and small ones."""
-    import numpy as np
-
     a, b = (_frame(planes) for planes in (evidence.a, evidence.b))
     height, width = a.shape
     window = np.hanning(height + 2)[1:-1, None] * np.hanning(width + 2)[None, 1:-1]
@@ -165,8 +157,6 @@ def _frame(planes: NDArray[np.float32]) -> NDArray[np.float64]:
 
 def _shifted_by_parts(evidence: Evidence, dx: int, dy: int) -> Iterator[Explanation]:
     """A shift with a fraction: by least squares on the gradient, tried with cubic interpolation."""
-    import numpy as np
-
     a, b = (_frame(planes) for planes in (evidence.a, evidence.b))
     a = np.roll(a, (dy, dx), axis=(0, 1))
     cut = max(abs(dx), abs(dy)) + 2
@@ -201,8 +191,6 @@ def _shifted_by_parts(evidence: Evidence, dx: int, dy: int) -> Iterator[Explanat
 
 def _moved(values: NDArray[np.float64], dx: float, dy: float) -> NDArray[np.float64]:
     """Values [h, w] moved by fractions of a pixel, with cubic interpolation (Keys, −1/2)."""
-    import numpy as np
-
     for axis, part in ((0, dy), (1, dx)):
         whole = int(np.floor(part))
         t = 1 - (part - whole)  # sample between the pixels whole + 1 and whole before
@@ -227,8 +215,6 @@ def resized(a: Mapping[str, NDArray[Any]], b: Mapping[str, NDArray[Any]]) -> Ite
         a: channels [H, W] by name.
         b: channels [h, w] by name, all of one size.
     """
-    import numpy as np
-
     names = [name for name in a if name in b]
     if not names:
         return
@@ -257,8 +243,6 @@ def resized(a: Mapping[str, NDArray[Any]], b: Mapping[str, NDArray[Any]]) -> Ite
 
 def _corners(large: NDArray[Any], small: NDArray[Any]) -> Iterator[tuple[int, int]]:
     """Where a smaller picture may lie in a larger one: in the middle, at corners, at a match."""
-    import numpy as np
-
     spare_y, spare_x = large.shape[1] - small.shape[1], large.shape[2] - small.shape[2]
     yield from product((spare_x // 2, 0, spare_x), (spare_y // 2, 0, spare_y))
     # Pixels that match one distinctive pixel of the smaller picture.

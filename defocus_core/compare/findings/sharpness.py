@@ -8,16 +8,13 @@ varies; noise goes along with nothing.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.compare.findings.evidence import Evidence, compressed
 from defocus_core.compare.findings.finding import Finding
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    import numpy as np
-    from numpy.typing import NDArray
 
 _FRAME = 768  # px of a picture that are looked at, across and down
 _RINGS, _COARSE = 24, 3  # of the spectrum, and how many of them are coarse detail
@@ -38,8 +35,6 @@ _WITHOUT_MEAN = 0.3  # greatest mean of noise, by its root mean square
 
 def findings(evidence: Evidence) -> Iterator[Finding]:
     """Another CoC, or noise, or neither."""
-    import numpy as np
-
     frame = (slice(None), *_frame(evidence))
     light = [planes[frame].mean(axis=0, dtype="f8") for planes in (evidence.a, evidence.b)]
     a, b = (compressed(side) for side in light)
@@ -82,8 +77,6 @@ def _filtered(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 
     The filter is the real part of the transfer function, in rings of the spectrum.
     """
-    import numpy as np
-
     height, width = a.shape
     window = np.hanning(height + 2)[1:-1, None] * np.hanning(width + 2)[None, 1:-1]
     old, new = (np.fft.rfft2((side - side.mean()) * window) for side in (a, b))
@@ -113,8 +106,6 @@ def _blocks(
     In such a block, the difference goes along with detail that A and B have in common, or the same
     light is spread otherwise.
     """
-    import numpy as np
-
     difference = b - a
     energy = _block_sums(difference * difference)
     strongest = np.zeros_like(energy)
@@ -137,8 +128,6 @@ def _spreads(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float
     Blur keeps the sum of light and lowers its variance. It finds the discs of highlights, whose
     detail is as flat as they are.
     """
-    import numpy as np
-
     count = _block_sums(np.ones_like(a))
     mean_a, mean_b = (_block_sums(side) / count for side in (a, b))
     variance_a = _block_sums(a * a) / count - mean_a**2
@@ -154,15 +143,11 @@ def _spreads(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float
 
 def _ratio(products: NDArray[np.float64], squares: NDArray[np.float64]) -> NDArray[np.float64]:
     """Correlations of blocks, 0 where a block is constant."""
-    import numpy as np
-
     return products / np.sqrt(np.where(squares > 0, squares, np.inf))
 
 
 def _frame(evidence: Evidence) -> tuple[slice, slice]:
     """Rows and columns that are looked at: around the middle of what differs."""
-    import numpy as np
-
     cuts = []
     for axis, length in enumerate(evidence.size):
         weights = evidence.pixels.greatest.sum(axis=1 - axis)
@@ -174,8 +159,6 @@ def _frame(evidence: Evidence) -> tuple[slice, slice]:
 
 def _alike(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
     """Correlation of two arrays, 0 if one is constant or empty."""
-    import numpy as np
-
     if not x.size:
         return 0.0
     x, y = x - x.mean(), y - y.mean()
@@ -186,8 +169,6 @@ def _alike(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
 
 def _mean(values: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
     """The mean over a window of 2 reach + 1 px, smaller at the border."""
-    import numpy as np
-
     for axis, length in enumerate(values.shape):
         first = np.maximum(np.arange(length) - reach, 0)
         end = np.minimum(np.arange(length) + reach + 1, length)
@@ -200,8 +181,6 @@ def _mean(values: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
 
 
 def _block_sums(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    import numpy as np
-
     height, width = values.shape
     rows = np.add.reduceat(values, np.arange(0, height, _BLOCK), axis=0)
     return np.add.reduceat(rows, np.arange(0, width, _BLOCK), axis=1)

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from itertools import permutations
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.compare.findings.evidence import LEFT, Evidence, Explanation
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.picture import layers
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    import numpy as np
-    from numpy.typing import NDArray
 
 _MOST_SWAPPED = 4  # channels of a layer whose permutations are tried
 _DARKEST, _BRIGHTEST = 0.01, 0.995  # of values that are far from black and not clipped
@@ -41,8 +39,6 @@ def _empty(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _rounded(evidence: Evidence) -> Iterator[Explanation]:
-    import numpy as np
-
     a, b = evidence.sampled
     with np.errstate(over="ignore"):
         rounded = a.astype(np.float16).astype(np.float32)
@@ -52,8 +48,6 @@ def _rounded(evidence: Evidence) -> Iterator[Explanation]:
 
 def _clipped(evidence: Evidence) -> Iterator[Explanation]:
     """B is A with all values beyond a limit set to the limit."""
-    import numpy as np
-
     a, _ = evidence.sampled
     most, least = float(evidence.b.max()), float(evidence.b.min())
     if float(evidence.a.max()) > most:
@@ -72,8 +66,6 @@ def _clipped(evidence: Evidence) -> Iterator[Explanation]:
 
 def _quantised(evidence: Evidence) -> Iterator[Explanation]:
     """All values of B are on the grid of few bits, and those of A are not."""
-    import numpy as np
-
     a, b = evidence.sampled
     if float(evidence.b.min()) < 0.0 or float(evidence.b.max()) > 1.0 + 1e-3:
         return
@@ -141,16 +133,12 @@ def _other_view(name: str) -> str:
 
 def _from_a(evidence: Evidence, sources: Sequence[str], places: Any) -> NDArray[np.float32]:
     """Channels of A [C, N] by name, at the sampled pixels."""
-    import numpy as np
-
     planes = [evidence.pixels.plane("a", name)[places] for name in sources]
     return np.stack(planes).astype(np.float32)
 
 
 def _scaled(evidence: Evidence) -> Iterator[Explanation]:
     """Another exposure or gamma, in linear light and in the values as stored."""
-    import numpy as np
-
     a, b = evidence.sampled
     if evidence.gamma == 1.0:
         for name, curve in (("sRGB-encoded", linear_to_srgb), ("sRGB-decoded", _decoded)):
@@ -161,16 +149,12 @@ def _scaled(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _decoded(values: NDArray[np.float32]) -> NDArray[np.float64]:
-    import numpy as np
-
     return srgb_to_linear(np.maximum(values, 0.0))
 
 
 def _another_exposure(
     evidence: Evidence, a: NDArray[np.float32], b: NDArray[np.float32]
 ) -> Iterator[Explanation]:
-    import numpy as np
-
     gamma = evidence.gamma
     linear, aim = (_light(values, gamma) for values in (a, b))
     usable = (np.abs(linear) > 1e-3) & (np.abs(aim) > 1e-4)
@@ -208,8 +192,6 @@ def _another_gamma(
     evidence: Evidence, a: NDArray[np.float32], b: NDArray[np.float32]
 ) -> Iterator[Explanation]:
     """B is a power of A, or a multiple of a power."""
-    import numpy as np
-
     usable = (a > _DARKEST) & (b > _DARKEST)
     usable &= np.abs(np.log(np.where(usable, a, 1.0))) > 0.02
     if np.count_nonzero(usable) < 16:
@@ -233,8 +215,6 @@ def _another_display_gamma(
     evidence: Evidence, a: NDArray[np.float32], b: NDArray[np.float32]
 ) -> Iterator[Explanation]:
     """The sRGB-encoded values of B are a power of those of A, which may have been clipped at 1."""
-    import numpy as np
-
     clipped = float(evidence.b.max()) <= 1.0 + 1e-3 < float(evidence.a.max())
     old, new = (linear_to_srgb(np.minimum(side, 1.0) if clipped else side) for side in (a, b))
     usable = (old > 0.1) & (new > 0.1) & (np.abs(np.log(np.where(old > 0.1, old, 1.0))) > 0.02)
@@ -250,8 +230,6 @@ def _another_display_gamma(
 
 
 def _power(values: NDArray[np.float32], power: float, factor: float) -> NDArray[np.float32]:
-    import numpy as np
-
     magnitude = np.abs(values).astype(np.float64)
     with np.errstate(divide="ignore", over="ignore"):
         scaled = np.where(magnitude > 0, magnitude**power, 0.0) * factor
@@ -259,8 +237,6 @@ def _power(values: NDArray[np.float32], power: float, factor: float) -> NDArray[
 
 
 def _light(values: NDArray[np.float32], gamma: float | None) -> NDArray[np.float64]:
-    import numpy as np
-
     if gamma == 1.0:
         return values.astype(np.float64)
     return (
@@ -269,8 +245,6 @@ def _light(values: NDArray[np.float32], gamma: float | None) -> NDArray[np.float
 
 
 def _stored(linear: NDArray[np.float64], gamma: float | None) -> NDArray[np.float32]:
-    import numpy as np
-
     light = linear.astype(np.float32)
     if gamma == 1.0:
         return light

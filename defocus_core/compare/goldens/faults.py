@@ -8,20 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.compare.comparison import compare_pictures
 from defocus_core.compare.findings.geometry import view_partner
-from defocus_core.compare.picture import color_layers, is_map, read_picture
+from defocus_core.compare.picture import DecodedPicture, color_layers, is_map, read_picture
 from defocus_core.compare.record import CompareSettings
+from defocus_core.compare.thresholds import Rules
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from defocus_core.compare.picture import DecodedPicture
-    from defocus_core.compare.thresholds import Rules
 
 _WEAKEST = 12  # halvings that are tried
 _BLOCK = 8  # px of the side of a block of NaN, or of a highlight that is lost
@@ -115,8 +112,6 @@ def _other_view(picture: DecodedPicture) -> DecodedPicture | None:
 def _spoiled(
     picture: DecodedPicture, names: list[str], fault: Fault, strength: float
 ) -> DecodedPicture:
-    import numpy as np
-
     planes = dict(picture.planes)
     for name in names:
         plane = np.asarray(planes[name], np.float32)
@@ -125,8 +120,6 @@ def _spoiled(
 
 
 def _is_equal(a: DecodedPicture, b: DecodedPicture) -> bool:
-    import numpy as np
-
     return a.planes.keys() == b.planes.keys() and all(
         np.array_equal(plane, b.planes[name], equal_nan=plane.dtype.kind == "f")
         for name, plane in a.planes.items()
@@ -134,8 +127,6 @@ def _is_equal(a: DecodedPicture, b: DecodedPicture) -> bool:
 
 
 def _nan_block(plane: NDArray[Any], strength: float) -> NDArray[Any]:
-    import numpy as np
-
     spoiled = plane.copy()
     spoiled[_middle(plane)] = np.nan
     return spoiled
@@ -149,8 +140,6 @@ def _shifted(plane: NDArray[Any], strength: float) -> NDArray[Any]:
 
 
 def _gamma(plane: NDArray[Any], strength: float) -> NDArray[Any]:
-    import numpy as np
-
     encoded = linear_to_srgb(np.abs(plane)) ** np.float32(1 + 0.02 * strength)
     changed: NDArray[Any] = np.sign(plane) * srgb_to_linear(encoded)
     return changed
@@ -162,8 +151,6 @@ def _mirrored(plane: NDArray[Any], strength: float) -> NDArray[Any]:
 
 def _lost_highlight(plane: NDArray[Any], strength: float) -> NDArray[Any]:
     """The brightest place and its neighbours become as dark as the mean."""
-    import numpy as np
-
     spoiled = plane.copy()
     row, column = np.unravel_index(int(np.nan_to_num(plane).argmax()), plane.shape)
     top, left = (max(0, int(place) - _BLOCK // 2) for place in (row, column))
@@ -175,8 +162,6 @@ def _lost_highlight(plane: NDArray[Any], strength: float) -> NDArray[Any]:
 
 def _noise(plane: NDArray[Any], strength: float) -> NDArray[Any]:
     """Of 1 % of the mean, with a spread that all planes share."""
-    import numpy as np
-
     level = float(np.abs(np.nan_to_num(plane)).mean())
     noise = np.random.default_rng(0).standard_normal(plane.shape)
     return plane + 0.01 * strength * level * noise

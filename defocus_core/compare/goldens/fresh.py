@@ -20,7 +20,7 @@ from defocus_core.io.arrays import scratch_folder
 
 
 @dataclass(frozen=True)
-class Rendered:
+class FreshPictures:
     """Pictures that were rendered: their jobs, the folder they are in, and how the batch ended."""
 
     jobs: Sequence[Job]
@@ -46,7 +46,7 @@ def rendered(
     execution: Execution,
     listener: Listener,
     only: Sequence[str] = (),
-) -> Iterator[Rendered]:
+) -> Iterator[FreshPictures]:
     """Render the jobs of a jobs file to a folder that is there in the block.
 
     Args:
@@ -64,7 +64,7 @@ def rendered(
     try:
         jobs = _chosen(read_jobs(jobs_file, Outputs(root), machine), only)
         summary = run.carry_out(jobs, root, execution, listener)
-        yield Rendered(jobs, root, summary)
+        yield FreshPictures(jobs, root, summary)
     finally:
         shutil.rmtree(root, ignore_errors=True)
 

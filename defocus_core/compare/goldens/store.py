@@ -92,8 +92,8 @@ def read_store(folder: Path, *, new: bool = False) -> Store:
     except FileNotFoundError:
         if new:
             return Store(folder, {})
-        what = "file of goldens; make them with defocus golden update ‹accept›"
-        raise missing(file, what) from None
+        remedy = "make goldens with 'defocus golden update ‹accept›'"
+        raise missing(file, remedy=remedy) from None
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         problem = f"cannot be read: {reason(error)}"
         raise InputError("damaged", problem, restore, path=file) from None

@@ -81,7 +81,7 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
             f"signed_radius must be within {_MOST_PX:g} px, got {least:.3g} to {most:.3g} px; "
             "check the units of depth and lens, and write inf for sky"
         )
-    if max(-darkest, brightest) > BRIGHTEST:
+    if max(-darkest, brightest) > float(torch.tensor(BRIGHTEST, dtype=dtype)):
         raise ValueError(
             f"image must be within ±{BRIGHTEST:g}, got {darkest:.3g} to {brightest:.3g}; "
             "scale it, light has no unit here"
