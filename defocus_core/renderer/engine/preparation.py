@@ -138,6 +138,15 @@ def _division(settings: Settings, quality: Quality) -> Division:
     return Division.of(settings.aperture, count, pair)
 
 
+def copies_of_tile(layer_of: list[int]) -> int:
+    """Pictures of a tile that are held at once, given for each slice the number of its layer.
+
+    Blurred layers, the slices of one of them with their transforms, and what they are made of.
+    """
+    layers = Counter(layer_of)
+    return len(layers) + 4 * max(layers.values()) + 10
+
+
 def _grid_of(
     settings: Settings,
     size: tuple[int, int],
@@ -156,10 +165,8 @@ def _grid_of(
     """
     if not launches_cost(device):
         return grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
-    # blurred layers, the slices of one with their transforms, and the pictures that they are of
-    layers = Counter(layer_of)
-    copies = len(layers) + 4 * max(layers.values()) + 10
-    sides = settings.tile or few_tiles(*size, tile_pixels(device, bytes_each * copies))
+    most = tile_pixels(device, bytes_each * copies_of_tile(layer_of))
+    sides = settings.tile or few_tiles(*size, most)
     region = math.isqrt(pieces(device, 0, _COPIES_OF_REGION * bytes_each))
     return grid_over(*size, sides)._replace(region=region)
 
