@@ -11,8 +11,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table below
+    from defocus_core.allowed_values import AUTO_LIGHTS as AUTO_LIGHTS
+    from defocus_core.allowed_values import QUALITIES as QUALITIES
     from defocus_core.batch.datasets.finished import Sample as Sample
     from defocus_core.batch.datasets.finished import samples as samples
+    from defocus_core.batch.datasets.torch_dataset import BatchDataset as BatchDataset
     from defocus_core.batch.jobs.job import Job as Job
     from defocus_core.batch.run_batch import batch_jobs as batch_jobs
     from defocus_core.batch.run_batch import run_batch as run_batch
@@ -23,6 +26,9 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.depth.conversion import depth_from_disparity as depth_from_disparity
     from defocus_core.depth.conversion import depth_from_logarithm as depth_from_logarithm
     from defocus_core.depth.conversion import planar_depth as planar_depth
+    from defocus_core.depth.conversion import (
+        radius_from_relative_disparity as radius_from_relative_disparity,
+    )
     from defocus_core.depth.diagnosis import DepthRepair as DepthRepair
     from defocus_core.depth.guided_resize import GuidedDepth as GuidedDepth
     from defocus_core.depth.repair import diagnose_depth as diagnose_depth
@@ -60,7 +66,6 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.optics.sensor_noise import with_noise as with_noise
     from defocus_core.renderer.defocus_lens import DefocusLens as DefocusLens
     from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer as HiddenLayer
-    from defocus_core.renderer.layers.quality import QUALITIES as QUALITIES
     from defocus_core.renderer.random_defocus import Lenses as Lenses
     from defocus_core.renderer.random_defocus import RandomDefocus as RandomDefocus
     from defocus_core.renderer.render import render as render
@@ -69,7 +74,6 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.sequences.motion import chained as chained
     from defocus_core.sequences.seen_behind import seen_behind as seen_behind
     from defocus_core.sequences.temporal_mean import temporal_mean as temporal_mean
-    from defocus_core.tensors.clipped_lights import AUTO_LIGHTS as AUTO_LIGHTS
     from defocus_core.tensors.clipped_lights import with_lights as with_lights
     from defocus_core.tensors.views import Views as Views
 
@@ -79,7 +83,7 @@ _GROUPS = {
         "renderer.defocus_lens": "DefocusLens",
         "renderer.render": "render render_layers",
         "renderer.inpainting.hidden_layers": "HiddenLayer",
-        "renderer.layers.quality": "QUALITIES",
+        "allowed_values": "QUALITIES AUTO_LIGHTS",
         "tensors.views": "Views",
         "optics.aperture": "Aperture",
         "optics.axial_color": "color_offset",
@@ -89,10 +93,11 @@ _GROUPS = {
         "optics.pupil_image": "PupilImage",
         "optics.sensitivity": "Sensitivity sensitivities",
         "optics.sensor_noise": "with_noise",
-        "tensors.clipped_lights": "AUTO_LIGHTS with_lights",
+        "tensors.clipped_lights": "with_lights",
     },
     "depth": {
-        "depth.conversion": "depth_from_disparity depth_from_logarithm planar_depth",
+        "depth.conversion": "depth_from_disparity depth_from_logarithm planar_depth "
+        "radius_from_relative_disparity",
         "depth.diagnosis": "DepthRepair",
         "depth.guided_resize": "GuidedDepth",
         "depth.repair": "diagnose_depth repair_depth",
@@ -109,6 +114,7 @@ _GROUPS = {
     "training": {
         "optics.distributions": "Distribution",
         "renderer.random_defocus": "Lenses RandomDefocus",
+        "batch.datasets.torch_dataset": "BatchDataset",
     },
     "files": {
         "io.picture_files": "read_color read_depth write_image write_map",

@@ -15,14 +15,13 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import OpenEXR
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import avg_pool2d, interpolate
+from torch.utils.data import DataLoader
 
-from defocus_core import Distribution, RandomDefocus
-from defocus_core.batch.datasets.finished import samples
+from defocus_core import BatchDataset, Distribution, RandomDefocus
 
 SIDE, CROP = 96, 64  # px of a scene, and of what the network sees of it
 MOST_PX = 6.0  # radius
@@ -31,8 +30,8 @@ JOBS = """
 color = "scenes/*.rgb.exr"
 depth = "scenes/*.depth.exr"
 [split]
-train = 0.5
-test = 0.5
+train = 0.75
+test = 0.25
 [lens]
 focal-length = "50mm"
 sensor-width = "3mm"
@@ -86,18 +85,9 @@ def drawn(steps: int, size: int) -> Iterator[tuple[Tensor, Tensor]]:
 
 def finished(out: Path, split: str) -> tuple[Tensor, Tensor]:
     """Left and right [N, 6, H, W] and signed radii [N, 1, H, W] of a split of a finished batch."""
-
-    def channels(path: Path, names: str | tuple[str, ...]) -> Tensor:
-        found = OpenEXR.File(str(path), separate_channels=True).channels()
-        return torch.from_numpy(np.stack([found[name].pixels for name in names]).astype("float32"))
-
-    chosen = [sample for sample in samples(out) if sample.record["split"] == split]
-    pairs = [
-        torch.cat([channels(sample.files[side], "RGB") for side in ("left", "right")])
-        for sample in chosen
-    ]
-    radii = [channels(sample.files["coc"], ("coc",)) for sample in chosen]
-    return torch.stack(pairs), torch.stack(radii)
+    data = BatchDataset(out, ["left", "right", "coc"], split=split)
+    (every,) = DataLoader(data, batch_size=len(data))
+    return torch.cat([every["left"], every["right"]], dim=1), every["coc"]
 
 
 def make_batch(folder: Path, scenes: int) -> Path:

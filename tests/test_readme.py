@@ -119,7 +119,7 @@ def carry_out(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_commands_of_a_document_run_one_after_another(
     name: str, desk: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    text = DOCUMENTS[name].read_text()
+    text = DOCUMENTS[name].read_text().replace("n = 32", "n = 2")
     write_named_blocks(text, desk)
     for words in commands(text):
         carry_out(words, monkeypatch)
@@ -131,8 +131,12 @@ def test_the_python_of_a_document_runs(
 ) -> None:
     write_named_blocks(DOCUMENTS["batch"].read_text(), desk)
     assert run("batch", "jobs.toml", "-o", "out/set", "--limit", "1", "--processes", "1").code == 0
+    text = DOCUMENTS[name].read_text().replace("crop=64", "crop=8").replace("n = 32", "n = 2")
+    write_named_blocks(text, desk)
     names: dict[str, object] = {}
-    for kind, content in blocks(DOCUMENTS[name].read_text()):
+    for kind, content in blocks(text):
+        if "BatchDataset" in content:
+            assert run("batch", "pairs.toml", "-o", "out/pairs", "--processes", "1").code == 0
         if kind == "python":
             exec(content, names)
     if name == "fit":

@@ -12,7 +12,8 @@ import click
 from defocus_cli.options import comparing, shared
 from defocus_cli.options.types import FilePath, GroupedCommand, GroupedOption, Listed, names_of
 from defocus_cli.words import console
-from defocus_core.batch.jobs.job import DEVICES, QUALITIES
+from defocus_core.allowed_values import QUALITIES
+from defocus_core.batch.jobs.job import DEVICES
 from defocus_core.batch.lenses.quantities import pixel_count
 from defocus_core.bench import tables
 from defocus_core.bench.baseline import read_baseline, slower
@@ -45,11 +46,7 @@ def _size(word: str) -> Size:
 _time_option = partial(click.option, cls=GroupedOption, heading="Time")
 
 
-@click.command(
-    "bench",
-    cls=GroupedCommand,
-    short_help="Render scenes with known truth or synthetic ones; say error and time.",
-)
+@click.command("bench", cls=GroupedCommand)
 @click.option(
     "--truth",
     type=FilePath(),

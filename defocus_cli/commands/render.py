@@ -55,12 +55,7 @@ Examples:
 """
 
 
-@click.command(
-    "render",
-    cls=GroupedCommand,
-    help=_HELP,
-    short_help="Defocus pictures: colour and depth in, render, left, right, coc out.",
-)
+@click.command("render", cls=GroupedCommand, help=_HELP)
 @click.argument("color", type=FilePath())
 @click.argument("depth", type=FilePath(), required=False)
 @shot_lens_options(required=True)
@@ -125,7 +120,7 @@ def command(
             alone = pipeline.execute_alone(tile_count)
             summary = run.carry_out(jobs, outputs.root, execution(alone), report)
     if summary.statuses["ok"]:
-        update.refresh(outputs.root, {job.sample_id for job in jobs})
+        update.refresh(outputs.root, {job.sample_id for job in jobs}, summary.withdrawn)
     if shot.contact is not None and (sheet := write_contact_sheet(jobs, shot.contact)):
         console.stderr(f"contact sheet -> {sheet}")
     if as_json:

@@ -22,11 +22,14 @@ from defocus_cli.options.types import (
     grouped_option,
     names_of,
 )
-from defocus_core.batch.jobs.job import DEVICES, QUALITIES, TILES, Machine, Outputs
+from defocus_core.allowed_values import LEAST_TILE, QUALITIES
+from defocus_core.batch.jobs.job import DEVICES, Machine, Outputs
 from defocus_core.batch.jobs.output_kinds import KINDS, MAP_FORMATS, MAPS, in_one_file
 from defocus_core.batch.lenses.quantities import byte_count, pixel_count
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.system.process import cores
+
+_MOST_TILE = 1 << 14  # px
 
 
 def hidden_option(command: Command) -> Command:
@@ -166,15 +169,15 @@ def _outputs(
 ) -> Outputs:
     outputs = Outputs(**others)
     if multiview:
-        outputs = replace(outputs, kinds=in_one_file(outputs.kinds, "--multiview"))
+        outputs = replace(outputs, kinds=in_one_file(outputs.kinds, CALLER.at("multiview")))
     for option, value, kind in (
-        ("--exr-type", exr_type, "exr"),
-        ("--jpeg-quality", jpeg_quality, "jpg"),
+        ("exr-type", exr_type, "exr"),
+        ("jpeg-quality", jpeg_quality, "jpg"),
     ):
         if value is not None and outputs.format != kind:
             problem = f"says nothing about {outputs.format}"
             raise UsageProblem(
-                "idle-option", problem, f"leave it out, or use --format {kind}", path=option
+                "idle-option", problem, f"leave it out, or use --format {kind}", field=option
             )
     return replace(
         outputs,
@@ -248,7 +251,7 @@ def memory_options() -> list[Decorator]:
         ),
         machine_option(
             "--tile",
-            type=click.IntRange(min=TILES[0], max=TILES[1]),
+            type=click.IntRange(min=LEAST_TILE, max=_MOST_TILE),
             metavar="PX",
             help="Side of the tiles to compute in; changes the last digits.",
         ),

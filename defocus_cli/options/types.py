@@ -10,8 +10,9 @@ from typing import Any
 import click
 
 from defocus_core.batch.jobs.output_kinds import FORMAT_ALIASES, SUFFIXES
+from defocus_core.batch.lenses.parameters import Param
 from defocus_core.batch.lenses.quantities import read_at
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import Place, UsageProblem, did_you_mean, with_dashes
 from defocus_core.reports.replaceable import refuse_other
 
 Command = Callable[..., Any]
@@ -25,6 +26,12 @@ def option_name(param: click.Parameter | None) -> str:
     return param.human_readable_name if param else "command line"
 
 
+def place_of(param: click.Parameter | None) -> Place:
+    """The place of an option or argument, for errors."""
+    name = option_name(param)
+    return Place(field=name[2:]) if name.startswith("--") else Place(name)
+
+
 class FilePath(click.ParamType[Path]):
     """A path; whether anything is there, and of use, is asked when it is opened."""
 
@@ -33,7 +40,7 @@ class FilePath(click.ParamType[Path]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """A path that is not empty, as ``"$UNSET"`` would be."""
         if not str(value):
-            raise UsageProblem("empty", "is empty", "give a path", path=option_name(param))
+            raise UsageProblem("empty", "is empty", "give a path", path=place_of(param))
         return Path(value)
 
 
@@ -59,7 +66,7 @@ class Quantity(click.ParamType[Any]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Parse ``value``; what is parsed already passes."""
-        return read_at(option_name(param), self.parse, value) if isinstance(value, str) else value
+        return read_at(place_of(param), self.parse, value) if isinstance(value, str) else value
 
 
 class Listed(click.ParamType[tuple[Any, ...]]):
@@ -69,12 +76,16 @@ class Listed(click.ParamType[tuple[Any, ...]]):
         parse: makes a value of a word; raises ValueError for a word that is none.
         name: of a value, for errors.
         example: values as a user writes them, or the values that there are.
+        known: the words that there are, if they are known.
     """
 
-    def __init__(self, parse: Callable[[str], Any], name: str, example: str) -> None:
+    def __init__(
+        self, parse: Callable[[str], Any], name: str, example: str, known: Sequence[str] = ()
+    ) -> None:
         self.parse = parse
         self.name = name
         self.example = example
+        self.known = known
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -88,8 +99,8 @@ class Listed(click.ParamType[tuple[Any, ...]]):
                 values.append(self.parse(word.strip()))
             except ValueError:
                 problem = f"'{word.strip()}' is no {self.name}"
-                remedy = f"write like {self.example}"
-                raise UsageProblem("malformed", problem, remedy, path=option_name(param)) from None
+                remedy = did_you_mean(word.strip(), self.known, f"write like {self.example}")
+                raise UsageProblem("malformed", problem, remedy, path=place_of(param)) from None
         return tuple(dict.fromkeys(values))
 
 
@@ -99,7 +110,7 @@ def names_of(known: Sequence[str], name: str) -> Listed:
     def parse(word: str) -> str:
         return known[known.index(word)]
 
-    return Listed(parse, name, ",".join(known))
+    return Listed(parse, name, ",".join(known), known)
 
 
 class Format(click.Choice[str]):
@@ -166,6 +177,23 @@ def grouped_option(heading: str, *names: str, **settings: Any) -> Decorator:
     return click.option(*names, cls=GroupedOption, heading=heading, **settings)
 
 
+def param_option(heading: str, param: Param) -> Decorator:
+    """The option of a row of a table of options."""
+    names = (f"--{param.name}", param.field) if param.flag else (f"--{param.name}",)
+    settings: dict[str, Any] = {"help": with_dashes(param.help), "metavar": param.metavar or None}
+    if param.flag:
+        settings |= {"flag_value": param.name, "default": None}
+    elif param.choices:
+        settings["type"] = click.Choice(param.choices)
+    elif param.min_whole is not None:
+        settings["type"] = click.IntRange(min=param.min_whole)
+    elif param.parse_word is not None:
+        settings |= {"type": Quantity(param.parse_word, "DISTANCE"), "nargs": 2, "default": None}
+    else:
+        settings["type"] = Quantity(param.parse, param.metavar)
+    return grouped_option(heading, *names, **settings)
+
+
 def bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) -> Decorator:
     """Add ``options`` to a command and hand it what ``make`` makes of their values, as ``name``."""
 
@@ -179,7 +207,7 @@ def bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) ->
         for option in reversed(options):
             optioned = option(optioned)
         added = optioned.__click_params__[-len(options) :]
-        keys = {param.name for param in added}  # two flags may set one value
+        keys = dict.fromkeys(param.name for param in added)  # two flags may set one value
         return call
 
     return decorate

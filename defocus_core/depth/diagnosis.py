@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -109,7 +110,7 @@ def diagnosed(
     def evidence(rows: tuple[int, int]) -> _BandEvidence:
         return _evidence(signed_radius, rows, dtype, infinity)
 
-    of_bands = list(threaded(evidence, bands(*signed_radius.shape), threads))
+    of_bands = list(threaded(evidence, bands(signed_radius), threads))
     if noise is None:
         noise = noise_from(torch.stack([band.scatter for band in of_bands]).sum(0))
         if noise is not None:
@@ -126,7 +127,8 @@ def _evidence(
     band = (above, above + rows[1] - rows[0])
     r, steps = around[slice(*band)], [around.diff(dim=dim) for dim in (0, 1)]
     sizes = [step.abs() for step in steps]
-    steepest = max(float(size.amax()) if size.numel() else 0.0 for size in sizes)
+    greatest = [size.amax() for size in sizes if size.numel()]
+    steepest = float(torch.stack(greatest).amax()) if greatest else 0.0
     ends = ends_of(r)
     softest, averaged = ends.new_zeros(()), ends.new_zeros((2, 4), dtype=torch.float64)
     ramps = torch.zeros((), dtype=torch.long, device=r.device)
@@ -146,11 +148,12 @@ def _repair(
 ) -> DepthRepair:
     """The repair that the evidence of all bands asks for."""
     ends = torch.stack([band.ends for band in of_bands])
-    if not bool(torch.isfinite(ends).all()):
-        return DepthRepair()  # a picture of such depth is refused
-    softest = float(torch.stack([band.softest for band in of_bands]).amax())
+    softest = torch.stack([band.softest for band in of_bands]).amax()
     ramps = torch.stack([band.ramps for band in of_bands]).sum()
-    least, most = float(ends[:, 0].amin()), float(ends[:, 1].amax())
+    found = torch.stack([ends[:, 0].amin(), ends[:, 1].amax(), softest]).double()
+    least, most, softest, ramps = torch.cat([found, ramps[None].double()]).tolist()
+    if not (math.isfinite(least) and math.isfinite(most)):
+        return DepthRepair()  # a picture of such depth is refused
     slope = slope_of_soft_edges(least, most, signed_radius.shape)
     soft, width, scale = 0, None, None
     if softest > slope:
@@ -175,7 +178,7 @@ def _has_ramps(signed_radius: Pixels, pixels: int) -> bool:
     A few ramps among many hard edges are surfaces that are seen between two others.
     """
     hard, enough = 0, _RARE * pixels
-    for first, last in bands(*signed_radius.shape):
+    for first, last in bands(signed_radius):
         if hard <= enough and pixels:
             around = signed_radius[max(0, first - 1) : last + 2]
             hard += int(hard_steps(around, STEEP))
@@ -230,7 +233,7 @@ def _edge_counts(
     """The edges of radii [H, W] px, of distance if a scale is given, steeper than a slope."""
     soft = hard = 0
     widths = torch.zeros(2 * _HALF_EDGE * _PER_PX + 1, dtype=torch.long)
-    for first, last in bands(*signed_radius.shape):
+    for first, last in bands(signed_radius):
         above = min(first, _BESIDE_EDGE + 1)
         around = signed_radius[first - above : last + _BESIDE_EDGE + 1].detach()
         steepest = steepness(around)

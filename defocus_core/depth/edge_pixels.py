@@ -17,6 +17,7 @@ from torch import Tensor
 from defocus_core.depth.edge_surfaces import AROUND as AROUND_SURFACES
 from defocus_core.depth.edge_surfaces import (
     AT_ONCE,
+    BYTES_EACH,
     EDGE,
     MIDDLE,
     Around,
@@ -26,6 +27,7 @@ from defocus_core.depth.edge_surfaces import (
     share_deviation,
     side_of,
 )
+from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.neighbourhoods import extreme_around, halfway, squares_around
 from defocus_core.tensors.source import Pixels, bands
 from defocus_core.tensors.sparse_masks import exceeding, places_of
@@ -51,7 +53,7 @@ def are_beside_their_surface(signed_radius: Pixels, pixels: Pixels, threads: int
         pixels: [C, H, W] linear.
         threads: Number of bands of rows examined at once.
     """
-    H, W = signed_radius.shape
+    H = signed_radius.shape[0]
 
     def votes_of(rows: tuple[int, int]) -> Tensor:
         above, below = max(rows[0] - AROUND, 0), min(rows[1] + AROUND, H)
@@ -67,7 +69,7 @@ def are_beside_their_surface(signed_radius: Pixels, pixels: Pixels, threads: int
             votes += torch.stack([votes_here.sum(), beside.sum()])
         return votes
 
-    counts = torch.stack(list(threaded(votes_of, bands(H, W), threads))).sum(0)
+    counts = torch.stack(list(threaded(votes_of, bands(signed_radius), threads))).sum(0)
     return int(counts[1]) > _MANY * int(counts[0])
 
 
@@ -89,7 +91,8 @@ def _squares_on_edges(radii: Tensor, colors: Tensor) -> Iterator[tuple[Tensor, A
     nearest, farthest = (extreme_around(radii, 1, end) for end in (torch.minimum, torch.maximum))
     edge, border = exceeding(farthest - nearest, EDGE), halfway(nearest, farthest)
     places = places_of(edge)
-    for at in torch.split(places, AT_ONCE) if len(places) else ():
+    count = pieces(radii.device, AT_ONCE, BYTES_EACH)
+    for at in torch.split(places, count) if len(places) else ():
         yield at, around_edge(colors, radii, edge, border, at)
 
 

@@ -26,6 +26,7 @@ from defocus_core.depth.color_profiles import (
 )
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.soft_edges import slope_of_soft_edges
+from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.neighbourhoods import ends_of, extreme_around, halfway, squares_around
 from defocus_core.tensors.source import Pixels, banded, bands
 from defocus_core.tensors.sparse_masks import numbers_of, places_of
@@ -54,8 +55,8 @@ _VOTES, _BIASED, _AGREED = 400, 0.75, 0.6
 AROUND = REACH + NORMAL + 2 * (_ROUNDS + _SMOOTHING) + FARTHEST + 2
 # Half a px, so that averages of whole displacements are no ties.
 _HALF = 0.4937
-# Profiles examined at once: bounds memory.
-_PROFILES = 1 << 12
+# Profiles examined at once on a CPU, and bytes that each takes elsewhere: bounds memory.
+_PROFILES, _BYTES_EACH = 1 << 12, 1 << 14
 
 
 class EdgeShifts(NamedTuple):
@@ -90,9 +91,8 @@ def measured_shifts(
         scale: Of distance, if edges were soft in distance.
     """
     ends = torch.stack([ends_of(band) for band in banded(signed_radius)])
-    slope = slope_of_soft_edges(
-        float(ends[:, 0].amin()), float(ends[:, 1].amax()), signed_radius.shape
-    )
+    least, most = torch.stack([ends[:, 0].amin(), ends[:, 1].amax()]).tolist()
+    slope = slope_of_soft_edges(least, most, signed_radius.shape)
     step = max(_LEAST_STEP, _STEP * slope)
     votes = _votes(signed_radius, pixels, step, threads, scale)
     if float(votes.sum()) <= (0 if soft else _VOTES):
@@ -119,8 +119,7 @@ def _votes(
     Of many pixels those are examined that a hash of what is around them chooses: the same ones
     wherever they lie in the frame.
     """
-    H, W = signed_radius.shape
-    every = bands(H, W)
+    every = bands(signed_radius)
 
     def window(first: int, end: int) -> tuple[Tensor, Tensor]:
         rows = slice(max(first, 0), end)
@@ -145,7 +144,9 @@ def _votes(
         (at, own), (first, end) = found[number], every[number]
         if len(at := at[own < most]):
             radii, colors = window(first - REACH, end + REACH)
-            for chunk in torch.split(at - at.new_tensor([max(first - REACH, 0), 0]), _PROFILES):
+            for chunk in torch.split(
+                at - at.new_tensor([max(first - REACH, 0), 0]), _profiles(radii)
+            ):
                 costs, trust = displacement_costs(silhouette_at(chunk, radii), radii, colors)
                 votes.index_add_(0, costs.argmin(1), trust.double())
         return votes
@@ -162,6 +163,11 @@ def _hashes(at: Tensor, radii: Tensor, pixels: Tensor) -> Tensor:
     mixed = (bits * _FACTORS[0] * factor.view(len(around), 1, -1)).sum((0, 2))
     mixed = (mixed ^ (mixed >> 32)) * _FACTORS[1]
     return ((mixed >> 40) & 0xFFFFFF).double() / (1 << 24)
+
+
+def _profiles(like: Tensor) -> int:
+    """The number of profiles to examine at once."""
+    return pieces(like.device, _PROFILES, _BYTES_EACH)
 
 
 def _median(votes: Tensor) -> tuple[float, float]:
@@ -182,7 +188,9 @@ def with_shifted_edges(
     if not len(at):
         return signed_radius
     silhouette = silhouette_at(at, radii)
-    parts = (torch.split(x, _PROFILES, d) for x, d in zip(silhouette, (0, 0, 1), strict=True))
+    parts = (
+        torch.split(x, _profiles(radii), d) for x, d in zip(silhouette, (0, 0, 1), strict=True)
+    )
     chunks = map(Silhouette._make, zip(*parts, strict=True))
     found = [displacement_costs(chunk, radii, pixels.detach()) for chunk in chunks]
     costs, trust = map(torch.cat, zip(*found, strict=True))

@@ -23,8 +23,8 @@ MIDDLE = (2 * AROUND + 1) ** 2 // 2
 _LEAST_DEVIATION = 0.01
 # Least standard deviation as a share of the brightest channel: less may be rounding.
 _ROUNDING = 1e-4
-# Pixels examined at once: bounds memory.
-AT_ONCE = 1 << 12
+# Pixels examined at once on a CPU, and bytes that each takes elsewhere: bounds memory.
+AT_ONCE, BYTES_EACH = 1 << 12, 1 << 12
 
 
 class Side(NamedTuple):

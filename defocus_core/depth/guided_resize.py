@@ -205,7 +205,7 @@ def _mean_colors(image: Pixels, row: Tensor, column: Tensor, size: tuple[int, in
         own = _nearest(size[0], H), _nearest(size[1], W)
         return _encoded(image[..., :, :])[:, own[0]][:, :, own[1]]
     total = torch.zeros((image.shape[0], *size), dtype=torch.float64)
-    for first, end in bands(H, W):
+    for first, end in bands(image):
         colors = _encoded(image[..., first:end, :])
         across = total.new_zeros((*colors.shape[:2], size[1])).index_add_(2, column, colors)
         total.index_add_(1, row[first:end], across)

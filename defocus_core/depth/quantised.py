@@ -52,12 +52,15 @@ def levels_of(rows: Tensor, sizes: list[Tensor]) -> Levels:
         sizes: Of steps in px from each pixel to the next, down and across; down of one row less at
             the end of a frame.
     """
-    steps, changes = [], []
+    changes, larger = [], []
     for size in reversed(sizes):
         changes.append(size.bool())
-        larger = changes[-1], exceeding(size, _LEAST), exceeding(size, _MOST)
-        count = size.numel()
-        steps.append([count, *(count - int(torch.count_nonzero(each)) for each in larger)])
+        masks = changes[-1], exceeding(size, _LEAST), exceeding(size, _MOST)
+        larger.append(torch.stack([torch.count_nonzero(mask) for mask in masks]))
+    steps = [
+        [size.numel(), *(size.numel() - count for count in counts)]
+        for size, counts in zip(reversed(sizes), torch.stack(larger).tolist(), strict=True)
+    ]
     across, down = changes
     goes_on = ~(across[: len(down)] | down[:, :-1])
     begins = goes_on.clone()  # of equal ones in a row the first alone: to sort them takes long

@@ -5,14 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from defocus_core.allowed_values import DEPTH_REPAIRS, WIDEST_EDGE
 from defocus_core.tensors.validation import described, number
 
-# Choices of depth repair that are words: "auto" repairs a depth map that needs it, "off" none.
-DEPTH_REPAIRS = ("auto", "off")
-# A third choice begins so and ends with a slope: soft edges are at least so steep.
+# A choice of depth repair that is no word begins so and ends with a slope of soft edges.
 SOFT_EDGES = "soft-edges="
-# Greatest width of a soft edge in px: what is wider is a surface.
-MOST_WIDTH = 100
 
 
 @dataclass(frozen=True)
@@ -42,8 +39,8 @@ def repair_options(depth_repair: str, edge_width: float | None = None) -> Repair
     if edge_width is None:
         return RepairOptions(depth_repair != "off", slope)
     width = number("edge_width", edge_width, "in px")
-    if not 0 <= width <= MOST_WIDTH:
-        problem = f"edge_width must be 0 to {MOST_WIDTH} px, got {width:g}"
+    if not 0 <= width <= WIDEST_EDGE:
+        problem = f"edge_width must be 0 to {WIDEST_EDGE} px, got {width:g}"
         raise ValueError(f"{problem}; None leaves it to the diagnosis")
     if depth_repair == "off" or (slope is not None and width == 0):
         problem = f"edge_width={width:g} contradicts depth_repair={depth_repair!r}"

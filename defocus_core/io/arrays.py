@@ -9,18 +9,16 @@ from __future__ import annotations
 import math
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
-
-if TYPE_CHECKING:
-    import numpy as np
-    import torch
-    from numpy.typing import NDArray
 
 _GRID = 1 << 16  # pixels of a sample of a picture, about
 # Pixels of a band of rows.
@@ -42,8 +40,6 @@ class Scratch:
         Raises:
             InputError: there is no room for it.
         """
-        import numpy as np
-
         self.shape, self.dtype = shape, np.dtype(dtype)
         size, folder = math.prod(shape) * self.dtype.itemsize, scratch_folder()
         try:
@@ -57,8 +53,6 @@ class Scratch:
 
     def __getitem__(self, window: Any) -> NDArray[Any]:
         """A copy of the window [rows] or [rows, columns]."""
-        import numpy as np
-
         (top, below, step), (left, beside, stride) = self._cuts(window)
         values = np.empty((max(below - top, 0), max(beside - left, 0)), self.dtype)
         for rows, offset in self._runs(values, top, left):
@@ -68,8 +62,6 @@ class Scratch:
 
     def __setitem__(self, window: Any, values: NDArray[Any]) -> None:
         """Fill the window [rows] or [rows, columns], slices without steps."""
-        import numpy as np
-
         (top, below, _), (left, beside, _) = self._cuts(window)
         cut = np.ascontiguousarray(np.broadcast_to(values, (below - top, beside - left)))
         try:
@@ -108,38 +100,44 @@ class Keeping:
         """An array [H, W] of zeros."""
         if self.scratch:
             return Scratch(shape, dtype)
-        import numpy as np
-
         return np.zeros(shape, dtype)
 
 
 IN_MEMORY = Keeping()
 
 
-class StackedPlanes:
-    """C arrays [H, W] as one [H, W, C], read by slices of rows."""
+class LazyArray:
+    """An array that is computed where it is read: by slices, like one in memory.
 
-    def __init__(self, planes: Sequence[Any]) -> None:
-        self.planes = planes
-        self.shape = (*planes[0].shape, len(planes))
-        self.dtype = planes[0].dtype
+    Attributes:
+        shape: of the whole array.
+        dtype: of the numbers.
+        device: of tensors; None of NumPy's arrays.
+    """
 
-    def __getitem__(self, rows: slice) -> NDArray[Any]:
-        import numpy as np
+    def __init__(
+        self, shape: Sequence[int], dtype: Any, read: Callable[[Any], Any], device: Any = None
+    ) -> None:
+        """Keep how it is read; nothing is read yet.
 
-        return np.stack([plane[rows] for plane in self.planes], axis=2)
+        Args:
+            shape: of the whole array.
+            dtype: of the numbers.
+            read: gives a window: a slice of rows, or a tuple of slices.
+            device: of tensors; None of NumPy's arrays.
+        """
+        self.shape, self.dtype, self.device = tuple(shape), dtype, device
+        self._read = read
+
+    def __getitem__(self, window: Any) -> Any:
+        return self._read(window)
 
 
-class _Times:
-    """An array [H, W] times a factor and plus an offset, read by slices."""
-
-    def __init__(self, array: Any, factor: float, offset: float) -> None:
-        self._array, self._factor, self._offset = array, factor, offset
-        self.shape, self.dtype = array.shape, array.dtype
-
-    def __getitem__(self, window: Any) -> NDArray[Any]:
-        values: NDArray[Any] = self._array[window] * self.dtype.type(self._factor)
-        return values + self.dtype.type(self._offset) if self._offset else values
+def computed(function: Callable[..., Any], *arrays: Any, dtype: Any = None) -> LazyArray:
+    """A function of the pixels of arrays [H, W]; of the type of the first if none is named."""
+    first = arrays[0]
+    dtype = first.dtype if dtype is None else dtype
+    return LazyArray(first.shape, dtype, lambda window: function(*(a[window] for a in arrays)))
 
 
 def times(array: Any, factor: float, offset: float = 0.0) -> Any:
@@ -147,58 +145,30 @@ def times(array: Any, factor: float, offset: float = 0.0) -> Any:
 
     The array itself if the factor is 1 and the offset 0.
     """
-    return array if factor == 1 and offset == 0 else _Times(array, factor, offset)
+    if factor == 1 and offset == 0:
+        return array
+    factor, offset = array.dtype.type(factor), array.dtype.type(offset)
+    return computed(lambda values: values * factor + offset if offset else values * factor, array)
 
 
-class Beside:
-    """Arrays [H, W, C] of one size side by side, read by slices of rows."""
+def stacked(planes: Sequence[Any]) -> LazyArray:
+    """C arrays [H, W] as one [H, W, C], read by slices of rows."""
 
-    def __init__(self, arrays: Sequence[StackedPlanes]) -> None:
-        self._arrays = arrays
-        height, width, channels = arrays[0].shape
-        self.shape = (height, width * len(arrays), channels)
+    def read(rows: slice) -> NDArray[Any]:
+        return np.stack([plane[rows] for plane in planes], axis=2)
 
-    def __getitem__(self, rows: slice) -> NDArray[Any]:
-        import numpy as np
-
-        return np.concatenate([array[rows] for array in self._arrays], axis=1)
+    return LazyArray((*planes[0].shape, len(planes)), planes[0].dtype, read)
 
 
-class Windows:
-    """Arrays [H, W] as a source of `defocus_core`: [C, H, W], or [H, W] of a lone array."""
-
-    def __init__(self, planes: Sequence[Any], device: str, *, lone: bool = False) -> None:
-        import torch
-
-        height, width = planes[0].shape
-        self._planes, self._lone = planes, lone
-        self.shape = (height, width) if lone else (len(planes), height, width)
-        self.device = torch.device(device)
-        first = planes[0][0:1, 0:1]
-        self.dtype: torch.dtype = torch.from_numpy(first.copy()).dtype
-
-    def __getitem__(self, window: Any) -> torch.Tensor:
-        """The window [..., rows, columns], on the device."""
-        import numpy as np
-
-        cuts = window if isinstance(window, tuple) else (window,)
-        cuts = tuple(cut for cut in cuts if cut is not Ellipsis)
-        if self._lone:
-            return to_device(self._planes[0][cuts], self.device)
-        return to_device(np.stack([plane[cuts] for plane in self._planes]), self.device)
-
-
-def bands(shape: Sequence[int]) -> list[slice]:
+def bands(shape: Sequence[int], pixels: int = _BAND) -> list[slice]:
     """Bands of rows that together are an array [H, W, …]."""
     height, width = shape[:2]
-    count = max(1, _BAND // max(1, width))
+    count = max(1, pixels // max(1, width))
     return [slice(*pair) for pair in pairwise([*range(0, height, count), height])]
 
 
 def count_of(masks: Iterable[tuple[NDArray[np.bool_], int]]) -> tuple[int, str]:
     """Number of true pixels in bands [h, W], each with its first row, and the first as x,y."""
-    import numpy as np
-
     count, first = 0, ""
     for band, top in masks:
         if not count and band.any():
@@ -221,32 +191,8 @@ def _no_room(folder: Path, size: int, error: OSError) -> InputError:
     return InputError("no-space", problem, remedy, path=folder)
 
 
-def to_device(values: Any, device: torch.device) -> torch.Tensor:
-    """An array as a tensor on a device; the copy to a GPU goes on while the CPU works."""
-    import torch
-
-    tensor = torch.from_numpy(values)
-    if device.type != "cuda":
-        return tensor.to(device)
-    return tensor.pin_memory().to(device, non_blocking=True)
-
-
-def to_array(values: torch.Tensor) -> Any:
-    """A tensor as an array in memory, after waiting for the work on the GPU that it needs."""
-    import torch
-
-    if not values.is_cuda:
-        return values.cpu().numpy()
-    held = torch.empty(values.shape, dtype=values.dtype, pin_memory=True)
-    held.copy_(values, non_blocking=True)
-    torch.cuda.current_stream(values.device).synchronize()
-    return held.numpy()
-
-
 def evenly(plane: Any) -> Any:
     """About `_GRID` values of an array [H, W], evenly spread."""
-    import numpy as np
-
     height, width = plane.shape
     step = max(1, math.isqrt(height * width // _GRID))
     rows = [np.asarray(plane[row : row + 1])[:, ::step] for row in range(0, height, step)]

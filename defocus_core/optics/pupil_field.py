@@ -50,9 +50,9 @@ class PupilField(PupilImage):
         self.pupils = [PupilImage(kernel) for kernel in self._kernels.flatten(0, 1)]
         mean = sum(kernel / kernel.sum() for kernel in self._kernels.flatten(0, 1))
         super().__init__(torch.as_tensor(mean))
-        radius = max(pupil._reach(self._middle) for pupil in self.pupils)
+        radius = max(pupil.reach(self._middle) for pupil in self.pupils)
         for pupil in (*self.pupils, self):
-            pupil._about(self._middle, radius)
+            pupil.about(self._middle, radius)
         keys = b"".join(pupil._key[1] for pupil in self.pupils) + repr(self.grid).encode()
         self._key = (self._key[0], blake2b(keys).digest())
 

@@ -56,7 +56,7 @@ class PupilImage(Outline):
         rows, columns = (torch.arange(n, dtype=torch.float64) + 0.5 for n in picture.shape)
         self._middle = float(picture.sum(0) @ columns) / mass, float(picture.sum(1) @ rows) / mass
         self._lit = [lit.nonzero()[:, 0] for lit in (picture.amax(0) > 0, picture.amax(1) > 0)]
-        self._radius = reach = self._reach(self._middle)
+        self._radius = reach = self.reach(self._middle)
         if like is None:
             return
         if like._key[0] != self._key[0] or reach > like._radius + 1e-9 + self._off(like):
@@ -67,14 +67,14 @@ class PupilImage(Outline):
         self._middle, self._radius = like._middle, like._radius
         self._key = (self._key[0], blake2b(self._key[1] + like._key[1]).digest())
 
-    def _reach(self, middle: tuple[float, float]) -> float:
+    def reach(self, middle: tuple[float, float]) -> float:
         """The greatest distance in px from a place to the border of a lit pixel, along an axis."""
         return max(
             max(at - int(lit[0]), int(lit[-1]) + 1 - at)
             for at, lit in zip(middle, self._lit, strict=True)
         )
 
-    def _about(self, middle: tuple[float, float], radius: float) -> None:
+    def about(self, middle: tuple[float, float], radius: float) -> None:
         """Let another place be the middle of the lens, and another radius its own."""
         self._middle, self._radius = middle, radius
         place = repr((*middle, radius)).encode()
@@ -96,7 +96,7 @@ class PupilImage(Outline):
         image = object.__new__(cls)
         image._key = (tuple(picture.shape), blake2b(picture.numpy().tobytes()).digest())
         image._sums = torch.nn.functional.pad(picture, (1, 0, 1, 0)).cumsum(0).cumsum(1)
-        image._about(middle, radius)
+        image.about(middle, radius)
         return image
 
     @property

@@ -2,12 +2,11 @@
 
 Kernels that were measured for the left and the right photodiodes say it: at each lens point the
 left one gets the share that its kernel is of both. Where neither has light, it is that of the
-light around.
+light around. Measured kernels end softly, amid noise: the border of the lens is where their light
+falls to half of its greatest, and faint light has no share.
 """
 
 from __future__ import annotations
-
-import math
 
 import torch
 from torch import Tensor
@@ -15,6 +14,9 @@ from torch.nn.functional import avg_pool2d, pad
 
 from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.tensors.validation import dense, described
+
+# Shares of the greatest light of a measured kernel: of its noise at most, and of its border.
+_FAINT, _BORDER = 0.1, 0.5
 
 
 class Sensitivity:
@@ -73,7 +75,7 @@ def sensitivities(left: Tensor, right: Tensor) -> tuple[Sensitivity, Sensitivity
         dense(name, kernel)
     left, right = (kernel.detach().to("cpu", torch.float64) for kernel in (left, right))
     both = left + right
-    whole = PupilImage(both)
+    PupilImage(both)  # refuses what is no picture
     if not bool((left >= 0).all() and (right >= 0).all()):
         raise ValueError("left and right must be 0 or more, got less; take the black level away")
     column = torch.arange(left.shape[1], dtype=torch.float64)
@@ -81,9 +83,15 @@ def sensitivities(left: Tensor, right: Tensor) -> tuple[Sensitivity, Sensitivity
     if not first < second:
         problem = f"left must lie left of right, got middles at {first:.2f} and {second:.2f} px"
         raise ValueError(f"{problem}; give kernels of a point beyond focus, left first")
-    beyond = (math.ceil(whole.radius) + 1,) * 4  # the square of lens points is in the picture
-    left, whole = pad(left, beyond), PupilImage(pad(both, beyond))
-    share = _filled(left, pad(both, beyond))
+    lit = both > _FAINT * both.max()
+    left, both = torch.where(lit, left, 0.0), torch.where(lit, both, 0.0)
+    side = max(both.shape)
+    beyond = (side,) * 4  # the square of lens points is in the picture
+    left, both = pad(left, beyond), pad(both, beyond)
+    whole = PupilImage(both)
+    border = PupilImage(torch.where(both >= _BORDER * both.max(), both, 0.0))
+    whole.about(whole.middle, border.reach(whole.middle))
+    share = _filled(left, both)
     return (
         Sensitivity(share, whole, is_left=True),
         Sensitivity(1 - share, whole, is_left=False),

@@ -18,7 +18,7 @@ from defocus_core.optics.distributions import ATTEMPTS, Distribution, drawn
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.renderer.defocus_lens import DefocusLens
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.lens_options import (
+from defocus_core.renderer.random_lens import (
     OPTIONS,
     Option,
     aperture_with,

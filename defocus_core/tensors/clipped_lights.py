@@ -46,8 +46,6 @@ _CELLS = 6
 _MEASURED = 1.001
 # A blob is a light if it gets more than this share of the gain.
 _COUNTED = 0.05
-# What "auto" stands for: threshold, in linear light, and gain.
-AUTO_LIGHTS = (0.93, 16.0)
 
 
 def with_lights(
@@ -125,7 +123,7 @@ def _found(image: Pixels, threshold: float, colors: int) -> tuple[list[_BlobLeve
     pairs = [pair for pair in pairwise(_LEVELS) if pair[1] > threshold]
     around = max(_LEAST_AROUND, round(_AROUND * size[1]))
     found: list[list[tuple[Runs, Tensor, Tensor]]] = [[] for _ in pairs]
-    for first, end in bands(*size):
+    for first, end in bands(image):
         top = max(first - around, 0)
         light = image[..., top : min(end + around, size[0]), :].detach()[:colors]
         bright, least = light.amax(0), light[:, first - top : end - top].amin(0)

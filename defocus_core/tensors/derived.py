@@ -54,7 +54,7 @@ class Derived(ABC):
         (top, below, step), (left, beside, stride) = map(slice.indices, cuts, size)
         if step == stride == 1:
             return self.made((top, below), (left, beside))
-        rows = bands(*size)[0][1] // step * step or step
+        rows = bands(self)[0][1] // step * step or step
         read = (
             self.made((y, min(y + rows, below)), (left, beside)) for y in range(top, below, rows)
         )
@@ -62,8 +62,7 @@ class Derived(ABC):
 
     def at_once(self, threads: int) -> Tensor:
         """The whole picture, computed in bands much higher than what they need around them."""
-        height, width = self.shape[-2:]
-        rows = bands(height, width, _BAND_OF_MARGIN * self.margin)
+        rows = bands(self, _BAND_OF_MARGIN * self.margin)
         return torch.cat(
             list(threaded(lambda band: self[..., band[0] : band[1], :], rows, threads)), -2
         )

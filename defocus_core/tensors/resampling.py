@@ -42,25 +42,27 @@ def cubic_shares(first: float, pixels: int, step: float, like: Tensor) -> Shares
     away, lead = _away(first, pixels, step, 2, like)
     near = (1.5 * away - 2.5) * away * away + 1
     far = ((2.5 - 0.5 * away) * away - 4) * away + 2
-    return Shares(torch.where(away < 1, near, torch.where(away < 2, far, 0.0)), lead, pixels)
+    block = torch.where(away < 1, near, torch.where(away < 2, far, 0.0))
+    return Shares(block.to(like.device), lead, pixels)
 
 
 def linear_shares(first: float, pixels: int, step: float, like: Tensor) -> Shares:
     """Linear interpolation, without overshoot beside an edge; arguments of `cubic_shares`."""
     away, lead = _away(first, pixels, step, 1, like)
-    return Shares((1 - away).clamp(min=0), lead, pixels)
+    return Shares((1 - away).clamp(min=0).to(like.device), lead, pixels)
 
 
 def _away(first: float, pixels: int, step: float, reach: int, like: Tensor) -> tuple[Tensor, int]:
     """Distances in cells from each pixel of a block to the cells in reach, and the first such cell.
 
-    Distances are the same in all blocks, whose first pixels are whole numbers of cells apart.
+    Distances are the same in all blocks, whose first pixels are whole numbers of cells apart. They
+    are few: on the CPU.
     """
     block = min(pixels, round(_STRIDE / step))
     lead = math.floor(first) - reach + 1
-    place = torch.arange(block, dtype=like.dtype, device=like.device) * step + (first - lead)
+    place = torch.arange(block, dtype=like.dtype) * step + (first - lead)
     cells = math.floor(first - lead + (block - 1) * step) + reach + 1
-    number = torch.arange(cells, dtype=like.dtype, device=like.device)
+    number = torch.arange(cells, dtype=like.dtype)
     return (place[:, None] - number).abs(), lead
 
 

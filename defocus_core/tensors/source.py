@@ -9,8 +9,10 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-# Greatest number of pixels and of rows in a band.
-_PIXELS, _ROWS = 1 << 19, 256
+from defocus_core.tensors.device_plan import launches_cost, pieces
+
+# Greatest number of pixels and of rows in a band on a CPU, and bytes that a pixel takes elsewhere.
+_PIXELS, _ROWS, _BYTES = 1 << 19, 256, 100
 
 
 class Source(Protocol):
@@ -36,14 +38,15 @@ Pixels = Tensor | Source
 Scalar = float | Tensor
 
 
-def bands(height: int, width: int, least: int = 1) -> list[tuple[int, int]]:
+def bands(picture: Pixels, least: int = 1) -> list[tuple[int, int]]:
     """First row and end of each band of a frame; bands have at least so many rows."""
-    rows = max(least, min(_ROWS, _PIXELS // width))
+    height, width = picture.shape[-2:]
+    rows = pieces(picture.device, _PIXELS, _BYTES) // width
+    rows = max(least, rows if launches_cost(picture.device) else min(_ROWS, rows))
     return list(pairwise([*range(0, height, rows), height]))
 
 
 def banded(picture: Pixels) -> Iterator[Tensor]:
     """A picture [..., H, W] band by band, without its gradient."""
-    height, width = picture.shape[-2:]
-    for first, last in bands(height, width):
+    for first, last in bands(picture):
         yield picture[..., first:last, :].detach()

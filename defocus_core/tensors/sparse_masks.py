@@ -8,6 +8,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from defocus_core.tensors.device_plan import launches_cost
+
 # Number of pixels of a mask that are read as one word.
 _WORD = 8
 
@@ -20,6 +22,8 @@ def exceeding(values: Tensor, bound: float) -> Tensor:
 def numbers_of(mask: Tensor) -> Tensor:
     """The numbers [n], ascending, of the pixels in a mask [...] bool; fast if these are few."""
     flat = mask.flatten()
+    if launches_cost(flat.device):
+        return torch.nonzero(flat)[:, 0]
     end = flat.numel() // _WORD * _WORD
     if not end or flat.storage_offset() % _WORD:
         return torch.nonzero(flat)[:, 0]

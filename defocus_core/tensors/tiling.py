@@ -10,11 +10,12 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import NamedTuple
 
+from defocus_core.allowed_values import LEAST_TILE
 from defocus_core.tensors.box import Box
 
 TILE = 192
 # Width in px of the blocks in which the presence of slices is recorded.
-BLOCK = 16
+BLOCK = LEAST_TILE
 # Least px on a side of a region, unless the frame is smaller: what tiles share is computed once.
 _REGION = 960
 # Greatest margin of a region, in which light from outside is read, as a share of its width.
@@ -26,13 +27,15 @@ class Grid(NamedTuple):
 
     Attributes:
         tiles: The tiles; the first and the last of a row or column may be smaller.
-        side: Px of the others.
+        sides: (height, width) in px of the others.
         columns: Tiles in a row.
+        region: Least px on a side of a region, unless the frame is smaller.
     """
 
     tiles: list[Box]
-    side: int
+    sides: tuple[int, int]
     columns: int
+    region: int = _REGION
 
     @property
     def box(self) -> Box:
@@ -56,14 +59,23 @@ class Grid(NamedTuple):
         return self._replace(tiles=[tile.seen_from(other) for tile in self.tiles])
 
 
-def grid_over(height: int, width: int, side: int = TILE) -> Grid:
-    """The grid of tiles over a frame."""
+def grid_over(height: int, width: int, side: int | tuple[int, int] = TILE) -> Grid:
+    """The grid of tiles of a side, or of a (height, width), over a frame."""
+    rows, columns = side if isinstance(side, tuple) else (side, side)
     tiles = [
-        Box(y, x, min(side, height - y), min(side, width - x))
-        for y in range(0, height, side)
-        for x in range(0, width, side)
+        Box(y, x, min(rows, height - y), min(columns, width - x))
+        for y in range(0, height, rows)
+        for x in range(0, width, columns)
     ]
-    return Grid(tiles, side, -(-width // side))
+    return Grid(tiles, (rows, columns), -(-width // columns))
+
+
+def few_tiles(height: int, width: int, pixels: int) -> tuple[int, int]:
+    """The (height, width) of tiles of so many pixels at most: as few as can be, about equal."""
+    count = -(-height * width // pixels)
+    across = -(-count // -(-height // BLOCK))
+    rows, columns = -(-height // -(-count // across)), -(-width // across)
+    return -(-rows // BLOCK) * BLOCK, -(-columns // BLOCK) * BLOCK
 
 
 def regions(grid: Grid, margin: int) -> list[list[Grid]]:
@@ -74,14 +86,18 @@ def regions(grid: Grid, margin: int) -> list[list[Grid]]:
         margin: Distance in px around a region from which its tiles take light.
     """
     rows, columns = len(grid.tiles) // grid.columns, grid.columns
-    least = max(_REGION, round(margin / _MARGIN))
-    down, across = (_shared_out(n, -(-n * grid.side // least)) for n in (rows, columns))
+    least = max(grid.region, round(margin / _MARGIN))
+    counts = zip((rows, columns), grid.sides, strict=True)
+    down, across = (_shared_out(n, -(-n * side // least)) for n, side in counts)
     return [
         [
-            Grid(
-                [grid.tiles[y * columns + x] for y in range(*vertical) for x in range(*horizontal)],
-                grid.side,
-                horizontal[1] - horizontal[0],
+            grid._replace(
+                tiles=[
+                    grid.tiles[y * columns + x]
+                    for y in range(*vertical)
+                    for x in range(*horizontal)
+                ],
+                columns=horizontal[1] - horizontal[0],
             )
             for horizontal in across
         ]

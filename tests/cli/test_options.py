@@ -9,29 +9,13 @@ import click
 import pytest
 from command_line import pair, refused, render, run
 
-import defocus_core
 from defocus_cli.commands.depth import command as depth_command
 from defocus_cli.commands.info import command as info
 from defocus_cli.commands.render import command as render_command
-from defocus_core.batch.jobs import job
-from defocus_core.batch.jobs.lens_options import PARSERS
-from defocus_core.batch.jobs.reading_options import NAMES_OF_OPTIONS
-from defocus_core.batch.lenses import lens, quantities
+from defocus_core.batch.jobs.reading_options import READING_OPTIONS
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.io.depth_formats.table import UNITS
-from defocus_core.optics import dual_pixel
 from defocus_core.system.process import cores
-
-
-def test_qualities_are_those_of_the_core() -> None:
-    assert tuple(defocus_core.QUALITIES) == job.QUALITIES
-
-
-def test_models_of_dual_pixels_are_those_of_the_core() -> None:
-    assert dual_pixel.DUAL_PIXEL_MODELS == lens.DUAL_PIXEL_MODELS
-
-
-def test_automatic_lights_are_those_of_the_core() -> None:
-    assert defocus_core.AUTO_LIGHTS == quantities.AUTO_LIGHTS
 
 
 def test_threads_are_the_cores_this_process_may_use() -> None:
@@ -43,7 +27,7 @@ def test_every_lens_option_is_a_flag_of_every_command_that_takes_a_lens(
     command: click.Command,
 ) -> None:
     flags = {name for param in command.params for name in param.opts}
-    assert {f"--{name}" for name in PARSERS} | {"--lens"} <= flags
+    assert {f"--{name}" for name in LENS_OPTIONS} | {"--lens"} <= flags
 
 
 @pytest.mark.parametrize("command", [info, render_command, depth_command])
@@ -53,10 +37,10 @@ def test_every_reading_option_is_a_flag_of_every_command_that_reads_depth(
     flags = {name for param in command.params for name in param.opts}
     of_color = {
         *("--color-layer", "--blur-channels", "--resize-depth", "--unpremultiply-depth"),
-        *("--depth-repair", "--edge-width"),
+        *("--depth-repair", "--edge-width", "--invert"),
     }
     of_color = of_color if command is depth_command else set()
-    assert {f"--{name}" for name in NAMES_OF_OPTIONS} - of_color <= flags
+    assert {f"--{name}" for name in READING_OPTIONS} - of_color <= flags
     assert not of_color & flags
 
 
@@ -83,6 +67,7 @@ def test_help_shows_options_under_their_headings() -> None:
             "'bokeh' is no output; write like render,left,right,up,down,coc,disparity",
         ),
         ("--outputs", "", "'' is no output; write like render"),
+        ("--outputs", "coc,rendr", "'rendr' is no output; did you mean render?"),
         ("--threads", "0", "x>=1"),
         ("--part", "-1", "x>=0"),
         ("--blades", "2", "0 (round) or 3 and more"),

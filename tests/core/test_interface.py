@@ -279,7 +279,7 @@ def test_a_rule_that_lets_everything_through_is_refused() -> None:
     assert problem(caught) == ("no-rule", "fail")
 
 
-@pytest.mark.parametrize("said", [{"scale": -1.0}, {"focal_px": math.inf}, {"fov": 180.0}])
+@pytest.mark.parametrize("said", [{"scale": 0.0}, {"focal_px": math.inf}, {"fov": 180.0}])
 def test_numbers_that_no_file_can_mean_are_refused(said: dict[str, float], tmp_path: Path) -> None:
     with pytest.raises(UsageProblem) as caught:
         read_depth(tmp_path / "depth.png", **said)

@@ -130,6 +130,25 @@ def test_what_layers_know_is_not_invented() -> None:
     assert psnr(inner(shadow[0], 9), inner(1 - alone, 9)) > 45
 
 
+@pytest.mark.parametrize(("ends", "plate"), [((0.0, 0.9), 9.0), ((-2.0, 2.0), 7.0)])
+def test_an_opaque_ball_lets_nothing_through_whatever_lies_behind(
+    ends: tuple[float, float], plate: float
+) -> None:
+    y, x = (torch.arange(n, dtype=torch.float32) for n in SIZE)
+    away = torch.hypot(y[:, None] - 36, x - 42)
+    front = (1 - (away / 30).square()).clamp(min=0).sqrt()
+    radius = ends[1] + (ends[0] - ends[1]) * front
+    radius = (radius * 64).round() / 64  # as half floats of depth have it
+    coverage = torch.stack([(30.5 - away).clamp(0, 1), torch.ones(SIZE)])
+    colors = torch.stack([torch.zeros(3, *SIZE), torch.ones(3, *SIZE)])
+    radii = torch.stack([radius, torch.full(SIZE, plate)])
+    views = render_layers(colors, radii, coverage, left_right=True)
+    inside = away < 29 - 2 * ends[1]  # no edge is in reach
+    for image in views.images:
+        assert image[:3, inside].abs().max() < 1e-5
+        assert (image[3] - 1).abs().max() < 1e-5
+
+
 def test_an_element_ends_at_its_silhouette() -> None:
     card = disc(36, 42, 14)
     radius = torch.where(disc(36, 42, 6) > 0, -7.0, 5.0)[None]

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.batch.datasets.sample_index import NAME
-from defocus_core.batch.lenses.lens import EFFECTS, LENS_FILES, Lens
-from defocus_core.batch.lenses.quantities import distances, highlights, noise, rim, shifts
-from defocus_core.errors import InputError, reason
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.lenses.parameters import EFFECT_OPTIONS, LENS_FILES
+from defocus_core.errors import InputError, Place, cannot_read, reason
 
 
 @dataclass(frozen=True)
@@ -61,15 +61,12 @@ def samples(out: str | os.PathLike[str]) -> Iterator[Sample]:
     try:
         with path.open(encoding="utf-8") as lines:
             for number, line in enumerate(lines, 1):
-                yield _sample(root, line, f"{path}: line {number}")
+                yield _sample(root, line, Place(path, f"line {number}"))
     except OSError as error:
-        problem = f"cannot be read: {reason(error)}"
-        raise InputError(
-            "unreadable", problem, "it is written when a batch ends", path=path
-        ) from None
+        raise cannot_read(path, error, "it is written when a batch ends") from None
 
 
-def _sample(root: Path, line: str, where: str) -> Sample:
+def _sample(root: Path, line: str, where: Place) -> Sample:
     try:
         record = json.loads(line)
         return Sample(
@@ -89,18 +86,12 @@ def _sample(root: Path, line: str, where: str) -> Sample:
 
 def _lens(entry: Mapping[str, Any], inputs: Mapping[str, str]) -> Lens:
     shape = {"blades": entry["blades"], "blade_rotation": entry["blade_rotation_deg"]}
-    shape |= {name: entry[name] for name in EFFECTS if name in entry}
+    shape |= {
+        name: row.parse(entry[name]) if row.separator else entry[name]
+        for name, row in EFFECT_OPTIONS.items()
+        if name in entry
+    }
     shape |= {name: Path(inputs[name]) for name in LENS_FILES if name in inputs}
-    if "axial_color" in shape:
-        shape["axial_color"] = shifts(shape["axial_color"])
-    if "cat_eye" in shape:
-        shape["cat_eye"] = rim(shape["cat_eye"])
-    if "highlights" in shape:
-        shape["highlights"] = highlights(shape["highlights"])
-    if "noise" in shape:
-        shape["noise"] = noise(shape["noise"])
-    if "sharp_range" in shape:
-        shape["sharp_range"] = distances(shape["sharp_range"])
     if entry["focal_length_mm"] is None:  # the radii came from a file
         return Lens(math.nan, math.nan, None, **shape)
     return Lens(

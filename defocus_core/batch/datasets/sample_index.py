@@ -10,15 +10,17 @@ time and no place of OUT.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from defocus_core.batch.datasets.origin import Origin, origin_of
 from defocus_core.batch.jobs.job import FRAME_ROLE
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.lenses.lens import EFFECTS
 from defocus_core.batch.rendering.measures import MEASURES
+from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
 
 NAME = "metadata.jsonl"
@@ -46,25 +48,27 @@ def write(out: Path, records: Iterable[Record]) -> Path:
     """
     path = out / NAME
     with written_whole(path) as file:
-        for entry in entries(records):
+        for entry in entries(records, origin_of(out)):
             file.write(line(entry))
     return path
 
 
-def entries(records: Iterable[Record]) -> Iterator[dict[str, Any]]:
+def entries(records: Iterable[Record], origin: Origin | None = None) -> Iterator[dict[str, Any]]:
     """What the index says of each sample, sorted by sample_id.
 
     Args:
         records: oldest first. Records of one sample are joined if they differ in their outputs
             alone; else the last holds, as the earlier outputs were taken by another lens.
+        origin: whose licence and source stand in each line.
     """
     done: dict[str, Record] = {}
     for record in records:
         if _is_sample(record):
             name = str(record["sample_id"])
             done[name] = _joined(done[name], record) if name in done else record
+    said = {key: getattr(origin, key, "") or None for key in ("licence", "source")}
     for name in sorted(done):
-        yield _entry(done[name])
+        yield {**_entry(done[name]), **said}
 
 
 def names(records: Iterable[Record]) -> set[str]:
@@ -78,6 +82,34 @@ def listed(out: Path) -> set[str] | None:
         lines = (out / NAME).read_text(encoding="utf-8").splitlines()
         return {str(json.loads(line)["sample_id"]) for line in lines}
     return None
+
+
+def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
+    """Take samples that are about to change out of the index of OUT; the names of those taken.
+
+    A process that is killed leaves an index of the samples that it did not touch, each as it is.
+
+    Args:
+        out: the folder of the batch.
+        changing: names of samples.
+        alone: whether no other process does so at the same time; else the index is removed.
+
+    Raises:
+        InputError: the index cannot be written.
+    """
+    lines: dict[str, bytes] = {}
+    with suppress(OSError):
+        for text in Folder(out).read(NAME).splitlines(keepends=True):
+            with suppress(ValueError, KeyError, TypeError):
+                lines[str(json.loads(text)["sample_id"])] = text
+    taken = lines.keys() & changing
+    if taken and alone:
+        with written_whole(out / NAME, out) as file:
+            file.writelines(text for name, text in lines.items() if name not in taken)
+    elif taken:
+        with suppress(FileNotFoundError):
+            Folder(out).remove(NAME)
+    return taken
 
 
 def _is_sample(record: Record) -> bool:

@@ -3,18 +3,22 @@
 A batch indexes what it asks for: a picture or lens that was taken out of the jobs file is no sample
 any more, though its files stay. Where several jobs files write to one OUT, the last one counts;
 `defocus merge` indexes all of them. A retry adds what it did to the index that is there; what
-`defocus render` replaces stays in it as it is now. Shards that are there go with the index: they
-are packed again in their size if samples changed.
+`defocus render` replaces stays in it as it is now. Before a run changes files of listed samples, it
+takes them out of the index, which is true at every moment. Shards that are there go with the index:
+they are packed again in their size if samples changed, and till then hold what they were packed of.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection
+from contextlib import suppress
 from pathlib import Path
 
 from defocus_core.batch.datasets import card, sample_index, tar_shards
+from defocus_core.batch.datasets.origin import origin_of
 from defocus_core.batch.journal.journal import Record, read_all
 from defocus_core.batch.journal.ledger import Ledger
+from defocus_core.io.below import Folder
 from defocus_core.system.log import note
 from defocus_core.system.text import counted
 
@@ -38,7 +42,8 @@ def index(out: Path, shards_size: int | None, asked: Collection[str] | None = No
         own = [record for record in records if record["sample_id"] in asked]
         _tell_of_others(out, sample_index.names(records) - sample_index.names(own))
         records = own
-    made = card.card_of(records)
+    origin = origin_of(out)
+    made = card.card_of(records, origin)
     written = [sample_index.write(out, records), *card.write(out, made)]
     if words := card.match_words(made):
         note(f"{written[-1]}: radii and those of the set matched: {words}")
@@ -47,18 +52,45 @@ def index(out: Path, shards_size: int | None, asked: Collection[str] | None = No
     return written + tar_shards.write(out, records, shards_size)
 
 
-def refresh(out: Path, done: Collection[str]) -> None:
+def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
+    """Take samples that are about to change out of index and card; the names of those taken.
+
+    Args:
+        out: the folder of the batch.
+        changing: names of samples.
+        alone: whether no other process does so at the same time; else index and card are removed.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    taken = sample_index.withdraw(out, changing, alone=alone)
+    if taken:
+        for name in card.NAMES:  # it sums up what is no more
+            with suppress(FileNotFoundError):
+                Folder(out).remove(name)
+    return taken
+
+
+def refresh(out: Path, done: Collection[str], withdrawn: Collection[str] = ()) -> None:
     """Write the index of a batch again if it lists some of the samples that were now done.
+
+    Args:
+        out: the folder of the batch.
+        done: names of samples.
+        withdrawn: those taken out of the index before.
 
     Raises:
         InputError: it cannot be.
     """
     listed = sample_index.listed(out)
+    if listed is not None:
+        listed |= set(withdrawn)
     if listed is None or listed.isdisjoint(done):
         return
     records = [one for one in Ledger(out, read_all(out)).live if one["sample_id"] in listed]
+    origin = origin_of(out)
     path = sample_index.write(out, records)
-    card.write(out, card.card_of(records))
+    card.write(out, card.card_of(records, origin))
     note(f"{path}: written again, as it lists samples that were done now")
     _followed(out, records)
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from defocus_core.batch.jobs.job import Reading
+from defocus_core.batch.sources import windows
 from defocus_core.errors import InputError
-from defocus_core.io.arrays import Keeping, Windows, bands
+from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth import Depth, require_valid
-
-if TYPE_CHECKING:
-    from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color_planes import Color
 
 
 def of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> Depth:
@@ -22,8 +23,6 @@ def of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> D
             pixel; or the file holds radii, which are px of its own size; or it has invalid pixels
             and is to be guided.
     """
-    import numpy as np
-
     (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
     if (height, width) == (rows, columns):
         return depth
@@ -61,6 +60,6 @@ def _fill_guided(metres: Any, depth: Depth, color: Color) -> None:
     from defocus_core.depth.guided_resize import GuidedDepth
 
     given = torch.from_numpy(depth.metres[:].astype("float32"))
-    guided = GuidedDepth(given, Windows(color.planes, "cpu"))
+    guided = GuidedDepth(given, windows(color.planes, "cpu"))
     for rows in bands(metres.shape):
         metres[rows] = guided[rows].numpy()

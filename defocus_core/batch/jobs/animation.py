@@ -8,33 +8,31 @@ the last one its value holds. Of numbers without a unit a focus is in metres, ot
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.jobs.lens_options import (
-    LENGTHS,
-    PARSERS,
-    checked,
-    parsed,
-    refuse_contradiction,
-)
+from defocus_core.batch.jobs.lens_from_options import refuse_contradiction
+from defocus_core.batch.jobs.reading_options import field_of_view
 from defocus_core.batch.jobs.sweep import SCALES
 from defocus_core.batch.jobs.toml_file import read_toml, refuse_unknown
-from defocus_core.batch.lenses.quantities import text_of
-from defocus_core.errors import InputError, UsageProblem
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS, LensParam
+from defocus_core.batch.lenses.quantities import read_at, text_of
+from defocus_core.errors import CALLER, InputError, Place, UsageProblem
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
 
 INTERPOLATIONS = ("linear", "ease")
-_VARIABLE = {
-    **{"focus": "disparity", "sharp-range": "disparity"},
-    **dict.fromkeys(("fnumber", "focal-length", "aperture-diameter", "sensor-width"), "log"),
-    **dict.fromkeys((FIELD_OF_VIEW, "squeeze"), "log"),
-}  # others go evenly as they are
-_HOLDS = ("blades", "aperture-image")  # which have nothing between two values
+_FIELD_OF_VIEW = LensParam(
+    name=FIELD_OF_VIEW,
+    parse=field_of_view,
+    help="Vertical field of view in degrees, of which a focal length is made.",
+    tag="fov",
+    example="40",
+    even_in="log",
+)
+_ANIMATED = {**LENS_OPTIONS, FIELD_OF_VIEW: _FIELD_OF_VIEW}
 _DIGITS = 9
 
 
@@ -55,7 +53,7 @@ class Animation:
         """The frames that have a key, ascending."""
         return tuple(sorted({frame for keys in self.keys.values() for frame in keys}))
 
-    def source(self, name: str) -> str:
+    def source(self, name: str) -> Place:
         """The place of the first key of an option, for errors."""
         return next(iter(self.keys[name].values())).where
 
@@ -68,46 +66,34 @@ class Animation:
         return {name: self._text(name, frame) for name in self.keys}
 
     def _text(self, name: str, frame: int) -> str:
-        keys = self.keys[name]
+        keys, row = self.keys[name], _ANIMATED[name]
         frames = [*keys]
         after = bisect_right(frames, frame)
-        if after == 0 or after == len(frames) or frames[after - 1] == frame or name in _HOLDS:
+        is_between = 0 < after < len(frames) and frames[after - 1] != frame
+        if not (is_between and row.even_in):
             return keys[frames[max(after - 1, 0)]].text
         first, last = frames[after - 1], frames[after]
         share = (frame - first) / (last - first)
         if self.interpolation == "ease":
             share = share * share * (3 - 2 * share)
-        ends = [_value(name, keys[end]) for end in (first, last)]
-        if ends[0] == ends[1]:
+        start, end = (row.parse(keys[each].text) for each in (first, last))
+        if start == end:
             return keys[first].text
-        if not all(isinstance(end, int | float | tuple) for end in ends):
+        if not all(isinstance(value, int | float | tuple) for value in (start, end)):
             problem = f"is {keys[first].text}, which has nothing between it and another key"
-            raise UsageProblem("idle-option", problem, "give distances", path=keys[first].where)
-        return _between(name, ends, share)
+            raise UsageProblem(
+                "idle-option", problem, f"give it like {row.example}", path=keys[first].where
+            )
+        return row.text(_between(row, start, end, share), _DIGITS)
 
 
-def _value(name: str, key: Key) -> Any:
-    return float(key.text) if name == FIELD_OF_VIEW else parsed(name, key.text)
-
-
-def _between(name: str, ends: list[Any], share: float) -> str:
-    """The text of a value between two."""
-    to, back = SCALES[_VARIABLE.get(name, "steps")]
-
-    def mixed(first: float, last: float) -> float:
-        return back((1 - share) * to(first) + share * to(last))
-
-    if name == "focus-at":
-        return ",".join(str(round(mixed(*pair))) for pair in zip(*ends, strict=True))
-    if isinstance(ends[0], tuple):  # of distances
-        return "..".join(_length(mixed(*pair)) for pair in zip(*ends, strict=True))
-    value = mixed(*ends)
-    return _length(value) if name in LENGTHS else f"{value:.{_DIGITS}g}"
-
-
-def _length(mm: float) -> str:
-    """The text of a length."""
-    return f"{mm:.{_DIGITS}g}mm" if math.isfinite(mm) else "inf"
+def _between(row: LensParam, first: Any, last: Any, share: float) -> Any:
+    """The value between two numbers, or of each of several."""
+    if isinstance(first, tuple):
+        return tuple(_between(row, *pair, share) for pair in zip(first, last, strict=True))
+    to, back = SCALES[row.even_in]
+    value = back((1 - share) * to(first) + share * to(last))
+    return round(value) if isinstance(first, int) else value
 
 
 def read_animation(
@@ -129,7 +115,7 @@ def read_animation(
     for text in files:
         option, _, name = text.rpartition("=") if not (root / text).exists() else ("", "", text)
         if option:
-            refuse_unknown([option], tuple(PARSERS), "‹animate›", "a lens", "option")
+            refuse_unknown([option], tuple(LENS_OPTIONS), CALLER.at("animate"), "a lens", "option")
         file = root / name
         if file.suffix.lower() == ".toml" and not option:
             of_file, interpolation = _of_toml(file, interpolation)
@@ -150,16 +136,16 @@ def animation_of(keys: Keys, interpolation: str | None) -> Animation:
         if not of_option:
             continue
         where = next(iter(of_option.values())).where
-        refuse_unknown([name], (*PARSERS, FIELD_OF_VIEW), where, "a lens", "option")
+        refuse_unknown([name], tuple(_ANIMATED), where, "a lens", "option")
         every[name] = {
             frame: Key(_checked(name, key), key.where) for frame, key in sorted(of_option.items())
         }
     if every:
-        refuse_contradiction(every, f"{next(iter(next(iter(every.values())).values())).where}: ")
+        refuse_contradiction(every, next(iter(next(iter(every.values())).values())).where)
     return Animation(every, interpolation or INTERPOLATIONS[0])
 
 
-def keys_of_table(values: Mapping[str, Any], where: str) -> dict[str, dict[int, Key]]:
+def keys_of_table(values: Mapping[str, Any], where: Place) -> dict[str, dict[int, Key]]:
     """The keys of the table ``[animate]``: of each option a table of values by frame.
 
     Raises:
@@ -171,11 +157,11 @@ def keys_of_table(values: Mapping[str, Any], where: str) -> dict[str, dict[int, 
         if not isinstance(table, dict) or not table:
             remedy = f'write {name} = {{1001 = "1.2m", 1060 = "4m"}}'
             raise UsageProblem(
-                "malformed", f"{table!r:.40} is no table of frames", remedy, path=f"{where} {name}"
+                "malformed", f"{table!r:.40} is no table of frames", remedy, path=where.at(name)
             )
-        refuse_unknown([name], tuple(PARSERS), where, "a lens", "option")
+        refuse_unknown([name], tuple(LENS_OPTIONS), where, "a lens", "option")
         keys[name] = {
-            frame_of(frame, f"{where} {name}"): Key(text_of(value), f"{where} {name}: {frame}")
+            frame_of(frame, where.at(name)): Key(text_of(value), where.at(f"{name}: {frame}"))
             for frame, value in table.items()
         }
     return keys
@@ -189,11 +175,12 @@ def _of_toml(file: Path, interpolation: str | None) -> tuple[Keys, str | None]:
     values = tables.get("animate")
     if not isinstance(values, dict):
         raise InputError("empty", "has no table [animate]", remedy, path=file)
-    values, said = interpolation_of(values, f"{file}: [animate]")
-    return keys_of_table(values, f"{file}: [animate]"), interpolation or said
+    where = Place(file, "[animate]")
+    values, said = interpolation_of(values, where)
+    return keys_of_table(values, where), interpolation or said
 
 
-def interpolation_of(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], str | None]:
+def interpolation_of(values: Mapping[str, Any], where: Place) -> tuple[dict[str, Any], str | None]:
     """The table ``[animate]`` without its interpolation, and the interpolation.
 
     Raises:
@@ -203,7 +190,7 @@ def interpolation_of(values: Mapping[str, Any], where: str) -> tuple[dict[str, A
     if said is not None and said not in INTERPOLATIONS:
         remedy = f"choose from {', '.join(INTERPOLATIONS)}"
         raise UsageProblem(
-            "unknown-name", f"'{said}' is not known", remedy, path=f"{where} interpolation"
+            "unknown-name", f"'{said}' is not known", remedy, path=where.at("interpolation")
         )
     return {name: value for name, value in values.items() if name != "interpolation"}, said
 
@@ -223,25 +210,7 @@ def _add(every: dict[str, Mapping[int, Key]], keys: Keys, file: Path) -> None:
 
 def _checked(name: str, key: Key) -> str:
     """The text of a key with the unit that a bare number has."""
-    text = _with_unit(name, key.text)
-    if name != FIELD_OF_VIEW:
-        return checked(name, text, key.where)
-    try:
-        degrees = float(text)
-    except ValueError:
-        degrees = 0.0
-    if not 0 < degrees < 180:
-        raise UsageProblem(
-            "malformed", f"'{text}' is no field of view", "give degrees, like 40", path=key.where
-        )
+    row = _ANIMATED[name]
+    text = row.with_unit(key.text)
+    read_at(key.where, row.parse, text)
     return text
-
-
-def _with_unit(name: str, text: str) -> str:
-    if name not in LENGTHS or text.strip().lower() in ("inf", "infinity"):
-        return text
-    try:
-        float(text)
-    except ValueError:
-        return text
-    return f"{text.strip()}{'m' if name == 'focus' else 'mm'}"

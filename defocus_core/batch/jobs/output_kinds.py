@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import Place, UsageProblem
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,10 +31,10 @@ class Kind:
         help: a line for ``defocus render --help``.
         image: whether it is an image; else it is a map.
         halves: whether it needs the views through the left and the right half of the lens.
-        of_radius: its values [h, w] from signed radii [h, w] in px, NumPy arrays, and from the
-            dual-pixel disparity of a radius of a px; its preview is orange below 0, white at 0 and
-            blue above 0. None of a kind that is rendered: it is the
-            attribute ``name`` of `defocus_core.Views`, and its preview shows linear light.
+        of_radius: its values [h, w] from signed radii [h, w] in px, NumPy arrays, and from
+            ``disparity``, between dual pixels for a radius of a px; its preview is orange below 0,
+            white at 0 and blue above 0. None of a kind that is rendered: it is the attribute
+            ``name`` of `defocus_core.Views`, and its preview shows linear light.
         views: of an image of several, the kinds that are the views of its one EXR file.
         turned: the view that it is of the picture with rows for columns, left or right.
         source: input that it is made of without rendering, a row of
@@ -48,7 +48,7 @@ class Kind:
     help: str
     image: bool = False
     halves: bool = False
-    of_radius: Callable[[NDArray[Any], float], NDArray[Any]] | None = None
+    of_radius: Callable[..., NDArray[Any]] | None = None
     views: tuple[str, ...] = ()
     turned: str = ""
     source: str = ""
@@ -91,7 +91,7 @@ _ROWS = (
     Kind(
         "coc",
         "signed radius of the circle of confusion in px, beyond the focus positive",
-        of_radius=lambda radius, _: radius,
+        of_radius=lambda radius, disparity: radius,
         title="CoC map (signed radius, negative nearer than the focus)",
         unit="px",
     ),
@@ -142,7 +142,7 @@ MAP_FORMATS = ("exr", "tiff")
 FORMAT_ALIASES = {"jpeg": "jpg", "tif": "tiff"}
 
 
-def in_one_file(kinds: tuple[str, ...], where: str) -> tuple[str, ...]:
+def in_one_file(kinds: tuple[str, ...], where: Place) -> tuple[str, ...]:
     """The kinds of output with left and right in one file.
 
     Args:

@@ -21,7 +21,7 @@ from defocus_core.io.shots.frame_patterns import ALL, FrameChoice, chosen, frame
 from defocus_core.io.wildcards import has_wildcard, matching, texts_before
 from defocus_core.system.log import note
 
-COLOR_SUFFIXES = frozenset({".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff"})
+COLOR_SUFFIXES = frozenset({".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp"})
 PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg"})
 DEPTH_SUFFIXES = PHOTO_SUFFIXES | {
     *(".exr", ".pfm", ".npy", ".npz", ".png", ".tif", ".tiff", ".dpt", ".bin", ".h5", ".hdf5"),

@@ -16,9 +16,10 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from defocus_core.batch.jobs.lens_options import PARSERS, at, lens_of, parsed, refuse_contradiction
+from defocus_core.batch.jobs.lens_from_options import lens_of, parsed, refuse_contradiction
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.batch.lenses.lens import Draw, Lens
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.batch.lenses.quantities import (
     Percentile,
     QuantityError,
@@ -27,27 +28,23 @@ from defocus_core.batch.lenses.quantities import (
     text_of,
 )
 from defocus_core.batch.lenses.radius_set import Radii, RadiusSet, read_radius_set, spread
-from defocus_core.errors import UsageProblem, reason
+from defocus_core.errors import Place, UsageProblem, reason
 
 if TYPE_CHECKING:
     from defocus_core.optics.distributions import Distribution
 
-KEYS = ("n", "seed", "max-coc", "match", *PARSERS)
+KEYS = ("n", "seed", "max-coc", "match", *LENS_OPTIONS)
 # What a lens must not have whose radii are those of a set.
-MATCHED = ("fnumber", "aperture-diameter", "focus", "focus-at", "sharp-range", "max-coc")
+MATCHED = (*(name for name, row in LENS_OPTIONS.items() if row.is_matched), "max-coc")
 _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
-_NOT_RANGED = (
-    *("blades", "focus-at", "aperture-image", "sharp-range"),
-    *("dp-model", "cat-eye", "axial-color", "vignetting", "noise", "noise-seed", "highlights"),
-)
 
 
-def drawn_lens(draw: Draw, source: str, max_coc: float | None) -> Lens:
+def drawn_lens(draw: Draw, source: Place, max_coc: float | None) -> Lens:
     """The lens of a draw.
 
     Args:
         draw: its seed, picture, number and options.
-        source: how errors about the focus begin.
+        source: where the focus stands.
         max_coc: largest CoC radius in px that it may have in its picture.
     """
     from defocus_core.optics.distributions import drawn
@@ -96,8 +93,8 @@ def read_sampling(table: Table) -> Sampling:
         raise UsageProblem(
             "missing-option", "is missing", f"write {key} = 7 below [sample]", path=table.place(key)
         )
-    options = {name: text_of(table.values[name]) for name in PARSERS if name in table.values}
-    refuse_contradiction(options, f"{table.file}: [sample] ")
+    options = {name: text_of(table.values[name]) for name in LENS_OPTIONS if name in table.values}
+    refuse_contradiction(options, table.place())
     for name, text in options.items():
         if read_at(table.place(name), distribution, name, text) is None:
             remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
@@ -112,11 +109,11 @@ def read_sampling(table: Table) -> Sampling:
         )
     if match is None:
         return Sampling(count, seed, options)
-    refuse_matched((name for name in MATCHED if name in table.values), table.place(""))
+    refuse_matched((name for name in MATCHED if name in table.values), table.place())
     return Sampling(count, seed, options, read_radius_set(table.file.parent / match))
 
 
-def refuse_matched(names: Iterable[str], source: str) -> None:
+def refuse_matched(names: Iterable[str], source: Place) -> None:
     """Refuse options that ``match`` decides.
 
     Raises:
@@ -125,9 +122,7 @@ def refuse_matched(names: Iterable[str], source: str) -> None:
     for name in names:
         if name in MATCHED:
             problem = "stands beside match in [sample], which finds focus and f-number"
-            raise UsageProblem(
-                "contradiction", problem, "remove one of them", path=at(source, name)
-            )
+            raise UsageProblem("contradiction", problem, "remove one of them", path=source.at(name))
 
 
 @lru_cache(maxsize=4096)
@@ -145,7 +140,7 @@ def distribution(name: str, text: str) -> Distribution | None:
         return None
     from defocus_core.optics.distributions import Distribution
 
-    if kind != "choice" and name in _NOT_RANGED:
+    if kind != "choice" and not LENS_OPTIONS[name].is_ranged:
         raise QuantityError(f"{name} is not drawn from a range", "write choice(…)")
     if kind in ("disparity", "percentile") and name != "focus":
         raise QuantityError(f"{kind} is for the focus only", "write uniform(…) or loguniform(…)")

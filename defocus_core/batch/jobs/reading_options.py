@@ -1,4 +1,4 @@
-"""Reading options: their names, and how the text of each becomes a field of `Reading`.
+"""The table of reading options, whose texts become fields of `Reading`.
 
 The command line, jobs files and lens files have them under one name. ``radial`` and ``planar`` are
 flags, and set the field ``geometry``.
@@ -9,11 +9,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from defocus_core.allowed_values import DEPTH_REPAIRS, WIDEST_EDGE
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.jobs.toml_file import read_toml
+from defocus_core.batch.lenses.parameters import Param
 from defocus_core.batch.lenses.quantities import (
     QuantityError,
     angle,
@@ -23,7 +26,7 @@ from defocus_core.batch.lenses.quantities import (
     read_at,
     text_of,
 )
-from defocus_core.errors import UsageProblem, did_you_mean
+from defocus_core.errors import CALLER, Place, UsageProblem, did_you_mean
 from defocus_core.io.depth_formats.reading import GEOMETRIES, INVALID, KINDS, RESIZES, UNPREMULTIPLY
 from defocus_core.io.depth_formats.table import NAMES, UNITS
 
@@ -57,14 +60,14 @@ def format_name(text: str) -> str:
 
 
 def scale(text: str) -> float:
-    """A positive factor, from ``0.001`` or ``1/256``."""
+    """A factor, from ``0.001``, ``1/256`` or ``-1``."""
     fraction = _FRACTION.fullmatch(text)
     if fraction:
         above, below = scale(fraction[1]), scale(fraction[2])
         return above / below
     value = number(text)
-    if not 0 < value < math.inf:
-        raise QuantityError(f"'{text}' is not positive and finite", "write it like 0.001 or 1/256")
+    if not 0 < abs(value) < math.inf:
+        raise QuantityError(f"'{text}' is 0 or not finite", "write it like 0.001 or 1/256")
     return value
 
 
@@ -118,9 +121,11 @@ def depth_repair(text: str) -> str:
             return f"soft-edges={value:.9g}"
         problem = f"'{slope}' is no slope of soft edges"
         raise QuantityError(problem, "write it like soft-edges=0.3, in px of radius per px")
-    if equals or word not in REPAIRS:
-        known = f"choose from {', '.join(REPAIRS)}, soft-edges=SLOPE"
-        raise QuantityError(f"'{text}' is no depth repair", did_you_mean(word, REPAIRS, known))
+    if equals or word not in DEPTH_REPAIRS:
+        known = f"choose from {', '.join(DEPTH_REPAIRS)}, soft-edges=SLOPE"
+        raise QuantityError(
+            f"'{text}' is no depth repair", did_you_mean(word, DEPTH_REPAIRS, known)
+        )
     return word
 
 
@@ -132,10 +137,6 @@ def edge_width(text: str) -> float:
     return px
 
 
-REPAIRS = ("auto", "off")
-WIDEST_EDGE = 100  # px; of defocus_core, too
-
-
 def words(text: str) -> tuple[str, ...]:
     """Words separated by commas or blanks, each once."""
     found = tuple(dict.fromkeys(text.replace(",", " ").split()))
@@ -144,54 +145,198 @@ def words(text: str) -> tuple[str, ...]:
     return found
 
 
-PARSERS: dict[str, Callable[[str], Any]] = {
-    "depth-format": format_name,
-    "depth-unit": one_of(tuple(UNITS)),
-    "depth-channel": str,
-    "depth-scale": scale,
-    "depth-kind": one_of(KINDS),
-    "depth-range": distances,
-    "focal-px": pixel_count,
-    "baseline": distance,
-    "doffs": number,
-    "fov": field_of_view,
-    "sky": number,
-    "invalid": one_of(INVALID),
-    "resize-depth": one_of(RESIZES),
-    "depth-repair": depth_repair,
-    "edge-width": edge_width,
-    "color-layer": str,
-    "blur-channels": words,
-    "part": whole,
-    "view": str,
-    "unpremultiply-depth": one_of(UNPREMULTIPLY),
-}
-NAMES_OF_OPTIONS = (*PARSERS, *GEOMETRIES)
+@dataclass(frozen=True, kw_only=True)
+class ReadingParam(Param):
+    """An option of reading.
+
+    Attributes:
+        of_pictures: a depth file alone, without a picture and a lens, has no use for it.
+    """
+
+    of_pictures: bool = False
 
 
-def reading_values(values: Mapping[str, Any], where: Callable[[str], str]) -> dict[str, Any]:
+def _choice(
+    name: str, choices: Sequence[str], text: str, *, of_pictures: bool = False
+) -> ReadingParam:
+    return ReadingParam(
+        name=name, parse=one_of(choices), choices=choices, help=text, of_pictures=of_pictures
+    )
+
+
+_ROWS = (
+    ReadingParam(
+        name="depth-format",
+        parse=format_name,
+        metavar="NAME",
+        help="Who wrote the depth, like kitti: 'defocus help depth' lists all.",
+    ),
+    _choice("depth-unit", tuple(UNITS), "Unit of the depth.  [default: m; mm in 16-bit PNG]"),
+    ReadingParam(
+        name="depth-scale",
+        parse=scale,
+        metavar="FACTOR",
+        help="Multiplies the numbers of the depth file, like 1/256.",
+    ),
+    _choice("depth-kind", KINDS, "What the numbers are.  [default: depth]"),
+    ReadingParam(
+        name="depth-range",
+        parse=distances,
+        parse_word=far_distance,
+        metavar="NEAR FAR",
+        help="Distances of the ends of the number's type, 0 and 255 or 65535, or 0 and 1: of depth "
+        "0 is NEAR; of disparity 0 is FAR. Swapped, it is the other way round.",
+        unit="mm",
+        separator=" ",
+    ),
+    ReadingParam(
+        name="focal-px",
+        parse=pixel_count,
+        metavar="PX",
+        help="Focal length in px, for disparity and for ‹radial›.",
+    ),
+    ReadingParam(
+        name="baseline",
+        parse=distance,
+        metavar="LENGTH",
+        help="Distance between the two cameras of disparity, like 65mm.",
+        unit="mm",
+    ),
+    ReadingParam(
+        name="doffs",
+        parse=number,
+        metavar="PX",
+        help="Added to disparity: the difference of the two principal points.",
+    ),
+    *(
+        ReadingParam(name=name, stored_as="geometry", flag=True, parse=str, help=text)
+        for name, text in zip(
+            GEOMETRIES,
+            ("The numbers are distances to the point.", "The numbers are depth along the axis."),
+            strict=True,
+        )
+    ),
+    ReadingParam(
+        name="invert",
+        flag=True,
+        parse=str,
+        help="Black is near in a depth of relative disparity; with ‹blur›.",
+        of_pictures=True,
+    ),
+    ReadingParam(
+        name="fov",
+        parse=field_of_view,
+        metavar="DEG",
+        help="Horizontal field of view, for ‹radial›.  [default: the lens's]",
+    ),
+    ReadingParam(
+        name="sky",
+        parse=number,
+        metavar="NUMBER",
+        help="Numbers of the depth file from this one on are sky; of disparity, to it.",
+    ),
+    _choice(
+        "invalid",
+        INVALID,
+        "Pixels without depth: an error, infinitely far, or filled from the farther neighbour.  "
+        "[default: error]",
+    ),
+    _choice(
+        "resize-depth",
+        RESIZES,
+        "Take depth of another size than the colour: from the nearest pixel, or with edges where "
+        "the colours change.",
+        of_pictures=True,
+    ),
+    ReadingParam(
+        name="depth-repair",
+        parse=depth_repair,
+        metavar="auto|off|soft-edges=SLOPE",
+        help="auto repairs depth that is noisy, anti-aliased, soft at edges or of few levels; off "
+        "takes it as it is given; soft-edges=0.3 takes slopes of 0.3 px of radius per px and more "
+        "for soft edges, whatever is found.  [default: auto]",
+        of_pictures=True,
+    ),
+    ReadingParam(
+        name="edge-width",
+        parse=edge_width,
+        metavar="PX",
+        help="Width of the widest soft edges of the depth, like 8px; 0 says that edges are hard.  "
+        "[default: as found]",
+        of_pictures=True,
+    ),
+    ReadingParam(
+        name="depth-channel",
+        parse=str,
+        metavar="NAME",
+        help="Depth channel of an EXR, or array of an NPZ or HDF5.",
+    ),
+    ReadingParam(
+        name="color-layer",
+        parse=str,
+        metavar="NAME",
+        help="Colour layer of an EXR.",
+        of_pictures=True,
+    ),
+    ReadingParam(
+        name="blur-channels",
+        parse=words,
+        metavar="NAME,…",
+        help="Further channels of an EXR that are light, like diffuse.*: blurred with the picture; "
+        "the others are copied.",
+        separator=",",
+        of_pictures=True,
+    ),
+    ReadingParam(
+        name="part",
+        parse=whole,
+        min_whole=0,
+        metavar="N",
+        help="Part of an EXR, page of a TIFF or frame of an array, from 0.",
+    ),
+    ReadingParam(
+        name="view",
+        parse=str,
+        metavar="NAME",
+        help="View of an EXR of several cameras, like left.  [default: the file's first]",
+    ),
+    _choice(
+        "unpremultiply-depth",
+        UNPREMULTIPLY,
+        "Divide depth by alpha: on, off, or auto, if pixels of half alpha show that it was "
+        "multiplied.  [default: auto]",
+        of_pictures=True,
+    ),
+)
+READING_OPTIONS: Mapping[str, ReadingParam] = {row.name: row for row in _ROWS}
+
+
+def reading_values(values: Mapping[str, Any], where: Callable[[str], Place]) -> dict[str, Any]:
     """Fields of `Reading` of the values of a table of a TOML file; other keys are passed over.
 
     Args:
         values: keys of the file and their values.
-        where: file and key, for errors.
+        where: the place of a key, for errors.
 
     Raises:
         UsageProblem: a value makes no sense.
     """
     fields: dict[str, Any] = {}
     for name, value in values.items():
-        if name in GEOMETRIES:
+        row = READING_OPTIONS.get(name)
+        if row is None:
+            continue
+        if row.flag:
             if value is not True:
                 raise UsageProblem(
                     "malformed", f"{value!r} is not true", f"write {name} = true", path=where(name)
                 )
-            if fields.setdefault("geometry", name) != name:
+            if fields.setdefault(row.field, name) != name:
                 raise UsageProblem(
                     "contradiction", "contradicts the other", "give one of them", path=where(name)
                 )
-        elif name in PARSERS:
-            fields[name.replace("-", "_")] = _parsed(name, value, where(name))
+        else:
+            fields[row.field] = _parsed(row, value, where(name))
     return fields
 
 
@@ -206,11 +351,13 @@ def lens_file_reading(file: Path | None) -> dict[str, Any]:
         return {}
     remedy = 'give a TOML file, with lines like focal-length = "50mm"'
     stored = read_toml(file, what="lens file", remedy=remedy)
-    return reading_values(stored, lambda name: f"{file}: {name}")
+    return reading_values(stored, Place(file).at)
 
 
 def make_reading(
-    fields: Mapping[str, Any], below: Mapping[str, Any], edge_width_place: str = "‹edge-width›"
+    fields: Mapping[str, Any],
+    below: Mapping[str, Any],
+    source: Place = CALLER,
 ) -> Reading:
     """The reading of the fields that are set, over those of a lens file.
 
@@ -222,12 +369,14 @@ def make_reading(
     repair, width = reading.depth_repair, reading.edge_width
     if width is not None and (repair == "off" or (repair != "auto" and width == 0)):
         problem = f"of {width:g}px contradicts depth-repair {repair}"
-        raise UsageProblem("contradiction", problem, "leave one of them out", path=edge_width_place)
+        raise UsageProblem(
+            "contradiction", problem, "leave one of them out", path=source.at("edge-width")
+        )
     return reading
 
 
-def _parsed(name: str, value: object, where: str) -> Any:
-    if PARSERS[name] is str and not (isinstance(value, str) and value and "\0" not in value):
+def _parsed(row: ReadingParam, value: object, where: Place) -> Any:
+    if row.parse is str and not (isinstance(value, str) and value and "\0" not in value):
         raise UsageProblem(
             "malformed", f"{value!r} is not a text", "write it in quotes", path=where
         )
@@ -238,4 +387,4 @@ def _parsed(name: str, value: object, where: str) -> Any:
             "see 'defocus help depth'",
             path=where,
         )
-    return read_at(where, PARSERS[name], text_of(value))
+    return read_at(where, row.parse, text_of(value))

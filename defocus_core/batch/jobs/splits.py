@@ -2,25 +2,25 @@
 
 ``[split]`` of a jobs file has a share for each split, which add up to 1, and may have ``scene``, a
 regular expression whose first group, or else whole match, is the scene in the name of a picture.
-Without it the name of a picture is its scene, and the frames of a shot are one. A scene stays in
-its split when others are added, whatever machine decides.
+Without it the name of a picture is its scene, and the frames of a shot are one. Each scene goes to
+the split that lacks most of its share so far, in the order of the scenes: the counts are those of
+the shares, within one, and scenes that come behind the others leave theirs where they are.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from hashlib import blake2b
-from itertools import accumulate
 
 from defocus_core.batch.jobs.job import Picture
 from defocus_core.batch.jobs.toml_file import Table
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import CALLER, Place, UsageProblem
+from defocus_core.system.log import note
+from defocus_core.system.text import counted
 
 NAME = re.compile(r"[A-Za-z0-9_]{1,40}")
 _SCENE = "scene"
-_BYTES = 8  # of the hash of a scene
 _ROUNDING = 1e-6
 
 
@@ -30,21 +30,40 @@ class Splits:
 
     shares: Mapping[str, float]
     scene: re.Pattern[str] | None = None
-    where: str = ""
+    where: Place = CALLER
 
-    def of(self, picture: Picture) -> str:
-        """The split of a picture; empty without splits.
+    def assign(self, pictures: Sequence[Picture]) -> list[str]:
+        """The split of each picture; empty words without splits.
+
+        Where there are enough scenes each split has one; else a line says what came out.
 
         Raises:
-            UsageProblem: the name of the picture has no scene in it.
+            UsageProblem: the name of a picture has no scene in it.
         """
         if not self.shares:
-            return ""
-        digest = blake2b(self._scene_of(picture).encode(), digest_size=_BYTES).digest()
-        place = int.from_bytes(digest) / (1 << 8 * _BYTES)
-        ends = accumulate(self.shares.values())
-        within = (name for name, end in zip(self.shares, ends, strict=True) if place < end)
-        return next(within, list(self.shares)[-1])
+            return [""] * len(pictures)
+        scenes = [self._scene_of(picture) for picture in pictures]
+        split_of: dict[str, str] = {}
+        counts = dict.fromkeys(self.shares, 0)
+        for number, scene in enumerate(dict.fromkeys(scenes), 1):
+            lacking = {name: share * number - counts[name] for name, share in self.shares.items()}
+            split_of[scene] = max(lacking, key=lacking.__getitem__)
+            counts[split_of[scene]] += 1
+        self._fill_empty(split_of, counts)
+        return [split_of[scene] for scene in scenes]
+
+    def _fill_empty(self, split_of: dict[str, str], counts: dict[str, int]) -> None:
+        """Give splits without a scene the last one of the split that has most."""
+        for empty in [name for name, count in counts.items() if not count]:
+            most = max(counts, key=counts.__getitem__)
+            if counts[most] < 2:
+                came_out = ", ".join(f"{name} {count}" for name, count in counts.items())
+                told = f"{counted(len(split_of), 'scene')} for {counted(len(counts), 'split')}"
+                note(f"[split]: {told}: {came_out}")
+                return
+            last = [scene for scene, name in split_of.items() if name == most][-1]
+            split_of[last] = empty
+            counts[most], counts[empty] = counts[most] - 1, 1
 
     def _scene_of(self, picture: Picture) -> str:
         if self.scene is not None:

@@ -15,18 +15,16 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.jobs.lens_options import (
-    LENGTHS,
-    PARSERS,
+from defocus_core.batch.jobs.lens_from_options import (
     based,
     checked,
     parsed,
     refuse_contradiction,
-    tag,
 )
 from defocus_core.batch.jobs.toml_file import Table, refuse_unknown
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.batch.lenses.quantities import Percentile
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import Place, UsageProblem
 
 MOST_LENSES = 100_000
 _RANGE = re.compile(r"(.+?)\.\.(.+?)@\s*(\d{1,6})\s*(?:in\s+(\w+)\s*)?")
@@ -53,17 +51,17 @@ def read_sweep(table: Table) -> list[Point]:
     Raises:
         UsageProblem: an option is unknown, a value makes no sense, or two lenses have one name.
     """
-    table.refuse_unknown((*PARSERS, "lenses"))
+    table.refuse_unknown((*LENS_OPTIONS, "lenses"))
     axes = [_sets(table)] if "lenses" in table.values else []
-    for name in PARSERS:
+    for name in LENS_OPTIONS:
         if name in table.values:
             texts = _values(name, table.values[name], table.place(name), table.file)
-            _refuse_many(math.prod(map(len, axes)) * len(texts), f"{table.file}: [sweep]")
+            _refuse_many(math.prod(map(len, axes)) * len(texts), table.place())
             axes.append([{name: text} for text in texts])
     return _points(table, axes)
 
 
-def _refuse_many(count: int, where: str) -> None:
+def _refuse_many(count: int, where: Place) -> None:
     if count > MOST_LENSES:
         problem = f"makes {count} lenses for each picture"
         raise UsageProblem("out-of-range", problem, f"ask for at most {MOST_LENSES}", path=where)
@@ -81,9 +79,9 @@ def _points(table: Table, axes: Sequence[Sequence[Mapping[str, str]]]) -> list[P
                     "contradiction", problem, "sweep it in one place", path=table.place(twice)
                 )
             options |= part
-        refuse_contradiction(options, f"{table.file}: [sweep] ")
-        names = (name for name in PARSERS if name in options)
-        suffix = "".join(f"_{tag(name, parsed(name, options[name]))}" for name in names)
+        refuse_contradiction(options, table.place())
+        rows = (row for name, row in LENS_OPTIONS.items() if name in options)
+        suffix = "".join(f"_{row.file_tag(parsed(row.name, options[row.name]))}" for row in rows)
         if suffix in points:
             problem = f"has two lenses named '{suffix[1:]}'"
             raise UsageProblem(
@@ -93,7 +91,7 @@ def _points(table: Table, axes: Sequence[Sequence[Mapping[str, str]]]) -> list[P
     return list(points.values())
 
 
-def _values(name: str, value: object, where: str, file: Path) -> list[str]:
+def _values(name: str, value: object, where: Place, file: Path) -> list[str]:
     """Texts of the values of one option."""
     if isinstance(value, str) and ".." in value:
         return _range(name, value, where)
@@ -110,23 +108,24 @@ def _sets(table: Table) -> list[dict[str, str]]:
         remedy = 'write lenses = [{focus = "1m", fnumber = 2}, {focus = "2m", fnumber = 4}]'
         raise UsageProblem("malformed", "is no list of lenses", remedy, path=where)
     _refuse_many(len(sets), where)
-    refuse_unknown((name for one in sets for name in one), tuple(PARSERS), where, "a lens")
+    refuse_unknown((name for one in sets for name in one), tuple(LENS_OPTIONS), where, "a lens")
     return [
         {
-            name: based(name, checked(name, value, f"{where}: {name}"), table.file)
+            name: based(name, checked(name, value, where.at(f"lenses: {name}")), table.file)
             for name, value in one.items()
         }
         for one in sets
     ]
 
 
-def _range(name: str, text: str, where: str) -> list[str]:
+def _range(name: str, text: str, where: Place) -> list[str]:
     """Texts of the values of a range; its ends are as they are written, values between rounded."""
     match = _RANGE.fullmatch(text.strip())
     if not match:
         raise UsageProblem("malformed", f"'{text}' is no range", _RANGE_EXAMPLE, path=where)
     low, high = (_end(name, match[side].strip(), where) for side in (1, 2))
-    fit = ("disparity", "depth", "log") if name == "focus" else ("steps", "log")
+    row = LENS_OPTIONS[name]
+    fit = ("disparity", "depth", "log") if row.even_in == "disparity" else ("steps", "log")
     count, scale = int(match[3]), match[4] or fit[0]
     for wrong, problem, remedy in (
         (scale not in fit, f"{name} has no steps in {scale}", f"write in {' or in '.join(fit)}"),
@@ -145,12 +144,10 @@ def _range(name: str, text: str, where: str) -> list[str]:
     shares = (index / (count - 1) for index in range(1, count - 1))
     between = [back((1 - share) * to(low) + share * to(high)) for share in shares]
     values = [low, *(float(f"{value:.6g}") for value in between), high]
-    unit = "mm" if name in LENGTHS else ""
-    texts = [str(value).removesuffix(".0") + unit * math.isfinite(value) for value in values]
-    return [checked(name, text, where) for text in texts]
+    return [checked(name, row.text(value), where) for value in values]
 
 
-def _end(name: str, text: str, where: str) -> float:
+def _end(name: str, text: str, where: Place) -> float:
     value: Any = parsed(name, checked(name, text, where))
     if isinstance(value, Percentile | tuple | Path | str):
         raise UsageProblem(

@@ -23,7 +23,7 @@ from typing import Any
 
 from defocus_core.batch.jobs.job import FrameLens, Job, Shot
 from defocus_core.batch.journal.plain_values import plain
-from defocus_core.batch.lenses.lens import LENS_FILES
+from defocus_core.batch.lenses.parameters import LENS_FILES
 from defocus_core.io.below import Folder, open_plain
 from defocus_core.renderer_version import RENDERER_VERSION
 from defocus_core.system.text import version

@@ -14,6 +14,7 @@ from typing import Any
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.jobs.splits import NAME
 from defocus_core.batch.journal.reasons import STATUSES
+from defocus_core.batch.lenses.parameters import RECORDED
 from defocus_core.io.below import path_fault
 
 Types = Mapping[str, tuple[type, ...]]
@@ -40,15 +41,13 @@ _OF_A_PICTURE: Types = {
     "device": (str,),
     "depth_note": (str,),
 }
+_OPTICS = tuple(key for key, row in RECORDED.items() if row.is_optics)  # none beside radii
 _OF_A_LENS: Types = {
-    "focal_length_mm": (*_NUMBER, _NOTHING),
-    "fnumber": (*_NUMBER, _NOTHING),
-    "sensor_width_mm": (*_NUMBER, _NOTHING),
+    **dict.fromkeys(RECORDED, _NUMBER),
+    **dict.fromkeys(_OPTICS, (*_NUMBER, _NOTHING)),
     "focus_mm": (*_NUMBER, str, _NOTHING),
     "blades": (int,),
-    "blade_rotation_deg": _NUMBER,
 }
-_OPTICS = ("focal_length_mm", "fnumber", "sensor_width_mm", "focus_mm")  # none beside radii
 
 
 def linked_folders(out: Path) -> frozenset[str]:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.batch.look.preview import diverging, largest
-from defocus_core.io.arrays import bands
+from defocus_core.io.arrays import LazyArray, bands
+from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from defocus_core.io.images.color_planes import Color
 
 _SHARP_PX = 1.0  # radius up to which a pixel counts as sharp
 _SHARP = (0.25, 0.80, 0.35)  # sRGB
@@ -31,48 +31,28 @@ def focus_planes(color: Color, radius: Any) -> tuple[Any, ...]:
     """
     most = max(largest(radius[rows]) for rows in bands(radius.shape))
     inset = _histogram(radius, most)
-    return tuple(_Plane(color, radius, most, inset, channel) for channel in range(3))
+    height, width = inset.shape[:2]
+    top = radius.shape[0] - height
 
-
-class _Plane:
-    """A channel of the picture in false colour, [H, W]."""
-
-    def __init__(self, color: Color, radius: Any, most: float, inset: Any, channel: int) -> None:
-        import numpy as np
-
-        self._color, self._radius, self._most = color, radius, most
-        self._inset, self._channel = inset, channel
-        self.shape, self.dtype = radius.shape, np.dtype(np.float32)
-
-    def __getitem__(self, rows: slice) -> NDArray[Any]:
-        import numpy as np
-
-        colors = [
-            plane[rows]
-            for plane, name in zip(
-                self._color.planes, self._color.channels, strict=False
-            )  # passes follow
-            if name != "A"
-        ]
+    def read(channel: int, rows: slice) -> NDArray[Any]:
+        colors = [plane[rows] for plane in color.light]
         light = np.mean([plane.astype("float32") for plane in colors], axis=0, dtype="float32")
         brightness = linear_to_srgb(np.clip(light, 0, 1))
-        hue = _hues(self._radius[rows], self._most)[..., self._channel]
+        hue = _hues(radius[rows], most)[..., channel]
         shown = hue * (_DARKEST + (1 - _DARKEST) * brightness)
-        first, last, _ = rows.indices(self.shape[0])
-        height, width = self._inset.shape[:2]
-        top = self.shape[0] - height
+        first, last, _ = rows.indices(radius.shape[0])
         if last > top:
             begin = max(first, top)
-            part = self._inset[begin - top : last - top, :, self._channel]
-            shown[begin - first :, :width] = part
+            shown[begin - first :, :width] = inset[begin - top : last - top, :, channel]
         linear: NDArray[Any] = srgb_to_linear(shown).astype("float32")
         return linear
+
+    dtype = np.dtype(np.float32)
+    return tuple(LazyArray(radius.shape, dtype, partial(read, channel)) for channel in range(3))
 
 
 def _hues(radius: NDArray[Any], most: float) -> NDArray[Any]:
     """Colours [..., 3], sRGB, of signed radii [h, w]."""
-    import numpy as np
-
     sharp = np.abs(radius) <= _SHARP_PX
     hues: NDArray[Any] = diverging(radius, most / 2)
     hues[sharp] = _SHARP
@@ -81,12 +61,12 @@ def _hues(radius: NDArray[Any], most: float) -> NDArray[Any]:
 
 def _histogram(radius: Any, most: float) -> NDArray[Any]:
     """Bars of how many pixels have a radius, from the least to the greatest, sRGB [h, w, 3]."""
-    import numpy as np
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     strips = [radius[rows] for rows in bands(radius.shape)]
     ends = min(float(s.min()) for s in strips), max(float(s.max()) for s in strips)
-    width_px = max(ends[1] - ends[0], 1e-6)
+    least = 2 * _BINS * float(np.spacing(np.float32(max(map(abs, ends)))))  # two numbers a bin
+    width_px = max(ends[1] - ends[0], 1e-6, least)
     of_strips = [np.histogram(s, _BINS, (ends[0], ends[0] + width_px))[0] for s in strips]
     counts = np.sum(of_strips, axis=0)
     height, width = (

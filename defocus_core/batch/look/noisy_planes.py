@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from hashlib import blake2b
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.lenses.lens import Lens
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from defocus_core.io.arrays import LazyArray
+from defocus_core.io.exr.writing import clamped_half
 
 _SEED_BYTES = 5  # of a seed, of which rows of pictures make others
 
@@ -35,31 +37,25 @@ def noisy(
         electrons /= 2
     words = f"{lens.noise_seed} {job.picture.stem}{job.suffix} {view}"
     return tuple(
-        plane if name == "A" else _Noisy(plane, electrons, read, f"{words} {name}")
+        plane if name == "A" else _noisy(plane, electrons, read, f"{words} {name}")
         for plane, name in zip(planes, channels, strict=True)
     )
 
 
-class _Noisy:
+def _noisy(plane: Any, electrons: float, read: float, words: str) -> LazyArray:
     """An array [H, W] with noise."""
+    seed = int.from_bytes(blake2b(words.encode(), digest_size=_SEED_BYTES).digest())
 
-    def __init__(self, plane: Any, electrons: float, read: float, words: str) -> None:
-        self._plane, self._noise = plane, (electrons, read)
-        digest = blake2b(words.encode(), digest_size=_SEED_BYTES).digest()
-        self._seed = int.from_bytes(digest)
-        self.shape, self.dtype = plane.shape, plane.dtype
-
-    def __getitem__(self, rows: slice) -> NDArray[Any]:
-        import numpy as np
+    def read_rows(rows: slice) -> NDArray[Any]:
         import torch
 
-        from defocus_core.io.exr.writing import clamped_half
         from defocus_core.optics.sensor_noise import with_noise
 
-        values = np.asarray(self._plane[rows])
+        values = np.asarray(plane[rows])
         light = torch.from_numpy(values.astype("float32"))[None]
-        electrons, read = self._noise
-        first = rows.indices(self.shape[0])[0]
-        noise = with_noise(light, electrons=electrons, read=read, seed=self._seed, first_row=first)
+        first = rows.indices(plane.shape[0])[0]
+        noise = with_noise(light, electrons=electrons, read=read, seed=seed, first_row=first)
         noisy: NDArray[Any] = noise[0].numpy()
         return clamped_half(noisy)[0] if values.dtype == np.float16 else noisy
+
+    return LazyArray(plane.shape, plane.dtype, read_rows)

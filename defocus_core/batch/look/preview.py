@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
-from defocus_core.io.arrays import bands
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.io.arrays import LazyArray, bands
 from defocus_core.io.images.color_space import quantised
-from defocus_core.io.images.encode import display_encoded, write_samples
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy as np
-    from numpy.typing import NDArray
+from defocus_core.io.images.encode import display_encoded, srgb_matrix, write_samples
 
 # sRGB; orange against blue stays apart for all common kinds of colour vision.
 NEAR = (0.85, 0.37, 0.01)
@@ -20,15 +19,18 @@ IN_FOCUS = (1.0, 1.0, 1.0)
 FAR = (0.10, 0.35, 0.70)
 
 
-def write_preview(path: Path, pixels: Any) -> None:
+def write_preview(path: Path, pixels: Any, attributes: Mapping[str, object] | None = None) -> None:
     """Write linear, premultiplied pixels [H, W, C], C = 1…4 as Y, YA, RGB, RGBA, over black.
+
+    Attributes may declare the primaries of the pixels.
 
     Raises:
         InputError: the file cannot be written.
     """
     channels = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[pixels.shape[2]]
+    to_srgb = srgb_matrix(path, channels, attributes or {})
     encoded = (
-        display_encoded(pixels[rows], channels, 8, keep_alpha=False)[0]
+        display_encoded(pixels[rows], channels, 8, keep_alpha=False, to_srgb=to_srgb)[0]
         for rows in bands(pixels.shape)
     )
     write_samples(path, pixels.shape[:2], encoded, "png", {})
@@ -40,22 +42,13 @@ def write_depth_preview(path: Path, metres: Any) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    import numpy as np
-
     near = (float(np.min(metres[rows])) for rows in bands(metres.shape))
     nearest = min((value for value in near if np.isfinite(value)), default=1.0)
-    write_preview(path, _Disparity(metres, nearest))
 
+    def read(rows: slice) -> Any:
+        return (nearest / metres[rows])[:, :, None]
 
-class _Disparity:
-    """Nearest depth over depth, 0 … 1, [H, W, 1], a few rows at a time."""
-
-    def __init__(self, metres: Any, nearest: float) -> None:
-        self._metres, self._nearest = metres, nearest
-        self.shape = (*metres.shape, 1)
-
-    def __getitem__(self, rows: slice) -> Any:
-        return (self._nearest / self._metres[rows])[:, :, None]
+    write_preview(path, LazyArray((*metres.shape, 1), metres.dtype, read))
 
 
 def write_signed_preview(path: Path, radius: Any) -> None:
@@ -73,8 +66,6 @@ def write_signed_preview(path: Path, radius: Any) -> None:
 
 def largest(radius: NDArray[np.float32]) -> float:
     """The largest finite |radius|."""
-    import numpy as np
-
     size = np.abs(radius)
     return float(np.max(size, where=np.isfinite(size), initial=0.0))
 
@@ -84,8 +75,6 @@ def diverging(radius: NDArray[np.float32], full: float) -> NDArray[np.float32]:
 
     NaN is black.
     """
-    import numpy as np
-
     amount: NDArray[np.float32] = np.minimum(np.abs(radius) / np.float32(full or 1.0), 1.0)
     amount = amount[:, :, None]
     white, near, far = (np.array(c, np.float32) for c in (IN_FOCUS, NEAR, FAR))

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from defocus_core.batch.depth.focusing import color_offsets
+from defocus_core.batch.depth.radii import color_offsets
 from defocus_core.batch.look.opening import pupil_images
-from defocus_core.batch.rendering.outcome import Loaded, Outcome
+from defocus_core.batch.rendering.rendered import Rendered
+from defocus_core.batch.sources import plus, transposed
 from defocus_core.errors import UsageProblem
 
 if TYPE_CHECKING:
-    from torch import Tensor
-
     from defocus_core.renderer.inpainting.known_layer import Behind
     from defocus_core.renderer.layers.stacked_samples import Layered
     from defocus_core.tensors.source import Pixels
@@ -34,35 +33,35 @@ class Colors(NamedTuple):
     color: int | None = None
 
 
-def renderings(loaded: Loaded, outcome: Outcome) -> list[Colors]:
+def renderings(made: Rendered) -> list[Colors]:
     """What is rendered one after another; what says most of the picture comes last.
 
     Raises:
         UsageProblem: halves of a coloured opening are asked for.
     """
-    rows = [kind for kind in outcome.job.outputs.rows if kind.rendered]
-    colors = colors_of(loaded, outcome)
+    rows = [kind for kind in made.job.outputs.rows if kind.rendered]
+    colors = colors_of(made)
     turned = [color._replace(turned=True) for color in colors if any(k.turned for k in rows)]
     upright = [] if all(kind.turned for kind in rows) else colors
     return [*turned, *upright]
 
 
-def colors_of(loaded: Loaded, outcome: Outcome) -> list[Colors]:
+def colors_of(made: Rendered) -> list[Colors]:
     """The channels that are rendered together: all, or red, blue, then all others.
 
     Raises:
         UsageProblem: halves of a coloured opening are asked for.
     """
-    names = loaded.color.channels
-    every = Colors(tuple(range(len(loaded.color.planes))))
-    lens = outcome.lens
+    names = made.inputs.color.channels
+    every = Colors(tuple(range(len(made.inputs.color.planes))))
+    lens = made.lens
     coloured = lens.aperture_image is not None and len(pupil_images(lens.aperture_image)) > 1
     if not (coloured or lens.axial_color) or "R" not in names:
         return [every]
-    if coloured and any(kind.halves or kind.turned for kind in outcome.job.outputs.rows):
+    if coloured and any(kind.halves or kind.turned for kind in made.job.outputs.rows):
         problem, remedy = "is coloured: its halves may have no light", "leave out left and right"
         raise UsageProblem("colored-pupil", problem, remedy, field="aperture-image")
-    offsets = color_offsets(lens, outcome.size) if lens.axial_color else (0.0, 0.0)
+    offsets = color_offsets(lens, made.size) if lens.axial_color else (0.0, 0.0)
     red, blue = names.index("R"), names.index("B")
     others = tuple(c for c in every.channels if c not in (red, blue))
     if offsets[0] == offsets[1] and not coloured:
@@ -84,23 +83,6 @@ def of_colors(
     return behind._replace(color=color, signed_radius=behind.signed_radius[:] + px)
 
 
-def chosen(image: Pixels, channels: Sequence[int]) -> Pixels:
-    """Some channels of a picture [..., C, H, W]; itself of all of them."""
-    return image if len(channels) == image.shape[-3] else _Chosen(image, channels)
-
-
-class _Chosen:
-    """Some channels of a picture, read by windows."""
-
-    def __init__(self, image: Pixels, channels: Sequence[int]) -> None:
-        self._image, self._channels = image, list(channels)
-        self.shape = (*image.shape[:-3], len(channels), *image.shape[-2:])
-        self.dtype, self.device = image.dtype, image.device
-
-    def __getitem__(self, window: Any) -> Tensor:
-        return self._image[window][..., self._channels, :, :]
-
-
 def with_offset(layers: Layered, px: float) -> Layered:
     """Layers whose radii are changed by some px."""
     from defocus_core.renderer.layers.stacked_samples import Layered
@@ -108,22 +90,6 @@ def with_offset(layers: Layered, px: float) -> Layered:
     if px == 0:
         return layers
     return Layered.of(layers.colors, plus(layers.signed_radius, px), layers.coverage)
-
-
-def plus(radii: Pixels, px: float) -> Pixels:
-    """Radii and some px."""
-    return radii if px == 0 else _Plus(radii, px)
-
-
-class _Plus:
-    """Radii and some px, read by windows."""
-
-    def __init__(self, radii: Pixels, px: float) -> None:
-        self._radii, self._px = radii, px
-        self.shape, self.dtype, self.device = tuple(radii.shape), radii.dtype, radii.device
-
-    def __getitem__(self, window: Any) -> Tensor:
-        return self._radii[window] + self._px
 
 
 def turned_layers(layers: Layered) -> Layered:
@@ -142,27 +108,3 @@ def turned_layer(behind: Behind) -> Behind:
         signed_radius=transposed(behind.signed_radius),
         mask=transposed(behind.mask),
     )
-
-
-def transposed(image: Pixels) -> Pixels:
-    """A picture [..., H, W] with rows for columns."""
-    return _Transposed(image)
-
-
-class _Transposed:
-    """A picture with rows for columns, read by windows."""
-
-    def __init__(self, image: Pixels) -> None:
-        self._image = image
-        *before, height, width = image.shape
-        self.shape = (*before, width, height)
-        self.dtype, self.device = image.dtype, image.device
-
-    def __getitem__(self, window: Any) -> Tensor:
-        cuts = window if isinstance(window, tuple) else (window,)
-        cuts = tuple(cut for cut in cuts if cut is not Ellipsis)
-        if len(cuts) == len(self.shape):  # channels before rows and columns
-            rows, columns = cuts[-2:]
-            return self._image[(*cuts[:-2], columns, rows)].mT.contiguous()
-        columns = cuts[1] if len(cuts) > 1 else slice(None)
-        return self._image[..., columns, cuts[0]].mT.contiguous()

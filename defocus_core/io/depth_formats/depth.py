@@ -5,8 +5,10 @@ What the numbers of a file mean is a row of `table`, or said by the user.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +24,6 @@ from defocus_core.io.depth_formats.samples import DepthNumbers, divided
 from defocus_core.io.depth_formats.sidecars import marked_pixels
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @dataclass(frozen=True)
@@ -48,6 +47,7 @@ class Depth:
         overscan: pixels beyond the picture shown.
         nothing: where the colour is an element's and holds nothing, bool [H, W]; None if nowhere.
             The depth is inf there, a radius 0.
+        inverted: of relative disparity, whether black is near.
     """
 
     metres: Any
@@ -63,6 +63,7 @@ class Depth:
     data_window: str = ""
     overscan: Overscan = NO_OVERSCAN
     nothing: Any = None
+    inverted: bool = False
 
     @property
     def size(self) -> tuple[int, int]:
@@ -153,6 +154,7 @@ def read_depth(
         named=reading.depth_format is not None,
         data_window=samples.data_window,
         overscan=overscan,
+        inverted=reading.invert is not None,
     )
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
 
@@ -169,6 +171,9 @@ def require_valid(depth: Depth) -> None:
     what = "NaN or infinite" if depth.is_radius else "NaN or ≤ 0"
     problem = f"is {what} in {counted(count, 'pixel')}, the first at {first}"
     remedy = "fill the holes, and write inf for sky; or say ‹invalid› far, or fill"
+    if not depth.is_radius and count == math.prod(depth.metres.shape) and _is_behind(depth.metres):
+        problem = "has negative depth everywhere"
+        remedy = "if it is negative in front of the camera, as Houdini's Pz, say ‹depth-scale› -1"
     if depth.data_window:
         problem = f"{problem}; its data window is {depth.data_window} only"
         remedy = "render the whole display window, or give the colour alpha; or say ‹invalid› far"
@@ -180,6 +185,12 @@ def require_valid(depth: Depth) -> None:
             "or ‹invalid› far, or fill"
         )
     raise InputError("invalid-depth", problem, remedy, path=depth.path)
+
+
+def _is_behind(metres: Any) -> bool:
+    """Whether most depths are negative."""
+    behind = sum(int(np.count_nonzero(metres[rows] < 0)) for rows in bands(metres.shape))
+    return bool(2 * behind > math.prod(metres.shape))
 
 
 def _strided(samples: DepthNumbers, step: int) -> DepthNumbers:

@@ -6,21 +6,22 @@ Also the metadata of the file itself: MoGe's text chunks, HEIC's and GDepth's pr
 from __future__ import annotations
 
 import configparser
+import json
 import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import open_plain
 from defocus_core.io.depth_formats.rules import DepthFormat, Mask
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+from defocus_core.io.images.raster import choose_page, read_pages, read_samples
 
 _LONGEST = 1 << 20  # characters of a sidecar
 _CHECK = "check the file"
@@ -71,7 +72,7 @@ def facts_of(name: str, path: Path, metadata: Mapping[str, Any]) -> Facts | None
         for place in _PLACES[name](path):
             if place.is_file():
                 return _SIDECAR_READERS[name](place, path)
-    except (OSError, ValueError, KeyError, IndexError, configparser.Error) as error:
+    except (OSError, ValueError, KeyError, IndexError, TypeError, configparser.Error) as error:
         problem = f"does not say what {name} of {path.name} should ({reason(error)})"
         raise InputError("malformed", problem, _CHECK, path=place) from None
     return None
@@ -107,6 +108,23 @@ def _parameters(path: Path, _: Path) -> Facts:
     return Facts(path.name, _positive(focal), _positive(baseline), focal * baseline / focus)
 
 
+def _cityscapes(path: Path, _: Path) -> Facts:
+    """Cityscapes' camera/*.json; numbers are 256 times the disparity, and 1 more."""
+    camera = json.loads(_text(path))
+    focal, baseline = float(camera["intrinsic"]["fx"]), float(camera["extrinsic"]["baseline"])
+    return Facts(path.name, _positive(focal), _positive(baseline), -1 / 256)
+
+
+def _cityscapes_cameras(path: Path) -> list[Path]:
+    """Where the camera of disparity/SPLIT/CITY/STEM_disparity.png may lie."""
+    name = f"{path.stem.removesuffix('_disparity')}_camera.json"
+    places = [path.with_name(name)]
+    if len(path.parents) > 3:
+        split, city = path.parent.parent.name, path.parent.name
+        places.append(path.parents[3] / "camera" / split / city / name)
+    return places
+
+
 def _intrinsics(path: Path, depth: Path) -> Facts:
     """Spring: a line ``fx fy cx cy`` for each frame, the first of which is 1."""
     frame = int(_number_at_end(depth))
@@ -116,8 +134,6 @@ def _intrinsics(path: Path, depth: Path) -> Facts:
 
 def _extrinsics(path: Path, depth: Path) -> Facts:
     """UnrealStereo4K: a line of intrinsics, 3×3, and one of world to camera, 3×4, a camera."""
-    import numpy as np
-
     own = path.parent.parent / f"Extrinsics{'1' if depth.parent.name.endswith('1') else '0'}"
     poses, focal = [], 0.0
     for number in "01":
@@ -178,12 +194,14 @@ _METADATA_READERS: dict[str, Callable[[Mapping[str, Any]], Facts | None]] = {
 _SIDECAR_READERS: dict[str, Callable[[Path, Path], Facts]] = {
     "calib.txt": _calib,
     "parameters.cfg": _parameters,
+    "camera.json": _cityscapes,
     "intrinsics.txt": _intrinsics,
     "Extrinsics": _extrinsics,
 }
 _PLACES: dict[str, Callable[[Path], list[Path]]] = {
     "calib.txt": lambda path: [path.with_name("calib.txt")],
     "parameters.cfg": lambda path: [path.with_name("parameters.cfg")],
+    "camera.json": _cityscapes_cameras,
     "intrinsics.txt": lambda path: [
         path.with_name("intrinsics.txt"),
         path.parent.parent / "cam_data" / "intrinsics.txt",
@@ -243,10 +261,6 @@ def _right_camera_file(first: Path) -> Path:
 
 def _mask_values(path: Path) -> NDArray[Any]:
     """First channel of a mask [H, W], as it is stored."""
-    import numpy as np
-
-    from defocus_core.io.images.raster import choose_page, read_pages, read_samples
-
     if path.suffix == ".npy":
         values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
         return values.reshape(values.shape[:2]) if values.ndim == 3 else values

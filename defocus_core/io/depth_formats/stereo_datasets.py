@@ -24,6 +24,15 @@ STEREO_DATASETS = (
         aliases=("flyingthings3d", "monkaa", "driving"),
     ),
     DepthFormat(
+        name="cityscapes",
+        title="Cityscapes, disparity: (v - 1) / 256 px",
+        files=("16-bit PNG",),
+        rule="inverse",
+        scale=1 / 256,
+        invalid=(0,),
+        sidecar="camera.json",
+    ),
+    DepthFormat(
         name="irs",
         title="IRS",
         files=("EXR",),

@@ -7,26 +7,23 @@ chroma is interpolated by cubics (Catmull, Rom 1974).
 
 from __future__ import annotations
 
-import struct
-from contextlib import suppress
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.exr.header import Header
 from defocus_core.io.exr.windows import Overscan
+from defocus_core.io.images.primaries import declared_primaries, xyz_of_primaries
 from defocus_core.system.interrupts import put_off
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    import numpy as np
-    from numpy.typing import NDArray
-
     Wanted = Callable[[Header, str], bool]
 
 CHROMA = ("RY", "BY")
-_REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # red, green, blue, white: x, y
 
 
 def is_chroma(name: str) -> bool:
@@ -71,8 +68,6 @@ def rgb_of(
     luminance: NDArray[Any], chroma: Sequence[NDArray[Any]], weights: Sequence[float]
 ) -> list[NDArray[np.float32]]:
     """R, G and B of Y and of RY and BY, all [H, W]."""
-    import numpy as np
-
     y = np.asarray(luminance, np.float32)
     red, blue = (y * (1 + np.asarray(each, np.float32)) for each in chroma)
     red_weight, green_weight, blue_weight = (np.float32(weight) for weight in weights)
@@ -84,31 +79,22 @@ def weights_of(header: Header, path: Path) -> tuple[float, ...]:
     """How much R, G and B are in the luminance of a part, by its primaries; they add up to 1.
 
     Raises:
-        InputError: the primaries of the file lie on a line.
+        InputError: the primaries of the file span no colours.
     """
-    import numpy as np
-
-    said = header.attributes.get("chromaticities")
-    values = _REC_709
-    if said is not None and said.kind == "chromaticities" and len(said.value) == 32:
-        values = struct.unpack("<8f", said.value)
-    points = np.array(values).reshape(4, 2)
-    weights = np.full(3, np.nan)
-    with suppress(np.linalg.LinAlgError), np.errstate(all="ignore"):
-        xyz = np.c_[points / points[:, 1:], (1 - points.sum(1)) / points[:, 1]]
-        xyz[:, 1] = 1.0
-        amounts = np.linalg.solve(xyz[:3].T, xyz[3])
-        weights = amounts / amounts.sum()
-    if not np.isfinite(weights).all() or not weights.all():
-        problem = "has primaries that span no colours"
-        raise InputError("damaged", problem, "write its chromaticities anew", path=path)
-    return tuple(float(weight) for weight in weights)
+    try:
+        weights = xyz_of_primaries(declared_primaries(header.attributes))[1]
+    except ValueError as error:
+        problem = f"has primaries that span no colours: {error}"
+        remedy = "write its chromaticities anew"
+        raise InputError("damaged", problem, remedy, path=path) from error
+    if not abs(weights[1]) > 1e-6:
+        problem, remedy = "has a green primary without brightness", "write it as R, G and B"
+        raise InputError("unsupported", problem, remedy, path=path)
+    return tuple(weights.tolist())
 
 
 def _interpolated(samples: NDArray[Any], sampling: tuple[int, int], header: Header) -> NDArray[Any]:
     """Samples [h, w] of a data window, one for each of its pixels."""
-    import numpy as np
-
     if sampling == (1, 1):
         return samples
     across, down = sampling
@@ -119,8 +105,6 @@ def _interpolated(samples: NDArray[Any], sampling: tuple[int, int], header: Head
 
 def _along(values: NDArray[np.float32], axis: int, at: NDArray[np.float64]) -> NDArray[np.float32]:
     """Values at positions along an axis, cubic between samples; at the ends they are continued."""
-    import numpy as np
-
     first = np.floor(at).astype(int)
     t = at - first
     weights = (
@@ -139,8 +123,6 @@ def _along(values: NDArray[np.float32], axis: int, at: NDArray[np.float64]) -> N
 
 def _in_frame(values: NDArray[Any], header: Header, overscan: Overscan) -> NDArray[Any]:
     """Values of the data window where they lie in the frame; 0 elsewhere."""
-    import numpy as np
-
     window = header.display.grown(overscan)
     whole = np.zeros((window.height, window.width), values.dtype)
     whole[window.cut(header.data)] = values[header.data.cut(window)]

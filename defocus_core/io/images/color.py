@@ -1,13 +1,14 @@
 """Colour images decoded for blurring: scene-linear float32, premultiplied by alpha.
 
 EXR, HDR and float TIFF are linear already. 8 and 16 bit integers are sRGB unless the file declares
-otherwise. EXR alpha is premultiplied by definition; other files' is multiplied in here, in linear
-light.
+otherwise. Light keeps the primaries of the file; the attributes declare them. EXR alpha is
+premultiplied by definition; other files' is multiplied in here, in linear light.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -19,14 +20,10 @@ from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.color_space import linear_light, unit
 from defocus_core.io.images.exr_color import read_exr_color
+from defocus_core.io.images.primaries import primaries_attribute
 from defocus_core.io.images.raster import Raster, choose_page, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
 
 BRIGHTEST = 1e30  # light beyond it overflows in `defocus_core`, which refuses it too
 LARGEST_FLOAT = float.fromhex("0x1.fffffep+127")  # of 32 bits
@@ -45,7 +42,7 @@ def read_color(
     """Decode a colour image.
 
     Args:
-        path: an EXR, HDR, PNG, JPEG or TIFF file.
+        path: an EXR, HDR, PNG, JPEG, TIFF or WEBP file.
         layer: which colour layer of an EXR file, as its error message lists them; PART/LAYER works.
         part: only look in this part of a multi-part EXR file, or page of a TIFF, counted from 0.
         view: which view of an EXR file of several; None for its default one.
@@ -72,7 +69,7 @@ def read_color(
         raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
     if is_float_map(head):
         problem = "is a map of floats without colour"
-        remedy = "use EXR, PNG, JPEG, TIFF or HDR for colour"
+        remedy = "use EXR, PNG, JPEG, TIFF, WEBP or HDR for colour"
         raise InputError("no-color", problem, remedy, path=path)
     if layer is not None:
         remedy = "leave it out"
@@ -128,13 +125,20 @@ def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
         samples = every[:, :, which]
         alpha = unit(samples[:, :, -1:]) if channels[-1] == "A" else None
         colour = samples if alpha is None else samples[:, :, :-1]
-        pixels = linear_light(colour, alpha, gamma=raster.space.gamma, associated=raster.associated)
+        pixels = linear_light(
+            colour,
+            alpha,
+            gamma=raster.space.gamma,
+            associated=raster.associated,
+            profile=raster.space.profile,
+        )
         parts = pixels if alpha is None else np.concatenate([pixels, alpha], axis=2)
         for index, plane in enumerate(planes):
             plane[window] = parts[:, :, index]
     note, unheeded = raster.space.note, raster.space.unheeded
+    attributes = {**raster.tags, **primaries_attribute(raster.space.primaries)}
     if not unheeded:
-        return Color(planes, channels, path, raster.tags, note=note)
+        return Color(planes, channels, path, attributes, note=note)
     warning = f"its {unheeded} is not applied; convert it to sRGB, or to linear EXR"
     note = f"{note}, its {unheeded} not applied"
-    return Color(planes, channels, path, raster.tags, note=note, warnings=(warning,))
+    return Color(planes, channels, path, attributes, note=note, warnings=(warning,))

@@ -1,19 +1,21 @@
 """Colour spaces of files: what they declare, and the curves between their samples and light.
 
-sRGB (IEC 61966-2-1, exact), power laws and linear samples are decoded. Primaries stay as they are,
-since the blur does not depend on them. Another declaration, as an embedded profile or a curve of
-HDR television, is not applied, and a warning says so.
+sRGB (IEC 61966-2-1, exact), power laws, linear samples and ICC profiles of curves and a matrix are
+decoded. Primaries stay as they are, since the blur does not depend on them. Another declaration, as
+a profile of tables or a curve of HDR television, is not applied, and a warning says so.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.io.images.icc import Profile, read_profile
+from defocus_core.io.images.primaries import REC_709, Chromaticities, primaries_name
 
 _SAMPLES = {"uint8": "8-bit", "uint16": "16-bit"}
 _CURVES = {None: "sRGB", 1.0: "linear"}
@@ -28,17 +30,30 @@ class ColorSpace:
         gamma: exponent of the power law that decodes them, 1 for linear, None for sRGB.
         note: the same in words.
         unheeded: what the file declares that is not applied; empty if nothing.
+        profile: the ICC profile that decodes them instead; None if there is none.
     """
 
     gamma: float | None
     note: str
     unheeded: str
+    profile: Profile | None = None
+
+    @property
+    def primaries(self) -> Chromaticities:
+        """Those of the decoded light."""
+        return REC_709 if self.profile is None else self.profile.primaries
 
 
 def color_space(spec: Any) -> ColorSpace:
     """How the samples of an OpenImageIO ``spec`` are understood."""
     declared, gamma = _declared(spec)
     kind = str(spec.format)
+    named, profile = _profile(spec)
+    if profile is not None:
+        primaries = primaries_name(profile.primaries)
+        curve = f"profile '{named}'" if named else "its profile"
+        note = f"{_SAMPLES.get(kind, kind)}, decoded by {curve}, primaries {primaries}"
+        return ColorSpace(None, note, "", profile)
     if not declared:
         gamma = 1.0 if kind in _FLOATS else None
     curve = _CURVES.get(gamma) or f"the power {gamma:g}"
@@ -55,6 +70,15 @@ def _declared(spec: Any) -> tuple[bool, float | None]:
         return True, None
     power = spec.get_float_attribute("oiio:Gamma", 0.0)
     return power > 0, float(power)
+
+
+def _profile(spec: Any) -> tuple[str, Profile | None]:
+    """The name of the embedded profile, and what it says of R, G and B where it is not sRGB."""
+    name = str(spec.get_string_attribute("ICCProfile:profile_description"))
+    data = spec.getattribute("ICCProfile")
+    if data is None or "srgb" in name.lower() or spec.nchannels < 3:
+        return name, None
+    return name, read_profile(bytes(data))
 
 
 def _unheeded(spec: Any, *, declared: bool) -> str:
@@ -74,16 +98,12 @@ def _name(spec: Any) -> str:
 
 def srgb_to_linear(encoded: NDArray[Any]) -> NDArray[np.float64]:
     """Linear light of sRGB values, both 0…1."""
-    import numpy as np
-
     value = np.asarray(encoded, np.float64)
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
 def linear_to_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
     """Encoded sRGB values of linear light, both 0…1; negative light is taken as 0."""
-    import numpy as np
-
     value = np.maximum(linear, np.float32(0.0))
     toe = np.minimum(value, np.float32(1.0)) * np.float32(12.92)  # what is near the largest float
     curve = np.float32(1.055) * value ** np.float32(1 / 2.4) - np.float32(0.055)
@@ -98,8 +118,6 @@ def decoding_table(bits: int, gamma: float | None = None) -> NDArray[np.float32]
         bits: 8 or 16.
         gamma: exponent of a file that declares a power law (1 = linear); None for sRGB.
     """
-    import numpy as np
-
     encoded = np.arange(2**bits) / (2**bits - 1)
     linear = srgb_to_linear(encoded) if gamma is None else encoded**gamma
     return linear.astype(np.float32)
@@ -111,6 +129,7 @@ def linear_light(
     *,
     gamma: float | None,
     associated: bool,
+    profile: Profile | None = None,
 ) -> NDArray[np.float32]:
     """Linear light of the samples of a file, premultiplied by alpha if there is one.
 
@@ -119,15 +138,18 @@ def linear_light(
         alpha: [H, W, 1], 0…1.
         gamma: exponent of the power law that decodes them, 1 for linear, None for sRGB.
         associated: whether the samples are multiplied by alpha already.
+        profile: decodes them instead of the power law.
     """
-    import numpy as np
-
     linear: NDArray[np.float32]
     if alpha is not None and associated and gamma != 1.0:
         # Such files were premultiplied after encoding, as editors do: undo that first.
         visible = np.where(alpha > 0, alpha, np.float32(1.0))
-        return _decoded(np.minimum(unit(colour) / visible, 1.0), gamma) * alpha
-    if colour.dtype.kind == "u":
+        straight = np.minimum(unit(colour) / visible, 1.0)
+        light = _decoded(straight, gamma) if profile is None else profile.light(straight)
+        return light * alpha
+    if profile is not None:
+        linear = profile.light(colour)
+    elif colour.dtype.kind == "u":
         linear = decoding_table(colour.dtype.itemsize * 8, gamma)[colour]
     else:
         linear = _decoded(colour, gamma)
@@ -135,8 +157,6 @@ def linear_light(
 
 
 def _decoded(values: NDArray[np.float32], gamma: float | None) -> NDArray[np.float32]:
-    import numpy as np
-
     if gamma == 1.0:
         return values
     linear = srgb_to_linear(values) if gamma is None else np.maximum(values, 0.0) ** gamma
@@ -145,8 +165,6 @@ def _decoded(values: NDArray[np.float32], gamma: float | None) -> NDArray[np.flo
 
 def unit(samples: NDArray[Any]) -> NDArray[np.float32]:
     """Integers as 0…1, floats as they are."""
-    import numpy as np
-
     if samples.dtype.kind != "u":
         return samples.astype(np.float32)
     top = np.iinfo(samples.dtype).max
@@ -155,8 +173,6 @@ def unit(samples: NDArray[Any]) -> NDArray[np.float32]:
 
 def quantised(values: NDArray[np.float32], bits: int) -> NDArray[Any]:
     """Values 0…1 as the nearest integers of 8 or 16 bits; what lies outside is clipped."""
-    import numpy as np
-
     clipped = np.clip(np.nan_to_num(values, nan=0.0), 0.0, 1.0)
     levels: NDArray[np.float32] = np.rint(clipped * np.float32(2**bits - 1))
     return levels.astype(np.uint8 if bits == 8 else np.uint16)

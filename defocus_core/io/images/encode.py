@@ -1,9 +1,10 @@
 """Images encoded in the format of their suffix, and written whole.
 
 EXR: scene-linear half or float, with all channels and metadata. PNG (8 or 16 bit), TIFF (16 bit)
-and JPEG (8 bit): sRGB, clipped to 0…1, alpha unassociated; JPEG has no alpha, its colour is what
-shows over black. PNG, TIFF and JPEG keep the `Tag` attributes of such an input. The same pixels and
-attributes make the same bytes: no date is added.
+and JPEG (8 bit): sRGB, converted from the primaries that the attributes declare, clipped to 0…1,
+alpha unassociated; JPEG has no alpha, its colour is what shows over black. PNG, TIFF and JPEG keep
+the `Tag` attributes of such an input. The same pixels and attributes make the same bytes: no date
+is added.
 """
 
 from __future__ import annotations
@@ -11,25 +12,24 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem, one_line
-from defocus_core.io.arrays import StackedPlanes, bands
+from defocus_core.io.arrays import bands, stacked
 from defocus_core.io.exr.windows import Layout
 from defocus_core.io.exr.writing import as_half, clamped_half, write_exr
 from defocus_core.io.images.color_space import linear_to_srgb, quantised
+from defocus_core.io.images.primaries import between_primaries, converted, declared_primaries
 from defocus_core.io.images.tags import Tag, set_tag
 from defocus_core.io.safe_files import quiet, unwritable, written_whole
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    import numpy as np
-    from numpy.typing import NDArray
 
 FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}
 _BLOCK = 1 << 20  # bytes copied at once
@@ -59,7 +59,7 @@ def write_image(
     Args:
         path: its suffix says the format: exr, png, tif, tiff, jpg or jpeg.
         pixels: [H, W, C] scene-linear, premultiplied if A is among the channels: float32, or half
-            for an EXR of half. An array, or a `StackedPlanes`, which is read in strips of rows.
+            for an EXR of half. An array, or a tuple of its C arrays [H, W]; read in strips of rows.
         channels: names of the C channels, as `defocus_core.io.images.color.Color`.
         exr_type: half or float, of the EXR's image channels.
         bits: 8 or 16, of a PNG.
@@ -76,8 +76,11 @@ def write_image(
         InputError: the file cannot be written.
         UsageProblem: a suffix of no known format.
     """
+    if isinstance(pixels, tuple):
+        planes, pixels = list(pixels), stacked(pixels)
+    else:
+        planes = [pixels[:, :, index] for index in range(pixels.shape[2])]
     if path.suffix.lower() == ".exr":
-        planes = _planes(pixels)
         if exr_type == "half" and pixels.dtype == "f4":
             clamped, planes = _beyond_half(pixels), [as_half(plane) for plane in planes]
         named = dict(zip(channels, planes, strict=True))
@@ -96,7 +99,25 @@ def write_image(
     }
     if codec == "jpeg":
         metadata["Compression"] = f"jpeg:{jpeg_quality}"
-    return _write_display(path, pixels, channels, codec, bits, metadata)
+    to_srgb = srgb_matrix(path, channels, attributes)
+    return _write_display(path, pixels, channels, codec, bits, metadata, to_srgb)
+
+
+def srgb_matrix(
+    path: Path, channels: Sequence[str], attributes: Mapping[str, object]
+) -> NDArray[np.float32] | None:
+    """The matrix [3, 3] from the primaries that attributes declare to those of sRGB, or None.
+
+    Raises:
+        InputError: the primaries span no colours.
+    """
+    if tuple(channels[:3]) != ("R", "G", "B"):
+        return None
+    try:
+        return between_primaries(declared_primaries(attributes))
+    except ValueError as error:
+        problem = f"cannot be made sRGB: the chromaticities of its input span no colours: {error}"
+        raise InputError("damaged", problem, "write them anew, or use EXR", path=path) from error
 
 
 def _write_display(
@@ -106,6 +127,7 @@ def _write_display(
     codec: str,
     bits: int,
     metadata: Mapping[str, str | Tag],
+    to_srgb: NDArray[np.float32] | None,
 ) -> list[str]:
     """Write an image of sRGB integers; the arguments and what is returned as in `write_image`."""
     depth = {"png": bits, "tiff": 16, "jpeg": 8}[codec]
@@ -115,7 +137,9 @@ def _write_display(
     def encoded() -> Iterator[NDArray[Any]]:
         nonlocal above, below
         for rows in bands(pixels.shape):
-            strip = display_encoded(pixels[rows], channels, depth, keep_alpha=keep_alpha)
+            strip = display_encoded(
+                pixels[rows], channels, depth, keep_alpha=keep_alpha, to_srgb=to_srgb
+            )
             samples, above, below = strip[0], above + strip[1], below + strip[2]
             yield samples
 
@@ -131,7 +155,12 @@ def _write_display(
 
 
 def display_encoded(
-    pixels: NDArray[np.float32], channels: Sequence[str], bits: int, *, keep_alpha: bool
+    pixels: NDArray[np.float32],
+    channels: Sequence[str],
+    bits: int,
+    *,
+    keep_alpha: bool,
+    to_srgb: NDArray[np.float32] | None = None,
 ) -> tuple[NDArray[Any], int, int]:
     """Linear, premultiplied pixels as sRGB integers, and the counts clipped at white and black.
 
@@ -140,18 +169,18 @@ def display_encoded(
         channels: names of the C channels.
         bits: 8 or 16.
         keep_alpha: divide the colour by alpha and keep it, instead of leaving it over black.
+        to_srgb: matrix [3, 3] to the primaries of sRGB; None if they are that already.
 
     Returns:
         uint8 or uint16 [H, W, C'], and the two counts.
     """
-    import numpy as np
-
     colour = np.asarray(pixels, np.float32)
     alpha = None
     white: Any = np.float32(1.0)
     if channels[-1] == "A":
         colour, alpha = colour[:, :, :-1], colour[:, :, -1:]
         white = alpha if keep_alpha else white
+    colour = converted(colour, to_srgb)
     # Compared before it is divided: where alpha is nearly 0, so is colour, and both are rounded.
     above = int(np.count_nonzero((colour > white + _ROUNDING).any(axis=2)))
     below = int(np.count_nonzero((colour < -_ROUNDING).any(axis=2)))
@@ -216,17 +245,8 @@ def encoded_samples(
         yield memory
 
 
-def _planes(pixels: Any) -> list[Any]:
-    """The arrays [H, W] of an image [H, W, C]."""
-    if isinstance(pixels, StackedPlanes):
-        return list(pixels.planes)
-    return [pixels[:, :, index] for index in range(pixels.shape[2])]
-
-
 def _beyond_half(pixels: Any) -> int:
     """Number of pixels [H, W, C] with a value beyond the range of half."""
-    import numpy as np
-
     return sum(
         int(np.count_nonzero(clamped_half(pixels[rows])[1].any(axis=2)))
         for rows in bands(pixels.shape)
@@ -241,7 +261,6 @@ def _encoder_error(
     attributes: Mapping[str, str | Tag],
 ) -> str:
     """Encode samples to a file in memory; what the encoder complains about, empty if nothing."""
-    import numpy as np
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     first, row = next(samples), 0

@@ -9,21 +9,20 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from defocus_core.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from defocus_core.io.exr.header import Channel, Header
+from defocus_core.io.exr.header import Channel, Header
 
 # Names of colour, and of the layer that holds the whole picture beside its passes.
 _LONG_NAMES = {"RED": "R", "GREEN": "G", "BLUE": "B", "ALPHA": "A"}
 _WHOLE_PICTURE = frozenset({"combined", "rgba", "beauty"})
+_DEPTH_NAMES = frozenset({"depth", "zdepth"})  # of channels, whatever their layer
+_DEPTH_LAYERS = ("depth", "zdepth", "worlddepth")  # how the names of layers end
 NO_DEPTH = ("coc", "disparity", "trust")  # channels of maps that defocus writes
 _ASPECTS = 0.1, 10.0  # least and greatest width of a pixel by its height
 
@@ -116,7 +115,10 @@ def choose_depth(
         candidates = in_depth_part if len(in_depth_part) == 1 else candidates
     if not candidates:
         problem = f"has no depth channel, only {_listing(searched)}"
-        remedy = "if one of them is the depth, say ‹depth-channel› NAME"
+        likely = [c for c in every if re.search(r"depth|dist|mist|(^|[._])p?z", c.name.lower())]
+        names = _labels(every)
+        proposed = [names[every.index(c)] for c in likely] or ["NAME"]
+        remedy = f"if one of them is the depth, say ‹depth-channel› {proposed[0]}"
         raise NoDepthChannel("no-depth", problem, remedy, path=path)
     return _only(path, candidates, "depth channel", "‹depth-channel›")
 
@@ -228,15 +230,20 @@ def _each(headers: Iterable[Header]) -> list[ChannelGroup]:
 
 
 def _is_depth(candidate: ChannelGroup) -> bool:
-    """Whether the name says so: Z, V, depth, or one of these in a layer called depth."""
+    """Whether the name says so: Z, V, depth, or one of a layer whose name says depth."""
     layer, _, base = candidate.name.rpartition(".")
-    if base.lower() == "depth":
+    base, own_layer = base.lower(), _last(layer).lower()
+    siblings = {channel.plain.lower() for channel in candidate.header.channels}
+    dot = f"{layer}.".lower() if layer else ""
+    if base in _DEPTH_NAMES:
         return True
-    if base.lower() not in {"z", "v"} or (layer and _last(layer).lower() != "depth"):
+    if base == "pz":  # of a position there are three
+        return f"{dot}px" not in siblings
+    if own_layer.endswith(_DEPTH_LAYERS):  # its G and B, if there are any, repeat R
+        return base in ("r", "x", "y", "z", "v") and (base == "r" or f"{dot}r" not in siblings)
+    if base not in {"z", "v"} or (layer and own_layer not in ("depth", "z")):
         return False
-    siblings = {channel.plain for channel in candidate.header.channels}
-    dot = f"{layer}." if layer else ""
-    vector = {f"{dot}X", f"{dot}Y", f"{dot}Z"} <= siblings or {f"{dot}U", f"{dot}V"} <= siblings
+    vector = {f"{dot}x", f"{dot}y", f"{dot}z"} <= siblings or {f"{dot}u", f"{dot}v"} <= siblings
     return not vector
 
 
@@ -247,6 +254,9 @@ def _named(
     exact = [c for c in groups if wanted in _names(c)]
     folded = wanted.casefold()
     matches = exact or [c for c in groups if folded in {n.casefold() for n in _names(c)}]
+    if not matches:  # a layer of one channel is as good as its channel
+        members = [c for c in groups if c.name.rpartition(".")[0].casefold() == folded]
+        matches = members if len(members) == 1 else []
     if not matches:
         known = ", ".join(_labels(groups)) or "none"
         problem = f"has no {kind} {wanted}; it has {known}"

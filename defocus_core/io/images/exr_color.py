@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +17,12 @@ from defocus_core.io.exr.views import default_warning, in_view
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.exr_channels import ChannelGroup, choose_color, light_passes
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
+from defocus_core.io.images.primaries import (
+    REC_709,
+    declared_primaries,
+    primaries_name,
+    same_primaries,
+)
 
 _NEARLY_SQUARE = 1e-3  # difference of the sides of a pixel as a share of one
 _THUMBNAIL = "preview"  # attribute of an EXR header
@@ -101,10 +104,12 @@ def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
     view = f"view {header.shown}" if header.shown else ""
     chroma = "luminance and chroma" if "RY" in chosen.channels else ""
     kind = f"EXR {' and '.join(sorted(kinds))}, linear"
+    declared = declared_primaries(header.attributes)
+    primaries = "" if same_primaries(declared, REC_709) else f"primaries {primaries_name(declared)}"
     aspect = _aspect(header)
     pixels = "" if aspect == 1 else f"pixels {aspect:g} times as wide as high"
     return ", ".join(
-        filter(None, (kind, view, chroma, pixels, header.cut_note(overscan), thumbnail))
+        filter(None, (kind, primaries, view, chroma, pixels, header.cut_note(overscan), thumbnail))
     )
 
 

@@ -1,4 +1,4 @@
-"""PNG, JPEG, TIFF and HDR files, decoded by OpenImageIO.
+"""PNG, JPEG, TIFF, WEBP and HDR files, decoded by OpenImageIO.
 
 Samples come back as they are in the file: no colour conversion, and alpha not multiplied in (left
 to itself, OpenImageIO multiplies it into sRGB integers, which loses precision and is not linear).
@@ -9,7 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, first_line
 from defocus_core.io.arrays import bands
@@ -20,13 +23,8 @@ from defocus_core.io.images.tags import Tag, tags_of
 from defocus_core.io.safe_files import check_size, quiet, read_head
 from defocus_core.system.interrupts import put_off
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
-_KINDS = ("png", "jpeg", "tiff", "hdr")
+_KINDS = ("png", "jpeg", "tiff", "hdr", "webp")
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
 _TILES_BYTES = 1 << 26  # of a row of tiles, decoded
@@ -71,7 +69,7 @@ class Raster:
     tags: Mapping[str, Tag]
 
 
-def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF or HDR") -> list[Raster]:
+def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF, WEBP or HDR") -> list[Raster]:
     """Look at the headers of all images of a file.
 
     Args:

@@ -18,6 +18,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import Part
 from defocus_core.optics.pupil_field import View, joined
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import launches_cost
 
 # Number of kernels cached for further frames, more than a picture has slices.
 _KEPT = 256
@@ -106,6 +107,9 @@ def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
     size = kernels.shape[-1]
     padded = torch.nn.functional.pad(kernels, (0, window[1] - size, 0, window[0] - size))
     centred = padded.roll((-(size // 2), -(size // 2)), (-2, -1))
+    if launches_cost(kernels.device):
+        spectra: Tensor = torch.fft.rfft2(centred)
+        return spectra
     # one at a time: on some processors the batch size changes the last digits
     spectra = torch.stack([torch.fft.rfft2(one) for one in centred.reshape(-1, *window)])
     return spectra.view(*kernels.shape[:-2], *spectra.shape[-2:])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, pairwise
 from typing import NamedTuple
@@ -15,6 +15,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import Part
 from defocus_core.optics.pupil_field import View
 from defocus_core.renderer.blur.fourier import kernel_spectra, kernels, reach, transform_length
+from defocus_core.tensors.device_plan import launches_cost
 
 # Number of sizes of a window's transforms: quarters of the largest.
 _SIZES = 4
@@ -96,20 +97,28 @@ class TransformWindow:
         """The spectra of the kernel times u.x and u.y, for tilted surfaces: [2, M, 1, ...]."""
         return self._cached(number, size, leaning=True)
 
-    def tilted(self, number: int, size: tuple[int, int], slope: tuple[float, float]) -> Tensor:
-        """The spectrum of a slice for a plane of a slope, x and y: [M, 1, ...]."""
-        cached = self.planes.setdefault((number, size), {})
-        if self.learns:
-            cached.clear()
-        spectrum = cached.get(slope)
-        if spectrum is None:
-            kernel, x, y = self.leaning_kernels(number)
-            kernel = kernel.add(x, alpha=slope[0]).add_(y, alpha=slope[1])
-            spectrum = kernel_spectra(kernel, size).unsqueeze(-3)
-            if len(cached) >= _PLANES:
-                cached.clear()
-            cached[slope] = spectrum
-        return spectrum
+    def tilted(
+        self, slopes: Mapping[int, tuple[float, float]], size: tuple[int, int]
+    ) -> dict[int, Tensor]:
+        """The spectra of slices for planes of slopes, x and y: each [M, 1, ...]."""
+        cached = {number: self.planes.setdefault((number, size), {}) for number in slopes}
+        for known in cached.values() if self.learns else ():
+            known.clear()
+        missing = [number for number, slope in slopes.items() if slope not in cached[number]]
+        at_once = launches_cost(self.like.device)
+        for numbers in [missing] if missing and at_once else [[number] for number in missing]:
+            kernels = [
+                kernel.add(x, alpha=slopes[number][0]).add_(y, alpha=slopes[number][1])
+                for number, (kernel, x, y) in zip(
+                    numbers, self._kernels(numbers, leaning=True), strict=True
+                )
+            ]
+            spectra = kernel_spectra(torch.stack(kernels), size).unsqueeze(-3)
+            for number, spectrum in zip(numbers, spectra.unbind(), strict=True):
+                if len(cached[number]) >= _PLANES:
+                    cached[number].clear()
+                cached[number][slopes[number]] = spectrum
+        return {number: cached[number][slope] for number, slope in slopes.items()}
 
     def fitting(self, least: Sequence[int]) -> tuple[int, int]:
         """The smallest of a few sizes that has at least the given rows and columns."""
@@ -124,30 +133,42 @@ class TransformWindow:
         return height, width
 
     def _cached(self, number: int, size: tuple[int, int], *, leaning: bool) -> Tensor:
-        key = (number, size, leaning)
-        spectrum = self.spectra.get(key)
-        if spectrum is None:
-            versions = self._kernels(number, leaning=leaning)
-            kernel = versions[1:] if leaning else versions[0]
-            spectrum = kernel_spectra(kernel, size).unsqueeze(-3)
-            if not self.learns:  # a backward pass computes it again
-                self.spectra[key] = spectrum
-        return spectrum
+        spectrum = self.spectra.get((number, size, leaning))
+        if spectrum is not None:
+            return spectrum
+        if self.learns:  # a backward pass computes it again
+            return self._transformed([number], size, leaning=leaning)[0]
+        numbers = self.slices if launches_cost(self.like.device) else [number]
+        spectra = self._transformed(numbers, size, leaning=leaning)
+        for each, spectrum in zip(numbers, spectra, strict=True):
+            self.spectra[each, size, leaning] = spectrum
+        return self.spectra[number, size, leaning]
+
+    def _transformed(
+        self, numbers: list[int], size: tuple[int, int], *, leaning: bool
+    ) -> Sequence[Tensor]:
+        """The spectra of some slices, each as `spectrum` or `leaning` has it."""
+        versions = self._kernels(numbers, leaning=leaning)
+        chosen = [each[1:] if leaning else each[0] for each in versions]
+        if len(chosen) == 1:
+            return [kernel_spectra(chosen[0], size).unsqueeze(-3)]
+        return kernel_spectra(torch.stack(chosen), size).unsqueeze(-3).unbind()
 
     def leaning_kernels(self, number: int) -> Tensor:
         """The kernel of a slice, and the same times u.x and u.y: [3, M, S, S]."""
-        return self._kernels(number, leaning=True)
+        return self._kernels([number], leaning=True)[0]
 
-    def _kernels(self, number: int, *, leaning: bool) -> Tensor:
-        """The kernels of one slice, computed alone: a batch could change the last digits."""
-        cached = self.kernels.get(number)
-        if cached is None or (leaning and len(cached) == 1):
-            radius = self.radii[self.slices.index(number), None] / (1 << self.halvings)
+    def _kernels(self, numbers: list[int], *, leaning: bool) -> list[Tensor]:
+        """The kernels of some slices, each computed alone: a batch could change the last digits."""
+        versions = 3 if leaning else 1
+        missing = [n for n in numbers if n not in self.kernels or len(self.kernels[n]) < versions]
+        if missing:
+            radii = self.radii[[self.slices.index(n) for n in missing]] / (1 << self.halvings)
             computed = kernels(
-                radius, self.margin, self.aperture, self.parts, views=self.views, leaning=leaning
+                radii, self.margin, self.aperture, self.parts, views=self.views, leaning=leaning
             )
-            cached = self.kernels[number] = computed[0].to(self.like.real)
-        return cached
+            self.kernels.update(zip(missing, computed.to(self.like.real), strict=True))
+        return [self.kernels[n] for n in numbers]
 
 
 def windows(

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from defocus_core.renderer.blur.layer_blur import ShownLayer
 from defocus_core.renderer.compositing.known_surfaces import add_known
+from defocus_core.renderer.compositing.openings import Openings
 from defocus_core.renderer.compositing.saturating_sum import (
     add_within,
     filled_up_to,
@@ -87,6 +88,7 @@ class TileCompositor:
         self,
         visible: list[dict[int, ShownLayer]],
         hidden: list[dict[int, ShownLayer]],
+        openings: Openings,
         *,
         closed: bool,
     ) -> None:
@@ -95,12 +97,25 @@ class TileCompositor:
         Args:
             visible: The visible layers of each group.
             hidden: The hidden ones.
+            openings: Where the lens sees past opaque samples.
             closed: Whether every pixel is covered fully.
         """
         for group, layers in enumerate(zip(visible, hidden, self._full, strict=True)):
             front = self.by_group[group]
-            self.by_group[group], moved = add_known(front, *layers, closed=closed)
+            self.by_group[group], moved = add_known(front, *layers, openings, closed=closed)
             self.moved = self.moved if moved is None else moved
+
+    def close(self, openings: Openings) -> None:
+        """Close the gaps in opaque surfaces through which nothing is seen: they are errors."""
+        closed = 1 - openings.room
+        for group, most in enumerate(self._full):
+            front = self.by_group[group]
+            covered = front[:, -1:]
+            gap = (most - covered).clamp(min=0) * closed
+            larger = 1 + gap / covered.clamp(min=_LEAST_ROOM)
+            self.by_group[group] = front * larger
+            if group == 0 and self.invented is not None:
+                self.invented = self.invented * larger[:, 0]
 
     def coverage(self) -> list[Tensor]:
         """A copy of the coverage [m, 1, h, w] of each group."""

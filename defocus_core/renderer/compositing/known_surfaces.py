@@ -6,7 +6,8 @@ occlude each other by their coverage, uncorrelated (`over`); what shows of them 
 share. Surfaces out of focus cover each other by chance: behind a front of coverage A a layer of
 coverage a, visible or hidden, is seen by a (1 - A). Where this is more than its visible share, the
 lens looks behind what hides the layer from the pinhole, and the hidden share adds the difference.
-In focus, where A and a are those of the pixel, the difference is 0.
+In focus, where A and a are those of the pixel, the difference is 0. Nothing is seen past opaque
+samples where none of their edges is in reach (openings.py).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.blur.layer_blur import ShownLayer
+from defocus_core.renderer.compositing.openings import Openings
 from defocus_core.renderer.compositing.saturating_sum import add_within, is_full, share_behind
 from defocus_core.tensors.box import Box
 
@@ -27,6 +29,7 @@ def add_known(
     visible: dict[int, ShownLayer],
     hidden: dict[int, ShownLayer],
     full: Tensor | float,
+    openings: Openings,
     *,
     closed: bool,
 ) -> tuple[Tensor, Tensor | None]:
@@ -37,6 +40,7 @@ def add_known(
         visible: Visible layers by number, nearest first.
         hidden: Hidden layers by number.
         full: Greatest coverage.
+        openings: Where the lens sees past opaque samples.
         closed: Whether every pixel is covered fully, so that hidden samples fill all gaps.
 
     Returns:
@@ -49,19 +53,22 @@ def add_known(
         if shown is not None:
             within = _of(full, shown.box)
             share = share_behind(shown.box.of(front), shown.layer, within)
+            share = share * openings.over(shown.box).to(number)
             front = add_within(front, shown.box, shown.layer, share)
             if shown.moved is not None:
                 moved = torch.zeros_like(front[:, :-1]) if moved is None else moved
                 moved = add_within(moved, shown.box, shown.moved, share)
         if behind is not None and before is not None:
-            share = _share_hidden(before, front, shown, behind, full)
+            room = openings.over(behind.box).to(number)
+            share = _share_hidden(before, front, shown, behind, full, room)
             front = add_within(front, behind.box, behind.layer, share)
-            hidden_shares.append((behind, share))
-    for behind, share in hidden_shares if closed else ():
+            hidden_shares.append((behind, share, room))
+    for behind, share, room in hidden_shares if closed else ():
         within, window = _of(full, behind.box), behind.box.of(front)
         if not is_full(window, within):
             rest = behind.layer * (1 - share)
-            front = add_within(front, behind.box, rest, share_behind(window, rest, within))
+            left = share_behind(window, rest, within) * room
+            front = add_within(front, behind.box, rest, left)
     return front, moved
 
 
@@ -76,6 +83,7 @@ def _share_hidden(
     shown: ShownLayer | None,
     behind: ShownLayer,
     full: Tensor | float,
+    room: Tensor,
 ) -> Tensor:
     """The share [M, 1, h, w] of a hidden layer that is seen, in its box.
 
@@ -85,6 +93,7 @@ def _share_hidden(
         shown: What is visible of the layer.
         behind: What is hidden of the layer.
         full: Greatest coverage.
+        room: [h, w], the share of a gap in this box that is no error.
     """
     box, most = behind.box, _of(full, behind.box)
     coverage = behind.layer[:, -1:].clamp(min=0)
@@ -94,7 +103,7 @@ def _share_hidden(
         if both.height > 0 and both.width > 0:
             visible = both.seen_from(shown.box).of(shown.layer)[:, -1:].clamp(min=0)
             whole = add_within(coverage.clone(), both.seen_from(box), visible)
-    gap = (most - before).clamp(min=0)
+    gap = (most - before).clamp(min=0) * room
     expected = gap * (whole / most).clamp(max=1)
     added = (expected - (box.of(front)[:, -1:] - before)).clamp(min=0)
     added = torch.where(coverage > _LEAST, added, 0.0)

@@ -11,6 +11,7 @@ from defocus_core.renderer.blur.layer_blur import Sliced
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.frame_border import own_light
 from defocus_core.renderer.compositing.highlights import Highlights, split_samples
+from defocus_core.renderer.compositing.openings import Openings
 from defocus_core.renderer.compositing.saturating_sum import within_alpha
 from defocus_core.renderer.compositing.screens import Occluder
 from defocus_core.renderer.engine.frame import SharedFrame
@@ -76,6 +77,8 @@ class LayeredRegion(Region):
         if self._layered.open and self._layered.is_continued:
             self._nothing = self._sliced(self._uncovered(stack))
         self._solid, radius = stack.solid(self._layered.ends[1]), stack.signed_radius[0]
+        slices, opaque = frame.slices, stack.opaque()
+        self._openings = Openings.of(opaque, slices.radii, slices.visible.layers).over(inmost)
         samples, highlights = split_samples(
             stack.visible(), len(pixels) - 1, radius, frame.content.limit
         )
@@ -141,6 +144,7 @@ class LayeredRegion(Region):
     def _fronts(self, index: int) -> tuple[TileCompositor, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
         fronts, reaching = self._blank(index), self._reaching(index)
+        openings = self._openings.over(self._tiles[index].seen_from(self._tiles[0]))
         visible = self._blur.over_tile(self._visible, index)
         if self._nothing is not None:
             fronts.reserve(self._blur.over_tile(self._nothing, index))
@@ -149,7 +153,8 @@ class LayeredRegion(Region):
             needed = add_in_order(fronts, visible, reaching, turns, index)
         else:
             hidden = self._blur.over_tile(self._behind, index)
-            fronts.add_known(visible, hidden, closed=not self._layered.open)
+            fronts.add_known(visible, hidden, openings, closed=not self._layered.open)
+            fronts.close(openings)
             needed = [] if fronts.are_nearly_full() else reaching
             for surface in needed:
                 fronts.fill(surface.over_tile(index).whole(), known=surface.known)

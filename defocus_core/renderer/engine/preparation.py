@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left, bisect_right
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
@@ -37,13 +39,16 @@ from defocus_core.renderer.layers.ladder import SHARP, evenly, layers, rungs
 from defocus_core.renderer.layers.octaves import kept_apart, turns
 from defocus_core.renderer.layers.quality import Quality
 from defocus_core.renderer.layers.stacked_samples import Layered
+from defocus_core.tensors.device_plan import launches_cost, pieces, tile_pixels
 from defocus_core.tensors.source import Pixels
-from defocus_core.tensors.tiling import BLOCK, grid_over, largest, regions
+from defocus_core.tensors.tiling import BLOCK, Grid, few_tiles, grid_over, largest, regions
 
 # The scene goes on beyond the frame as far as its light reaches, but by no more px than this or the
 # side of the frame.
 _BEYOND = 64
 _ANY_PX = 1 << 30  # no picture is larger
+# Pictures that a region holds for all of its tiles.
+_COPIES_OF_REGION = 6
 
 
 def frame_of(
@@ -101,13 +106,12 @@ def frame_of(
     fine = _at_resolution(radii, numbers, quality, most, 0)
     coarse = _at_resolution(radii, numbers, quality, most, halvings)
     farthest = max(fine.reaches + coarse.reaches if content.edges else fine.reaches)
-    margin = _margin(farthest, edges=content.edges, highlights=survey.brightest > content.limit)
-    grid = grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
-    tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
-    pair = settings.dual_pixel if settings.left_right else None
-    count = quality.parts if settings.field is None else 1  # the rim would clip others away
-    division = Division.of(settings.aperture, count, pair)
+    margin = _margin(farthest, edges=content.edges, highlights=content.highlights)
+    division = _division(settings, quality)
     dtype = torch.float64 if needs_double(survey, content.limit) else dtype
+    sample = (pixels.shape[0] + 1 + (layered is not None)) * dtype.itemsize
+    grid = _grid_of(settings, size, pixels.device, numbers, sample * len(division.parts))
+    tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
     slicing = partial(
         _slicing, radii, (tile, region), settings.aperture, division.parts, dtype, pixels.device
     )
@@ -125,6 +129,46 @@ def frame_of(
         slices,
         division,
     )
+
+
+def _division(settings: Settings, quality: Quality) -> Division:
+    """The parts of the aperture."""
+    count = quality.parts if settings.field is None else 1  # the rim would clip others away
+    pair = settings.dual_pixel if settings.left_right else None
+    return Division.of(settings.aperture, count, pair)
+
+
+def copies_of_tile(layer_of: list[int]) -> int:
+    """Pictures of a tile that are held at once, given for each slice the number of its layer.
+
+    Blurred layers, the slices of one of them with their transforms, and what they are made of.
+    """
+    layers = Counter(layer_of)
+    return len(layers) + 4 * max(layers.values()) + 10
+
+
+def _grid_of(
+    settings: Settings,
+    size: tuple[int, int],
+    device: torch.device,
+    layer_of: list[int],
+    bytes_each: int,
+) -> Grid:
+    """The tiles of a frame of a (height, width).
+
+    Args:
+        settings: The options.
+        size: Of the frame.
+        device: Of the picture.
+        layer_of: For each slice the number of its layer.
+        bytes_each: Bytes of the colours and the coverage of a pixel, for all parts of the aperture.
+    """
+    if not launches_cost(device):
+        return grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
+    most = tile_pixels(device, bytes_each * copies_of_tile(layer_of))
+    sides = settings.tile or few_tiles(*size, most)
+    region = math.isqrt(pieces(device, 0, _COPIES_OF_REGION * bytes_each))
+    return grid_over(*size, sides)._replace(region=region)
 
 
 class _Resolution(NamedTuple):
@@ -149,6 +193,7 @@ def _content(
     depth: tuple[bool, bool],
 ) -> Content:
     """What a picture holds; `depth` says whether it had few levels, and uncertain edges."""
+    limit = threshold(survey.brightness, survey.brightest)
     return Content(
         ends=all_ends or (survey.least, survey.most),
         edges=edges,
@@ -156,7 +201,8 @@ def _content(
         quantised=depth[0],
         uncertain=depth[1],
         least=min(survey.darkest, 0.0),
-        limit=threshold(survey.brightness, survey.brightest),
+        limit=limit,
+        highlights=survey.brightest > limit,
     )
 
 

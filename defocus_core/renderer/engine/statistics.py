@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -55,7 +56,7 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
     Raises:
         ValueError: If a value is not finite, a radius beyond 1e8 px, or light beyond `BRIGHTEST`.
     """
-    H, W = signed_radius.shape
+    W = signed_radius.shape[1]
 
     def band_statistics(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
         """Statistics of radii, the least and greatest value of colours, counts of brightness."""
@@ -65,24 +66,24 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
         return radii, torch.stack([band.amin(), brightness.amax()]), counted(brightness)
 
     radius_ends, color_ends, counts = [], [], torch.zeros((), dtype=torch.long)
-    for radii, pair, band_counts in threaded(band_statistics, bands(H, W), threads):
+    for radii, pair, band_counts in threaded(band_statistics, bands(pixels), threads):
         radius_ends.append(radii)
         color_ends.append(pair)
         counts = band_counts + counts
-    least, most, down, across = torch.stack(radius_ends).unbind(1)
-    darkest, brightest = torch.stack(color_ends).unbind(1)
-    ends = torch.stack([least.amin(), most.amax(), darkest.amin(), brightest.amax()])
-    for name, pair in (("signed_radius", ends[:2]), ("image", ends[2:])):
-        if not bool(torch.isfinite(pair).all()):
+    lows, highs = torch.stack(radius_ends).T, torch.stack(color_ends).T
+    found = [lows[0].amin(), *lows[1:].amax(1), highs[0].amin(), highs[1].amax()]
+    least, most, down, across, darkest, brightest = torch.stack(found).tolist()
+    for name, *two in (("signed_radius", least, most), ("image", darkest, brightest)):
+        if not all(map(math.isfinite, two)):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
-    if max(-ends[0], ends[1]) > _MOST_PX:
+    if max(-least, most) > _MOST_PX:
         raise ValueError(
-            f"signed_radius must be within {_MOST_PX:g} px, got {ends[0]:.3g} to {ends[1]:.3g} px; "
+            f"signed_radius must be within {_MOST_PX:g} px, got {least:.3g} to {most:.3g} px; "
             "check the units of depth and lens, and write inf for sky"
         )
-    if max(-ends[2], ends[3]) > BRIGHTEST:
+    if max(-darkest, brightest) > float(torch.tensor(BRIGHTEST, dtype=dtype)):
         raise ValueError(
-            f"image must be within ±{BRIGHTEST:g}, got {ends[2]:.3g} to {ends[3]:.3g}; "
+            f"image must be within ±{BRIGHTEST:g}, got {darkest:.3g} to {brightest:.3g}; "
             "scale it, light has no unit here"
         )
 
@@ -90,12 +91,12 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
         return (band.to(dtype).amax(0) for band in banded(pixels))
 
     return Survey(
-        least=float(ends[0]),
-        most=float(ends[1]),
-        steepest=(float(down.amax()), float(across.amax())),
-        darkest=float(ends[2]),
-        brightest=float(ends[3]),
-        brightness=Ranks(counts, brightness_again, dtype),
+        least=least,
+        most=most,
+        steepest=(down, across),
+        darkest=darkest,
+        brightest=brightest,
+        brightness=Ranks(counts.cpu(), brightness_again, dtype),
     )
 
 
@@ -103,7 +104,7 @@ def border_ends(signed_radius: Pixels) -> tuple[float, float]:
     """The least and the greatest signed radius [H, W] on the edge of the frame."""
     H, W = signed_radius.shape
     lines = [signed_radius[:1], signed_radius[H - 1 :]]
-    for first, last in bands(H, W):
+    for first, last in bands(signed_radius):
         lines += [signed_radius[first:last, :1], signed_radius[first:last, W - 1 :]]
     least, most = ends_of(torch.cat([line.detach().flatten() for line in lines])).tolist()
     return least, most
@@ -130,7 +131,8 @@ def with_hidden(hidden: Behind, ends: tuple[float, float]) -> tuple[float, float
                     "true; leave unknown pixels out"
                 )
         if len(known):
-            least, most = min(least, float(known.min())), max(most, float(known.max()))
+            nearest, farthest = ends_of(known).tolist()
+            least, most = min(least, nearest), max(most, farthest)
     return least, most
 
 
@@ -164,5 +166,7 @@ def _radius_statistics(band: Tensor, rows: tuple[int, int]) -> Tensor:
     """
     radii = band[: rows[1] - rows[0]]
     steps = band.diff(dim=0), radii.diff(dim=1)
-    steepest = [float(ends_of(step).abs().amax()) if step.numel() else 0.0 for step in steps]
-    return torch.cat([ends_of(radii), radii.new_tensor(steepest)])
+    steepest = [
+        ends_of(step).abs().amax() if step.numel() else radii.new_zeros(()) for step in steps
+    ]
+    return torch.cat([ends_of(radii), torch.stack(steepest)])

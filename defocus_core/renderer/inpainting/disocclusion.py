@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.pyramid import Axis, AxisHalving, halves, spread_out
 
 # How much farther, in px of radius, than the surface in front of it hidden content must be; no
@@ -36,8 +37,8 @@ _NOWHERE = -2 << _LEVELS << _BITS
 _BETWEEN = 0.013
 # Radii of more px count as this one; no frame is as wide.
 _MOST = 4096.0
-# Number of cells dilated at once.
-_PIXELS = 1 << 20
+# Number of cells dilated at once on a CPU, and bytes that each takes elsewhere.
+_PIXELS, _BYTES_EACH = 1 << 20, 8
 
 
 class Revealed(NamedTuple):
@@ -177,14 +178,14 @@ def _cells(place: Tensor, axis: AxisHalving) -> list[Tensor]:
 
 def _dilated(edges: Tensor, decay: int, span: float) -> Tensor:
     """Edges [h, w] whose upper bits fall by the decay per px, by `span` at most; in place."""
-    reached, stride = 0, 1
+    reached, stride, cells = 0, 1, pieces(edges.device, _PIXELS, _BYTES_EACH)
     while 2 * reached * decay < span:
         fall = (2 * decay * stride) << _BITS
         for dim in (0, 1):
             n = edges.shape[dim] - stride
             if n < 1:
                 continue
-            for lines in torch.split(edges, max(1, _PIXELS // edges.shape[dim]), 1 - dim):
+            for lines in torch.split(edges, max(1, cells // edges.shape[dim]), 1 - dim):
                 fallen = lines - fall
                 for target, source in ((0, stride), (stride, 0)):
                     side = lines.narrow(dim, target, n)

@@ -23,6 +23,7 @@ from defocus_core.renderer.inpainting.two_layer_pyramid import (
     stacked,
 )
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import launches_cost, pieces
 from defocus_core.tensors.neighbourhoods import ends_of
 from defocus_core.tensors.pyramid import Axis, axes, halves
 from defocus_core.tensors.source import Pixels, banded
@@ -33,9 +34,10 @@ from defocus_core.tensors.threads import threaded
 EDGE = 1.013
 # Weight of a pixel beside a nearer one: it may be a mixture of both.
 _MIXED = 0.25
-# Greatest number of rows of quarter resolution, and of pixels of full resolution, in one band; and
-# rows of quarter resolution around a band that it depends on.
-_BAND, _PIXELS, _AROUND = 32, 1 << 20, 2
+# Greatest number of rows of quarter resolution, and of pixels of full resolution, in one band on a
+# CPU, and bytes that a pixel takes elsewhere; rows of quarter resolution around a band that it
+# depends on.
+_BAND, _PIXELS, _BYTES_EACH, _AROUND = 32, 1 << 20, 120, 2
 # The last level has cells this many times as wide as the range of radii; no round number, so that
 # rounding decides nothing.
 _WIDER = 1.99
@@ -104,7 +106,8 @@ def backdrop_of(
         middle = level.middle[0].middle
         return level, edges[start:end], first + middle, last + middle
 
-    step = max(1, min(_BAND, _PIXELS // (W << 2)))
+    rows = quarter.length if launches_cost(device) else _BAND
+    step = max(1, min(rows, pieces(device, _PIXELS, _BYTES_EACH) // (W << 2)))
     cuts = [*range(0, quarter.length, step), quarter.length]
     edges = torch.empty(half.length, halves(W, fine[1]).length, dtype=torch.int32, device=device)
 
@@ -133,8 +136,7 @@ def _coarsely(
     farther = _beside_edges(r)
     weight = exceeding(pixels.detach().amax(0), limit).logical_not_().to(r.dtype)
     weight.flatten()[farther] *= _MIXED
-    picture = torch.cat([pixels, signed_radius[None]])
-    half = coarser(pixels_of(picture, signed_radius, middle, weight))
+    half = coarser(pixels_of([pixels, signed_radius[None]], signed_radius, middle, weight))
     edges = edges_in_cells(r, farther, grain, middle)
     return coarser(structure(half)), edges, half.middle[0].middle
 

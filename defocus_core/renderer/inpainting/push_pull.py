@@ -14,12 +14,14 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.inpainting.two_layer_pyramid import CellSurface, PyramidLevel
+from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.pyramid import Axis, places
 
 # Weight from which on a pixel takes nothing from coarser levels.
 _ENOUGH = 0.5
-# Pixels looked up at once: few enough to stay in a cache.
-_PIXELS = 1 << 15
+# Pixels looked up at once on a CPU, few enough to stay in a cache, and bytes that each takes
+# elsewhere.
+_PIXELS, _BYTES_EACH = 1 << 15, 1 << 10
 
 
 class HiddenQueries(NamedTuple):
@@ -76,7 +78,8 @@ def nearby(
 
     Arguments and result are those of `continued`.
     """
-    chunks = zip(*(torch.split(values, _PIXELS) for values in asked), strict=True)
+    count = pieces(asked.at.device, _PIXELS, _BYTES_EACH)
+    chunks = zip(*(torch.split(values, count) for values in asked), strict=True)
     parts = [_nearby(level, HiddenQueries(*chunk), fine) for chunk in chunks]
     values, weights = zip(*parts, strict=True)
     return torch.cat(values, 1), torch.cat(weights)
@@ -106,10 +109,10 @@ def _weighed(
     sheet: CellSurface, cell: Tensor, ends: tuple[Tensor, Tensor], share: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Values [K, n] of cells times weights, and weights [n]; 0 unless radii lie between `ends`."""
-    least = sheet.least.index_select(0, cell)
+    values, weight, least, _ = sheet.select(cell).parts
     between = torch.minimum(least - ends[0], ends[1] - least).gt_(0)
-    weight = share * sheet.weight.index_select(0, cell) * between
-    return sheet.values.index_select(1, cell) * weight, weight
+    weight = share * weight * between
+    return values * weight, weight
 
 
 def _neighbours(place: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor]:

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.layers.quality import QUALITIES, Quality, find
+from defocus_core.allowed_values import QUALITIES
+from defocus_core.renderer.layers.quality import Quality, find
 from defocus_core.tensors.validation import number
 
 # Up to a radius of SHARP px a pixel counts as in focus: its disc is much narrower than the pixel.

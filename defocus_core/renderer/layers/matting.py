@@ -17,6 +17,7 @@ from torch import Tensor
 
 from defocus_core.depth.edge_surfaces import (
     AT_ONCE,
+    BYTES_EACH,
     EDGE,
     MIDDLE,
     Around,
@@ -26,6 +27,7 @@ from defocus_core.depth.edge_surfaces import (
     share_deviation,
     side_of,
 )
+from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.neighbourhoods import extreme_around, halfway
 from defocus_core.tensors.sparse_masks import exceeding, places_of
 
@@ -88,7 +90,7 @@ def unmixed(image: Tensor, signed_radius: Tensor, *, uncertain: bool = False) ->
     border, deviation = halfway(nearest, farthest), _UNCERTAIN if uncertain else _EXPECTED
     chunks = [
         _taken_apart(image, signed_radius, edge, border, at, deviation)
-        for at in torch.split(places, AT_ONCE)
+        for at in torch.split(places, pieces(places.device, AT_ONCE, BYTES_EACH))
     ]
     at, own, share, fringe_at, fringe, fringe_radius = map(torch.cat, zip(*chunks, strict=True))
     index = at[:, 0] * edge.shape[1] + at[:, 1]
@@ -150,11 +152,13 @@ def _taken_apart(
     near_color = torch.where(alpha == 1, color, near_color)
     far_color = torch.where(alpha == 0, color, far_color)
     known = near.known & far.known & stepped
-    own_color = torch.where(own_near[:, None], near_color, far_color)[known]
-    coverage = torch.where(own_near, alpha[:, 0], 1.0)[known]
+    own_color = torch.where(own_near[:, None], near_color, far_color)
+    coverage = torch.where(own_near, alpha[:, 0], 1.0)
     behind = known & ~own_near & (alpha.detach()[:, 0] > 0)
     fringe = torch.cat([near_color, torch.ones_like(alpha)], 1) * alpha
-    return at[known], own_color, coverage, at[behind], fringe[behind], near.signed_radius[behind]
+    both = (at, own_color, coverage), (at, fringe, near.signed_radius)
+    masks = torch.nonzero(known)[:, 0], torch.nonzero(behind)[:, 0]
+    return tuple(x.index_select(0, i) for of, i in zip(both, masks, strict=True) for x in of)
 
 
 def _has_step(radii: Tensor) -> Tensor:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from defocus_core.allowed_values import QUALITIES
+
 
 @dataclass(frozen=True)
 class Quality:
@@ -101,13 +103,9 @@ _REFERENCE = replace(
     parts=16,
     known_parts=16,
 )
-QUALITY: dict[str, Quality] = {
-    "draft": _DRAFT,
-    "standard": _STANDARD,
-    "high": _HIGH,
-    "reference": _REFERENCE,
-}
-QUALITIES: tuple[str, ...] = tuple(QUALITY)
+QUALITY: dict[str, Quality] = dict(
+    zip(QUALITIES, (_DRAFT, _STANDARD, _HIGH, _REFERENCE), strict=True)
+)
 
 
 def find(name: str) -> Quality:

@@ -17,12 +17,13 @@ from defocus_core.renderer.layers.planar_slices import Planes
 from defocus_core.renderer.layers.samples import SurfaceSamples
 from defocus_core.tensors.box import Box, Span
 from defocus_core.tensors.continuing import continue_edges, level_beyond, places_continued
+from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.pyramid import Axis, averaged
 from defocus_core.tensors.tiling import BLOCK, Grid
 
 # Rows of samples averaged at once are a multiple of _BAND, of about _AREA samples: they stay in a
-# cache.
-_BAND, _AREA = 64, 1 << 16
+# cache of a CPU. Bytes that a sample takes elsewhere.
+_BAND, _AREA, _BYTES_EACH = 64, 1 << 16, 120
 
 
 class _SampleSheet(NamedTuple):
@@ -77,9 +78,10 @@ class Surface:
         below, beside = max(last.top + beyond, H), max(last.left + beyond, W)
         self._framed_box = Box(top, left, below - top, beside - left)
         count = len(reaches)
-        own = self._layer(samples), samples.places
-        others = [(self._framed([layer]), places) for layer, places in samples.others]
-        self._sheets = [self._sheet(*each, count) for each in (own, *others)]
+        whole = samples.coverage is None
+        own = self._sheet(self._layer(samples), samples.places, count, whole=whole)
+        others = [self._sheet(self._framed([x]), places, count) for x, places in samples.others]
+        self._sheets = [own, *others]
         self._places, self._shifts = self._sheets[0].places, samples.shifts
         self._coverage = samples.coverage
         blocks = reduce(torch.logical_or, [sheet.blocks for sheet in self._sheets])
@@ -110,11 +112,15 @@ class Surface:
         self._unframed(self._own, framed).copy_(self._lean)
         return framed
 
-    def _sheet(self, layer: Tensor, places: Tensor, count: int) -> _SampleSheet:
+    def _sheet(
+        self, layer: Tensor, places: Tensor, count: int, *, whole: bool = False
+    ) -> _SampleSheet:
         """Samples, from a framed layer and their places [H, W]; without coverage none exists."""
         framed = self._framed([places[None]])[0]
-        own, covered = (self._unframed(self._own, x) for x in (framed, layer.detach()[-1].bool()))
-        exists = None if bool(covered.all()) else covered
+        own, exists = self._unframed(self._own, framed), None
+        if not whole:
+            covered = self._unframed(self._own, layer.detach()[-1].bool())
+            exists = None if bool(covered.all()) else covered
         return _SampleSheet(layer, framed, blocks_of(own, count, exists).cpu())
 
     def _layer(self, samples: SurfaceSamples) -> Tensor:
@@ -284,7 +290,8 @@ class Surface:
     def _bands(self, rung: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
         """Rectangles that cover a slice once; they begin multiples of `step` from the middle."""
         bounds, width = self.bounds([rung]), self._own.width
-        rows = max(step, _AREA // max(bounds.width, 1) // _BAND * _BAND, _BAND)
+        area = pieces(self._places.device, _AREA, _BYTES_EACH)
+        rows = max(step, area // max(bounds.width, 1) // _BAND * _BAND, _BAND)
         whole = _aligned(bounds, rows, middle)
         for top in range(whole.top, whole.top + whole.height, rows):
             band = Box(top, 0, rows, width).grown(0, self._own)

@@ -169,10 +169,14 @@ class SampleStack(NamedTuple):
         """The picture in focus [C + 1, h, w]: premultiplied colours, then alpha."""
         return (self.color * self.through[:-1, None]).sum(0)
 
+    def opaque(self) -> Tensor:
+        """The radii [L, h, w] px of opaque samples; inf of others."""
+        clear = self.color[:, -1] < 1 - _CLEAR
+        return self.signed_radius.masked_fill(clear, torch.inf)
+
     def solid(self, farthest: float) -> Tensor:
         """The radius [h, w] px of the nearest opaque sample; `farthest` where there is none."""
-        opaque = self.color[:, -1] >= 1 - _CLEAR
-        return torch.where(opaque, self.signed_radius, farthest).amin(0)
+        return self.opaque().amin(0).clamp(max=farthest)
 
     def knows_behind(self) -> Tensor | None:
         """Where samples behind the nearest one are opaque together: [h, w] bool."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import random
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +12,10 @@ from command_line import header, read_exr
 from jobs_files import INPUTS, LENS, SAMPLE, jobs, pictures
 
 from defocus_cli.words import batch as batch_report
+from defocus_core import run_batch
 from defocus_core.batch.datasets import sample_index, tar_shards
 from defocus_core.batch.datasets.finished import samples
+from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal.journal import Record, read_all
 from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.journal.plain_values import plain, typed
@@ -84,3 +88,42 @@ def test_a_job_with_a_drawn_lens_survives_the_journal(tmp_path: Path) -> None:
     lens = jobs(tmp_path, LENS + SAMPLE)[0].lens
     assert lens.draw is not None
     assert typed(Lens, json.loads(json.dumps(plain(lens)))) == lens
+
+
+class Killed(BaseException):
+    """Ends a process at once."""
+
+
+def test_the_index_is_true_at_every_moment_of_a_run_that_changes_samples(tmp_path: Path) -> None:
+    moments = random.Random(4)
+    pictures(tmp_path)
+
+    def run_until(seed: int, killed_after: int) -> None:
+        text = LENS + SAMPLE.replace("seed = 7", f"seed = {seed}") + DRAFT
+        todo, count = jobs(tmp_path, text, inputs=INPUTS), 0
+
+        def ended(job: Job, record: Record) -> None:
+            nonlocal count
+            count += 1
+            if count == killed_after:
+                raise Killed
+
+        with suppress(Killed):
+            run_batch(todo, tmp_path / "out", ended=ended)
+
+    def true_samples() -> int:
+        found = list(samples(tmp_path / "out"))
+        for sample in found:
+            told = header(sample.files["coc"])
+            assert told["defocus:fnumber"] == f"{sample.lens.fnum:.9g}"
+        return len(found)
+
+    run_until(seed=0, killed_after=0)
+    assert true_samples() == 8
+    for seed in range(1, 21):
+        run_until(seed, killed_after=moments.randrange(1, 9))
+        assert true_samples() < 8
+    assert not (tmp_path / "out" / "card.json").exists()
+    run_until(seed=21, killed_after=0)
+    assert true_samples() == 8
+    assert (tmp_path / "out" / "card.json").exists()

@@ -5,7 +5,7 @@ import pytest
 
 from defocus_core.batch.jobs.animation import Animation, read_animation
 from defocus_core.batch.jobs.job import Picture
-from defocus_core.batch.jobs.lens_options import parsed
+from defocus_core.batch.jobs.lens_from_options import parsed
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
 from defocus_core.errors import DefocusError, UsageProblem
 
@@ -61,6 +61,26 @@ def test_ranges_of_distances_go_in_disparity_and_shapes_of_blades_evenly(tmp_pat
     middle = values(animation(tmp_path, text), 2)
     assert middle["sharp-range"] == pytest.approx((1500, 6000))
     assert middle["blade-curvature"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("option", "first", "last", "middle"),
+    [
+        ("cat-eye", "1:1", "1.2:2", (1.1, 1.5)),
+        ("noise", "400:3", "800:6", (600, 4.5)),
+        ("axial-color", "0.1mm:0.2mm", "0.3mm:-0.1mm", (0.2, 0.05)),
+        ("highlights", "0.9:3", "0.8:5", (0.85, 4)),
+        ("vignetting", "on", "off", True),
+        ("noise-seed", "1", "8", 1),
+        ("dp-model", "split", "smooth", "split"),
+    ],
+)
+def test_pairs_go_evenly_and_words_and_seeds_hold(
+    tmp_path: Path, option: str, first: str, last: str, middle: object
+) -> None:
+    shot = animation(tmp_path, f"frame,{option}\n1,{first}\n3,{last}\n")
+    found = values(shot, 2)[option]
+    assert found == (pytest.approx(middle) if isinstance(middle, tuple) else middle)
 
 
 def test_bare_numbers_are_metres_of_focus_and_millimetres_of_lenses(tmp_path: Path) -> None:

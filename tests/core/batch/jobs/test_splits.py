@@ -1,4 +1,4 @@
-"""The scene of a picture decides its split, whatever else is in the dataset."""
+"""The scene of a picture decides its split, and splits are quotas of scenes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from defocus_core.batch.jobs.job import Picture
 from defocus_core.batch.jobs.splits import read_splits
@@ -22,33 +24,51 @@ def picture(stem: str, frame: int | None = None) -> Picture:
     return Picture(stem, Path("a.exr"), Path("z.exr"), frame=frame)
 
 
-def test_each_split_has_its_share_of_the_scenes() -> None:
-    of = splits(train=0.8, val=0.15, test=0.05).of
-    counts = Counter(of(picture(f"scene{number}")) for number in range(20_000))
-    assert counts["train"] == pytest.approx(16_000, abs=250)  # over 4 standard deviations
-    assert counts["val"] == pytest.approx(3_000, abs=220)
-    assert counts["test"] == pytest.approx(1_000, abs=140)
+def assigned(names: Any, **values: Any) -> dict[str, str]:
+    return dict(zip(names, splits(**values).assign([picture(n) for n in names]), strict=True))
 
 
-def test_a_scene_keeps_its_split_and_frames_share_it() -> None:
-    of = splits(train=0.5, test=0.5).of
-    assert [of(picture(name)) for name in "abcdef"] == [
-        *("train", "test", "train", "test", "train", "train"),
-    ]  # as they are on every machine, for ever
-    shots = {name: {of(picture(f"{name}.{n}", n)) for n in range(9)} for name in ("s1", "s2")}
-    assert all(len(found) == 1 for found in shots.values())
+@given(
+    shares=st.lists(st.integers(1, 20), min_size=1, max_size=4),
+    count=st.integers(1, 60),
+)
+def test_each_split_has_its_share_of_the_scenes(shares: list[int], count: int) -> None:
+    wanted = {f"s{n}": share / sum(shares) for n, share in enumerate(shares)}
+    found = Counter(assigned([f"scene{n}" for n in range(count)], **wanted).values())
+    for name, share in wanted.items():
+        assert abs(found[name] - share * count) < len(shares)
+    assert len(found) == min(len(shares), count)
+
+
+def test_few_scenes_are_shared_as_well() -> None:
+    assert Counter(assigned("abcde", train=0.8, test=0.2).values()) == {"train": 4, "test": 1}
+    assert Counter(assigned("abcde", train=0.98, test=0.02).values()) == {"train": 4, "test": 1}
+
+
+def test_too_few_scenes_are_said(caplog: pytest.LogCaptureFixture) -> None:
+    assigned("ab", train=0.5, val=0.25, test=0.25)
+    assert "2 scenes for 3 splits: train 1, val 1, test 0" in caplog.text
+
+
+def test_scenes_that_come_behind_leave_the_others_and_frames_share_theirs() -> None:
+    few, more = (assigned([f"s{n:02}" for n in range(c)], train=0.7, test=0.3) for c in (10, 25))
+    assert all(more[name] == split for name, split in few.items())
+    shots = [picture(f"{name}.{n}", n) for name in ("s1", "s2") for n in range(9)]
+    found = splits(train=0.5, test=0.5).assign(shots)
+    assert (set(found[:9]), set(found[9:])) == ({"train"}, {"test"})
 
 
 def test_an_expression_says_what_a_scene_is() -> None:
-    of = splits(train=0.5, test=0.5, scene=r"^(\w+)_\d+$").of
-    for scene in "abcdef":
-        assert len({of(picture(f"{scene}_{n}")) for n in range(9)}) == 1
-    with pytest.raises(UsageProblem, match="finds no scene in 'x'"):
-        of(picture("x"))
+    both = splits(train=0.5, test=0.5, scene=r"^(\w+)_\d+$")
+    found = both.assign([picture(f"{scene}_{n}") for n in range(9) for scene in "ab"])
+    assert (set(found[::2]), set(found[1::2])) == ({"train"}, {"test"})
+    with pytest.raises(UsageProblem) as caught:
+        both.assign([picture("x")])
+    assert caught.value.code == "no-scene"
 
 
 def test_without_splits_there_is_none() -> None:
-    assert splits().of(picture("a")) == ""
+    assert splits().assign([picture("a")]) == [""]
 
 
 @pytest.mark.parametrize(

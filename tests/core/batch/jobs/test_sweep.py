@@ -13,7 +13,7 @@ import pytest
 from jobs_files import FIXED, LENS, jobs, names, touch
 
 from defocus_core.batch.jobs.job import Job
-from defocus_core.batch.jobs.lens_options import checked
+from defocus_core.batch.jobs.lens_from_options import checked
 from defocus_core.batch.jobs.random_lenses import drawn_lens
 from defocus_core.errors import UsageProblem
 

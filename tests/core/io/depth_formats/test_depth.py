@@ -61,6 +61,52 @@ def test_the_depth_channel_is_found_by_its_name(
     assert read.note == f"EXR float channel {depth}, metres"
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        "VRayZDepth.R",
+        "zDepth.Y",
+        "zdepth",
+        "Zdepth.R",
+        "Pz",
+        "depth.R",
+        "Z.Z",
+        "FinalImagePW_WorldDepth.R",
+        "depth.R depth.G depth.B",
+        "ViewLayer.Depth.V",
+    ],
+)
+def test_depth_is_known_by_the_names_that_programs_write(tmp_path: Path, names: str) -> None:
+    own = names.split()
+    path = exr(tmp_path / "a.exr", *own, "R", "G", "B", "N.X", "N.Y", "N.Z", "P.X", "P.Y", "P.Z")
+    read = read_depth(path)
+    assert read.channel == own[0]
+    np.testing.assert_array_equal(read.metres, plane(0))
+
+
+def test_a_layer_of_one_channel_is_chosen_by_its_name(tmp_path: Path) -> None:
+    path = exr(tmp_path / "a.exr", "fog.Y", "far.R", "far.G", "R", "G", "B")
+    np.testing.assert_array_equal(read_depth(path, channel="Fog").metres, plane(0))
+    with refuses("no-such-channel"):
+        read_depth(path, channel="far")
+
+
+def test_the_likeliest_channel_is_proposed(tmp_path: Path) -> None:
+    path = exr(tmp_path / "a.exr", "R", "G", "B", "Px", "Py", "Pz", "camera_distance.y")
+    with refuses("no-depth", "‹depth-channel› Pz", kind=NoDepthChannel):
+        read_depth(path)
+
+
+def test_depth_that_is_negative_in_front_of_the_camera(tmp_path: Path) -> None:
+    values = -np.array([[1.0, 2.5, 1e10]], np.float32)
+    write_exr(tmp_path / "a.exr", {"Pz": values}, {})
+    with refuses("invalid-depth", "negative", "‹depth-scale› -1"):
+        require_valid(read_depth(tmp_path / "a.exr"))
+    wanted = [[1.0, 2.5, np.inf]]
+    for reading in (DepthReading(depth_scale=-1.0), DepthReading(depth_format="houdini")):
+        np.testing.assert_array_equal(read_any(tmp_path / "a.exr", reading).metres, wanted)
+
+
 def test_several_candidates_are_listed_and_chosen(tmp_path: Path) -> None:
     path = exr(tmp_path / "a.exr", "Z", "depth.Z", "R")
     with refuses("ambiguous", "Z, depth.Z", "‹depth-channel› Z"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from depth_files import colmap, dpt, gdepth, matlab, npy, pfm, png, with_text
 from optional_libraries import HEIC_MAGIC, with_hdf5, with_heic, write_hdf5
 from refusals import refuses
 
-from defocus_core.batch.jobs.reading_options import PARSERS, make_reading
+from defocus_core.batch.jobs.reading_options import READING_OPTIONS, make_reading
 from defocus_core.io.depth_formats.depth import read_depth, require_valid
 from defocus_core.io.depth_formats.table import FORMATS
 
@@ -177,6 +178,17 @@ def _middlebury(folder: Path) -> Example:
     )
 
 
+def _cityscapes(folder: Path) -> Example:
+    own, cameras = (folder / name / "train" / "ulm" for name in ("disparity", "camera"))
+    for made in (own, cameras):
+        made.mkdir(parents=True)
+    camera = {"intrinsic": {"fx": 226.252}, "extrinsic": {"baseline": 0.209313}}
+    (cameras / "ulm_000001_000019_camera.json").write_text(json.dumps(camera))
+    numbers = np.round(256 * 226.252 * 0.209313 / DEPTH + 1)
+    path = png(own / "ulm_000001_000019_disparity.png", marked(numbers, hole=0))
+    return Example(path, metres(hole=True), rtol=1e-3)
+
+
 def _unrealstereo4k(folder: Path) -> Example:
     for number, x in (("0", 1.0), ("1", 0.5)):  # world to camera: the second is 0.5 to the right
         pose = f"1 0 0 {x} 0 1 0 2 0 0 1 3"
@@ -326,6 +338,11 @@ def _arnold(folder: Path) -> Example:
     return _exr_of(folder, "Z", hole=0, sky=3.0, R=DEPTH, G=DEPTH, B=DEPTH, A=alpha)
 
 
+def _houdini(folder: Path) -> Example:
+    alpha = marked(np.ones((3, 4)), sky=0)
+    return _exr_of(folder, "Pz", hole=0, sky=3.0, factor=-1, A=alpha)
+
+
 def _sceneflow(folder: Path) -> Example:
     return Example(pfm(folder / "a.pfm", marked(1050 / DEPTH, sky=0)), metres(sky=True))
 
@@ -352,6 +369,7 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "mujoco-warp": lambda f: _npy_of(f, "--planar"),
     "nuke-scanline": _nuke,
     "arnold": _arnold,
+    "houdini": _houdini,
     "vray-zdepth": lambda f: Example(
         exr(f, "Z", (20 - DEPTH) / 19), metres(), ("--depth-range", "20", "1"), 1e-5
     ),
@@ -397,6 +415,7 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "ros": _ros,
     "middlebury": _middlebury,
     "sceneflow": _sceneflow,
+    "cityscapes": _cityscapes,
     "irs": _irs,
     "unrealstereo4k": _unrealstereo4k,
     "spring": _spring,
@@ -472,7 +491,7 @@ def test_invalid_pixels_are_told_from_sky_and_refused(name: str, tmp_path: Path)
             fields["geometry"] = option
             continue
         text = f"{words.pop(0)} {words.pop(0)}" if option == "depth-range" else words.pop(0)
-        fields[option.replace("-", "_")] = PARSERS[option](text)
+        fields[option.replace("-", "_")] = READING_OPTIONS[option].parse(text)
     depth = read_depth(example.path, make_reading(fields, {}))
     np.testing.assert_array_equal(depth.invalid, np.isnan(example.metres))
     np.testing.assert_array_equal(np.isposinf(depth.metres), np.isposinf(example.metres))

@@ -22,8 +22,8 @@ def files(row: DepthFormat) -> str:
 
 
 def factor(scale: float) -> str:
-    if scale == 1:
-        return "v"
+    if abs(scale) == 1:
+        return "v" if scale > 0 else "-v"
     below = 1 / scale
     return f"v / {number(below)}" if scale < 1 else f"{number(scale)} v"
 
@@ -44,7 +44,8 @@ def rule(row: DepthFormat) -> str:
     if "depth-range" in row.needs:
         return "1/z linear in v" if row.rule == "inverse" else "z linear in v"
     if row.rule == "inverse":
-        shifted = row.name == "disparity" or row.sidecar in ("calib.txt", "parameters.cfg")
+        sidecars = ("calib.txt", "parameters.cfg", "camera.json")
+        shifted = row.name == "disparity" or row.sidecar in sidecars
         scaled = f"({scaled} + doffs)" if shifted else scaled
         known = [f"f = {number(row.focal_px)} px"] if row.focal_px else []
         known += [f"b = {number(row.baseline)} m"] if row.baseline else []

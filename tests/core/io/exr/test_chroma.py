@@ -57,11 +57,18 @@ def test_the_weights_are_those_of_the_primaries(tmp_path: Path) -> None:
     assert weights_of(said, tmp_path) == pytest.approx((0.3440, 0.7282, -0.0721), abs=2e-4)
 
 
+@pytest.mark.filterwarnings("error")
+def test_primaries_of_xyz_have_the_luminance_y(tmp_path: Path) -> None:
+    xyz = (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3)
+    color = read_color(chroma_file(tmp_path / "a.exr", smooth(), (0, 1, 0), chromaticities=xyz))
+    np.testing.assert_allclose(color.planes[1], smooth()[1], rtol=1e-6)
+
+
 LINE = (0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.25, 0.25)
-FLAT = (0.64, 0.0, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+DARK = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.0)
 
 
-@pytest.mark.parametrize("primaries", [LINE, FLAT])
+@pytest.mark.parametrize("primaries", [LINE, DARK])
 @pytest.mark.filterwarnings("error")
 def test_primaries_that_span_no_colours_are_refused(primaries: Any, tmp_path: Path) -> None:
     file = chroma_file(tmp_path / "a.exr", smooth(), chromaticities=primaries)

@@ -20,7 +20,7 @@ def levels(
 ) -> list[PyramidLevel]:
     """A picture and its radii, halved some times."""
     size = (radius.shape[0], radius.shape[1])
-    found = [pixels_of(torch.cat([image, radius[None]]), radius, axes(size), weight)]
+    found = [pixels_of([image, radius[None]], radius, axes(size), weight)]
     for _ in range(count):
         found.append(coarser(found[-1]))
     return found
@@ -28,11 +28,11 @@ def levels(
 
 def planes(level: PyramidLevel) -> list[Tensor]:
     """All that a level tells, as pictures [..., h, w]; of the second surface 0 where it is none."""
-    found = list(level.first)
+    found = list(level.first.parts)
     if level.second is not None:
         assert level.number is not None
         number = level.number.long()
-        found += [torch.where(number < 0, 0.0, each[..., number]) for each in level.second]
+        found += [torch.where(number < 0, 0.0, each[..., number]) for each in level.second.parts]
     return [each.reshape(*each.shape[:-1], *level.size) for each in found]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from defocus_core.batch.jobs.lens_options import make_lens
+from defocus_core.batch.jobs.lens_from_options import make_lens
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import InputError, UsageProblem
 
@@ -29,11 +29,11 @@ def test_a_file_and_flags_of_the_same_values_are_the_same_lens(tmp_path: Path) -
 def test_a_round_aperture_cannot_be_turned(tmp_path: Path) -> None:
     with pytest.raises(UsageProblem, match="‹blade-rotation›: turns blades"):
         make_lens({**FLAGS, "blade-rotation": 30.0}, None)
-    with pytest.raises(UsageProblem, match=r"‹blade-rotation›: .*like ‹blades› 6"):
+    with pytest.raises(UsageProblem, match=r"‹blade-rotation›: .*add ‹blades› 6"):
         make_lens({**FLAGS, "blades": 0, "blade-rotation": 30.0}, None)
     for text in ("blade-rotation = 30\n", "blades = 0\nblade-rotation = 30\n"):
         path = lens_file(tmp_path, text)
-        with pytest.raises(UsageProblem, match=r"lens\.toml: blade-rotation: .*like blades = 6"):
+        with pytest.raises(UsageProblem, match=r"lens\.toml: blade-rotation: .*add blades = .6"):
             make_lens(FLAGS, path)
         assert make_lens({**FLAGS, "blades": 5}, path).blade_rotation == 30
     with_blades = lens_file(tmp_path, "blades = 6\nblade-rotation = 30\n")

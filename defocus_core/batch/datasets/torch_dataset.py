@@ -1,0 +1,174 @@
+"""A finished batch as a dataset of torch: pictures, maps and lens of a sample as tensors."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import Dataset
+
+from defocus_core.batch.datasets.finished import Sample, samples
+from defocus_core.batch.jobs.output_kinds import KINDS
+from defocus_core.errors import InputError, UsageProblem, did_you_mean
+from defocus_core.io.exr.header import read_headers
+from defocus_core.io.exr.reading import read_parts
+from defocus_core.io.images.color import read_color
+from defocus_core.io.images.raster import read_samples
+
+MM_PER_M = 1000.0
+Item = dict[str, Any]
+
+
+class BatchDataset(Dataset[Item]):
+    """The samples of a finished batch, for a `torch.utils.data.DataLoader` with any workers.
+
+    An item is a dictionary: of each kind a tensor float32 [C, H, W], scene-linear light of
+    pictures, numbers of maps as they are, radii in px; ``lens``, of scalar tensors ``fnum``,
+    ``foclen`` in mm, ``sensor_width`` in mm and ``focus_dioptres`` in 1/m, 0 at infinity; and
+    ``sample_id``. Of a batch beside a file of radii the numbers of the lens are NaN.
+
+    Shuffling is the loader's, ``DataLoader(…, shuffle=True, generator=…)``. Crops are drawn by
+    seed, epoch and index, whatever worker draws them.
+    """
+
+    def __init__(
+        self,
+        out: str | os.PathLike[str],
+        kinds: Sequence[str] = ("render",),
+        *,
+        split: str | None = None,
+        crop: int | tuple[int, int] | None = None,
+        seed: int = 0,
+        transform: Callable[[Item], Any] | None = None,
+    ) -> None:
+        """Read the index of a finished batch.
+
+        Args:
+            out: Its folder.
+            kinds: Of output, as render, left, right, coc; image and depth of a batch with
+                ``inputs = "copy"``.
+            split: One of its splits; None for all samples.
+            crop: Height and width in px of a piece that is drawn from each sample, one number for
+                a square; None for the whole, which a loader can only join if all have one size.
+            seed: Of the crops.
+            transform: Of an item, after the crop.
+
+        Raises:
+            InputError: There is no index, or no sample has all of the kinds or is in the split, or
+                one is smaller than the crop.
+            UsageProblem: A kind is none.
+        """
+        for kind in kinds:
+            if kind not in KINDS:
+                remedy = did_you_mean(kind, tuple(KINDS), f"choose from {', '.join(KINDS)}")
+                raise UsageProblem("unknown-name", f"{kind!r} is no kind", remedy, field="kinds")
+        self.kinds, self.seed, self.transform = tuple(kinds), seed, transform
+        self.crop = (crop, crop) if isinstance(crop, int) else crop
+        self.epoch = 0
+        every = list(samples(out))
+        self.samples = [
+            sample
+            for sample in every
+            if set(self.kinds) <= sample.files.keys()
+            and split in (None, sample.record.get("split"))
+        ]
+        if not self.samples:
+            _refuse_empty(Path(out), every, self.kinds, split)
+        if self.crop is not None:
+            for sample in self.samples:
+                self._require_room(sample, self.crop)
+
+    def set_epoch(self, epoch: int) -> None:
+        """Draw other crops from now on; call it before the loader starts its workers."""
+        self.epoch = epoch
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def __getitem__(self, index: int) -> Any:
+        """The item of a sample.
+
+        Raises:
+            InputError: A file cannot be read, or has another size than the index says.
+            IndexError: There are not so many.
+        """
+        sample = self.samples[index]
+        width, height = sample.size
+        rows, columns = slice(0, height), slice(0, width)
+        if self.crop is not None:
+            rows, columns = self._drawn(index, (height, width), self.crop)
+        item: Item = {}
+        for kind in self.kinds:
+            path = sample.files[kind]
+            planes = _planes(path, kind)
+            if planes.shape[1:] != (height, width):
+                problem = (
+                    f"is {planes.shape[2]}x{planes.shape[1]} px, in the index {width}x{height}"
+                )
+                remedy = "let the batch write it again"
+                raise InputError("wrong-size", problem, remedy, path=path)
+            item[kind] = torch.from_numpy(np.ascontiguousarray(planes[:, rows, columns]))
+        item |= {"lens": _lens(sample), "sample_id": sample.sample_id}
+        return item if self.transform is None else self.transform(item)
+
+    def _drawn(
+        self, index: int, size: tuple[int, int], crop: tuple[int, int]
+    ) -> tuple[slice, slice]:
+        """Rows and columns of a crop."""
+        draw = np.random.default_rng((self.seed, self.epoch, index))
+        starts = [
+            int(draw.integers(0, room - side + 1)) for room, side in zip(size, crop, strict=True)
+        ]
+        rows, columns = (slice(s, s + side) for s, side in zip(starts, crop, strict=True))
+        return rows, columns
+
+    @staticmethod
+    def _require_room(sample: Sample, crop: tuple[int, int]) -> None:
+        width, height = sample.size
+        if height < crop[0] or width < crop[1]:
+            problem = f"is {width}x{height} px, smaller than the crop {crop[1]}x{crop[0]}"
+            path = next(iter(sample.files.values()))
+            raise InputError("wrong-size", problem, "take smaller crops", path=path, field="crop")
+
+
+def _refuse_empty(
+    out: Path, every: Sequence[Sample], kinds: Sequence[str], split: str | None
+) -> None:
+    known = sorted({kind for sample in every for kind in sample.files})
+    splits = sorted({str(sample.record.get("split")) for sample in every})
+    problem = f"has no sample of {', '.join(kinds)}" + (f" in split {split}" if split else "")
+    remedy = f"it has {', '.join(known)}, in splits {', '.join(splits)}"
+    raise InputError("empty", problem, remedy, path=out)
+
+
+def _planes(path: Path, kind: str) -> Any:
+    """The planes of an output [C, H, W], float32."""
+    row = KINDS[kind]
+    if row.views:
+        views = [read_color(path, view=view).pixels for view in row.views]
+        return np.concatenate(views, axis=2).transpose(2, 0, 1)
+    if row.image:
+        return read_color(path).pixels.transpose(2, 0, 1)
+    if path.suffix == ".exr":
+        channels = read_parts(path, read_headers(path))[0].channels
+        return np.asarray(channels[row.channel or kind], np.float32)[None]
+    strips = [strip for _, strip in read_samples(path)]
+    return np.concatenate(strips).transpose(2, 0, 1)[:1].astype(np.float32)
+
+
+def _lens(sample: Sample) -> dict[str, Tensor]:
+    lens = sample.lens
+    focus = math.nan if lens.foc_dist is None else MM_PER_M / lens.foc_dist
+    numbers = {
+        "fnum": lens.fnum,
+        "foclen": lens.foclen,
+        "sensor_width": math.nan if lens.is_shape else lens.sensor_width,
+        "focus_dioptres": focus,
+    }
+    return {name: torch.tensor(float(value)) for name, value in numbers.items()}

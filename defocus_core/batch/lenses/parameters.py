@@ -1,0 +1,486 @@
+"""The table of lens options: a row is all that is known of an option wherever it stands.
+
+Options of commands, keys of TOML files, columns of lists, sweeps, keys of frames, records, headers
+and the command lines of reports are made of these rows; `Lens` has their values.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
+from defocus_core.batch.lenses import quantities
+from defocus_core.batch.lenses.quantities import Percentile, length_text
+
+
+@dataclass(frozen=True, kw_only=True)
+class Param:
+    """An option: how it is named, read, written and explained.
+
+    Attributes:
+        name: of the option, and of the key of a TOML file.
+        parse: makes its value of a text; raises QuantityError.
+        help: what it does; other options are in angle quotes.
+        metavar: what help shows in the place of its value.
+        stored_as: the field that has its value, where that is not its name with underscores.
+        unit: of each number of its value, which a text must name.
+        optional_unit: a unit that a text may leave out, and that is written for people.
+        separator: what stands between the numbers or words of its value, if these are several.
+        choices: the words that it may be, where it is one of them.
+        flag: it has no value: a field has its name, if it is given.
+        min_whole: the least whole number that it may be, where it is one.
+        parse_word: makes a number of each word, where a command line has it in two words.
+    """
+
+    name: str
+    parse: Callable[[str], Any]
+    help: str
+    metavar: str = ""
+    stored_as: str = ""
+    unit: str = ""
+    optional_unit: str = ""
+    separator: str = ""
+    choices: Sequence[str] = ()
+    flag: bool = False
+    min_whole: int | None = None
+    parse_word: Callable[[str], Any] | None = None
+
+    @property
+    def field(self) -> str:
+        """The field that has its value."""
+        return self.stored_as or self.name.replace("-", "_")
+
+    def text(self, value: object, digits: int | None = None) -> str:
+        """A value as `parse` reads it, with all its digits or so many."""
+
+        def write(number: float) -> str:
+            text = f"{number:.{digits}g}" if digits else f"{number}".removesuffix(".0")
+            return text + self.unit
+
+        return self._joined(value, write)
+
+    def shown(self, value: object, digits: int = 6) -> str:
+        """A value for people: lengths from 1 m on in metres."""
+        if self.unit == "mm":
+            return self._joined(value, lambda number: length_text(number, digits))
+        return self.text(value, digits)
+
+    def _joined(self, value: object, write: Callable[[float], str]) -> str:
+        if isinstance(value, tuple | list):
+            return self.separator.join(self._joined(each, write) for each in value)
+        if value is None or isinstance(value, bool):
+            return "on" if value else "off"
+        if isinstance(value, int | float):
+            return write(value) if math.isfinite(value) else str(value)
+        return str(value)  # words, paths, percentiles
+
+
+@dataclass(frozen=True, kw_only=True)
+class LensParam(Param):
+    """An option of a lens.
+
+    Attributes:
+        tag: what a file name calls it in a sweep.
+        example: a value as a text.
+        required: a lens cannot do without it, or without the option that is instead of it.
+        instead_of: the option that says the same in another way.
+        needs: the option without which it changes nothing.
+        idle: what it does in vain without that one.
+        is_optics: it decides radii, so that it is idle where a file holds them.
+        is_matched: radii of a set decide it, so that it cannot be given beside them.
+        even_in: the scale of sweeps in which it goes evenly between keys of frames, as one number
+            or several; empty for what holds until the next key, and is drawn by choice only.
+        bare_unit: unit of a key of a frame that is a number alone, where that is another.
+        recorded_as: its key in records of any lens; empty where its field is recorded if it is on.
+        file_field: the field that has the path, where the value may be a file.
+    """
+
+    tag: str
+    example: str
+    required: bool = False
+    instead_of: str = ""
+    needs: str = ""
+    idle: str = ""
+    is_optics: bool = False
+    is_matched: bool = False
+    even_in: str = ""
+    bare_unit: str = ""
+    recorded_as: str = ""
+    file_field: str = ""
+
+    @property
+    def is_ranged(self) -> bool:
+        """Whether it is a number that can be drawn from a range."""
+        return bool(self.even_in) and not self.separator
+
+    def field_of(self, value: object) -> str:
+        """The field that has a value."""
+        return self.file_field if isinstance(value, Path) else self.field
+
+    def recorded(self, value: object) -> object:
+        """A value as records have it: a number, a word, the text of several; None for NaN."""
+        if isinstance(value, Path):
+            return value.name
+        if isinstance(value, tuple):
+            return self.shown(value)
+        if isinstance(value, float) and not math.isfinite(value):
+            return None if math.isnan(value) else "inf"
+        return value
+
+    def with_unit(self, text: str) -> str:
+        """The text of a key of a frame, with its unit if it is a number alone."""
+        try:
+            is_bare = math.isfinite(float(text))
+        except ValueError:
+            is_bare = False
+        unit = self.bare_unit or ("" if self.separator else self.unit)
+        return f"{text.strip()}{unit}" if is_bare else text
+
+    def file_tag(self, value: object) -> str:
+        """The part of a file name for a value, like ``focus2m``, ``f1.4`` or ``at240x135``."""
+        if isinstance(value, Path):
+            text = value.stem
+        elif isinstance(value, Percentile):
+            text = f"p{value.percent:.6g}"
+        elif isinstance(value, tuple) and self.separator == "..":
+            text = "-".join(map(self.shown, value))
+        elif isinstance(value, tuple):
+            text = "x".join(map(str, value))
+        else:
+            text = self.shown(value)
+        return self.tag + text
+
+
+_ROWS = (
+    LensParam(
+        name="focal-length",
+        parse=quantities.length,
+        metavar="LENGTH",
+        help="Focal length, like 50mm.",
+        tag="fl",
+        example="50mm",
+        stored_as="foclen",
+        recorded_as="focal_length_mm",
+        unit="mm",
+        even_in="log",
+        required=True,
+        is_optics=True,
+    ),
+    LensParam(
+        name="fnumber",
+        parse=quantities.fnumber,
+        metavar="N",
+        help="F-number, like 1.4.",
+        tag="f",
+        example="1.4",
+        stored_as="fnum",
+        recorded_as="fnumber",
+        even_in="log",
+        required=True,
+        is_optics=True,
+        is_matched=True,
+    ),
+    LensParam(
+        name="aperture-diameter",
+        parse=quantities.length,
+        metavar="LENGTH",
+        help="Diameter of the opening; instead of ‹fnumber›.",
+        tag="d",
+        example="36mm",
+        recorded_as="fnumber",
+        unit="mm",
+        even_in="log",
+        instead_of="fnumber",
+        is_optics=True,
+        is_matched=True,
+    ),
+    LensParam(
+        name="sensor-width",
+        parse=quantities.length,
+        metavar="LENGTH",
+        help="Width of the sensor.  [default: 36mm]",
+        tag="sensor",
+        example="36mm",
+        recorded_as="sensor_width_mm",
+        unit="mm",
+        even_in="log",
+        is_optics=True,
+    ),
+    LensParam(
+        name="focus",
+        parse=quantities.focus,
+        metavar="DISTANCE",
+        help="Distance in focus, like 2m or inf; or percentile(50) of the depth.",
+        tag="focus",
+        example="2m",
+        stored_as="foc_dist",
+        recorded_as="focus_mm",
+        unit="mm",
+        bare_unit="m",
+        even_in="disparity",
+        required=True,
+        is_optics=True,
+        is_matched=True,
+    ),
+    LensParam(
+        name="focus-at",
+        parse=quantities.pixel,
+        metavar="X,Y",
+        help="Focus on what this pixel shows, counted from 0; instead of ‹focus›.",
+        tag="at",
+        example="240,135",
+        recorded_as="focus_at_px",
+        separator=",",
+        even_in="steps",
+        instead_of="focus",
+        is_optics=True,
+        is_matched=True,
+    ),
+    LensParam(
+        name="sharp-range",
+        parse=quantities.distances,
+        metavar="A..B",
+        help="Distances in focus besides, like 1.8m..2.4m: without blur there, unchanged "
+        "elsewhere.",
+        tag="sharp",
+        example="1.8m..2.4m",
+        unit="mm",
+        separator="..",
+        even_in="disparity",
+        is_optics=True,
+        is_matched=True,
+    ),
+    LensParam(
+        name="blur",
+        parse=quantities.pixel_count,
+        metavar="PX",
+        help="Radius of the most blurred pixel, like 40px, instead of a lens: the depth is "
+        "relative disparity of any scale, white near; ‹focus-at› or ‹focus-value› says what is in "
+        "focus.",
+        tag="blur",
+        example="40px",
+        unit="px",
+        even_in="log",
+    ),
+    LensParam(
+        name="focus-value",
+        parse=quantities.number,
+        metavar="NUMBER",
+        help="The number of the depth file that is in focus, like 128; with ‹blur›.",
+        tag="value",
+        example="128",
+        even_in="steps",
+        needs="blur",
+        idle="is in focus with a blur in pixels only",
+        instead_of="focus-at",
+    ),
+    LensParam(
+        name="clamp-blur",
+        parse=quantities.pixel_count,
+        metavar="PX",
+        help="No radius is larger than this, like 60px; how many were is said.  "
+        "[default: no limit]",
+        tag="clamp",
+        example="60px",
+        unit="px",
+        even_in="log",
+    ),
+    LensParam(
+        name="cat-eye",
+        parse=quantities.rim,
+        metavar="SIZE:DISTANCE",
+        help="Rim of the barrel that clips the opening off the middle of the picture, like "
+        "1.05:1.5: its radius and its distance before the opening, in radii of the opening.",
+        tag="rim",
+        example="1.05:1.5",
+        separator=":",
+        even_in="steps",
+        is_optics=True,
+    ),
+    LensParam(
+        name="axial-color",
+        parse=quantities.shifts,
+        metavar="RED:BLUE",
+        help="Axial colour, like 0.1mm:0.1mm: how much farther behind the lens red and blue are "
+        "in focus than green. Above 0, rims are green beyond the focus and magenta nearer.",
+        tag="axial",
+        example="0.1mm:0.1mm",
+        unit="mm",
+        separator=":",
+        even_in="steps",
+        is_optics=True,
+    ),
+    LensParam(
+        name="vignetting",
+        parse=quantities.switch,
+        metavar="on|off",
+        help="Whether corners are darker by the light that the rim takes away.  [default: off]",
+        tag="vignetting",
+        example="on",
+        needs="cat-eye",
+        idle="darkens nothing without a rim",
+        is_optics=True,
+    ),
+    LensParam(
+        name="blades",
+        parse=quantities.blades,
+        metavar="N",
+        help="Blades of the opening: 0 is round; 3 and more, a polygon in that round.",
+        tag="blades",
+        example="6",
+        recorded_as="blades",
+    ),
+    LensParam(
+        name="blade-rotation",
+        parse=quantities.angle,
+        metavar="DEG",
+        help="Where a vertex of the polygon points, counter-clockwise from +x as seen in the "
+        "image, for points beyond the focus.",
+        tag="turn",
+        example="15",
+        recorded_as="blade_rotation_deg",
+        optional_unit="deg",
+        even_in="steps",
+        needs="blades",
+        idle="turns blades; this aperture has none",
+    ),
+    LensParam(
+        name="blade-curvature",
+        parse=quantities.within(0, 1, "a curvature", "like 0.5"),
+        metavar="0…1",
+        help="Curvature of the blades: 0 is straight, 1 round.  [default: 0]",
+        tag="curve",
+        example="0.5",
+        even_in="steps",
+        needs="blades",
+        idle="bends blades; this aperture has none",
+    ),
+    LensParam(
+        name="obstruction",
+        parse=quantities.within(0, 0.95, "a share of the radius", "like 0.4"),
+        metavar="0…0.95",
+        help="Opaque share of the radius in the middle, as a mirror lens has, like 0.4.  "
+        "[default: 0]",
+        tag="mirror",
+        example="0.4",
+        even_in="steps",
+    ),
+    LensParam(
+        name="spherical",
+        parse=quantities.within(-1, 1, "a spherical aberration", "like 0.5"),
+        metavar="-1…1",
+        help="Spherical aberration: above 0, bright rings beyond the focus and soft discs nearer; "
+        "below 0, the reverse.  [default: 0]",
+        tag="ring",
+        example="0.5",
+        even_in="steps",
+    ),
+    LensParam(
+        name="squeeze",
+        parse=quantities.within(1, 4, "a squeeze", "like 2"),
+        metavar="1…4",
+        help="Squeeze of an anamorphic lens: ovals so many times taller than wide, like 2.  "
+        "[default: 1]",
+        tag="squeeze",
+        example="2",
+        even_in="log",
+    ),
+    LensParam(
+        name="aperture-image",
+        parse=quantities.file,
+        metavar="FILE",
+        help="Picture of the opening instead of blades, grey or RGB, PNG, EXR or NPY: bright is "
+        "open, as a point beyond the focus shows it. NPY of rows x columns of pictures is a field "
+        "of kernels over the frame.",
+        tag="pupil",
+        example="pupil.png",
+        file_field="aperture_image",
+        instead_of="blades",
+    ),
+    LensParam(
+        name="highlights",
+        parse=quantities.highlights,
+        metavar="auto|T:GAIN",
+        help="Give clipped lights of pictures of 8 or 16 bits the light they lost: a gain, like "
+        "16, from a threshold in linear light, like 0.93, up to white. Pictures with light above "
+        "1 stay as they are.  [default: off]",
+        tag="lights",
+        example="auto",
+        separator=":",
+        even_in="steps",
+    ),
+    LensParam(
+        name="dp-model",
+        parse=quantities.dual_pixel((*DUAL_PIXEL_MODELS, *DUAL_PIXEL_SENSORS)),
+        metavar="MODEL",
+        help="Dual pixels: split, each photodiode sees half of the opening; smooth, all of it, "
+        "less and less towards the other side; a sensor that was measured, @pixel4 or "
+        "@canon-dpp; or a file of kernels that were, like pair.npy. Split is ideal, a choice: on "
+        "real pairs it costs 3 to 8 dB.  [default: split]",
+        tag="dp",
+        example="smooth",
+        file_field="dp_kernels",
+    ),
+    LensParam(
+        name="dp-crosstalk",
+        parse=quantities.within(0, 0.49, "a share of the light", "like 0.15"),
+        metavar="0…0.49",
+        help="Share of its light that each photodiode gives to the other, like 0.15.  [default: 0]",
+        tag="crosstalk",
+        example="0.15",
+        even_in="steps",
+    ),
+    LensParam(
+        name="breathing",
+        parse=quantities.within(-1, 1, "a breathing", "like 0.2"),
+        metavar="-1…1",
+        help="Breathing of the focus: px by which a blur of 1 px is drawn outwards at the left and "
+        "right border, like 0.2, and less nearer to the middle.  [default: 0]",
+        tag="breath",
+        example="0.2",
+        even_in="steps",
+    ),
+    LensParam(
+        name="noise",
+        parse=quantities.noise,
+        metavar="ELECTRONS:READ",
+        help="Noise of the sensor, like 4000:3: electrons that a light of 1 makes, whose number "
+        "varies, and electrons of read noise.",
+        tag="noise",
+        example="4000:3",
+        separator=":",
+        even_in="steps",
+    ),
+    LensParam(
+        name="noise-seed",
+        parse=quantities.seed,
+        metavar="N",
+        help="Number that decides the random numbers of the noise.  [default: 0]",
+        tag="seed",
+        example="7",
+        needs="noise",
+        idle="changes nothing without noise",
+    ),
+)
+LENS_OPTIONS: Mapping[str, LensParam] = {row.name: row for row in _ROWS}
+ALTERNATIVES = tuple((row.instead_of, row.name) for row in _ROWS if row.instead_of)
+SHAPES = tuple(row.name for row in _ROWS if not row.is_optics)
+BESIDE_BLUR = frozenset({*SHAPES, "focus-at"})  # what has an effect where the blur is in pixels
+# The options by their keys in records: those of any lens, and those of effects that are on.
+RECORDED = {row.recorded_as: row for row in _ROWS if row.recorded_as and not row.instead_of}
+EFFECT_OPTIONS = {
+    field: row
+    for row in _ROWS
+    for field in (row.field, row.file_field)
+    if field and not row.recorded_as
+}
+LENS_FILES = tuple(row.file_field for row in _ROWS if row.file_field)
+
+
+def alternatives(name: str) -> set[str]:
+    """An option, and the one that says the same in another way."""
+    return {name}.union(*(pair for pair in ALTERNATIVES if name in pair))

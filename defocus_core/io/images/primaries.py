@@ -1,0 +1,121 @@
+"""Primaries of colour: what a file declares, and the matrices from one set to another.
+
+A set of primaries is eight numbers, x and y of red, green, blue and white (SMPTE RP 177-1993 has
+the way from them to XYZ). Another white is adapted by the Bradford matrix (K. Lam, "Metamerism and
+Colour Constancy", 1985), as ICC profiles do it.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.io.exr.header import Raw
+
+Chromaticities = tuple[float, ...]  # x and y of red, green, blue, white
+
+REC_709: Chromaticities = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+_NAMED: dict[str, Chromaticities] = {
+    "Rec. 709": REC_709,
+    "Display P3": (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290),
+    "Rec. 2020": (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290),
+    "Adobe RGB": (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290),
+    "ACES AP0": (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.33767),
+    "ACES AP1": (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767),
+    "CIE XYZ": (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3),
+}
+_SAME = 2e-3  # difference of x or y: profiles and half floats round them
+_BRADFORD = (
+    (0.8951, 0.2664, -0.1614),
+    (-0.7502, 1.7135, 0.0367),
+    (0.0389, -0.0685, 1.0296),
+)
+_ATTRIBUTE = "chromaticities"  # of an EXR header
+
+
+def declared_primaries(attributes: Mapping[str, object]) -> Chromaticities:
+    """The primaries that attributes of an EXR header declare; Rec. 709 where they declare none."""
+    said = attributes.get(_ATTRIBUTE)
+    if isinstance(said, Raw) and said.kind == _ATTRIBUTE and len(said.value) == 32:
+        return struct.unpack("<8f", said.value)
+    return REC_709
+
+
+def primaries_attribute(primaries: Chromaticities) -> dict[str, Raw]:
+    """The attribute of an EXR header that declares primaries; none for Rec. 709, its default."""
+    if same_primaries(primaries, REC_709):
+        return {}
+    return {_ATTRIBUTE: Raw(_ATTRIBUTE, struct.pack("<8f", *primaries))}
+
+
+def same_primaries(a: Chromaticities, b: Chromaticities) -> bool:
+    """Whether two sets are the same but for rounding."""
+    return max(abs(x - y) for x, y in zip(a, b, strict=True)) <= _SAME
+
+
+def primaries_name(primaries: Chromaticities) -> str:
+    """The name of a set of primaries, or its numbers."""
+    for name, known in _NAMED.items():
+        if same_primaries(primaries, known):
+            return name
+    return "x, y " + ", ".join(f"{value:.4g}" for value in primaries)
+
+
+def xyz_of_primaries(primaries: Chromaticities) -> NDArray[np.float64]:
+    """The matrix [3, 3] from R, G, B to X, Y, Z, where white has Y = 1.
+
+    Raises:
+        ValueError: the primaries span no colours.
+    """
+    points = np.array(primaries, np.float64).reshape(4, 2)
+    spread = np.c_[points, 1 - points.sum(1)]
+    if not np.isfinite(spread).all() or not points[3, 1] > 0:
+        raise ValueError("the white has no brightness")
+    columns, white = spread[:3].T, spread[3] / points[3, 1]
+    if abs(np.linalg.det(columns)) < 1e-9:
+        raise ValueError("the primaries lie on a line")
+    matrix: NDArray[np.float64] = columns * np.linalg.solve(columns, white)
+    return matrix
+
+
+def between_primaries(
+    source: Chromaticities, target: Chromaticities = REC_709
+) -> NDArray[np.float32] | None:
+    """The matrix [3, 3] from linear R, G, B of one set to those of another; None for the same.
+
+    White becomes white, adapted by the Bradford matrix.
+
+    Raises:
+        ValueError: a set spans no colours.
+    """
+    if same_primaries(source, target):
+        return None
+    ours, theirs = xyz_of_primaries(source), xyz_of_primaries(target)
+    adapted = adaptation(ours.sum(1), theirs.sum(1))
+    matrix: NDArray[np.float32] = (np.linalg.inv(theirs) @ adapted @ ours).astype(np.float32)
+    return matrix
+
+
+def adaptation(source: Any, target: Any) -> NDArray[np.float64]:
+    """The Bradford matrix [3, 3] that takes one white, X, Y, Z, to another."""
+    cones = np.array(_BRADFORD)
+    gains = (cones @ target) / (cones @ source)
+    matrix: NDArray[np.float64] = np.linalg.inv(cones) @ (gains[:, None] * cones)
+    return matrix
+
+
+def chromaticities_of(matrix: NDArray[np.float64]) -> Chromaticities:
+    """The primaries of a matrix [3, 3] from R, G, B to X, Y, Z."""
+    columns = np.c_[matrix, matrix.sum(1)]
+    return tuple((columns[:2] / columns.sum(0)).T.ravel().tolist())
+
+
+def converted(pixels: NDArray[np.float32], matrix: NDArray[np.float32] | None) -> Any:
+    """Linear pixels [H, W, 3…] whose first three channels are taken through a matrix [3, 3]."""
+    if matrix is None:
+        return pixels
+    return np.concatenate([pixels[..., :3] @ matrix.T, pixels[..., 3:]], axis=-1)

@@ -1,0 +1,88 @@
+"""Openings: where a lens sees past the opaque samples of pixels, to what these hide.
+
+Slices of one surface add up to the whole only nearly: a slope, or depth in steps, leaves a gap of a
+hundredth. Where no edge is in reach, such a gap is an error, whatever lies behind.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import max_pool2d, pad
+
+from defocus_core.renderer.layers.ladder import position
+from defocus_core.tensors.box import Box
+
+# Neighbours are of two surfaces if their radii differ by more than this, in px and as a share of
+# the radius; less is a slope.
+_NEAR, _FAR = 0.25, 0.1
+
+
+class Openings(NamedTuple):
+    """Where a lens sees past the nearest opaque sample of each pixel.
+
+    Attributes:
+        room: [h, w] from 0, where no edge of opaque samples is in reach, to 1.
+        number: [h, w] of the layer that the sample is in; inf where there is none.
+    """
+
+    room: Tensor
+    number: Tensor
+
+    @classmethod
+    def of(cls, opaque: Tensor, radii: tuple[float, ...], layer_of: list[int]) -> Openings:
+        """The openings of opaque samples.
+
+        Args:
+            opaque: Radii [L, h, w] px of the samples of each pixel; inf of those that are clear.
+            radii: Signed radius of each slice in px.
+            layer_of: For each slice the number of its layer.
+        """
+        opaque = opaque.detach()
+        nearest = opaque.amin(0)
+        place = position(nearest.clamp(max=radii[-1]), radii).ceil().long()
+        number = torch.tensor(layer_of, dtype=nearest.dtype, device=nearest.device)[place]
+        none = nearest == torch.inf
+        room = _spread(_reach_of_edges(opaque)).clamp(0, 1)
+        return cls(room.masked_fill(none, 1), number.masked_fill(none, torch.inf))
+
+    def over(self, box: Box) -> Openings:
+        """Those in a box."""
+        return Openings(*map(box.of, self))
+
+    def to(self, number: int) -> Tensor:
+        """The room [h, w] for what is hidden in a layer."""
+        return torch.where(self.number < number, self.room, 1)
+
+
+def _reach_of_edges(opaque: Tensor) -> Tensor:
+    """How far the blur [h, w] px of samples reaches that do not go on in all pixels beside."""
+    around = pad(opaque[None], (1, 1, 1, 1), mode="replicate")[0]
+    height, width = opaque.shape[1:]
+    reach = torch.zeros_like(opaque[0])
+    for radius in opaque:
+        ends = torch.zeros_like(radius, dtype=torch.bool)
+        for y, x in ((0, 1), (2, 1), (1, 0), (1, 2)):
+            step = around[:, y : y + height, x : x + width] - radius
+            ends |= ~(step.abs() <= _NEAR + _FAR * radius.abs()).any(0)
+        reach = torch.where(ends & (radius < torch.inf), torch.maximum(reach, radius.abs()), reach)
+    return reach
+
+
+def _spread(reach: Tensor) -> Tensor:
+    """By how many px each pixel [h, w] lies within the reach of another."""
+    for step in range(math.ceil(float(reach.amax())) - 1):
+        beside = reach[None, None]
+        if step % 2:  # squares and crosses in turn: an octagon is nearly a circle
+            beside = torch.maximum(_pooled(beside, 3, 1), _pooled(beside, 1, 3))
+        else:
+            beside = _pooled(beside, 3, 3)
+        reach = torch.maximum(reach, beside[0, 0] - 1)
+    return reach
+
+
+def _pooled(values: Tensor, height: int, width: int) -> Tensor:
+    return max_pool2d(values, (height, width), 1, (height // 2, width // 2))

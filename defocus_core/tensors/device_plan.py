@@ -1,0 +1,52 @@
+"""The plan of a device: how much it computes at once.
+
+On a CPU pieces fit into a cache, and their sizes are fixed, so that a picture does not depend on
+the machine. Any other device takes some µs to begin an operation, however small: there pieces are
+as large as its whole memory allows, of which others may use a part meanwhile.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import torch
+
+# Memory in bytes of a device that torch cannot ask.
+_UNKNOWN = 8 << 30
+# Shares of the memory of a device: of a tile with all its layers, and of pieces of lists, of which
+# several are held at once.
+_TILE, _PIECE = 1 / 2, 1 / 8
+
+
+def launches_cost(device: torch.device) -> bool:
+    """Whether an operation takes long to begin, and waiting for a result longer."""
+    return device.type != "cpu"
+
+
+def pieces(device: torch.device, on_cpu: int, bytes_each: int) -> int:
+    """The number of pixels, or of other items, that are computed at once.
+
+    Args:
+        device: Where they are computed.
+        on_cpu: Their number on a CPU.
+        bytes_each: What one takes, with all that is computed of it.
+    """
+    if not launches_cost(device):
+        return on_cpu
+    return max(on_cpu, int(memory_of(device) * _PIECE) // bytes_each)
+
+
+def tile_pixels(device: torch.device, bytes_each: int) -> int:
+    """The greatest number of pixels of a tile on a device that is no CPU; arguments of `pieces`."""
+    return int(memory_of(device) * _TILE) // bytes_each
+
+
+@lru_cache
+def memory_of(device: torch.device) -> int:
+    """The memory in bytes of a device that is no CPU, whoever uses it."""
+    module = getattr(torch, device.type, None)
+    if module is not None and hasattr(module, "get_device_properties") and module.is_available():
+        return int(module.get_device_properties(device).total_memory)
+    if device.type == "mps" and torch.backends.mps.is_available():
+        return torch.mps.recommended_max_memory()
+    return _UNKNOWN

@@ -1,0 +1,105 @@
+"""A finished batch as tensors: what the files hold, joined by torch's own loader."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from command_line import pair, read_exr
+from torch.utils.data import DataLoader
+
+from defocus_core import BatchDataset, DefocusError, run_batch
+from defocus_core.batch.datasets.finished import samples
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A batch of two pictures by two lenses, with maps in EXR."""
+    folder = tmp_path_factory.mktemp("batch")
+    for stem in "ab":
+        pair(folder, stem)
+    tables: dict[str, Any] = {
+        "inputs": {
+            "color": str(folder / "rgb" / "*.exr"),
+            "depth": str(folder / "depth" / "*.exr"),
+        },
+        "split": {"train": 0.5, "test": 0.5},
+        "lens": {"focal-length": "50mm", "fnumber": 2},
+        "sweep": {"focus": ["1.5m", "inf"]},
+        "outputs": {"kinds": ["left", "coc", "image"], "exr-type": "float"},
+        "machine": {"quality": "draft"},
+    }
+    run_batch(tables, folder / "out")
+    return folder / "out"
+
+
+def test_an_item_is_what_the_files_hold(out: Path) -> None:
+    data = BatchDataset(out, ["left", "coc"])
+    assert len(data) == 4
+    for item, sample in zip((data[n] for n in range(4)), samples(out), strict=True):
+        assert item["sample_id"] == sample.sample_id
+        left, coc = read_exr(sample.files["left"]), read_exr(sample.files["coc"])
+        np.testing.assert_array_equal(item["left"], np.stack([left[c] for c in "RGB"]))
+        np.testing.assert_array_equal(item["coc"][0], coc["coc"])
+        assert item["lens"]["fnum"] == 2
+        wanted = 0 if sample.lens.foc_dist == float("inf") else 1000 / sample.lens.foc_dist
+        assert item["lens"]["focus_dioptres"] == pytest.approx(wanted)
+
+
+def test_maps_of_tiff_are_read_too(tmp_path: Path) -> None:
+    color, depth = pair(tmp_path)
+    tables: dict[str, Any] = {
+        "inputs": {"color": str(color), "depth": str(depth)},
+        "lens": {"focal-length": "50mm", "fnumber": 2, "focus": "2m"},
+        "outputs": {"kinds": ["coc"], "map-format": "tiff"},
+    }
+    run_batch(tables, tmp_path / "out")
+    ends = BatchDataset(tmp_path / "out", ["coc"])[0]["coc"]
+    (sample,) = samples(tmp_path / "out")
+    assert (ends.min(), ends.max()) == pytest.approx(sample.coc_px, rel=1e-6)
+
+
+def test_a_loader_joins_crops_alike_with_any_workers(out: Path) -> None:
+    def batches(workers: int, epoch: int = 0) -> torch.Tensor:
+        data = BatchDataset(out, ["left", "image"], crop=(8, 12), seed=5)
+        data.set_epoch(epoch)
+        loader = DataLoader(
+            data,
+            batch_size=3,
+            shuffle=True,
+            generator=torch.Generator().manual_seed(1),
+            num_workers=workers,
+        )
+        return torch.cat([torch.cat([b["left"], b["image"]], 1) for b in loader])
+
+    first = batches(0)
+    assert first.shape == (4, 6, 8, 12)
+    assert torch.equal(first, batches(2))
+    assert not torch.equal(first, batches(0, epoch=1))
+
+
+def test_a_split_and_a_transform(out: Path) -> None:
+    names = [
+        set(BatchDataset(out, split=split, kinds=["coc"], transform=lambda i: i["sample_id"]))
+        for split in ("train", "test")
+    ]
+    assert [len(each) for each in names] == [2, 2]
+    assert not names[0] & names[1]
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        ({"kinds": ["rendr"]}, "unknown-name"),
+        ({"kinds": ["right"]}, "empty"),
+        ({"kinds": ["left"], "split": "val"}, "empty"),
+        ({"kinds": ["left"], "crop": 10_000}, "wrong-size"),
+    ],
+)
+def test_what_is_not_there_is_said(out: Path, options: dict[str, Any], code: str) -> None:
+    with pytest.raises(DefocusError) as caught:
+        BatchDataset(out, **options)
+    assert caught.value.code == code

@@ -1,0 +1,210 @@
+"""Colours of other primaries: kept by EXR, and made sRGB's for files that are sRGB."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+import pytest
+from command_line import render
+from image_files import SCANLINE, save
+
+from defocus_core.errors import InputError
+from defocus_core.io.exr.header import read_headers
+from defocus_core.io.images.color import read_color
+from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
+from defocus_core.io.images.encode import write_image
+from defocus_core.io.images.icc import read_profile
+from defocus_core.io.images.primaries import (
+    REC_709,
+    adaptation,
+    between_primaries,
+    declared_primaries,
+    primaries_name,
+    xyz_of_primaries,
+)
+
+WIDE = {
+    "Display P3": (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290),
+    "Adobe RGB": (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290),
+    "ACES AP0": (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.33767),
+    "ACES AP1": (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767),
+    "CIE XYZ": (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3),
+}
+D50 = np.array([0.9642, 1.0, 0.8249])
+SRGB_CURVE = (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)
+NAMES = pytest.mark.parametrize("name", WIDE)
+
+
+def patches() -> Any:
+    """Linear colours of Rec. 709, [24, 32, 3]."""
+    return np.random.default_rng(3).uniform(0.02, 0.98, (24, 32, 3)).astype(np.float32)
+
+
+def in_primaries(rgb: Any, name: str) -> Any:
+    matrix = between_primaries(REC_709, WIDE[name])
+    assert matrix is not None
+    return (rgb @ matrix.T).astype(np.float32)
+
+
+def fixed(*numbers: float) -> bytes:
+    return b"".join(struct.pack(">i", round(number * 65536)) for number in numbers)
+
+
+def profile(primaries: Any, curve: bytes, *, chad: bool = True) -> bytes:
+    """An ICC profile of one curve and a matrix."""
+    native = xyz_of_primaries(primaries)
+    white = native.sum(1)
+    adapted = adaptation(white, D50)
+    tags = {
+        **{
+            f"{c}XYZ": b"XYZ \0\0\0\0" + fixed(*(adapted @ native)[:, i])
+            for i, c in enumerate("rgb")
+        },
+        **{f"{c}TRC": curve for c in "rgb"},
+        "wtpt": b"XYZ \0\0\0\0" + fixed(*(D50 if chad else white)),
+        **({"chad": b"sf32\0\0\0\0" + fixed(*adapted.ravel())} if chad else {}),
+    }
+    start, table, body = 132 + 12 * len(tags), b"", b""
+    for tag, data in tags.items():
+        table += struct.pack(">4sII", tag.encode(), start + len(body), len(data))
+        body += data + bytes(-len(data) % 4)
+    signatures = (b"none", b"\4\0\0\0", b"mntr", b"RGB ", b"XYZ ", b"acsp")
+    head = struct.pack(">I4s4s4s4s4s12x4s28x", start + len(body), *signatures)
+    head += fixed(*D50) + bytes(128 - len(head) - 12)
+    return head + struct.pack(">I", len(tags)) + table + body
+
+
+def parametric(kind: int, *numbers: float) -> bytes:
+    return b"para" + bytes(4) + struct.pack(">HH", kind, 0) + fixed(*numbers)
+
+
+def with_profile(path: Path, samples: Any, data: bytes) -> Path:
+    array = np.frombuffer(data, np.uint8)
+    spec = oiio.ImageSpec(samples.shape[1], samples.shape[0], 3, samples.dtype.name)
+    spec.attribute("ICCProfile", oiio.TypeDesc(f"uint8[{len(data)}]"), array)
+    output: Any = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), spec)
+    assert output.write_image(samples)
+    assert output.close()
+    return path
+
+
+def exr(path: Path, rgb: Any, **attributes: Any) -> Path:
+    planes = {c: np.ascontiguousarray(rgb[..., i]) for i, c in enumerate("RGB")}
+    OpenEXR.File({**SCANLINE, **attributes}, planes).write(str(path))
+    return path
+
+
+def depth(folder: Path) -> Path:
+    OpenEXR.File({**SCANLINE}, {"Z": np.full((24, 32), 3, np.float32)}).write(str(folder / "z.exr"))
+    return folder / "z.exr"
+
+
+def png16(path: Path) -> Any:
+    pixels: Any = oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT)
+    return pixels
+
+
+@NAMES
+def test_white_stays_white_and_back_is_the_inverse(name: str) -> None:
+    there, back = between_primaries(REC_709, WIDE[name]), between_primaries(WIDE[name])
+    assert there is not None
+    assert back is not None
+    np.testing.assert_allclose(there.sum(1), 1, atol=1e-5)
+    np.testing.assert_allclose(back @ there, np.eye(3), atol=1e-5)
+    assert primaries_name(WIDE[name]) == name
+
+
+def test_ap0_to_rec_709_has_the_published_numbers() -> None:
+    # Academy TB-2014-004 by way of the ACES transforms, which adapt by CAT02: alike to 0.01.
+    matrix = between_primaries(WIDE["ACES AP0"])
+    assert matrix is not None
+    published = [[2.5217, -1.1341, -0.3876], [-0.2765, 1.3727, -0.0962], [-0.0154, -0.1530, 1.1684]]
+    np.testing.assert_allclose(matrix, published, atol=0.012)
+
+
+@NAMES
+def test_srgb_of_an_exr_is_that_of_its_twin(name: str, tmp_path: Path) -> None:
+    rgb = patches()
+    twin = exr(tmp_path / "twin.exr", rgb)
+    wide = exr(tmp_path / "wide.exr", in_primaries(rgb, name), chromaticities=WIDE[name])
+    z = depth(tmp_path)
+    for color in (twin, wide):
+        assert render(color, z, "-o", tmp_path / "out", "--format", "png16").code == 0
+    a, b = (png16(tmp_path / "out" / "render" / f"{n}.png") for n in ("twin", "wide"))
+    assert np.abs(a - b).max() < 0.002
+    assert f"primaries {name}" in read_color(wide).note
+
+
+def test_an_exr_of_other_primaries_stays_one(tmp_path: Path) -> None:
+    wide = exr(tmp_path / "wide.exr", patches(), chromaticities=WIDE["ACES AP1"])
+    render(wide, depth(tmp_path), "-o", tmp_path / "out")
+    header = read_headers(tmp_path / "out" / "render" / "wide.exr")[0]
+    assert declared_primaries(header.attributes) == pytest.approx(WIDE["ACES AP1"])
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+@pytest.mark.parametrize("chad", [True, False])
+def test_a_profile_is_decoded(tmp_path: Path, suffix: str, chad: bool) -> None:
+    rgb = patches()
+    encoded = linear_to_srgb(in_primaries(rgb, "Display P3"))
+    samples = np.rint(encoded * 65535).astype(np.uint16)
+    data = profile(WIDE["Display P3"], parametric(3, *SRGB_CURVE), chad=chad)
+    color = read_color(with_profile(tmp_path / f"a.{suffix}", samples, data))
+    assert color.warnings == ()
+    assert "primaries Display P3" in color.note
+    write_image(tmp_path / "b.png", color.pixels, "RGB", bits=16, attributes=color.attributes)
+    assert np.abs(png16(tmp_path / "b.png") - linear_to_srgb(rgb)).max() < 0.002
+    write_image(tmp_path / "b.exr", color.pixels, "RGB", attributes=color.attributes)
+    declared = declared_primaries(read_headers(tmp_path / "b.exr")[0].attributes)
+    assert declared == pytest.approx(WIDE["Display P3"], abs=1e-3)
+
+
+X = np.linspace(0, 1, 4096)
+TABLE = np.rint(srgb_to_linear(np.linspace(0, 1, 1024)) * 65535).astype(">u2")
+
+
+@pytest.mark.parametrize(
+    ("curve", "light"),
+    [
+        (b"curv" + bytes(8), X),
+        (b"curv" + bytes(4) + struct.pack(">IH", 1, 0x0233) + bytes(2), X ** (0x233 / 256)),
+        (b"curv" + bytes(4) + struct.pack(">I", 1024) + TABLE.tobytes(), srgb_to_linear(X)),
+        (parametric(0, 1.8), X**1.8),
+        (parametric(1, 2.0, 1.25, -0.25), np.maximum(1.25 * X - 0.25, 0) ** 2),
+        (parametric(2, 2.0, 0.5, 0.25, 0.125), (0.5 * X + 0.25) ** 2 + 0.125),
+        (parametric(3, *SRGB_CURVE), srgb_to_linear(X)),
+        (parametric(4, *SRGB_CURVE, 0.0, 0.0), srgb_to_linear(X)),
+    ],
+)
+def test_each_kind_of_curve(curve: bytes, light: Any) -> None:
+    found = read_profile(profile(WIDE["Adobe RGB"], curve))
+    assert found is not None
+    np.testing.assert_allclose(found.curves[0], light, atol=5e-5)
+
+
+def test_what_is_no_profile_of_curves_is_none() -> None:
+    whole = profile(WIDE["Adobe RGB"], parametric(0, 2.2))
+    assert read_profile(whole) is not None
+    for broken in (b"", whole[:150], whole.replace(b"rTRC", b"none"), b"\xff" * 400):
+        assert read_profile(broken) is None
+
+
+def test_primaries_without_colours_are_said_where_they_are_needed(tmp_path: Path) -> None:
+    line = (0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.25, 0.25)
+    color = read_color(exr(tmp_path / "a.exr", patches(), chromaticities=line))
+    with pytest.raises(InputError) as caught:
+        write_image(tmp_path / "b.png", color.pixels, "RGB", attributes=color.attributes)
+    assert caught.value.code == "damaged"
+    assert not (tmp_path / "b.png").exists()
+
+
+def test_webp_is_read(tmp_path: Path) -> None:
+    smooth = np.broadcast_to(np.linspace(40, 200, 64), (48, 64))[..., None].astype(np.uint8)
+    path = save(tmp_path / "a.webp", np.repeat(smooth, 3, 2))
+    assert read_color(path).pixels.shape == (48, 64, 3)

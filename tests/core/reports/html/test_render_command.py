@@ -1,0 +1,48 @@
+"""The command that renders a sample again says all of its lens, with all digits."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.batch.jobs.lens_from_options import lens_of
+from defocus_core.batch.journal.identity import settings
+from defocus_core.batch.lenses.lens import lens_record
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS
+from defocus_core.reports.html.render_command import render_command
+
+LENS = {
+    "focal-length": "51.2345678901mm",
+    "fnumber": "1.8123456789",
+    "sensor-width": "35.9123456789mm",
+    "focus": "2345.6789012mm",
+    "sharp-range": "1801.2345678mm..inf",
+    "cat-eye": "1.0512345678:1.5123456789",
+    "axial-color": "0.112345678mm:-0.05mm",
+    "vignetting": "on",
+    "blades": "7",
+    "blade-rotation": "15.123456789",
+    "spherical": "-0.123456789",
+    "highlights": "0.9123456789:20",
+    "dp-model": "smooth",
+    "noise": "4000.123456789:3",
+}
+
+
+def test_a_command_has_every_digit_of_a_lens() -> None:
+    values = {name: LENS_OPTIONS[name].parse(text) for name, text in LENS.items()}
+    picture = Picture("a", Path("a.exr"), Path("a.exr"))
+    reading = Reading(depth_range=(1000.0, 20000.5), fov=40.0, geometry="radial")
+    job = Job(picture, lens_of(values), reading, Outputs(Path()), Machine())
+    record = {
+        "sample_id": "a",
+        "settings": settings(job),
+        "inputs": {role: {"path": "/a.exr"} for role in ("color", "depth")},
+        "outputs": {"render": {"path": "render/a.exr"}},
+        "lens": lens_record(job.lens),
+    }
+    words = shlex.split(render_command(record, Path()))
+    said = {name: words[words.index(f"--{name}") + 1] for name in LENS}
+    assert {name: LENS_OPTIONS[name].parse(text) for name, text in said.items()} == values
+    assert words[-6:] == ["--depth-range", "1000mm", "20000.5mm", "--radial", "--fov", "40"]
