@@ -31,7 +31,7 @@ from defocus_core.evaluation.law_checks import Check, Setting
 from defocus_core.evaluation.law_probes import levels, strips, waves
 from defocus_core.evaluation.lens_laws import LAWS, devices, gradient, near_focus, occlusion
 from defocus_core.evaluation.synthetic_scenes import scenery
-from defocus_core.fitting.residual import Residual
+from defocus_core.fitting.residual import Optics, Residual
 from defocus_core.fitting.unknowns import Candidate
 from defocus_core.renderer.engine.region import Region
 from defocus_core.renderer.engine.settings import Settings
@@ -244,8 +244,8 @@ def test_nor_does_the_lens_of_a_pair(agree: Agree) -> None:
     def work(to: Moved) -> list[Tensor | None]:
         residual = Residual(to(image), to(disparity), (to(seen),), exposure=True)
         point = Candidate(8.5, 0.4)
-        scales = residual.scale(None), residual.scale(32)
-        return [x for scale in scales for x in residual.of(point, Aperture(), scale)]
+        scales, optics = (residual.scale(None), residual.scale(32)), Optics(Aperture(), DualPixel())
+        return [x for scale in scales for x in residual.of(point, optics, scale)]
 
     with torch.no_grad():
         agree(work, 1e-5)
