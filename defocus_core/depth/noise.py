@@ -77,6 +77,7 @@ def noise_from(counts: Tensor) -> float | None:
     if together <= _TOGETHER * (apart + together) or sum(noisy) <= _SHARE * together:
         return None
     half = sum(1 for count in accumulate(noisy) if 2 * count < sum(noisy))  # where the median is
+    half = min(half, _INTERVALS - 1)  # a distance of just _STEP, and NaN, are beyond the intervals
     ends = _interval_ends()
     return math.sqrt(float(ends[half]) * float(ends[half + 1])) / _MEDIAN
 
