@@ -138,7 +138,7 @@ def _evidence(
             softest = softness(slope)[slice(*band)].amax()
             ramps = (slope[slice(*band)] > STEEP).sum()
         averaged = averages(around, sizes, band, infinity)
-    scatter = scatter_counts(steps, band)
+    scatter = scatter_counts(steps, band, steepest)
     levels = levels_of(r, [size[slice(*band)] for size in sizes])
     return _BandEvidence(scatter, ends, softest, ramps, levels, averaged)
 
