@@ -5,12 +5,28 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.jobs.output_kinds import PREVIEW
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Record, files_of, input_path, without_collections
 from defocus_core.errors import InputError
+
+# Fields of the template of a name that tell settings apart.
+_NAMED = {
+    **dict.fromkeys(("foc_dist", "focus_at", "focus_percentile", "focus_value"), "{focus}"),
+    "fnum": "{fnumber}",
+    "foclen": "{focal-length}",
+    "blur": "{blur}",
+    "view": "{view}",
+}
+
+
+def _lens_and_view(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """What a picture must share with the one that it replaces."""
+    lens, reading = settings.get("lens") or {}, settings.get("reading") or {}
+    return {**lens, "view": reading.get("view")}
 
 
 class Ledger:
@@ -111,6 +127,27 @@ class Ledger:
                 if before.exists() and before.resolve() != job.picture.color.resolve():
                     problem = f"exists already, made of another picture, {before.resolve()}"
                     remedy = "choose another -o, or add ‹overwrite› to replace it"
+                    raise InputError("exists", problem, remedy, path=path)
+
+    def refuse_other_lenses(self, jobs: Iterable[Job]) -> None:
+        """Refuse to replace outputs that another lens took, or of another view.
+
+        Raises:
+            InputError: a job would.
+        """
+        for job in jobs:
+            now = _lens_and_view(identity.settings(job))
+            for name in () if job.outputs.overwrite else job.names.values():
+                path, record = self.out / name, self._last.get(name)
+                if record is None or record["status"] != "ok" or not path.exists():
+                    continue
+                changes = list(identity.changed_settings(_lens_and_view(record["settings"]), now))
+                if changes:
+                    words = ", ".join(f"{key} {was}, not {now}" for key, was, now in changes[:3])
+                    part = _NAMED.get(changes[0][0], "2")
+                    problem = f"exists already, taken otherwise: {words}"
+                    names = f"‹name› '{{stem}}_{part}'"
+                    remedy = f"choose another -o, {names}, or add ‹overwrite› to replace it"
                     raise InputError("exists", problem, remedy, path=path)
 
     def _own(self, record: Record) -> Record | None:
