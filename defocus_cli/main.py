@@ -30,10 +30,25 @@ from defocus_core.errors import (
 from defocus_core.system.interrupts import Terminated, put_off, terminations
 from defocus_core.system.text import version
 
-COMMANDS = (
-    *("render", "batch", "status", "report", "retry", "merge"),
-    *("info", "depth", "aperture", "lenses", "fit", "compare", "golden", "bench", "verify", "help"),
-)
+# Each command, in the order help shows them, and what it does, so that help imports none of them.
+COMMANDS = {
+    "render": "Defocus pictures: colour and depth in, render, left, right, coc out.",
+    "batch": "Do the jobs of a file: many pictures, many lenses; go on where it was stopped.",
+    "status": "Say how far the batch in a directory is.",
+    "report": "Write a batch as a page to look at.",
+    "retry": "Do the failed jobs of a batch once more.",
+    "merge": "Make one journal of those of all shards.",
+    "info": "Say what is in a file: size, channels, depth range, blur with a lens.",
+    "depth": "Convert depth files of any format to EXR in planar metres.",
+    "aperture": "Draw the opening of a lens, and the blur of a point.",
+    "lenses": "List the lens files that ship, or show their looks.",
+    "fit": "Find the lens between a sharp and a blurred picture.",
+    "compare": "Say whether pictures are the same, and what happened if not.",
+    "golden": "Keep pictures that later renders must be like, and check them.",
+    "bench": "Render scenes with known truth or synthetic ones; say error and time.",
+    "verify": "Measure whether the laws of the lens hold on this machine.",
+    "help": "Print the reference on a topic, or list the topics.",
+}
 
 
 class LazyGroup(click.Group):
@@ -42,6 +57,11 @@ class LazyGroup(click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of the commands, in the order help shows them."""
         return list(COMMANDS)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The commands, a line each."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of that name."""
@@ -57,7 +77,7 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """The command that ``args`` start with, and what is left of them."""
         if args[0] not in COMMANDS:
-            remedy = did_you_mean(args[0], COMMANDS, "see 'defocus --help'")
+            remedy = did_you_mean(args[0], tuple(COMMANDS), "see 'defocus --help'")
             raise UsageProblem("unknown-name", "no such command", remedy, path=args[0])
         return super().resolve_command(ctx, args)
 
@@ -138,6 +158,8 @@ def error_line(error: click.ClickException) -> str:
     if isinstance(error, click.NoSuchOption):
         if error.possibilities:
             remedy = f"did you mean {' or '.join(sorted(error.possibilities))}?"
+        if error.ctx is not None and error.ctx.info_name == "batch":
+            remedy = _in_jobs_file(error.option_name.removeprefix("--")) or remedy
         return f"{error.option_name}: no such option; {remedy}"
     if isinstance(error, click.MissingParameter):
         return f"{option_name(error.param)}: is missing; {remedy}"
@@ -147,6 +169,14 @@ def error_line(error: click.ClickException) -> str:
         problem = _clause(error).removeprefix(f"Option '{error.option_name}' ")
         return f"{error.option_name}: {problem}; {remedy}"
     return f"command line: {_clause(error)}; {remedy}"
+
+
+def _in_jobs_file(name: str) -> str:
+    """The remedy for an option of a batch that is a key of its jobs file; empty if it is none."""
+    from defocus_core.batch.jobs.jobs_file import KEYS
+
+    table = next((table for table, keys in KEYS.items() if name in keys), "")
+    return table and f"write {name} below [{table}] of the jobs file"
 
 
 def system_error_line(error: OSError) -> str:

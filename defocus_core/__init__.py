@@ -26,6 +26,9 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.depth.conversion import depth_from_disparity as depth_from_disparity
     from defocus_core.depth.conversion import depth_from_logarithm as depth_from_logarithm
     from defocus_core.depth.conversion import planar_depth as planar_depth
+    from defocus_core.depth.conversion import (
+        radius_from_relative_disparity as radius_from_relative_disparity,
+    )
     from defocus_core.depth.diagnosis import DepthRepair as DepthRepair
     from defocus_core.depth.guided_resize import GuidedDepth as GuidedDepth
     from defocus_core.depth.repair import diagnose_depth as diagnose_depth
@@ -93,7 +96,8 @@ _GROUPS = {
         "tensors.clipped_lights": "with_lights",
     },
     "depth": {
-        "depth.conversion": "depth_from_disparity depth_from_logarithm planar_depth",
+        "depth.conversion": "depth_from_disparity depth_from_logarithm planar_depth "
+        "radius_from_relative_disparity",
         "depth.diagnosis": "DepthRepair",
         "depth.guided_resize": "GuidedDepth",
         "depth.repair": "diagnose_depth repair_depth",

@@ -4,6 +4,20 @@ from __future__ import annotations
 
 QUALITIES = ("draft", "standard", "high", "reference")
 DUAL_PIXEL_MODELS = ("split", "smooth")
+# Sensors that were measured: their model, their crosstalk, and what it was measured on.
+DUAL_PIXEL_SENSORS = {
+    "@pixel4": (
+        "smooth",
+        0.08,
+        "Pixel 4, fitted to photographs of S. Xin et al., ICCV 2021",
+    ),
+    "@canon-dpp": (
+        "smooth",
+        0.335,
+        "Canon R6 II with RF 50 mm at f/4, fitted to a plane of Sdirt, C. He et al., ICCV 2025: "
+        "views made by Canon's DPP, less apart than the photodiodes",
+    ),
+}
 # What automatic highlights stand for: threshold, in linear light, and gain.
 AUTO_LIGHTS = (0.93, 16.0)
 DEPTH_REPAIRS = ("auto", "off")  # or soft edges of a slope

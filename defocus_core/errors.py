@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
 
 # What kinds of mistakes there are: the codes of errors, for programs.
@@ -46,13 +47,16 @@ CODES = {
     "no-such-part": "a file has no part, page or frame of that number",
     "no-such-view": "a file has no view of that name",
     "no-valid-depth": "there is nothing to focus on",
+    "not-explained": "a blur explains little of what pictures differ by",
     "not-finite": "numbers are NaN or infinite",
     "not-found": "a file or folder is not there",
     "not-numbers": "what is there cannot be taken as real numbers",
     "not-one-channel": "depth has several channels",
+    "not-one-scene": "pictures do not show the same",
     "not-square": "pixels are not square where they must be",
     "not-utf-8": "a text or a name is not UTF-8",
     "one-file": "many files would go to one",
+    "other-cause": "a shift, a curve or an exposure explains more than a blur",
     "other-machine": "times of another machine cannot be compared",
     "other-version": "another version of defocus runs elsewhere",
     "out-of-memory": "a picture does not fit into memory",
@@ -60,9 +64,9 @@ CODES = {
     "radii": "a file holds radii where depth is needed, or the reverse",
     "replaces-input": "an output would replace an input",
     "subsampled": "a channel has fewer samples than the others",
+    "swapped": "the sharp picture is given for the blurred one",
     "too-blurred": "a blur is larger than any picture",
     "too-large": "a file claims more than is read",
-    "unknown-format": "a file is of a format that is not known",
     "unknown-name": "a name is not known",
     "unknown-unit": "the unit of numbers is not known",
     "unreachable": "a scheduler cannot be reached",
@@ -79,6 +83,35 @@ CODES = {
 _OPTION = re.compile("‹([a-z][a-z-]*)›")
 
 
+@dataclass(frozen=True)
+class Place:
+    """Where a value stands; without a path it is an option that the caller gave himself.
+
+    Attributes:
+        path: the file, or what else stands for it.
+        table: the table of the file, in brackets, or its line.
+        field: the option or key.
+    """
+
+    path: Path | str | None = None
+    table: str = ""
+    field: str = ""
+
+    def at(self, field: str) -> Place:
+        """The place of a key of the same file, table or line."""
+        return replace(self, field=field)
+
+    def __str__(self) -> str:
+        if self.path is None:
+            return f"‹{self.field}›"
+        between = " " if self.table.endswith("]") else ": "
+        key = between.join(filter(None, (self.table, self.field)))
+        return f"{self.path}: {key}" if key else f"{self.path}"
+
+
+CALLER = Place()
+
+
 class DefocusError(Exception):
     """A mistake of a user, as data: what is wrong, where, and what to do about it.
 
@@ -88,7 +121,7 @@ class DefocusError(Exception):
         code: what kind of mistake it is, a word of `CODES`.
         problem: what is wrong, without a full stop.
         remedy: what to do about it; the empty string if there is nothing to propose.
-        path: the file concerned, or what else the mistake is in.
+        path: the file concerned, or what else the mistake is in; or its place in there.
         field: the option or key concerned, in the file if there is one.
         value: what the option is set to, where that is a part of the mistake.
     """
@@ -99,7 +132,7 @@ class DefocusError(Exception):
         problem: str,
         remedy: str = "",
         *,
-        path: str | Path | None = None,
+        path: str | Path | Place | None = None,
         field: str = "",
         value: str = "",
     ) -> None:
@@ -107,17 +140,25 @@ class DefocusError(Exception):
         self.code = code
         self.problem = one_line(problem)
         self.remedy = one_line(remedy)
-        caller = _OPTION.fullmatch(str(path))  # an option that the caller gave himself
-        self.path = None if path is None or caller else printable(str(path))
-        self.field = caller[1] if caller else field
+        place = path if isinstance(path, Place) else Place(path)
+        named = None if place.path is None else printable(str(place.path))
+        self.place = Place(named, place.table, field or place.field)
         self.value = printable(value)
+
+    @property
+    def path(self) -> str | None:
+        """The file concerned; None for an option that the caller gave."""
+        return None if self.place.path is None else str(self.place.path)
+
+    @property
+    def field(self) -> str:
+        """The option or key concerned, or else the table or line."""
+        return self.place.field or self.place.table
 
     @property
     def subject(self) -> str:
         """File, option or key that the mistake is in, in words."""
-        if self.path is None:
-            return f"‹{self.field}› {self.value}".rstrip()
-        return f"{self.path}: {self.field}" if self.field else self.path
+        return f"{self.place} {self.value}".rstrip() if self.path is None else str(self.place)
 
     def __str__(self) -> str:
         line = f"{self.subject}: {self.problem}"
@@ -142,6 +183,16 @@ class TooLarge(InputError):  # noqa: N818 - it is said of a file
 
 class Rejected(InputError):  # noqa: N818 - it is no error of the user's
     """A picture that a lens cannot take as asked."""
+
+
+class NotExplained(DefocusError):  # noqa: N818 - it is said of pictures
+    """No lens that was found explains what pictures differ by."""
+
+
+def cannot_read(path: Path, error: OSError, remedy: str) -> InputError:
+    """The error for a file that the system does not read, or that is not there."""
+    code = "not-found" if isinstance(error, FileNotFoundError) else "unreadable"
+    return InputError(code, f"cannot be read: {reason(error)}", remedy, path=path)
 
 
 def one_line(text: object) -> str:

@@ -1,6 +1,6 @@
 """The pytest fixture ``golden``: pictures of a test are compared with those that were accepted.
 
-``golden.check(image, "name", psnr=45)`` compares an array, a tensor or a file with
+``golden.check(image, "name", like="render")`` compares an array, a tensor or a file with
 ``goldens/TEST_FILE/name.exr`` beside the test. ``pytest --golden-update`` accepts what there is.
 ``pytest --junitxml NAME.xml`` writes ``NAME.goldens.html`` too, a report to look at in a browser.
 """
@@ -101,29 +101,35 @@ class Golden:
         self, folder: Path, *, update: bool, test: str = "", kept: Path | None = None
     ) -> None:
         self.folder, self.update, self.test, self.kept = folder, update, test, kept
+        self._checked: set[str] = set()
 
-    def check(self, image: Any, name: str, **bounds: float) -> None:
+    def check(self, image: Any, name: str, *, like: str | None = None, **bounds: float) -> None:
         """Compare an image with its golden, and fail the test if it is not like it.
 
         Args:
             image: an array [H, W] or [H, W, C]; a tensor [H, W], [C, H, W] or [1, C, H, W]; or the
                 path of a file. Arrays and tensors are linear.
             name: of the golden, unique in the test file; may hold slashes.
+            like: a set of rules: ``render`` (the same program on another machine), ``encoder`` (a
+                lossy codec) or ``golden`` (the same program and machine).
             bounds: metrics of ``defocus compare`` with what is just allowed, like ``psnr=45`` or
                 ``max=0.02``; rel_rmse, p999 and edges_psnr for rel-rmse, p99.9 and edges-psnr.
                 By default, no value may differ by more than 1e-4.
 
         Raises:
             ValueError: the image has another shape, or values that 32 bits cannot hold; a metric is
-                not known, or its bound is NaN; or the name leads out of the folder.
+                not known, or its bound is NaN; or the name is empty, was checked in this test
+                before, or leads out of the folder.
         """
         from defocus_core.compare.record import EXTRA, Comparison
         from defocus_core.compare.two_images import planes_of
         from defocus_core.reports.comparison_words import line
 
         __tracebackhide__ = True
-        rules = _rules(bounds or _DEFAULT)
+        rules = _rules(bounds, like)
         source = Path(image) if isinstance(image, str | Path) else None
+        if not all(part.strip(".") for part in name.split("/")):
+            raise ValueError(f"name must be that of a file below {self.folder}, got '{name}'")
         golden = self._place(f"{name}{source.suffix if source else '.exr'}")
         if self.update:
             _accept(self.folder, golden, image if source is None else source)
@@ -142,6 +148,10 @@ class Golden:
         """The path of a golden, which lies below the folder, no link followed."""
         from defocus_core.errors import reason
         from defocus_core.io.below import Folder
+
+        if name in self._checked:
+            raise ValueError(f"name must be new in the test, but {name} was checked before")
+        self._checked.add(name)
 
         try:
             return Folder(self.folder).path(name)
@@ -169,20 +179,23 @@ def golden(request: pytest.FixtureRequest) -> Golden:
     return Golden(folder, update=update, test=request.node.nodeid, kept=kept)
 
 
-def _rules(bounds: Mapping[str, float]) -> Rules:
+def _rules(bounds: Mapping[str, float], like: str | None) -> Rules:
     from defocus_core.compare.metrics import METRICS
-    from defocus_core.compare.thresholds import Rule, Rules
+    from defocus_core.compare.thresholds import PRESETS, Rule, Rules
 
+    if like is not None and like not in PRESETS:
+        raise ValueError(f"like must be one of {', '.join(PRESETS)}, got {like}")
     rules = []
-    for key, bound in bounds.items():
-        name = {"p999": "p99.9"}.get(key, key.replace("_", "-"))
+    for key, bound in (bounds or ({} if like else _DEFAULT)).items():
+        name = key.replace("p999", "p99.9").replace("_", "-")
         if name not in METRICS:
             raise ValueError(f"bounds must be metrics ({', '.join(METRICS)}), got {key}")
         if math.isnan(bound):
             raise ValueError(f"the bound of {key} must be a number, got NaN: it lets all pass")
         sign = "<" if METRICS[name].better == "high" else ">"
         rules.append(Rule(name, sign, float(bound), f"{name}{sign}{bound:g}"))
-    return Rules(fail=tuple(rules))
+    preset = Rules() if like is None else PRESETS[like]
+    return Rules(fail=(*preset.fail, *rules), warn=preset.warn)
 
 
 def _compared(golden: Path, image: Any, name: str, rules: Rules) -> Comparison:
@@ -193,10 +206,12 @@ def _compared(golden: Path, image: Any, name: str, rules: Rules) -> Comparison:
     from defocus_core.compare.two_images import of_planes
 
     picture = read_picture(image) if isinstance(image, Path) else of_planes(image, name)
+    aim = read_picture(golden)
+    if not isinstance(image, Path):  # an array has neither metadata nor a codec
+        types = {n: kind for n, kind in picture.types.items() if n in aim.types}
+        aim = replace(aim, metadata={}, layout={}, types={**aim.types, **types})
     flip = any(rule.metric.startswith("flip") for rule in rules.fail)
-    return compare_pictures(name, read_picture(golden), picture, rules, CompareSettings(flip=flip))[
-        0
-    ]
+    return compare_pictures(name, aim, picture, rules, CompareSettings(flip=flip))[0]
 
 
 def _accept(folder: Path, golden: Path, image: Any) -> None:

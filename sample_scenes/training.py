@@ -30,8 +30,8 @@ JOBS = """
 color = "scenes/*.rgb.exr"
 depth = "scenes/*.depth.exr"
 [split]
-train = 0.5
-test = 0.5
+train = 0.75
+test = 0.25
 [lens]
 focal-length = "50mm"
 sensor-width = "3mm"

@@ -8,7 +8,7 @@ import pytest
 from command_line import pair, run
 
 from defocus_cli.commands.help import text
-from defocus_core.errors import CODES, DefocusError, InputError, with_dashes
+from defocus_core.errors import CALLER, CODES, DefocusError, InputError, Place, with_dashes
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(ROOT.glob("defocus_c*/**/*.py"))
@@ -32,7 +32,8 @@ def kinds(kind: type[DefocusError]) -> set[str]:
     return {kind.__name__}.union(*(kinds(each) for each in kind.__subclasses__()))
 
 
-ERRORS = kinds(DefocusError) | {"NoSpace", "LockLost", "NoDepthChannel"}
+# A refusal of a fit has the code of the error that the command line makes of it.
+ERRORS = kinds(DefocusError) | {"NoSpace", "LockLost", "NoDepthChannel", "Refusal"}
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
@@ -62,6 +63,23 @@ def test_options_are_named_in_quotes_and_on_the_command_line_with_dashes() -> No
     assert with_dashes(str(error)) == line
 
 
+@pytest.mark.parametrize(
+    ("place", "path", "field", "text"),
+    [
+        (CALLER.at("focus"), None, "focus", "‹focus›"),
+        (Place("a.toml", "[lens]", "focus"), "a.toml", "focus", "a.toml: [lens] focus"),
+        (Place("a.csv", "line 3", "focus"), "a.csv", "focus", "a.csv: line 3: focus"),
+        (Place("a.csv", "line 3"), "a.csv", "line 3", "a.csv: line 3"),
+        (Place("a.toml", field="focus"), "a.toml", "focus", "a.toml: focus"),
+    ],
+)
+def test_an_error_has_file_and_key_of_its_place(
+    place: Place, path: str | None, field: str, text: str
+) -> None:
+    error = DefocusError("malformed", "is wrong", path=place)
+    assert (error.path, error.field, str(error)) == (path, field, f"{text}: is wrong")
+
+
 # Arguments after the picture, the code, and the line.
 LINES = [
     (
@@ -72,8 +90,7 @@ LINES = [
     (
         (*LENS, "--blade-rotation", "10deg"),
         "idle-option",
-        "--blade-rotation: turns blades; this aperture has none; "
-        "give it some, like --blades 6, or leave it out",
+        "--blade-rotation: turns blades; this aperture has none; add --blades 6, or leave it out",
     ),
     (
         ("--fnumber", "2", "--focus", "2m"),

@@ -15,11 +15,7 @@ from defocus_core.batch.look.opening import write_aperture
 from defocus_core.errors import InputError
 
 
-@click.command(
-    "aperture",
-    cls=GroupedCommand,
-    short_help="Draw the opening of a lens, and the blur of a point.",
-)
+@click.command("aperture", cls=GroupedCommand)
 @grouped_option(
     "Output",
     "-o",

@@ -13,7 +13,7 @@ from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_cli.words import dry_run as dry_runs
-from defocus_core.batch.datasets import update
+from defocus_core.batch.datasets import origin, update
 from defocus_core.batch.jobs.job import Job, Outputs
 from defocus_core.batch.jobs.jobs_file import read_jobs
 from defocus_core.batch.journal.journal import Shard
@@ -25,11 +25,7 @@ from defocus_core.reports.html import batches
 from defocus_core.system.process import cores
 
 
-@click.command(
-    "batch",
-    cls=GroupedCommand,
-    short_help="Do the jobs of a file: many pictures, many lenses; go on where it was stopped.",
-)
+@click.command("batch", cls=GroupedCommand)
 @click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")
 @click.option(
     "-o",
@@ -112,7 +108,17 @@ def command(
         dry_runs.report_batch(plan, crew.count, as_json=as_json, verbose=verbose)
         return
     asked = {job.sample_id for job in jobs}
-    carry_out(jobs, out, execution, shards_size, asked, html=html, as_json=as_json, verbose=verbose)
+    carry_out(
+        jobs,
+        out,
+        execution,
+        shards_size,
+        asked,
+        jobs_file=jobs_file,
+        html=html,
+        as_json=as_json,
+        verbose=verbose,
+    )
 
 
 def carry_out(
@@ -122,11 +128,14 @@ def carry_out(
     shards_size: int | None,
     asked: Collection[str] | None,
     *,
+    jobs_file: Path | None = None,
     html: Path | None = None,
     as_json: bool,
     verbose: bool,
 ) -> None:
     """Do jobs, index and show the samples that are ``asked`` for, all if None, and tell.
+
+    The jobs file is kept in OUT, if they are of one.
 
     Raises:
         ClickException: not all could be done.
@@ -134,6 +143,8 @@ def carry_out(
     report = batch_report.BatchReport(each=verbose, verbose=verbose)
     with report.bar("job"):
         summary = run.carry_out(jobs, out, execution, report)
+    if jobs_file is not None:
+        origin.keep(out, jobs_file)
     written = []
     if execution.shard is None and not summary.interrupted:
         written = update.index(out, shards_size, asked)

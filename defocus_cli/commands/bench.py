@@ -46,11 +46,7 @@ def _size(word: str) -> Size:
 _time_option = partial(click.option, cls=GroupedOption, heading="Time")
 
 
-@click.command(
-    "bench",
-    cls=GroupedCommand,
-    short_help="Render scenes with known truth or synthetic ones; say error and time.",
-)
+@click.command("bench", cls=GroupedCommand)
 @click.option(
     "--truth",
     type=FilePath(),

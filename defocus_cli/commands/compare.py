@@ -5,21 +5,25 @@ from __future__ import annotations
 import time
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import click
 
 from defocus_cli.options import comparing, shared
-from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.options.types import FilePath, GroupedCommand, grouped_option
 from defocus_cli.words import console
 from defocus_cli.words.batch import bar
+from defocus_core.compare.accepting import accept_files
 from defocus_core.compare.batch_pairs import are_batches, pair_batches
 from defocus_core.compare.metrics import METRICS
 from defocus_core.compare.pairing import find_pairs
+from defocus_core.compare.record import DIFFERENT, EXTRA
 from defocus_core.compare.run import compare_all
 from defocus_core.reports import comparison_words as compare_report
 from defocus_core.reports.html import comparisons
 from defocus_core.reports.junit import write_junit
 from defocus_core.system.process import cores
+from defocus_core.system.text import counted
 
 _METRICS = "\n".join(f"  {m.name:<15} {m.help}" for m in METRICS.values())
 _HELP = f"""Say whether B is the same as A, and if not, what happened to it.
@@ -44,23 +48,26 @@ Metrics for --fail and --warn:
 \b
 Examples:
   defocus compare golden.exr render.exr
-  defocus compare golden/ out/ --fail 'psnr<45' --warn 'max>0.02' --junit compare.xml
+  defocus compare golden/ out/ --like render --junit compare.xml
+  defocus compare golden/ out/ --fail 'hdr-p99.9>0.01' --fail found:clipped
   defocus compare golden/ out/ --html compare.html
-  defocus compare batch1/ batch2/ --fail 'psnr<45'
+  defocus compare golden/ out/ --like render --accept
+  defocus compare batch1/ batch2/ --like encoder
   defocus compare golden/ out/ --thresholds compare.toml --diff differences
   defocus compare golden/render out/render --coc out/coc --fail 'elsewhere-psnr<50'
 """
 
 
-@click.command(
-    "compare",
-    cls=GroupedCommand,
-    help=_HELP,
-    short_help="Say whether pictures are the same, and what happened if not.",
-)
+@click.command("compare", cls=GroupedCommand, help=_HELP)
 @click.argument("a", type=FilePath())
 @click.argument("b", type=FilePath())
 @comparing.comparison_options()
+@grouped_option(
+    "Output",
+    "--accept",
+    is_flag=True,
+    help="After the report, make the files of B that differ the new A. Files that B lacks stay.",
+)
 @shared.machine_option(
     "--processes",
     type=click.IntRange(min=1),
@@ -74,6 +81,7 @@ def command(
     a: Path,
     b: Path,
     asked: comparing.ComparisonOptions,
+    accept: bool,
     processes: int,
     as_json: bool,
     verbose: bool,
@@ -103,9 +111,17 @@ def command(
         title = f"{b} compared with {a}"
         header = comparisons.ReportHeader(title, words, commands)
         comparisons.write(asked.html, header, records, asked.settings, processes)
+    accepted = accept_files(a, b, records) if accept else []
     if as_json:
-        more = {} if batches is None else {"recipes": [asdict(each) for each in batches.changes]}
+        more: dict[str, Any] = (
+            {} if batches is None else {"recipes": [asdict(each) for each in batches.changes]}
+        )
+        if accept:
+            more["accepted"] = [str(path) for path in accepted]
         console.print_json(**compare_report.document(records), **more)
     elif not lone:
         console.stdout(compare_report.summary(records))
-    return compare_report.exit_code(records)
+    if accept and not as_json:
+        console.stdout(f"{a}: {counted(len(accepted), 'file')} accepted from {b}")
+    left = [r for r in records if not (accept and r.status in (DIFFERENT, EXTRA))]
+    return compare_report.exit_code(left)

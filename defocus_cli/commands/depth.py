@@ -17,11 +17,7 @@ from defocus_core.batch.jobs.job import Reading
 from defocus_core.errors import DefocusError
 
 
-@click.command(
-    "depth",
-    cls=GroupedCommand,
-    short_help="Convert depth files of any format to EXR in planar metres.",
-)
+@click.command("depth", cls=GroupedCommand)
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
 @grouped_option(
     "Output",

@@ -18,28 +18,27 @@ from defocus_cli.words.endings import Failures
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.jobs.pairing import find_pictures
 from defocus_core.batch.jobs.random_lenses import Sampling
+from defocus_core.batch.lenses import quantities
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS
+from defocus_core.batch.lenses.quantities import QuantityError
 from defocus_core.batch.lenses.radius_set import read_radius_set
 from defocus_core.batch.rendering import lens_fit, lens_match
-from defocus_core.errors import DefocusError, InputError, UsageProblem
+from defocus_core.errors import DefocusError, InputError, NotExplained, UsageProblem
 
 _MOST_BLADES = 99
+_OF_PAIRS = ("dual_pixel", "dp_model", "dp_crosstalk", "side_shading")  # attributes of FitOptions
 _Find = Callable[[Callable[[int, int], None]], dict[str, Any]]  # progress in, a record out
 
 
 def _blades(text: str) -> tuple[int, ...]:
     """Numbers of blades, as ``0,5,6``."""
-    from defocus_core.batch.lenses.quantities import QuantityError
-
     numbers = [part.strip() for part in text.split(",")]
     if not all(n.isdigit() and (int(n) == 0 or 3 <= int(n) <= _MOST_BLADES) for n in numbers):
         raise QuantityError(f"'{text}' names no numbers of blades", "write them like 0,5,6")
     return tuple(dict.fromkeys(map(int, numbers)))
 
 
-@click.command(
-    "fit", cls=GroupedCommand, short_help="Find the lens between a sharp and a blurred picture."
-)
+@click.command("fit", cls=GroupedCommand)
 @click.argument("sharp", type=FilePath(), metavar="SHARP")
 @click.argument("depth", type=FilePath(), metavar="DEPTH")
 @click.argument("blurred", type=FilePath(), required=False, metavar="[BLURRED]")
@@ -75,6 +74,9 @@ def _blades(text: str) -> tuple[int, ...]:
 )
 @grouped_option("Output", "--overwrite", is_flag=True, help="Replace lens files that are there.")
 @grouped_option(
+    "Output", "--accept", is_flag=True, help="Take a lens that does not explain the pictures."
+)
+@grouped_option(
     "Lens",
     "--focal-length",
     type=Quantity(LENS_OPTIONS["focal-length"].parse, "LENGTH"),
@@ -103,6 +105,46 @@ def _blades(text: str) -> tuple[int, ...]:
 )
 @grouped_option(
     "Lens",
+    "--focus",
+    type=Quantity(quantities.focus, "DISTANCE"),
+    metavar="DISTANCE",
+    help="The distance in focus, where it is known: it is not sought, and one plane will do.",
+)
+@grouped_option(
+    "Lens",
+    "--fnumber",
+    type=Quantity(LENS_OPTIONS["fnumber"].parse, "N"),
+    metavar="N",
+    help="The f-number, where it is known.",
+)
+@grouped_option(
+    "Sensor",
+    "--dual-pixel",
+    is_flag=True,
+    help="Find how the photodiodes of a pair share the light, too: model, crosstalk, sides.",
+)
+@grouped_option(
+    "Sensor",
+    "--dp-model",
+    type=Quantity(LENS_OPTIONS["dp-model"].parse, "MODEL"),
+    metavar="MODEL",
+    help="The model of the photodiodes or the file of their kernels, as for render; not sought.",
+)
+@grouped_option(
+    "Sensor",
+    "--dp-crosstalk",
+    type=Quantity(LENS_OPTIONS["dp-crosstalk"].parse, "0…0.49"),
+    metavar="0…0.49",
+    help="The crosstalk of the photodiodes, where it is known.",
+)
+@grouped_option(
+    "Sensor",
+    "--side-shading",
+    is_flag=True,
+    help="Find a factor of light of each side, too, that is a plane over the frame.",
+)
+@grouped_option(
+    "Lens",
     "--exposure",
     is_flag=True,
     help="Find a factor for each colour, too: the pictures differ in exposure or white balance.",
@@ -117,7 +159,8 @@ def _blades(text: str) -> tuple[int, ...]:
     "Lens",
     "--shift",
     is_flag=True,
-    help="Find by how many px, up to 16, BLURRED lies beside SHARP, too.",
+    help="Find by how many px, up to 16, BLURRED lies beside SHARP, too, and how much the lens "
+    "breathes: what is blurred lies farther outwards.",
 )
 @reading_options
 @shared.json_option
@@ -130,9 +173,16 @@ def command(
     seed: int | None,
     out: Path | None,
     overwrite: bool,
+    accept: bool,
     focal_length: float,
     sensor_width: float,
     blades: tuple[int, ...],
+    focus: float | quantities.Percentile | None,
+    fnumber: float | None,
+    dual_pixel: bool,
+    dp_model: str | Path | None,
+    dp_crosstalk: float | None,
+    side_shading: bool,
     exposure: bool,
     gamma: bool,
     shift: bool,
@@ -155,10 +205,14 @@ def command(
       fnumber, fnumber_error (relative), px_per_dioptre; an error is null if it is unbounded
       blades, blade_rotation_deg, gains
       gamma, gamma_error (relative), shift_px (right, down)
+      breathing, breathing_error: px outwards at the border, for a blur of 1 px
+      dp_model, dp_crosstalk, dp_crosstalk_error, left_is_right, side_shading, of a pair
+      explained    share of the difference of the pictures that the blur explains
       coc_mean_px, coc_p50_px, coc_p99_px, of the radii without sign
       asked        with --match, the same of SET
       psnr         all, edges, elsewhere, in dB of compressed light
       doubts       what these pictures do not tell
+      refusals     code, problem, remedy: why this is not their lens
     and "failed" of pictures without a lens: subject, problem, remedy
 
     \b
@@ -169,7 +223,18 @@ def command(
       defocus fit sharp depth blurred -o lenses --focal-length 85mm --exposure --blades 0,7
     """  # noqa: D301  click reads the backspace
     options = lens_fit.FitOptions(
-        focal_length, sensor_width, blades, exposure=exposure, gamma=gamma, shift=shift
+        focal_length,
+        sensor_width,
+        blades,
+        exposure=exposure,
+        gamma=gamma,
+        shift=shift,
+        dual_pixel=dual_pixel,
+        side_shading=side_shading,
+        focus=_distance(focus),
+        fnumber=fnumber,
+        dp_model=dp_model,
+        dp_crosstalk=dp_crosstalk,
     )
     _refuse_idle(blurred, match, seed, right, options)
     pictures = find_pictures(sharp, depth)
@@ -179,23 +244,46 @@ def command(
         else _by_match(pictures, match, seed or 0, reading, options)
     )
     places = _places(pictures, out, many=sharp.is_dir(), overwrite=overwrite)
-    records, failures = [], Failures()
+    words = lens_match.match_words if match else lens_fit.words
+    failures, records = Failures(), []
     for picture, find, place in zip(pictures, finding, places, strict=True):
-        try:
-            with tile_bar() as progress:
-                record = find(progress)
-        except DefocusError as error:
-            failures.add(error)
-            continue
-        if place is not None:
-            lens_fit.write_lens(place, record)
-        records.append({**record, "out": None if place is None else str(place)})
-        if not as_json:
-            lines = lens_match.match_words(record) if match else lens_fit.words(record)
-            click.echo("\n".join([f"{picture.color}:", *(f"  {line}" for line in lines)]))
+        record = _found(picture, find, place, failures, accept=accept or match is not None)
+        records += [record] if record else []
+        if record and not as_json:
+            click.echo("\n".join([f"{picture.color}:", *(f"  {x}" for x in words(record))]))
     if as_json and records:
         console.print_json(pairs=records, failed=failures.records())
     failures.end()
+
+
+def _found(
+    picture: Picture, find: _Find, place: Path | None, failures: Failures, *, accept: bool
+) -> dict[str, Any] | None:
+    """The record of the lens of a picture, which is written unless it explains little."""
+    try:
+        with tile_bar() as progress:
+            record = find(progress)
+        refusals = [] if accept else record["refusals"]
+        if place is not None and not refusals:
+            lens_fit.write_lens(place, record)
+    except DefocusError as error:
+        failures.add(error)
+        return None
+    for refusal in refusals:
+        failures.add(NotExplained(**refusal, path=picture.color))
+    return {**record, "out": None if place is None or refusals else str(place)}
+
+
+def _distance(focus: float | quantities.Percentile | None) -> float | None:
+    """The distance in focus in mm, of an option.
+
+    Raises:
+        UsageProblem: it is no distance.
+    """
+    if isinstance(focus, quantities.Percentile):
+        problem, remedy = "is no distance", "give it like 2m"
+        raise UsageProblem("malformed", problem, remedy, field="focus", value=str(focus))
+    return focus
 
 
 def _places(
@@ -268,11 +356,20 @@ def _refuse_idle(
                 "give the blurred picture, or --match SET",
                 path="BLURRED",
             )
+        for name in _OF_PAIRS if right is None else ():
+            if getattr(options, name) not in (None, False):
+                raise UsageProblem(
+                    "idle-option",
+                    "has no effect without the right picture",
+                    "add ‹right› FILE, or leave it out",
+                    field=name.replace("_", "-"),
+                )
         return
     beside = {"BLURRED": blurred, "--right": right, "--blades": options.blades != (0,)}
-    beside |= {f"--{name}": getattr(options, name) for name in ("exposure", "gamma", "shift")}
+    names = ("exposure", "gamma", "shift", "focus", "fnumber", *_OF_PAIRS)
+    beside |= {f"--{name.replace('_', '-')}": getattr(options, name) for name in names}
     for name, value in beside.items():
-        if value:
+        if value not in (None, False):
             raise UsageProblem(
                 "contradiction", "stands beside --match, which needs none", "remove one", path=name
             )

@@ -18,11 +18,11 @@ from defocus_cli.words import golden as golden_report
 from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.worker_config import WorkerConfig
 from defocus_core.compare.goldens.faults import plant_all
-from defocus_core.compare.goldens.fresh import Rendered, rendered
+from defocus_core.compare.goldens.fresh import FreshPictures, rendered
 from defocus_core.compare.goldens.store import Store, accept, change_words, read_store
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import read_picture
-from defocus_core.compare.record import Comparison
+from defocus_core.compare.record import EXTRA, MISSING, CompareSettings, Comparison
 from defocus_core.compare.run import Task, compare_all
 from defocus_core.compare.thresholds import Rules, Thresholds, rule
 from defocus_core.errors import InputError, UsageProblem
@@ -34,6 +34,7 @@ from defocus_core.system.text import counted
 
 # Another processor, or another version of torch, rounds otherwise.
 _DEFAULT_RULES = Rules(fail=(rule("max>1e-4"),))
+_ROOM = 4.0  # by how much a proposed bound exceeds the noise of two renders
 
 
 @click.group(
@@ -71,6 +72,11 @@ _only = click.option(
 @click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")
 @click.argument("folder", type=FilePath(), metavar="DIR")
 @click.option("--accept", "accepted", is_flag=True, help="Make what changed the new goldens.")
+@click.option(
+    "--propose",
+    is_flag=True,
+    help="Render twice, and propose a rule that lets the noise of two renders pass.",
+)
 @_only
 @comparing.comparison_options(_DEFAULT_RULES, whole=False)
 @crew_options
@@ -78,6 +84,7 @@ def update(
     jobs_file: Path,
     folder: Path,
     accepted: bool,
+    propose: bool,
     only: tuple[str, ...],
     asked: comparing.ComparisonOptions,
     crew: WorkerConfig,
@@ -101,12 +108,15 @@ def update(
         records = _compare(store, fresh, asked.task, crew.count)
         changed = [record for record in records if not record.passes]
         for record in changed:
-            console.stdout(f"{change_words(record)}: {compare_report.line(record)}")
+            told = record.name if record.status in (EXTRA, MISSING) else compare_report.line(record)
+            console.stdout(f"{change_words(record)}: {told}")
         batch_report.end(fresh.summary)
         if not fresh.complete:
             raise InputError(
                 "empty", "has jobs that made no picture", "mend them first", path=jobs_file
             )
+        if propose:
+            console.stdout(_proposal(fresh, jobs_file, crew, only))
         if not changed:
             console.stdout(f"{folder}: {counted(len(records), 'golden')}, none changes")
             return 0
@@ -143,9 +153,8 @@ def check(
 ) -> int:
     """Render JOBS.toml again, and compare with the goldens in DIR.
 
-    --must-fail plants a block of NaN, a shift by 1 px, a gamma of 2 %, left and right swapped, a
-    lost highlight and noise of 1 % into each golden, and says of each which is the weakest that
-    the rules notice.
+    --must-fail plants faults into each golden, from a block of NaN and highlights clipped at 1 to
+    seams and noise of 1 %, and says of each which is the weakest that the rules notice.
 
     \b
     Examples:
@@ -199,18 +208,32 @@ def _report_header(
 
 def _rendered(
     jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
-) -> AbstractContextManager[Rendered]:
+) -> AbstractContextManager[FreshPictures]:
     report = batch_report.BatchReport(each=False)
     execution = Execution(crew.execute(), spread=crew.spread)
     return rendered(jobs_file, crew.machine, execution, report, only)
 
 
-def _narrowed(store: Store, fresh: Rendered, only: Sequence[str]) -> Store:
+def _proposal(
+    fresh: FreshPictures, jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
+) -> str:
+    """The rule that lets pass what a second render makes otherwise."""
+    with _rendered(jobs_file, crew, only) as again:
+        pairs = [FilePair(n, path, again.files.get(n)) for n, path in fresh.files.items()]
+        settings = CompareSettings(diagnose=False)
+        records = list(compare_all(pairs, Task(Thresholds(), settings), crew.count))
+    noise = max((record.metrics.get("max", 0.0) for record in records), default=0.0)
+    if not noise:
+        return "two renders are equal: '--like golden' allows for another machine"
+    return f"two renders differ by {noise:.2g}: --fail 'max>{_ROOM * noise:.2g}' lets that pass"
+
+
+def _narrowed(store: Store, fresh: FreshPictures, only: Sequence[str]) -> Store:
     """The goldens of the jobs that were chosen."""
     return store.only({job.sample_id for job in fresh.jobs}) if only else store
 
 
-def _compare(store: Store, fresh: Rendered, task: Task, processes: int) -> list[Comparison]:
+def _compare(store: Store, fresh: FreshPictures, task: Task, processes: int) -> list[Comparison]:
     """The new pictures by the goldens; other files in the folder are not looked at."""
     there = {name: path for name in store.files if (path := store.place(name))}
     names = sorted({*store.files, *fresh.files})

@@ -24,9 +24,7 @@ TOPICS = {
 }
 
 
-@click.command(
-    "help", cls=GroupedCommand, short_help="Print the reference on a topic, or list the topics."
-)
+@click.command("help", cls=GroupedCommand)
 @click.argument("topic", required=False)
 def command(topic: str | None) -> None:
     """Print the reference on TOPIC; without TOPIC, list the topics.

@@ -13,7 +13,7 @@ from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import console
 from defocus_cli.words import inspection as inspection_report
 from defocus_cli.words.endings import Failures
-from defocus_core.batch.jobs.job import Picture, Reading
+from defocus_core.batch.jobs.job import Picture, Reading, reading_through
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
 from defocus_core.errors import DefocusError
 from defocus_core.io.shots.frame_patterns import is_pattern
@@ -22,11 +22,7 @@ from defocus_core.reports.inspection.inspection import inspect, inspect_pairs
 from defocus_core.reports.inspection.repair_drawing import check_preview, draw_repair
 
 
-@click.command(
-    "info",
-    cls=GroupedCommand,
-    short_help="Say what is in a file: size, channels, depth range, blur with a lens.",
-)
+@click.command("info", cls=GroupedCommand)
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
 @shot_lens_options(required=False)
 @reading_options
@@ -104,6 +100,7 @@ def command(
     lens = None
     if lenses is not None and files:
         lens = lenses.of(Picture(files[0].stem, files[0], files[0]))[0]
+    reading = reading_through(reading, lens)
     if preview is not None:
         check_preview(preview, files, lens)
     failures = Failures()

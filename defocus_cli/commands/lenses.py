@@ -9,13 +9,12 @@ import click
 from defocus_cli.options import shared
 from defocus_cli.options.types import FilePath, GroupedCommand, grouped_option
 from defocus_cli.words import console
+from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
 from defocus_core.batch.lenses.shipped_lenses import shipped_lenses
 from defocus_core.errors import InputError
 
 
-@click.command(
-    "lenses", cls=GroupedCommand, short_help="List the lens files that ship, or show their looks."
-)
+@click.command("lenses", cls=GroupedCommand)
 @grouped_option(
     "Output",
     "-o",
@@ -32,7 +31,8 @@ def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
     A lens that ships has no focus: give it one, and any other option that should win over it.
 
     \b
-    With --json, "lenses" has of each: name, subject, file.
+    With --json, "lenses" has of each: name, subject, file; and "sensors", as '--dp-model @NAME'
+    takes them: name, subject, model, crosstalk.
 
     \b
     Examples:
@@ -50,9 +50,17 @@ def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
         from defocus_core.reports.lens_sheet import write_sheet
 
         write_sheet(out, lenses)
+    sensors = [
+        {"name": name, "subject": subject, "model": model, "crosstalk": crosstalk}
+        for name, (model, crosstalk, subject) in DUAL_PIXEL_SENSORS.items()
+    ]
     if as_json:
         rows = [{"name": x.name, "subject": x.subject, "file": str(x.path)} for x in lenses]
-        console.print_json(lenses=rows)
+        console.print_json(lenses=rows, sensors=sensors)
         return
     for lens in lenses:
         console.stdout(f"{lens.name:<16}{lens.subject}")
+    console.stdout("")
+    for sensor in sensors:
+        measured = f"{sensor['model']}, crosstalk {sensor['crosstalk']:g}: {sensor['subject']}"
+        console.stdout(f"--dp-model {sensor['name']:<13}{measured}")

@@ -15,7 +15,7 @@ from defocus_core.batch.journal import merging
 from defocus_core.system.text import counted
 
 
-@click.command("merge", cls=GroupedCommand, short_help="Make one journal of those of all shards.")
+@click.command("merge", cls=GroupedCommand)
 @click.argument("out", type=FilePath())
 @shards_size_option
 @shared.json_option

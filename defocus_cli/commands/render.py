@@ -55,12 +55,7 @@ Examples:
 """
 
 
-@click.command(
-    "render",
-    cls=GroupedCommand,
-    help=_HELP,
-    short_help="Defocus pictures: colour and depth in, render, left, right, coc out.",
-)
+@click.command("render", cls=GroupedCommand, help=_HELP)
 @click.argument("color", type=FilePath())
 @click.argument("depth", type=FilePath(), required=False)
 @shot_lens_options(required=True)

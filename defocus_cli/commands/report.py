@@ -16,7 +16,7 @@ from defocus_core.system.text import counted
 _NAME = "report.html"
 
 
-@click.command("report", cls=GroupedCommand, short_help="Write a batch as a page to look at.")
+@click.command("report", cls=GroupedCommand)
 @click.argument("out", type=FilePath())
 @comparing.html_option(f"The file to write.  [default: OUT/{_NAME}]")
 @shared.json_option

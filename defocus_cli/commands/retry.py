@@ -21,7 +21,7 @@ from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
 
 
-@click.command("retry", cls=GroupedCommand, short_help="Do the failed jobs of a batch once more.")
+@click.command("retry", cls=GroupedCommand)
 @click.argument("out", type=FilePath())
 @click.option(
     "--reason",

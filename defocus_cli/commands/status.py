@@ -13,7 +13,7 @@ from defocus_cli.words import console
 from defocus_core.batch.journal.progress import progress
 
 
-@click.command("status", cls=GroupedCommand, short_help="Say how far the batch in a directory is.")
+@click.command("status", cls=GroupedCommand)
 @click.argument("out", type=FilePath())
 @click.option(
     "--failures",

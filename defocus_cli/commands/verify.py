@@ -13,6 +13,7 @@ from defocus_cli.words import console
 from defocus_cli.words import verify as verify_table
 from defocus_cli.words.batch import bar
 from defocus_core.batch.jobs.job import Machine
+from defocus_core.batch.rendering import job_steps
 from defocus_core.system.process import set_to_render
 from defocus_core.system.text import counted
 
@@ -20,11 +21,7 @@ if TYPE_CHECKING:
     from defocus_core.evaluation.law_checks import Check
 
 
-@click.command(
-    "verify",
-    cls=GroupedCommand,
-    short_help="Measure whether the laws of the lens hold on this machine.",
-)
+@click.command("verify", cls=GroupedCommand)
 @shared.machine_options
 @shared.json_option
 def command(machine: Machine, as_json: bool) -> int:
@@ -42,8 +39,6 @@ def command(machine: Machine, as_json: bool) -> int:
       defocus verify --quality high --device cuda
       defocus verify --json | jq '.checks[] | select(.ok | not)'
     """  # noqa: D301  click reads the backspace
-    from defocus_core.batch.rendering import job_steps
-
     job_steps.load()
     import torch
 

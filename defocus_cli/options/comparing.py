@@ -19,13 +19,14 @@ from defocus_cli.options.types import (
     ReportPath,
     bundle,
     grouped_option,
-    option_name,
+    place_of,
 )
 from defocus_core.compare.record import CompareSettings
 from defocus_core.compare.run import Task
 from defocus_core.compare.selection import region
 from defocus_core.compare.thresholds import (
     OVER,
+    PRESETS,
     Rule,
     Rules,
     Thresholds,
@@ -84,12 +85,15 @@ def comparison_options(default: Rules = _NO_RULES, *, whole: bool = True) -> Dec
         warn: tuple[Rule, ...],
         over: float | None,
         thresholds: Path | None,
+        like: str | None = None,
         diff: Path | None = None,
         junit: Path | None = None,
         html: Path | None = None,
         **settings: Any,
     ) -> ComparisonOptions:
-        rules = read_thresholds(thresholds, fail, warn, over, default)
+        rules = read_thresholds(
+            thresholds, fail, warn, over, default if like is None else PRESETS[like]
+        )
         return ComparisonOptions(rules, thresholds, CompareSettings(**settings), diff, junit, html)
 
     options = [*_rules(), *([*_selection(), *_reports()] if whole else [])]
@@ -106,9 +110,23 @@ class _Difference(click.ParamType[float]):
     ) -> float:
         """The number."""
         try:
-            return difference(float(value), option_name(param))
+            return difference(float(value), place_of(param))
         except ValueError:
-            return difference(value, option_name(param))
+            return difference(value, place_of(param))
+
+
+class _Names(click.ParamType[tuple[str, ...]]):
+    """Names, separated by commas."""
+
+    name = "names"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """The names."""
+        if isinstance(value, tuple):
+            return value
+        return tuple(name.strip() for name in value.split(",") if name.strip())
 
 
 def _rules() -> list[Decorator]:
@@ -119,8 +137,8 @@ def _rules() -> list[Decorator]:
             type=Quantity(rule, "RULE"),
             multiple=True,
             metavar="RULE",
-            help="A picture fails if it meets the rule, like 'psnr<45'; may be repeated. Values "
-            "that differ fail no more, unless a rule says so.",
+            help="A picture fails if it meets the rule, like 'hdr-p99.9>0.01' or 'found:clipped'; "
+            "may be repeated. Values that differ fail no more, unless a rule says so.",
         ),
         option(
             "--warn",
@@ -136,6 +154,12 @@ def _rules() -> list[Decorator]:
             help=f"Difference of a channel that 'share' counts pixels beyond.  [default: {OVER}]",
         ),
         option(
+            "--like",
+            type=click.Choice(list(PRESETS)),
+            help="Rules for what B is to be like, where no others are given: the same program on "
+            "another machine (render), a lossy codec (encoder), the same machine (golden).",
+        ),
+        option(
             "--thresholds",
             type=FilePath(),
             metavar="FILE",
@@ -143,6 +167,14 @@ def _rules() -> list[Decorator]:
             "options above win.",
         ),
         option("--metadata", is_flag=True, help="Metadata that differs fails, too."),
+        option(
+            "--ignore-metadata",
+            type=_Names(),
+            metavar="NAME,…",
+            default=(),
+            help="Attributes that may differ, besides times and the program that wrote the file; "
+            "* stands for any characters.",
+        ),
     ]
 
 
@@ -160,6 +192,25 @@ def _selection() -> list[Decorator]:
             type=FilePath(),
             metavar="FILE",
             help="Only pixels where this picture is not 0.",
+        ),
+        option(
+            "--ignore-region",
+            type=Quantity(region, "X,Y,W,H"),
+            multiple=True,
+            metavar="X,Y,W,H",
+            help="All pixels but these; may be repeated.",
+        ),
+        option(
+            "--ignore-mask",
+            type=FilePath(),
+            metavar="FILE",
+            help="All pixels but those where this picture is not 0.",
+        ),
+        option(
+            "--tolerate-edges",
+            is_flag=True,
+            help="Pixels at lines and edges may differ as far as their neighbours do, as by "
+            "another anti-aliasing.",
         ),
         option(
             "--coc",

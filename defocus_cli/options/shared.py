@@ -26,7 +26,7 @@ from defocus_core.allowed_values import LEAST_TILE, QUALITIES
 from defocus_core.batch.jobs.job import DEVICES, Machine, Outputs
 from defocus_core.batch.jobs.output_kinds import KINDS, MAP_FORMATS, MAPS, in_one_file
 from defocus_core.batch.lenses.quantities import byte_count, pixel_count
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.system.process import cores
 
 _MOST_TILE = 1 << 14  # px
@@ -169,15 +169,15 @@ def _outputs(
 ) -> Outputs:
     outputs = Outputs(**others)
     if multiview:
-        outputs = replace(outputs, kinds=in_one_file(outputs.kinds, "--multiview"))
+        outputs = replace(outputs, kinds=in_one_file(outputs.kinds, CALLER.at("multiview")))
     for option, value, kind in (
-        ("--exr-type", exr_type, "exr"),
-        ("--jpeg-quality", jpeg_quality, "jpg"),
+        ("exr-type", exr_type, "exr"),
+        ("jpeg-quality", jpeg_quality, "jpg"),
     ):
         if value is not None and outputs.format != kind:
             problem = f"says nothing about {outputs.format}"
             raise UsageProblem(
-                "idle-option", problem, f"leave it out, or use --format {kind}", path=option
+                "idle-option", problem, f"leave it out, or use --format {kind}", field=option
             )
     return replace(
         outputs,

@@ -15,15 +15,15 @@ from defocus_cli.options.lens import lens_decorators
 from defocus_cli.options.types import Command, Decorator, bundle, grouped_option
 from defocus_core.batch.jobs.animation import INTERPOLATIONS, Animation, read_animation
 from defocus_core.batch.jobs.job import Reading
-from defocus_core.batch.jobs.lens_from_options import CALLER, refuse_contradiction
+from defocus_core.batch.jobs.lens_from_options import refuse_contradiction
 from defocus_core.batch.jobs.reading_options import lens_file_reading
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
 from defocus_core.batch.jobs.shots import LONGEST_SMOOTH, SharedDecisions
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.shots.frame_patterns import MISSING, FrameChoice, frame_choice
 
-_PLACES = ("--frames", "--missing")
+_PLACES = (CALLER.at("frames"), CALLER.at("missing"))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import click
 from defocus_core.batch.jobs.output_kinds import FORMAT_ALIASES, SUFFIXES
 from defocus_core.batch.lenses.parameters import Param
 from defocus_core.batch.lenses.quantities import read_at
-from defocus_core.errors import UsageProblem, with_dashes
+from defocus_core.errors import Place, UsageProblem, did_you_mean, with_dashes
 from defocus_core.reports.replaceable import refuse_other
 
 Command = Callable[..., Any]
@@ -26,6 +26,12 @@ def option_name(param: click.Parameter | None) -> str:
     return param.human_readable_name if param else "command line"
 
 
+def place_of(param: click.Parameter | None) -> Place:
+    """The place of an option or argument, for errors."""
+    name = option_name(param)
+    return Place(field=name[2:]) if name.startswith("--") else Place(name)
+
+
 class FilePath(click.ParamType[Path]):
     """A path; whether anything is there, and of use, is asked when it is opened."""
 
@@ -34,7 +40,7 @@ class FilePath(click.ParamType[Path]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """A path that is not empty, as ``"$UNSET"`` would be."""
         if not str(value):
-            raise UsageProblem("empty", "is empty", "give a path", path=option_name(param))
+            raise UsageProblem("empty", "is empty", "give a path", path=place_of(param))
         return Path(value)
 
 
@@ -60,7 +66,7 @@ class Quantity(click.ParamType[Any]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Parse ``value``; what is parsed already passes."""
-        return read_at(option_name(param), self.parse, value) if isinstance(value, str) else value
+        return read_at(place_of(param), self.parse, value) if isinstance(value, str) else value
 
 
 class Listed(click.ParamType[tuple[Any, ...]]):
@@ -70,12 +76,16 @@ class Listed(click.ParamType[tuple[Any, ...]]):
         parse: makes a value of a word; raises ValueError for a word that is none.
         name: of a value, for errors.
         example: values as a user writes them, or the values that there are.
+        known: the words that there are, if they are known.
     """
 
-    def __init__(self, parse: Callable[[str], Any], name: str, example: str) -> None:
+    def __init__(
+        self, parse: Callable[[str], Any], name: str, example: str, known: Sequence[str] = ()
+    ) -> None:
         self.parse = parse
         self.name = name
         self.example = example
+        self.known = known
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -89,8 +99,8 @@ class Listed(click.ParamType[tuple[Any, ...]]):
                 values.append(self.parse(word.strip()))
             except ValueError:
                 problem = f"'{word.strip()}' is no {self.name}"
-                remedy = f"write like {self.example}"
-                raise UsageProblem("malformed", problem, remedy, path=option_name(param)) from None
+                remedy = did_you_mean(word.strip(), self.known, f"write like {self.example}")
+                raise UsageProblem("malformed", problem, remedy, path=place_of(param)) from None
         return tuple(dict.fromkeys(values))
 
 
@@ -100,7 +110,7 @@ def names_of(known: Sequence[str], name: str) -> Listed:
     def parse(word: str) -> str:
         return known[known.index(word)]
 
-    return Listed(parse, name, ",".join(known))
+    return Listed(parse, name, ",".join(known), known)
 
 
 class Format(click.Choice[str]):

@@ -15,7 +15,6 @@ from defocus_cli.words.endings import Interrupted, SomeFailed
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.journal.progress import Progress
-from defocus_core.batch.workers.job_result import Result
 from defocus_core.batch.workers.plan import Plan
 from defocus_core.batch.workers.run import Summary
 from defocus_core.io.safe_files import spoken
@@ -50,7 +49,9 @@ class BatchReport:
         """Say what was done before."""
         for job, record in plan.settled:
             if self._keep:
-                self.records[job.sample_id] = job_report.outcome_record(job, record, {})
+                self.records[job.sample_id] = job_report.outcome_record(
+                    job, record, done_before=True
+                )
             if self._each:
                 console.stderr(job_report.done_before_line(job))
         if not self._each and plan.settled:
@@ -67,12 +68,12 @@ class BatchReport:
             with spoken():
                 self._bar.reset(len(plan.todo))
 
-    def ended(self, job: Job, record: Record, result: Result) -> None:
+    def ended(self, job: Job, record: Record) -> None:
         """Say what became of a job."""
         if self._keep:
-            self.records[job.sample_id] = job_report.outcome_record(job, record, result)
+            self.records[job.sample_id] = job_report.outcome_record(job, record)
         lines = list(
-            job_report.outcome_lines(job, record, result, verbose=self._verbose, stats=self._stats)
+            job_report.outcome_lines(job, record, verbose=self._verbose, stats=self._stats)
         )
         if record["status"] == "ok":
             lines += self._afterwards
@@ -214,5 +215,7 @@ def end(summary: Summary) -> None:
         raise Interrupted(f"{problem}; run the same command again to go on")
     failed = summary.statuses["failed"]
     if failed:
-        problem = f"{failed} of {summary.jobs} jobs failed ({reasons_words(summary.reasons)})"
-        raise SomeFailed(f"{problem}; run the same command again to try them once more")
+        problem = f"{failed} of {counted(summary.jobs, 'job')} failed"
+        again = "it" if failed == 1 else "them"
+        remedy = f"run the same command again to try {again} once more"
+        raise SomeFailed(f"{problem} ({reasons_words(summary.reasons)}); {remedy}")

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from defocus_core.batch.depth.conversion import Converted
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    from defocus_core.batch.depth.conversion import Converted
 
 
 def record(converted: Converted) -> dict[str, Any]:

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from defocus_cli.words import console
 from defocus_cli.words import job as job_report
 from defocus_cli.words.endings import SomeFailed
 from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.rendering import forecast
+from defocus_core.batch.rendering.forecast import Forecast
 from defocus_core.batch.workers.plan import Plan
 from defocus_core.errors import DefocusError, Rejected
 from defocus_core.system.text import counted, duration
-
-if TYPE_CHECKING:
-    from defocus_core.batch.rendering.forecast import Forecast
 
 # Bytes of a pixel of three channels, of pictures that are neither flat nor noise.
 _PIXEL_BYTES = {"half": 3.6, "float": 9.6, "png": 1.8, "png16": 4.5, "tiff": 4.5, "jpg": 0.5}
@@ -31,8 +30,6 @@ def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
         InputError: the input of the only one cannot be used.
         UsageProblem: the options make no sense for it or for this machine.
     """
-    from defocus_core.batch.rendering import forecast
-
     todo = [job for job, _ in plan.todo]
     done = {job for job, _ in plan.settled}
     samples, unusable = _forecasts(todo, alone=len(jobs) == 1)
@@ -65,8 +62,6 @@ def report_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) ->
         SomeFailed: some would fail; the batch would go on without them, and end like this.
         UsageProblem: this machine has not got the device.
     """
-    from defocus_core.batch.rendering import forecast
-
     todo = [job for job, _ in plan.todo]
     by_number, unusable = _forecasts(todo)
     samples = list(by_number.values())
@@ -97,8 +92,6 @@ def _forecasts(
     todo: Sequence[Job], *, alone: bool = False
 ) -> tuple[Mapping[int, Forecast], Sequence[DefocusError]]:
     """Forecasts by number, and the errors of the other jobs, said or, of a lone job, raised."""
-    from defocus_core.batch.rendering import forecast
-
     if not todo:
         return {}, []
     samples, unusable = forecast.forecasts(todo)
@@ -143,7 +136,7 @@ def _seconds(todo: Sequence[Job], whole: Mapping[str, Any]) -> float:
 
 def _bytes(plan: Plan, samples: Sequence[Forecast]) -> float:
     """Bytes that the jobs will write, estimated from files of jobs done before, if any."""
-    pixels = sum(math.prod(each.outcome.size) for each in samples) / len(samples) * len(plan.todo)
+    pixels = sum(math.prod(each.size) for each in samples) / len(samples) * len(plan.todo)
     done = [record for _, record in plan.settled if record["status"] == "ok"]
     if done:
         written = sum(output["size"] for one in done for output in one["outputs"].values())

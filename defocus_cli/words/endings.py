@@ -9,11 +9,13 @@ from __future__ import annotations
 import click
 
 from defocus_cli.words import console
-from defocus_core.errors import DefocusError, UsageProblem
+from defocus_core.errors import DefocusError, NotExplained, UsageProblem
 
 
 def exit_code_of(error: DefocusError) -> int:
-    """2 for a command line that makes no sense, 3 for a file that cannot be used."""
+    """1 for pictures that no lens explains, 2 for usage that makes no sense, 3 for files."""
+    if isinstance(error, NotExplained):
+        return 1
     return 2 if isinstance(error, UsageProblem) else 3
 
 

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
-from defocus_core.batch.jobs.job import FRAME_ROLE
+from defocus_core.batch.jobs.job import FRAME_ROLE, Job
 from defocus_core.batch.lenses.lens import lens_record, lens_record_words, lens_words
 from defocus_core.io.arrays import scratch_folder
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from defocus_core.batch.jobs.job import Job
-
 
 # Each count, the count that it is a share of, and words; counts that a renderer lacks are left out.
 _LINES = (
@@ -58,14 +53,14 @@ def plan_line(job: Job) -> str:
 
 
 def outcome_record(
-    job: Job, record: Mapping[str, Any], result: Mapping[str, Any]
+    job: Job, record: Mapping[str, Any], *, done_before: bool = False
 ) -> dict[str, Any]:
     """Inputs, lens, outputs, time and warnings of a job that ended, for JSON.
 
     Args:
         job: the job.
-        record: its record of the journal.
-        result: its result now; empty if it was done before.
+        record: its record of the journal, and ``stats`` if it was done now.
+        done_before: whether it was not done now.
     """
     seconds = record["seconds"]
     return {
@@ -73,7 +68,7 @@ def outcome_record(
         "status": record["status"],
         "reason": record["reason"],
         "message": record["message"],
-        "done_before": not result,
+        "done_before": done_before,
         "size": record["size"],
         "color_note": record.get("color_note"),  # journals of earlier versions have none
         "depth_note": record["depth_note"],
@@ -85,14 +80,13 @@ def outcome_record(
         "render_seconds": seconds.get("render"),
         "render_cpu_seconds": seconds.get("cpu"),
         "warnings": record["warnings"],
-        "stats": result.get("stats", {}),
+        "stats": record.get("stats", {}),
     }
 
 
 def outcome_lines(
     job: Job,
     record: Mapping[str, Any],
-    result: Mapping[str, Any],
     *,
     verbose: bool,
     stats: bool = False,
@@ -103,8 +97,8 @@ def outcome_lines(
     """
     if record["status"] != "ok":
         yield f"defocus: {record['message']}"
-        if verbose and "trace" in result:
-            yield from result["trace"].splitlines()
+        if verbose and "trace" in record:
+            yield from record["trace"].splitlines()
         return
     (width, height), (near, far) = record["size"], record["coc_px"]
     seconds = record["seconds"]
@@ -121,10 +115,10 @@ def outcome_lines(
             f"  {record['device']}, {counted(job.machine.threads, 'thread')}, {record['quality']}, "
             f"{seconds['cpu']:.2f} CPU s"
         )
-        if "scratch_mb" in result["stats"]:
-            scratch_mb = result["stats"]["scratch_mb"]
+        if "scratch_mb" in record["stats"]:
+            scratch_mb = record["stats"]["scratch_mb"]
             yield f"  {scratch_mb:.0f} MB of scratch in {scratch_folder()}"
-    counts = {name: count for name, count in result["stats"].items() if name != "scratch_mb"}
+    counts = {name: count for name, count in record["stats"].items() if name != "scratch_mb"}
     if stats:
         yield from _stats_lines(counts)
     elif verbose and counts:

@@ -8,12 +8,11 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.datasets import update
+from defocus_core.batch.datasets import origin, update
 from defocus_core.batch.jobs.job import DEVICES, Job, Machine, Outputs
 from defocus_core.batch.jobs.jobs_file import jobs_of, read_jobs
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.workers import pipeline, run
-from defocus_core.batch.workers.job_result import Result
 from defocus_core.batch.workers.plan import Chunk, Done, Execution, Plan
 from defocus_core.batch.workers.run import Summary
 from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
@@ -107,6 +106,8 @@ def run_batch(
     summary = run.carry_out(asked, Path(out), execution, _Callbacks(ended))
     if summary.interrupted and summary.left:
         raise KeyboardInterrupt
+    if isinstance(jobs, str | PathLike | Mapping):
+        origin.keep(Path(out), jobs if isinstance(jobs, Mapping) else Path(jobs))
     update.index(Path(out), None, {job.sample_id for job in asked})
     return summary
 
@@ -120,7 +121,7 @@ class _Callbacks:
     def planned(self, plan: Plan) -> None:
         """Nothing."""
 
-    def ended(self, job: Job, record: Record, result: Result) -> None:
+    def ended(self, job: Job, record: Record) -> None:
         """Call the caller."""
         if self.call is not None:
             self.call(job, record)

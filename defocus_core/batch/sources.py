@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.io.arrays import LazyArray
 
 if TYPE_CHECKING:
@@ -16,8 +18,6 @@ if TYPE_CHECKING:
 
 def windows(planes: Sequence[Any], device: str) -> LazyArray:
     """NumPy's arrays [H, W] as a picture [C, H, W] on a device."""
-    import numpy as np
-
     planes = tuple(planes)
 
     def read(window: Any) -> Tensor:
@@ -40,7 +40,6 @@ def lone_window(plane: Any, device: str) -> LazyArray:
 
 def _source(shape: Sequence[int], dtype: Any, device: str, read: Any) -> LazyArray:
     """Tensors of a type of NumPy's."""
-    import numpy as np
     import torch
 
     return LazyArray(shape, torch.from_numpy(np.empty(0, dtype)).dtype, read, torch.device(device))

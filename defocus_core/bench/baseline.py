@@ -9,14 +9,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
-from defocus_core.errors import InputError, reason
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from defocus_core.bench.timing import Case, MeasuredCost
+from defocus_core.bench.timing import Case, MeasuredCost
+from defocus_core.errors import InputError, cannot_read, reason
 
 TOLERANCE = 0.25  # how much slower, in transforms, counts as slower
 
@@ -91,9 +88,7 @@ def read_baseline(path: Path) -> Baseline:
         fft_units = {str(row["case"]): float(row["fft_units"]) for row in document["rows"]}
         threads, device = int(document["threads"]), str(document["device"])
     except OSError as error:
-        raise InputError(
-            "unreadable", f"cannot be read: {reason(error)}", "check the path", path=path
-        ) from error
+        raise cannot_read(path, error, "check the path") from error
     except (ValueError, TypeError, KeyError) as error:
         problem = f"is no stored run ({type(error).__name__}: {reason(error)})"
         raise InputError(

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from statistics import fmean
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from defocus_core.bench.error import work
-
-if TYPE_CHECKING:
-    from defocus_core.bench.truth_set import Pictures, TruthShot
+from defocus_core.bench.truth_set import Pictures, TruthShot
 
 
 @dataclass(frozen=True)
@@ -46,10 +44,11 @@ def measure_control(
     )
 
     sharp, radius = pictures.sharp.to(device), pictures.signed_radius.to(device)
+    there = replace(pictures, sharp=sharp, signed_radius=radius)
     for method in methods:
         made = []
         for strength in STRENGTHS:
-            picture = work(method, shot, sharp, radius, threads, strength)()
+            picture = work(method, shot, there, threads, strength)()
             made.append(blur_made(picture, sharp, border=shot.border))
         correlation = rank_correlation(STRENGTHS, made)
         yield Control(shot.scene, shot.name, method, correlation, rises(made), tuple(made))

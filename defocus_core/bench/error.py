@@ -6,17 +6,16 @@ Methods are the qualities of the renderer and the baselines it has to beat.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from defocus_core.batch.depth.focusing import radius_at_infinity
 from defocus_core.bench.timing import FftUnit, MeasuredCost, measured
+from defocus_core.bench.truth_set import Pictures, TruthShot
 from defocus_core.errors import InputError
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from defocus_core.bench.truth_set import Pictures, TruthShot
     from defocus_core.evaluation.metrics import Errors
 
 BASELINES = {"input": "the sharp input", "sum": "plain sum of slices", "over": "over / alpha"}
@@ -60,10 +59,11 @@ def measure_shot(
     from defocus_core.evaluation import metrics
 
     sharp, radius = pictures.sharp.to(device), pictures.signed_radius.to(device)
+    there = replace(pictures, sharp=sharp, signed_radius=radius)
     try:
         unit = FftUnit(sharp)
         for method in methods:
-            picture, cost = measured(work(method, shot, sharp, radius, threads), unit, repeats=1)
+            picture, cost = measured(work(method, shot, there, threads), unit, repeats=1)
             picture = picture.cpu()
             if show is not None:
                 show(shot, pictures, method, picture)
@@ -77,7 +77,7 @@ def measure_shot(
 
 
 def work(
-    method: str, shot: TruthShot, sharp: Tensor, radius: Tensor, threads: int, strength: float = 1.0
+    method: str, shot: TruthShot, pictures: Pictures, threads: int, strength: float = 1.0
 ) -> Callable[[], Tensor]:
     """The rendering of a shot by a method, with its radii times a strength."""
     from defocus_core.evaluation import baselines
@@ -85,14 +85,13 @@ def work(
     from defocus_core.renderer.render import render
 
     aperture = Aperture(shot.lens.blades, shot.lens.blade_rotation)
-    radius = radius * strength
+    sharp, radius = pictures.sharp, pictures.signed_radius * strength
     if method == "input":
         return lambda: sharp
     if method in BASELINES:
         layered = {"sum": baselines.plain_sum, "over": baselines.over}[method]
         return lambda: layered(sharp, radius, aperture=aperture, threads=threads)
-    height, width = radius.shape
-    infinity = strength * radius_at_infinity(shot.lens, (width, height))
+    infinity = strength * pictures.infinity
     return lambda: (
         render(
             sharp, radius, aperture=aperture, quality=method, threads=threads, infinity=infinity

@@ -9,14 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from statistics import fmean
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from defocus_core.bench.baseline import TOLERANCE
-from defocus_core.bench.error import BASELINES
-
-if TYPE_CHECKING:
-    from defocus_core.bench.error import Row
-    from defocus_core.bench.timing import Case, MeasuredCost
+from defocus_core.bench.error import BASELINES, Row
+from defocus_core.bench.timing import Case, MeasuredCost
 
 JUDGED = "standard"
 CAP = 50.0  # dB that a shot adds to a mean at most: easy scenes do not hide hard ones
@@ -157,7 +154,8 @@ def time_record(case: Case, cost: MeasuredCost) -> dict[str, Any]:
 
 def time_heading() -> str:
     """The titles of the columns of times."""
-    return f"{'kind':<8}{'size':<11}{'r':<6}{'quality':<10}{'seconds':>9}{'FFTs':>8}{'MB':>7}"
+    names = f"{'kind':<8}{'size':<11}{'r':<6}{'quality':<10}{'seconds':>9}{'FFTs':>8}{'MB':>7}"
+    return f"{names}{'launches':>10}{'waits':>7}{'MB written':>12}"
 
 
 def time_line(case: Case, cost: MeasuredCost) -> str:
@@ -165,7 +163,13 @@ def time_line(case: Case, cost: MeasuredCost) -> str:
     size = "{}x{}".format(*case.size)
     memory = "-" if cost.peak_mb is None else f"{cost.peak_mb:.0f}"
     names = f"{case.kind:<8}{size:<11}{case.radius:<6g}{case.quality:<10}"
-    return f"{names}{cost.seconds:>9.3f}{cost.fft_units:>8.1f}{memory:>7}"
+    counts = map(_counted, (cost.launches, cost.waits, cost.written_mb))
+    asked = "{:>10}{:>7}{:>12}".format(*counts)
+    return f"{names}{cost.seconds:>9.3f}{cost.fft_units:>8.1f}{memory:>7}{asked}"
+
+
+def _counted(number: float | None) -> str:
+    return "-" if number is None else f"{number:.0f}"
 
 
 def comparison_lines(

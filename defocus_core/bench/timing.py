@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import median
 from typing import TYPE_CHECKING
 
+from defocus_core.batch.rendering import job_steps
 from defocus_core.errors import InputError
 from defocus_core.system import memory
 from defocus_core.system.process import set_to_render
@@ -42,11 +43,17 @@ class MeasuredCost:
         seconds: median of the repetitions.
         fft_units: median of the ratios to the unit measured beside each repetition.
         peak_mb: peak memory of the process meanwhile, MB; None if the system does not report it.
+        launches: operations that the device is asked for; None if they were not counted.
+        waits: how often the host waits for a value; the same.
+        written_mb: what the operations write, MB; the same.
     """
 
     seconds: float
     fft_units: float
     peak_mb: float | None
+    launches: int | None = None
+    waits: int | None = None
+    written_mb: float | None = None
 
 
 @dataclass(frozen=True)
@@ -88,11 +95,14 @@ def cases(sizes: Sequence[Size], radii: Sequence[float], qualities: Sequence[str
 def time_case(case: Case, *, device: str, threads: int) -> MeasuredCost:
     """The cost of a case, which is rendered several times, fewer if it takes long.
 
+    Before, it is rendered by one thread to count what the device is asked for.
+
     Raises:
         InputError: the picture does not fit into the memory of the GPU.
     """
     import torch
 
+    from defocus_core.evaluation.launches import Launches
     from defocus_core.evaluation.synthetic_scenes import scenery
     from defocus_core.renderer.render import render
 
@@ -100,11 +110,17 @@ def time_case(case: Case, *, device: str, threads: int) -> MeasuredCost:
     scene = scenery(case.kind, height, width, case.radius)
     image, radius = scene.image.to(device), scene.signed_radius.to(device)
 
-    def work() -> Tensor:
+    def work(threads: int = threads) -> Tensor:
         return render(image, radius, quality=case.quality, threads=threads).render
 
     try:
-        return measured(work, FftUnit(image), repeats=_REPEATS)[1]
+        with Launches(device) as counts:
+            work(1)
+        cost = measured(work, FftUnit(image), repeats=_REPEATS)[1]
+        written = counts.written / 1e6
+        return replace(
+            cost, launches=counts.launches, waits=counts.waits, written_mb=round(written, 1)
+        )
     except torch.OutOfMemoryError:
         problem = "does not fit into the memory of the GPU"
         raise InputError(
@@ -139,8 +155,6 @@ def warm_up(device: str) -> str:
     Raises:
         UsageProblem: there is no such device.
     """
-    from defocus_core.batch.rendering import job_steps
-
     job_steps.load()
     import torch
 

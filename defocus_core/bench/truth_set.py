@@ -12,8 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from defocus_core.batch.depth.radii import radii_of
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.errors import InputError, UsageProblem, reason
+from defocus_core.errors import InputError, UsageProblem, cannot_read, reason
+from defocus_core.io.depth_formats.depth import read_depth, require_valid
+from defocus_core.io.images.color import read_color, require_finite
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -52,11 +55,15 @@ class TruthShot:
 
 @dataclass(frozen=True)
 class Pictures:
-    """A shot decoded: sharp picture and truth [3, H, W], linear; signed radius [H, W] in px."""
+    """A shot decoded: sharp picture and truth [3, H, W], linear; signed radius [H, W] in px.
+
+    Beside them the radius of what is infinitely far.
+    """
 
     sharp: Tensor
     truth: Tensor
     signed_radius: Tensor
+    infinity: float
 
 
 def sample_set() -> Path:
@@ -100,9 +107,7 @@ def _shots(file: Path) -> list[TruthShot]:
         camera: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         shots = [_shot(file.parent, camera, shot) for shot in camera["shots"]]
     except OSError as error:
-        raise InputError(
-            "unreadable", f"cannot be read: {reason(error)}", "check it", path=file
-        ) from error
+        raise cannot_read(file, error, "check it") from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         problem = f"does not describe a camera ({type(error).__name__}: {reason(error)})"
         raise InputError(
@@ -143,21 +148,17 @@ def read(shot: TruthShot) -> Pictures:
     """
     import torch
 
-    from defocus_core.batch.depth.focusing import signed_radius
-    from defocus_core.io.depth_formats.depth import read_depth, require_valid
-
     depth = read_depth(shot.folder / "depth.exr")
     require_valid(depth)
-    height, width = depth.metres.shape
-    radius = torch.from_numpy(signed_radius(shot.lens, depth.metres, (width, height)))
-    sharp, truth = (_rgb(path, (height, width)) for path in (shot.folder / "rgb.exr", shot.truth))
-    return Pictures(sharp, truth, radius)
+    radii, size = radii_of(shot.lens, depth), depth.metres.shape
+    radius = torch.from_numpy(radii.px)
+    sharp, truth = (_rgb(path, size) for path in (shot.folder / "rgb.exr", shot.truth))
+    assert radii.infinity is not None
+    return Pictures(sharp, truth, radius, radii.infinity)
 
 
 def _rgb(path: Path, size: tuple[int, int]) -> Tensor:
     import torch
-
-    from defocus_core.io.images.color import read_color, require_finite
 
     color = read_color(path)
     require_finite(color)

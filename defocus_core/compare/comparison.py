@@ -11,7 +11,10 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.compare.findings.cause import declared_coc, diagnose, of_another_size
+import numpy as np
+
+from defocus_core.compare.findings.cause import diagnose, of_another_size
+from defocus_core.compare.findings.clipping import clipped
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.flip import measure_flip
 from defocus_core.compare.metrics import equal_metrics, measure, measure_edges
@@ -29,9 +32,9 @@ from defocus_core.compare.record import (
     Comparison,
     Worst,
 )
-from defocus_core.compare.selection import near_edges, read_mask
-from defocus_core.compare.structure import compare_structure
-from defocus_core.compare.thresholds import Rules
+from defocus_core.compare.selection import near_edges, read_mask, within_neighbours
+from defocus_core.compare.structure import compare_samples, compare_structure
+from defocus_core.compare.thresholds import Rule, Rules
 from defocus_core.errors import InputError
 
 if TYPE_CHECKING:
@@ -39,6 +42,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from defocus_core.compare.pairing import FilePair
+
+_NEVER_SILENT = ("clipped", "deep samples")  # findings that are a warning if no rule fails
 
 
 def compare_pair(
@@ -74,8 +79,6 @@ def compare_pictures(
         InputError: the mask or the CoC map cannot be read, or is not of this picture.
         UsageProblem: the region is not within the picture.
     """
-    import numpy as np
-
     with np.errstate(all="ignore"):  # NaN and infinity are looked for, not stumbled upon
         return _compared(Comparison(name, a.path, b.path), a, b, rules, settings)
 
@@ -83,7 +86,7 @@ def compare_pictures(
 def _compared(
     blank: Comparison, a: DecodedPicture, b: DecodedPicture, rules: Rules, settings: CompareSettings
 ) -> tuple[Comparison, Pixels | None]:
-    structure = compare_structure(a, b)
+    structure = compare_structure(a, b, settings.ignore_metadata)
     record = replace(
         blank,
         size=(a.width, a.height),
@@ -96,6 +99,10 @@ def _compared(
     if apart:
         text = f"other values in {', '.join(apart)}, which is of another size than the picture"
         record, strict = replace(record, findings=(*record.findings, Finding("apart", text))), True
+    samples = compare_samples(a, b)
+    if samples is not None:
+        record = replace(record, findings=(*record.findings, samples))
+        strict |= not rules.fail
     if not structure.common:
         findings = (*record.findings, *of_another_size(a, b))
         return replace(record, findings=findings, status=DIFFERENT), None
@@ -110,22 +117,37 @@ def _pixels(
 ) -> tuple[Pixels, tuple[int, int]]:
     """The pixels that are compared, and column and row of the first."""
     size = (a.height, a.width)
-    selected = None if settings.mask is None else read_mask(settings.mask, size)
     cut = (slice(None), slice(None)) if settings.region is None else settings.region.cut(size)
     pixels = Pixels(
         names=tuple(names),
         a=tuple(a.planes[name][cut] for name in names),
         b=tuple(b.planes[name][cut] for name in names),
         gamma=a.gamma,
-        selected=None if selected is None else selected[cut],
     )
-    if pixels.selected is not None and not pixels.selected.any():
-        assert settings.mask is not None
-        problem = f"is 0 everywhere in the region {settings.region}"
-        raise InputError(
-            "empty", problem, "give a mask and a region that overlap", path=settings.mask
-        )
+    selected = _selected(size, settings)
+    selected = None if selected is None else selected[cut]
+    if settings.tolerate_edges:
+        strict = ~within_neighbours(pixels.a, pixels.b)
+        selected = strict if selected is None else strict & selected
+    if selected is not None and not selected.any():
+        chosen = settings.mask or settings.ignore_mask
+        problem = f"leaves no pixel of the region {settings.region or '0,0,*,*'} to compare"
+        remedy = "give masks and regions that leave some"
+        raise InputError("empty", problem, remedy, path=chosen or a.path)
+    pixels = replace(pixels, selected=selected)
     return pixels, (cut[1].start or 0, cut[0].start or 0)
+
+
+def _selected(size: tuple[int, int], settings: CompareSettings) -> Any:
+    """The pixels [H, W] that masks and regions leave; None for all."""
+    if settings.mask is None and settings.ignore_mask is None and not settings.ignore_region:
+        return None
+    selected = np.ones(size, bool) if settings.mask is None else read_mask(settings.mask, size)
+    for region in settings.ignore_region:
+        selected[region.cut(size, "ignore_region")] = False
+    if settings.ignore_mask is not None:
+        selected &= ~read_mask(settings.ignore_mask, size, empty=True)
+    return selected
 
 
 def _judged(
@@ -142,17 +164,28 @@ def _judged(
     nonfinite = count_nonfinite(pixels, corner)
     apart = nonfinite.apart is not None
     differing = any(each.any() for each in pixels.differences)
-    metrics = dict(measure(pixels, over=rules.over) if differing else equal_metrics(pixels))
-    if settings.flip:
-        metrics |= measure_flip(pixels)
-    if settings.coc is not None:
-        near = _near(settings.coc, record, pixels, corner)
-        metrics |= measure_edges(pixels, near)
-        compared = near if pixels.selected is None else near[pixels.selected]
-        record = replace(record, edge_share=float(compared.mean()))
+    metrics, near = _measured(record, pixels, corner, rules, settings, differing=differing)
     findings = [*record.findings, *nonfinite.findings()]
-    if differing and settings.diagnose:
-        findings += diagnose(pixels, sides[1].types, record.a) or declared_coc(*sides)
+    if differing:
+        findings += clipped(pixels)
+    names = [finding.name for finding in findings]
+    wants = any(each.found for each in (*rules.fail, *rules.warn) if not each.is_met({}, names))
+    decided = any(each.is_met(metrics, ()) is not None for each in rules.fail if each.metric)
+    decided |= any(each.found for each in rules.fail)
+    bad = bool(_met(rules.fail, metrics, names)) if decided else differing
+    suspect = bad or wants or bool(_met(rules.warn, metrics, names))
+    if differing and settings.diagnose and suspect:
+        named = {finding.name.split(" at ")[0] for finding in findings}
+        causes = diagnose(pixels, *sides)
+        findings += [cause for cause in causes if cause.name.split(" at ")[0] not in named]
+    if suspect and differing:
+        metrics = {**measure(pixels, over=rules.over), **metrics}
+    names = [finding.name for finding in findings]
+    failed = _met(rules.fail, metrics, names)
+    warned = _met(rules.warn, metrics, names)
+    warned += tuple(
+        f"found:{n}" for n in names if n.startswith(_NEVER_SILENT) and not failed and not warned
+    )
     record = replace(
         record,
         encoding={1.0: "linear", None: "sRGB"}.get(pixels.gamma, "power"),
@@ -160,18 +193,42 @@ def _judged(
         metrics=metrics,
         nonfinite=nonfinite,
         notes=(*record.notes, *nonfinite.notes()),
+        edge_share=near,
+        failed=failed,
+        warned=warned,
+        unmeasured=tuple(
+            each.text for each in rules.fail if each.metric and each.metric not in metrics
+        ),
     )
     if differing or apart:
         record = _placed(record, pixels, corner)
-    failed = _met(rules.fail, metrics)
-    unmeasured = tuple(rule.text for rule in rules.fail if rule.metric not in metrics)
-    decided = len(unmeasured) < len(rules.fail)
-    bad = bool(failed) if decided else differing
-    record = replace(record, failed=failed, unmeasured=unmeasured, warned=_met(rules.warn, metrics))
-    if strict or apart or bad:
+    if strict or apart or failed or (not decided and differing):
         proposal = "" if strict or apart else _proposal(metrics)
         return replace(record, status=DIFFERENT, proposal=proposal)
-    return replace(record, status=WARNING if record.warned else SAME)
+    return replace(record, status=WARNING if warned else SAME)
+
+
+def _measured(
+    record: Comparison,
+    pixels: Pixels,
+    corner: tuple[int, int],
+    rules: Rules,
+    settings: CompareSettings,
+    *,
+    differing: bool,
+) -> tuple[dict[str, float], float | None]:
+    """The metrics that rules ask for, and the share of pixels near depth edges."""
+    asked = rules.asked
+    metrics = dict(
+        measure(pixels, over=rules.over, asked=asked) if differing else equal_metrics(pixels)
+    )
+    if settings.flip:
+        metrics |= measure_flip(pixels)
+    if settings.coc is None:
+        return metrics, None
+    near = _near(settings.coc, record, pixels, corner)
+    compared = near if pixels.selected is None else near[pixels.selected]
+    return metrics | measure_edges(pixels, near), float(compared.mean())
 
 
 def _near(folder: Path, record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Any:
@@ -182,14 +239,14 @@ def _near(folder: Path, record: Comparison, pixels: Pixels, corner: tuple[int, i
     return near[y : y + pixels.shape[0], x : x + pixels.shape[1]]
 
 
-def _met(rules: Sequence[Any], metrics: Mapping[str, float]) -> tuple[str, ...]:
-    return tuple(r.text for r in rules if r.metric in metrics and r.meets(metrics[r.metric]))
+def _met(
+    rules: Sequence[Rule], metrics: Mapping[str, float], findings: Sequence[str]
+) -> tuple[str, ...]:
+    return tuple(each.text for each in rules if each.is_met(metrics, findings))
 
 
 def _placed(record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Comparison:
     """The record with the worst pixel, and where pixels differ."""
-    import numpy as np
-
     bad = pixels.greatest > 0
     row, column = np.unravel_index(int(pixels.greatest.argmax()), pixels.shape)
     assert record.nonfinite is not None
@@ -225,6 +282,4 @@ def _proposal(metrics: Mapping[str, float]) -> str:
 
 
 def _equal(a: Any, b: Any) -> bool:
-    import numpy as np
-
     return bool(np.array_equal(a, b, equal_nan=a.dtype.kind == "f" and b.dtype.kind == "f"))

@@ -7,17 +7,14 @@ colour, amplified, around middle grey; pixels that are NaN or infinite on one si
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.compare.pixels import Pixels
+from defocus_core.compare.record import Comparison
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.encode import write_samples
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from defocus_core.compare.pixels import Pixels
-    from defocus_core.compare.record import Comparison
 
 _GREY, _HALF = 128, 127  # levels of no difference, and of the greatest on either side
 _MAGENTA = (255, 0, 255)
@@ -30,8 +27,6 @@ def write_differences(folder: Path, record: Comparison, pixels: Pixels) -> tuple
     Raises:
         InputError: one cannot be written.
     """
-    import numpy as np
-
     exr, png = (folder / f"{record.name}.diff{suffix}" for suffix in (".exr", ".png"))
     with np.errstate(over="ignore"):
         signed = {
@@ -51,8 +46,6 @@ def write_differences(folder: Path, record: Comparison, pixels: Pixels) -> tuple
 
 def amplified(pixels: Pixels, apart: NDArray[np.bool_] | None) -> tuple[float, NDArray[np.uint8]]:
     """The power of 2 that makes the difference visible, and the picture of it [H, W, 3]."""
-    import numpy as np
-
     names = pixels.color[0] if pixels.color else pixels.names[:1]
     chosen = [pixels.differences[pixels.names.index(name)] for name in names]
     if not any(each.any() for each in chosen):  # the others differ

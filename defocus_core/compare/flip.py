@@ -6,19 +6,16 @@ from the luminance of A: with OpenImageIO's own range, an error in light beyond 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.compare.pixels import Pixels
 from defocus_core.errors import UsageProblem
 from defocus_core.io.images.color_space import srgb_to_linear
 from defocus_core.io.safe_files import quiet
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from defocus_core.compare.pixels import Pixels
 
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 _BLACK = 1e-6  # a luminance that is as good as 0
@@ -30,8 +27,6 @@ def measure_flip(pixels: Pixels) -> dict[str, float]:
     Raises:
         UsageProblem: OpenImageIO is too old, or refuses the pair.
     """
-    import numpy as np
-
     means, greatest = [], []
     for layer in pixels.color:
         a, b = (_light(pixels, side, layer) for side in ("a", "b"))
@@ -51,8 +46,6 @@ def measure_flip(pixels: Pixels) -> dict[str, float]:
 
 def _light(pixels: Pixels, side: str, layer: Sequence[str]) -> NDArray[np.float32]:
     """Linear light [H, W, 3], 0 where a pixel is not finite or negative."""
-    import numpy as np
-
     values = np.stack([pixels.plane(side, name) for name in layer], axis=2).astype(np.float32)
     values = values.repeat(3 // values.shape[2], axis=2)
     if pixels.finite is not None:
@@ -64,7 +57,6 @@ def _light(pixels: Pixels, side: str, layer: Sequence[str]) -> NDArray[np.float3
 
 
 def _flip(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
-    import numpy as np
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     if not hasattr(oiio.ImageBufAlgo, "FLIP_diff"):
@@ -89,7 +81,6 @@ def _flip(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]
 
 
 def _buffer(pixels: NDArray[np.float32]) -> Any:
-    import numpy as np
     import OpenImageIO as oiio  # noqa: N813
 
     height, width, channels = pixels.shape

@@ -1,8 +1,9 @@
-"""Metrics of a pair, in the stored values or in linear light, and as a screen shows it.
+"""Metrics of a pair: in the stored values, as a screen shows it, and with highlights.
 
-PSNR and SSIM look at sRGB-encoded values, clipped to 0…1, of the colour channels. The other metrics
-look at all channels, in the values of the file: linear light in an EXR, 0…1 in a file of integers.
-Pixels that are NaN or infinite in A or B are left out here, since they are judged apart.
+PSNR and SSIM look at sRGB-encoded values, clipped to 0…1, of the colour channels. Those of hdr see
+light beyond 1, too: sRGB up to 1 and logarithmic beyond. The other metrics look at all channels, in
+the values of the file: linear light in an EXR, 0…1 in a file of integers. Pixels that are NaN or
+infinite in A or B are left out here, since they are judged apart.
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from defocus_core.evaluation.similarity import REACH, similarity
 from defocus_core.io.images.color_space import linear_to_srgb
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from defocus_core.compare.pixels import Pixels
@@ -52,6 +55,14 @@ _ROWS = (
     ),
     Metric("p99.9", "99.9th percentile of the greatest differences of the pixels"),
     Metric("share", "share of pixels with a difference of more than ‹over›"),
+    *(
+        Metric(f"hdr-{name}", f"{words}, sRGB to 1 and logarithmic beyond", unit, better)
+        for name, words, unit, better in (
+            ("max", "greatest difference", "", "low"),
+            ("p99.9", "99.9th percentile of it", "", "low"),
+            ("psnr", "PSNR", "dB", "high"),
+        )
+    ),
     Metric("flip", "mean of FLIP, with ‹flip›", "", color=True),
     Metric("flip-max", "greatest FLIP of a pixel, with ‹flip›", "", color=True),
     *(
@@ -67,35 +78,55 @@ METRICS = {metric.name: metric for metric in _ROWS}
 # PSNR in dB of equal pictures, as of `defocus_core`: a mean squared error below 1e-10.
 EQUAL = 99.0
 # A window of SSIM: 11 x 11 px, gaussian of sigma 1.5 px (Wang et al. 2004).
-_REACH, _SIGMA = 5, 1.5
 _LUMA = {"R": 0.2126, "G": 0.7152, "B": 0.0722, "Y": 1.0}
+COSTLY = 2**21  # pixels beyond which SSIM and the metrics of hdr are measured if rules ask
 _STRIP = 64  # rows of SSIM that are computed at once, so that they stay in the cache
 
 
 def encoded(plane: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
     """Values as a screen shows them: sRGB-encoded, clipped to 0…1; NaN is 0."""
-    import numpy as np
-
     if plane.dtype == np.float16 and gamma == 1.0:  # a hundred times as fast for 16 bits
         codes = np.ascontiguousarray(plane).view(np.uint16)
-        every = np.arange(2**16, dtype=np.uint16).view(np.float16).astype(np.float32)
-        return encoded(every, gamma)[codes]
+        return encoded(_halves(), gamma)[codes]
     values = np.clip(np.nan_to_num(np.asarray(plane, np.float32), nan=0.0), 0.0, 1.0)
     if gamma is None:
         return values
     return linear_to_srgb(values if gamma == 1.0 else values ** np.float32(gamma))
 
 
-def measure(pixels: Pixels, *, over: float, ssim: bool = True) -> dict[str, float]:
+def unclipped(light: NDArray[Any]) -> NDArray[np.float32]:
+    """Linear light on a scale without bounds: sRGB up to 1, with the same slope logarithmic beyond.
+
+    A negative value is the mirror image of a positive one.
+    """
+    if light.dtype == np.float16:  # a hundred times as fast for 16 bits
+        codes = np.ascontiguousarray(light).view(np.uint16)
+        table: NDArray[np.float32] = unclipped(_halves())
+        return table[codes]
+    magnitude = np.abs(np.asarray(light, np.float32))
+    with np.errstate(invalid="ignore"):  # NaN stays NaN
+        shown = linear_to_srgb(np.minimum(magnitude, np.float32(1.0)))
+        beyond = np.log(np.maximum(magnitude, np.float32(1.0))) * np.float32(1.055 / 2.4)
+        whole: NDArray[np.float32] = np.copysign(shown + beyond, light).astype(np.float32)
+        return whole
+
+
+def _halves() -> NDArray[np.float32]:
+    """All numbers of 16 bits, by their code."""
+    return np.arange(2**16, dtype=np.uint16).view(np.float16).astype(np.float32)
+
+
+def measure(
+    pixels: Pixels, *, over: float, asked: Collection[str] | None = None
+) -> dict[str, float]:
     """The metrics of a pair by name, FLIP aside; those that it has not are left out.
 
     Args:
         pixels: the pair.
         over: the difference that the metric ``share`` counts pixels beyond.
-        ssim: whether SSIM is wanted.
+        asked: the metrics that must be there even if they take long; None for those that the size
+            of the picture allows.
     """
-    import numpy as np
-
     count = np.count_nonzero(pixels.finite) if pixels.finite is not None else pixels.a[0].size
     if not count:
         return {}
@@ -114,7 +145,10 @@ def measure(pixels: Pixels, *, over: float, ssim: bool = True) -> dict[str, floa
     shown = [_shown(pixels, layer) for layer in pixels.color]
     if shown:
         metrics["psnr"] = min(_decibels(a, b, pixels.finite, total) for a, b in shown)
-    if shown and ssim and min(pixels.shape) > 2 * _REACH:
+    small = asked is None and pixels.a[0].size <= COSTLY
+    if small or any(name.startswith("hdr-") for name in asked or ()):
+        metrics |= _with_highlights(pixels, total)
+    if shown and (small or "ssim" in (asked or ())) and min(pixels.shape) > 2 * REACH:
         values = [
             _ssim(_luma(a, layer), _luma(b, layer), pixels.finite)
             for (a, b), layer in zip(shown, pixels.color, strict=True)
@@ -126,19 +160,36 @@ def measure(pixels: Pixels, *, over: float, ssim: bool = True) -> dict[str, floa
     return metrics
 
 
+def _with_highlights(pixels: Pixels, total: int) -> dict[str, float]:
+    """The metrics of hdr: colour of linear light on a scale without bounds, the rest as it is."""
+    colors = {name for layer in pixels.color for name in layer} if pixels.gamma == 1.0 else ()
+    greatest, squares = np.zeros(pixels.shape, np.float32), 0.0
+    for name, a, b in zip(pixels.names, pixels.a, pixels.b, strict=True):
+        scale = unclipped if name in colors else np.float32
+        difference = np.abs(scale(b) - scale(a))
+        if pixels.finite is not None:
+            difference[~pixels.finite] = 0.0
+        np.maximum(greatest, difference, out=greatest)
+        squares += float(np.square(difference, out=difference).sum(dtype=np.float64))
+    mean = squares / (total * len(pixels.names))
+    return {
+        "hdr-max": float(greatest.max()),
+        "hdr-p99.9": _percentile(greatest, pixels.finite, total),
+        "hdr-psnr": EQUAL if mean < 1e-10 else -10 * math.log10(mean),
+    }
+
+
 def measure_edges(pixels: Pixels, near: NDArray[np.bool_]) -> dict[str, float]:
     """The metrics near depth edges and elsewhere."""
     metrics = {}
     for place, selected in (("edges", near), ("elsewhere", ~near)):
-        for name, value in measure(pixels.within(selected), over=0.0, ssim=False).items():
+        for name, value in measure(pixels.within(selected), over=0.0, asked=()).items():
             if f"{place}-{name}" in METRICS:
                 metrics[f"{place}-{name}"] = value
     return metrics
 
 
 def _sum_of_magnitudes(plane: NDArray[Any], finite: NDArray[np.bool_] | None) -> float:
-    import numpy as np
-
     magnitudes = np.abs(plane) if finite is None else np.abs(plane[finite])
     return float(magnitudes.sum(dtype=np.float64))
 
@@ -160,8 +211,6 @@ def _decibels(
     total: int,
 ) -> float:
     """PSNR of encoded channels for a peak of 1."""
-    import numpy as np
-
     squares = 0.0
     for old, new in zip(a, b, strict=True):
         difference = np.subtract(new, old)
@@ -173,8 +222,6 @@ def _decibels(
 
 
 def _luma(channels: Sequence[NDArray[np.float32]], layer: Sequence[str]) -> NDArray[np.float32]:
-    import numpy as np
-
     weights = [np.float32(_LUMA[name[-1]]) for name in layer]
     luma = channels[0] * weights[0]
     for channel, weight in zip(channels[1:], weights[1:], strict=True):
@@ -185,53 +232,20 @@ def _luma(channels: Sequence[NDArray[np.float32]], layer: Sequence[str]) -> NDAr
 def _ssim(
     a: NDArray[np.float32], b: NDArray[np.float32], finite: NDArray[np.bool_] | None
 ) -> float | None:
-    """Structural similarity of lumas [H, W]; None if no window is wholly compared.
-
-    Means, variances and covariance are weighted by a gaussian of sigma 1.5 over 11 x 11 px, with
-    C1 = 0.01² and C2 = 0.03². The mean is over the windows that lie within the picture, and whose
-    pixel in the middle is compared.
-    """
-    import numpy as np
-
+    """Structural similarity of lumas [H, W], whose windows' middles are compared; None of none."""
     total, count = 0.0, 0
-    inner = slice(_REACH, -_REACH)
-    for top in range(0, a.shape[0] - 2 * _REACH, _STRIP):
-        rows = slice(top, top + _STRIP + 2 * _REACH)
-        x, y = (side[rows].astype(np.float64) for side in (a, b))
-        mean_x, mean_y, square, product = (_smooth(v) for v in (x, y, x * x + y * y, x * y))
-        both, squares = mean_x * mean_y, mean_x * mean_x + mean_y * mean_y
-        light = (2 * both + 1e-4) / (squares + 1e-4)
-        structure = (2 * (product - both) + 9e-4) / (square - squares + 9e-4)
-        values = light * structure
+    inner = slice(REACH, -REACH)
+    for top in range(0, a.shape[0] - 2 * REACH, _STRIP):
+        rows = slice(top, top + _STRIP + 2 * REACH)
+        values = similarity(*(side[rows].astype(np.float64) for side in (a, b)))
         if finite is not None:
             values = values[finite[rows][inner, inner]]
         total, count = total + float(values.sum()), count + values.size
     return total / count if count else None
 
 
-def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The gaussian mean of each window of 11 x 11 px within an array [h, w]."""
-    import numpy as np
-
-    weights = np.exp(-(np.arange(_REACH + 1) ** 2) / (2 * _SIGMA * _SIGMA))
-    weights /= weights[0] + 2 * weights[1:].sum()
-    for _ in range(2):  # down, then across
-        last = len(values) - _REACH
-        mean = weights[0] * values[_REACH:last]
-        for offset in range(1, _REACH + 1):
-            pair = values[_REACH - offset : last - offset] + values[_REACH + offset :][: len(mean)]
-            pair *= weights[offset]
-            mean += pair
-        values = mean.T
-    return values
-
-
-def _percentile(
-    greatest: NDArray[np.float64], finite: NDArray[np.bool_] | None, total: int
-) -> float:
+def _percentile(greatest: NDArray[Any], finite: NDArray[np.bool_] | None, total: int) -> float:
     """The 99.9th percentile, linear between the two nearest."""
-    import numpy as np
-
     values = greatest.ravel() if finite is None else greatest[finite]
     place = 0.999 * (total - 1)
     lower = math.floor(place)
@@ -243,7 +257,8 @@ def _percentile(
 
 def equal_metrics(pixels: Pixels) -> Mapping[str, float]:
     """The metrics of a pair whose values are all equal."""
-    metrics = dict.fromkeys(("max", "mean", "rmse", "rel-rmse", "p99.9", "share"), 0.0)
+    zero = ("max", "mean", "rmse", "rel-rmse", "p99.9", "share", "hdr-max", "hdr-p99.9")
+    metrics = dict.fromkeys(zero, 0.0) | {"hdr-psnr": EQUAL}
     if pixels.color:
         metrics |= {"psnr": EQUAL, "ssim": 1.0}
     return metrics

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.pixels import Pixels
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from defocus_core.compare.pixels import Pixels
 
 
 @dataclass(frozen=True)
@@ -59,8 +57,6 @@ def count_nonfinite(pixels: Pixels, corner: tuple[int, int] = (0, 0)) -> Nonfini
         pixels: the pair.
         corner: column and row of the first pixel, in the picture.
     """
-    import numpy as np
-
     blank = {side: {"nan": 0, "inf": 0} for side in ("a", "b")}
     if pixels.finite is None or (
         pixels.selected is not None and np.array_equal(pixels.finite, pixels.selected)
@@ -103,8 +99,6 @@ _NAN = 2
 
 def _codes(plane: NDArray[Any]) -> NDArray[np.int8]:
     """0 for a finite value, 1 and −1 for the infinities, 2 for NaN."""
-    import numpy as np
-
     codes = np.zeros(plane.shape, np.int8)
     if plane.dtype.kind == "f":
         codes[np.isposinf(plane)] = 1

@@ -9,23 +9,23 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.array_files.float_maps import is_float_map, read_float_map
+from defocus_core.io.exr.deep_samples import strips
 from defocus_core.io.exr.header import Header, Raw, is_exr, read_attributes, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.images.color_space import linear_light, unit
 from defocus_core.io.images.exr_channels import NO_DEPTH
 from defocus_core.io.images.raster import Raster, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 SUFFIXES = frozenset(
     {".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pfm", ".npy"},
@@ -60,6 +60,8 @@ class DecodedPicture:
         associated: whether colour is multiplied by alpha.
         metadata: attributes that describe the picture, as text.
         layout: how the file is laid out, as text; it changes no pixel.
+        samples: of deep parts, whose planes are the picture in focus: the places y · 2^32 + x [N]
+            under the name "", and the values [N] by channel, sorted by place and depth.
     """
 
     path: Path
@@ -71,13 +73,14 @@ class DecodedPicture:
     associated: bool = True
     metadata: Mapping[str, str] = field(default_factory=dict)
     layout: Mapping[str, str] = field(default_factory=dict)
+    samples: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
 def read_picture(path: Path) -> DecodedPicture:
     """Decode all channels of a colour, depth or map file.
 
     Raises:
-        InputError: the file cannot be read, or not all of it, or it holds deep data.
+        InputError: the file cannot be read, or not all of it.
     """
     head = read_head(path)
     if is_exr(head):
@@ -142,8 +145,6 @@ def is_map(names: Sequence[str]) -> bool:
 
 def in_linear_light(picture: DecodedPicture) -> DecodedPicture:
     """The picture with its colour as linear light, multiplied by alpha if it has one."""
-    import numpy as np
-
     if picture.gamma == 1.0 and picture.associated:
         return picture
     planes = dict(picture.planes)
@@ -172,11 +173,6 @@ def _place(name: str) -> tuple[str, int, str]:
 
 def _from_exr(path: Path) -> DecodedPicture:
     headers = read_headers(path)
-    if any(header.deep for header in headers):
-        problem = "holds deep data, which is not compared"
-        raise InputError(
-            "deep-data", problem, "flatten it first, for example with oiiotool ‹flatten›", path=path
-        )
     counts = Counter(channel.name for header in headers for channel in header.channels)
     labels = Counter(header.label for header in headers)
     planes, types = {}, {}
@@ -202,7 +198,21 @@ def _from_exr(path: Path) -> DecodedPicture:
         *(path, display.width, display.height, ordered, types),
         metadata=metadata,
         layout=layout,
+        samples=_deep_samples(path, headers),
     )
+
+
+def _deep_samples(path: Path, headers: Sequence[Header]) -> dict[str, NDArray[Any]]:
+    """The samples of all deep parts; none if the file is flat."""
+    found: dict[str, list[NDArray[Any]]] = {}
+    for header in headers:
+        for strip in strips(path, header, last=True) if header.deep else ():
+            rows, columns = np.divmod(strip.pixel.astype(np.int64), strip.window.width)
+            places = (rows + strip.window.y0 << 32) + columns + strip.window.x0
+            found.setdefault("", []).append(places)
+            for channel in header.channels:
+                found.setdefault(channel.name, []).append(strip.values[channel.name])
+    return {name: np.concatenate(pieces) for name, pieces in found.items()}
 
 
 def _exr_layout(path: Path, headers: Sequence[Header]) -> dict[str, str]:
@@ -246,8 +256,6 @@ def _spoken(raw: Raw) -> str:
 
 
 def _from_raster(path: Path, pages: Sequence[Raster]) -> DecodedPicture:
-    import numpy as np
-
     if any(page.deep for page in pages):
         raise InputError(
             "deep-data", "holds deep data, which is not compared", "flatten it first", path=path

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.compare.picture import color_layers, is_map
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -41,8 +40,6 @@ class Pixels:
     @cached_property
     def finite(self) -> NDArray[np.bool_] | None:
         """Selected pixels that are finite in all channels of A and B, [H, W]; None for all."""
-        import numpy as np
-
         finite = None if self.selected is None else self.selected.copy()
         for plane in (*self.a, *self.b):
             if plane.dtype.kind == "f" and not math.isfinite(float(plane.sum(dtype=np.float64))):
@@ -53,8 +50,6 @@ class Pixels:
     @cached_property
     def differences(self) -> tuple[NDArray[np.float64], ...]:
         """B − A of each channel [H, W]; 0 where not compared or not finite."""
-        import numpy as np
-
         differences = []
         with np.errstate(invalid="ignore"):
             for a, b in zip(self.a, self.b, strict=True):
@@ -67,8 +62,6 @@ class Pixels:
     @cached_property
     def greatest(self) -> NDArray[np.float64]:
         """The greatest absolute difference of the channels of each pixel, [H, W]."""
-        import numpy as np
-
         greatest = np.abs(self.differences[0])
         for difference in self.differences[1:]:
             np.maximum(greatest, np.abs(difference), out=greatest)

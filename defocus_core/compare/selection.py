@@ -13,12 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.batch.lenses.quantities import QuantityError
 from defocus_core.compare.picture import read_picture
 from defocus_core.errors import InputError, UsageProblem
 
 if TYPE_CHECKING:
-    import numpy as np
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
 _EDGE = 1.0  # px
@@ -37,8 +40,12 @@ class CropRegion:
     def __str__(self) -> str:
         return f"{self.x},{self.y},{self.width},{self.height}"
 
-    def cut(self, size: tuple[int, int]) -> tuple[slice, slice]:
+    def cut(self, size: tuple[int, int], field: str = "region") -> tuple[slice, slice]:
         """Rows and columns of a picture of (height, width).
+
+        Args:
+            size: (height, width) of the picture.
+            field: the option that an error is about.
 
         Raises:
             UsageProblem: the region is not within the picture.
@@ -48,7 +55,7 @@ class CropRegion:
         if not within or self.x + self.width > width or self.y + self.height > height:
             problem = f"{self} is not within a picture of {width}x{height}"
             raise UsageProblem(
-                "out-of-range", problem, "write X,Y,WIDTH,HEIGHT within it", field="region"
+                "out-of-range", problem, "write X,Y,WIDTH,HEIGHT within it", field=field
             )
         return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
 
@@ -70,14 +77,17 @@ def region(text: str) -> CropRegion:
     return found
 
 
-def read_mask(path: Path, size: tuple[int, int]) -> NDArray[np.bool_]:
+def read_mask(path: Path, size: tuple[int, int], *, empty: bool = False) -> NDArray[np.bool_]:
     """Where a mask is not 0 in any channel, [H, W].
+
+    Args:
+        path: of the mask.
+        size: (height, width) of the picture.
+        empty: whether it may be 0 everywhere.
 
     Raises:
         InputError: it cannot be read, is of another size, holds NaN, or selects no pixel.
     """
-    import numpy as np
-
     mask = read_picture(path)
     if (mask.height, mask.width) != size:
         problem = f"is {mask.width}x{mask.height}, but the picture is {size[1]}x{size[0]}"
@@ -91,11 +101,38 @@ def read_mask(path: Path, size: tuple[int, int]) -> NDArray[np.bool_]:
             path=path,
         )
     selected: NDArray[np.bool_] = np.logical_or.reduce([plane != 0 for plane in planes])
-    if not selected.any():
+    if not selected.any() and not empty:
         raise InputError(
             "empty", "is 0 everywhere", "make it 1 where pixels are to be compared", path=path
         )
     return selected
+
+
+def within_neighbours(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
+    """Pixels [H, W] that differ as anti-aliasing may.
+
+    The value of one side lies between those of the pixel and its eight neighbours on the other, in
+    all channels, and at least three of these nine pixels are equal, as beside a line or an edge.
+    """
+    ok = np.ones(a[0].shape, bool)
+    equal = np.ones(a[0].shape, bool)
+    for one, other in zip(a, b, strict=True):
+        equal &= np.abs(np.subtract(one, other, dtype=np.float32)) <= 1 / 255
+        for near, value in ((one, other), (other, one)):
+            low, high = (_of_nine(near, choose) for choose in (np.minimum, np.maximum))
+            ok &= (value >= low) & (value <= high)
+    count = _of_nine(equal.astype(np.int8), np.add)
+    tolerated: NDArray[np.bool_] = ok & ~equal & (count >= 3)
+    return tolerated
+
+
+def _of_nine(values: NDArray[Any], combine: Any) -> NDArray[Any]:
+    """Each pixel combined with its neighbours; the border is repeated."""
+    for axis in (0, 1):
+        padded = np.pad(values, [(1, 1) if axis == k else (0, 0) for k in (0, 1)], mode="edge")
+        parts = [padded.take(range(k, k + values.shape[axis]), axis=axis) for k in range(3)]
+        values = combine(combine(parts[0], parts[1]), parts[2])
+    return values
 
 
 def near_edges(folder: Path, name: str, size: tuple[int, int]) -> NDArray[np.bool_]:
@@ -109,8 +146,6 @@ def near_edges(folder: Path, name: str, size: tuple[int, int]) -> NDArray[np.boo
     Raises:
         InputError: there is no such map, it cannot be read or is of another size.
     """
-    import numpy as np
-
     path = coc_file(folder, name)
     picture = read_picture(path)
     if (picture.height, picture.width) != size:
@@ -138,8 +173,6 @@ def near_edges(folder: Path, name: str, size: tuple[int, int]) -> NDArray[np.boo
 
 def widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     """Pixels with a true one within ``reach`` rows and columns."""
-    import numpy as np
-
     for axis in (0, 1):
         length = mask.shape[axis]
         counts = np.cumsum(mask, axis=axis, dtype=np.int32)

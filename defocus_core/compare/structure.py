@@ -6,15 +6,23 @@ channels, codec or data window is a note. Metadata that differs is listed apart.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from defocus_core.compare.findings.finding import Finding
+from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from defocus_core.compare.picture import DecodedPicture
+
+# Attributes that differ from run to run: times, and the program that wrote a file.
+_OF_A_RUN = ("capdate", "*date", "date*", "*datetime*", "time", "*time*", "software", "utcoffset")
 
 
 @dataclass(frozen=True)
@@ -36,8 +44,16 @@ class Structure:
     apart: tuple[str, ...]
 
 
-def compare_structure(a: DecodedPicture, b: DecodedPicture) -> Structure:
-    """How two files differ apart from the values of their pixels."""
+def compare_structure(
+    a: DecodedPicture, b: DecodedPicture, ignored: Sequence[str] = ()
+) -> Structure:
+    """How two files differ apart from the values of their pixels.
+
+    Args:
+        a: the picture A.
+        b: the picture B.
+        ignored: patterns of names of attributes that may differ, besides times and programs.
+    """
     findings = []
     if (a.width, a.height) != (b.width, b.height):
         text = f"another size: {b.width}x{b.height} instead of {a.width}x{a.height}"
@@ -61,10 +77,45 @@ def compare_structure(a: DecodedPicture, b: DecodedPicture) -> Structure:
     return Structure(
         findings=tuple(findings),
         notes=tuple(_notes(a, b)),
-        metadata=tuple(_differing(a.metadata, b.metadata)),
+        metadata=tuple(_differing(*(_heeded(each.metadata, ignored) for each in (a, b)))),
         common=tuple(name for name in same if a.planes[name].shape == shown),
         apart=tuple(name for name in same if a.planes[name].shape != shown),
     )
+
+
+def compare_samples(a: DecodedPicture, b: DecodedPicture) -> Finding | None:
+    """How the samples of two deep pictures differ; None if they do not, or one is flat."""
+    if not a.samples or not b.samples:
+        return None
+    old, new = (each.samples[""] for each in (a, b))
+    if not np.array_equal(old, new):
+        places, owners = np.unique(np.concatenate([old, new]), return_inverse=True)
+        counts = [np.bincount(of, minlength=len(places)) for of in np.split(owners, [len(old)])]
+        pixels = int(np.count_nonzero(counts[0] != counts[1]))
+        text = f"deep samples: another number in {counted(pixels, 'pixel')}"
+        return Finding("deep samples", text, {"pixels": pixels})
+    greatest = {
+        name: float(np.abs(b.samples[name].astype("f8") - values).max(initial=0.0))
+        for name, values in a.samples.items()
+        if name in b.samples and not np.array_equal(values, b.samples[name], equal_nan=True)
+    }
+    if not greatest:
+        return None
+    each = ", ".join(f"{name} by up to {most:.3g}" for name, most in greatest.items())
+    return Finding("deep samples", f"deep samples: other values, {each}", {"max": greatest})
+
+
+def _heeded(metadata: Mapping[str, str], ignored: Sequence[str]) -> dict[str, str]:
+    """The attributes that count."""
+    patterns = [pattern.lower() for pattern in (*_OF_A_RUN, *ignored)]
+
+    def counts(name: str) -> bool:
+        full = name.lower()
+        return not any(
+            fnmatchcase(full, p) or fnmatchcase(re.split("[/:]", full)[-1], p) for p in patterns
+        )
+
+    return {name: text for name, text in metadata.items() if counts(name)}
 
 
 def _counted(names: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""Rules like ``psnr<45``: which pictures fail and which get a warning, from flags and a file.
+"""Rules like ``psnr<45`` and ``found:clipped``: which pictures fail, and which get a warning.
 
 A rule says when a picture is bad, so that it fails. A rule that would fail the better picture, like
 ``psnr>45``, is refused: it lets everything through.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -16,8 +16,9 @@ from typing import Any
 
 from defocus_core.batch.jobs.toml_file import Table, read_toml, refuse_unknown
 from defocus_core.batch.lenses.quantities import QuantityError, read_at
+from defocus_core.compare.findings.finding import FINDINGS
 from defocus_core.compare.metrics import METRICS
-from defocus_core.errors import UsageProblem, did_you_mean
+from defocus_core.errors import Place, UsageProblem, did_you_mean
 
 OVER = 0.01  # the difference that ``share`` counts pixels beyond, unless --over says another
 _RULE = re.compile(r"\s*([\w.-]+?)\s*(<=|>=|<|>)\s*([+-]?[\d.]+(?:e[+-]?\d+)?)\s*(%|dB)?\s*", re.I)
@@ -30,16 +31,24 @@ class Rule:
     """A condition that a bad picture meets.
 
     Attributes:
-        metric: a name of `METRICS`.
+        metric: a name of `METRICS`; empty if the rule is on what was found.
         sign: <, <=, > or >=.
         bound: the number on the right.
         text: as it was written.
+        found: the name, or the first words of the name, of a finding; ``*`` for any.
     """
 
     metric: str
     sign: str
     bound: float
     text: str
+    found: str = ""
+
+    def is_met(self, metrics: Mapping[str, float], findings: Collection[str]) -> bool | None:
+        """Whether a picture is bad by its metrics and findings; None if it has no such metric."""
+        if self.found:
+            return any(self.found == "*" or f"{n} ".startswith(f"{self.found} ") for n in findings)
+        return self.meets(metrics[self.metric]) if self.metric in metrics else None
 
     def meets(self, value: float) -> bool:
         """Whether a value is bad; NaN is."""
@@ -56,9 +65,13 @@ def rule(text: str) -> Rule:
     Raises:
         QuantityError: it means none, or would let everything through.
     """
+    word, colon, finding = text.strip().partition(":")
+    if colon and word.lower() == "found":
+        return _found(" ".join(finding.split()))
     match = _RULE.fullmatch(text)
     if match is None:
-        raise QuantityError(f"'{text}' is no rule", "write like psnr<45 or max>0.02")
+        remedy = "write like psnr<45, max>0.02 or found:clipped"
+        raise QuantityError(f"'{text}' is no rule", remedy)
     name, sign, number, unit = match.groups()
     name = name.lower()
     if name not in METRICS:
@@ -76,6 +89,19 @@ def rule(text: str) -> Rule:
     return Rule(name, sign, bound, f"{name}{sign}{number}{unit or ''}")
 
 
+def _found(name: str) -> Rule:
+    """The rule that a finding is bad.
+
+    Raises:
+        QuantityError: no finding is named so.
+    """
+    exact = {known.lower(): known for known in FINDINGS}.get(name.lower(), name)
+    if exact != "*" and not any(f"{exact} ".startswith(f"{known} ") for known in FINDINGS):
+        remedy = did_you_mean(name, [*FINDINGS], f"findings are *, {', '.join(FINDINGS)}")
+        raise QuantityError(f"'{name}' is no finding", remedy)
+    return Rule("", "", 0.0, f"found:{exact}", exact)
+
+
 @dataclass(frozen=True)
 class Rules:
     """The rules for one picture.
@@ -89,6 +115,25 @@ class Rules:
     fail: tuple[Rule, ...] = ()
     warn: tuple[Rule, ...] = ()
     over: float = OVER
+
+    @property
+    def asked(self) -> set[str]:
+        """The metrics that rules are on."""
+        return {each.metric for each in (*self.fail, *self.warn) if each.metric}
+
+
+def _rules(fail: Sequence[str], warn: Sequence[str]) -> Rules:
+    return Rules(tuple(map(rule, fail)), tuple(map(rule, warn)))
+
+
+# What pictures are to be like, with the rules for it; what passes one is said at least.
+PRESETS = {
+    "render": _rules(
+        ["hdr-p99.9>0.015", "hdr-max>0.25", "found:clipped"], ["hdr-max>0.002", "rel-rmse>1e-3"]
+    ),
+    "encoder": _rules(["hdr-psnr<34", "hdr-p99.9>0.15", "found:clipped"], ["hdr-psnr<45"]),
+    "golden": _rules(["hdr-max>0.003", "found:clipped"], ["max>1e-3"]),
+}
 
 
 @dataclass(frozen=True)
@@ -193,7 +238,7 @@ def _changes(table: Table) -> dict[str, Any]:
     return changes
 
 
-def difference(value: object, where: str) -> float:
+def difference(value: object, where: Place) -> float:
     """A difference that the metric ``share`` counts pixels beyond.
 
     Raises:

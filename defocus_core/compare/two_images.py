@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from defocus_core.batch.lenses.quantities import QuantityError
 from defocus_core.compare.comparison import compare_pictures
 from defocus_core.compare.picture import DecodedPicture, read_picture
 from defocus_core.compare.record import CompareSettings, Comparison
 from defocus_core.compare.selection import CropRegion
-from defocus_core.compare.thresholds import OVER, Rule, Rules, rule
+from defocus_core.compare.thresholds import OVER, PRESETS, Rule, Rules, rule
 from defocus_core.errors import UsageProblem
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from os import PathLike
-
-    from numpy.typing import ArrayLike
 
 _CHANNELS = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}
 
@@ -34,6 +35,7 @@ def compare_images(
     flip: bool = False,
     metadata: bool = False,
     diagnose: bool = True,
+    like: str | None = None,
 ) -> Comparison:
     """Say whether a picture is the same as another one, and if not, what happened to it.
 
@@ -52,6 +54,8 @@ def compare_images(
         flip: Whether FLIP is measured.
         metadata: Whether metadata of files that differs fails, too.
         diagnose: Whether the cause of a difference is looked for.
+        like: A set of rules where none are given: ``render`` (the same program on another machine),
+            ``encoder`` (a lossy codec) or ``golden`` (the same program and machine).
 
     Returns:
         Its ``status`` (same, warning or different), ``passes``, ``metrics`` by name (max, psnr,
@@ -63,7 +67,12 @@ def compare_images(
         UsageProblem: A rule makes no sense, or the region is not within the picture.
         ValueError: An array is no picture.
     """
-    rules = Rules(_rules("fail", fail), _rules("warn", warn), over)
+    if like is not None and like not in PRESETS:
+        raise UsageProblem(
+            "unknown-name", f"'{like}' is not known", f"name {', '.join(PRESETS)}", field="like"
+        )
+    known = Rules() if like is None else PRESETS[like]
+    rules = Rules(_rules("fail", fail) or known.fail, _rules("warn", warn) or known.warn, over)
     settings = CompareSettings(
         region=None if region is None else CropRegion(*region),
         mask=None if mask is None else Path(mask),
@@ -88,8 +97,6 @@ def planes_of(image: Any) -> dict[str, Any]:
     Raises:
         ValueError: It is no picture.
     """
-    import numpy as np
-
     if hasattr(image, "detach"):  # a tensor, whose channels come first
         values = np.asarray(image.detach().cpu().numpy())
         values = values[0] if values.ndim == 4 and values.shape[0] == 1 else values

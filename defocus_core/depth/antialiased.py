@@ -20,9 +20,8 @@ from defocus_core.tensors.neighbourhoods import (
     extreme_around,
     halfway,
     squares_around,
-    steps_beside,
 )
-from defocus_core.tensors.sparse_masks import places_of
+from defocus_core.tensors.sparse_masks import exceeding, places_of
 
 # Range of radius in px, within 3 px of each other, that matters.
 _MATTERS = 1.013
@@ -37,34 +36,30 @@ _ABRUPT, _WIDE, _BENT = 0.3613, 0.2513, 0.3013
 # Diagnosis: the share that 3 px span on an edge; the place on an edge, from either end, from which
 # a pixel is an average; and the greatest slope beside a hard step, as a share of the step.
 _SURELY, _AVERAGE, _LEVEL = 0.5, 0.1, 0.1
-# Distance of the rows and columns in the sample, counted from either end. Least number of averages:
-# at all, for each hard step, and for each pixel on a wide edge.
-EVERY, _LEAST, _EACH, _WIDER = 16, 8, 2, 0.25
+# Least number of averages: at all, for each hard step, for each pixel on a wide edge, and for each
+# pixel on a soft one.
+_LEAST, _EACH, _WIDER, _SOFTER = 64, 2, 0.25, 2
 # Px around a pixel that decide what it becomes.
 AROUND = _BESIDE + 1 + 2 * _ROUNDS
 
 
 def averages(
-    signed_radius: Tensor, rows: list[int], columns: list[int], infinity: float | None
+    band: Tensor, sizes: list[Tensor], rows: tuple[int, int], infinity: float | None
 ) -> Tensor:
-    """Counts of averages on edges in a sample of rows and columns: [2, 4].
+    """Counts of averages on edges along rows and columns: [2, 4].
 
     The first row of the result counts averages of disparity, the second averages of distance: the
     averages on narrow edges, the sum of their places on these edges from 0 to 1, the pixels on wide
     edges, and the hard steps.
 
     Args:
-        signed_radius: [H, W] px.
-        rows: Numbers of the rows in the sample, one in EVERY / 2.
-        columns: Numbers of the columns in the sample.
+        band: [h, W] px, the counted rows and the three rows of the frame above and below.
+        sizes: Of steps in px from each pixel to the next, down and across.
+        rows: The counted rows of the band, [first, end).
         infinity: Signed radius in px of what is infinitely far; None if that is not known.
     """
-    r = signed_radius.detach()
-    across, down = (
-        r.index_select(dim, torch.tensor(sample, device=r.device))
-        for dim, sample in enumerate((rows, columns))
-    )
-    return _along(across, infinity) + _along(down.mT.contiguous(), infinity)
+    down, across = (_along(band, size, dim, rows, infinity) for dim, size in enumerate(sizes))
+    return down + across
 
 
 def averaged_from(counts: Tensor, infinity: float | None, soft: int) -> float | None:
@@ -79,7 +74,7 @@ def averaged_from(counts: Tensor, infinity: float | None, soft: int) -> float | 
         `infinity` for distance, math.inf for disparity, None if edges are mostly hard or soft.
     """
     most, _, wide, _ = max(counts.tolist())
-    if most <= max(_WIDER * wide, _LEAST, 4 * soft / EVERY):
+    if most <= max(_WIDER * wide, _LEAST, _SOFTER * soft):
         return None
     off_middle = [
         (abs(place / count - 0.5), limit)
@@ -163,23 +158,47 @@ def _going_on(values: Tensor) -> Tensor:
     return values
 
 
-def _along(rows: Tensor, infinity: float | None) -> Tensor:
-    """The counts [2, 4] of `averages` along rows [n, L] px."""
-    counts = rows.new_zeros((2, 4), dtype=torch.float64)
-    if rows.shape[1] <= 2 * _BESIDE:
+def _along(
+    band: Tensor, size: Tensor, dim: int, rows: tuple[int, int], infinity: float | None
+) -> Tensor:
+    """The counts [2, 4] of `averages` along an axis, from steps of a size along it."""
+    counts = band.new_zeros((2, 4), dtype=torch.float64)
+    n = band.shape[dim] - 2 * _BESIDE
+    if n < 1:
         return counts
-    apart = (rows[:, 2 * _BESIDE :] - rows[:, : -2 * _BESIDE]).abs() > _MATTERS
-    radii = rows.unfold(1, 2 * _BESIDE + 1, 1)[apart]
+    range_of_seven = band.narrow(dim, 2 * _BESIDE, n) - band.narrow(dim, 0, n)
+    radii = _around(band, range_of_seven.abs_(), dim, rows, _BESIDE, 2 * _BESIDE + 1)
+    inner = size.narrow(dim, 1, band.shape[dim] - 3)  # steps between two others
+    steps = _around(band, inner, dim, rows, 1, 4)
     for of_quantity, limit in zip(counts, (math.inf, infinity), strict=True):
         if limit is not None:
-            before, here, after = steps_beside(_as_averaged(rows, limit), 1)
-            step = here if math.isinf(limit) else steps_beside(rows, 1)[1]
-            level = _LEVEL * here - torch.maximum(before, after)
-            hard = torch.count_nonzero(torch.minimum(step - _MATTERS, level) > 0)
+            before, step, after = _as_averaged(steps, limit).diff(dim=1).abs().unbind(1)
+            hard = (torch.maximum(before, after) < _LEVEL * step).sum()
             place, average, wide = _on_edges(_as_averaged(radii, limit))
             sums = average.sum(), (place * average).sum(), wide.sum(), hard
             of_quantity.copy_(torch.stack(sums))
     return counts
+
+
+def _around(
+    band: Tensor, ranges: Tensor, dim: int, rows: tuple[int, int], before: int, width: int
+) -> Tensor:
+    """The radii [m, width] along an axis around the pixels of a band whose range matters.
+
+    Args:
+        band: [h, W] px.
+        ranges: [h, W] px, along the axis only of pixels that have so many around.
+        dim: The axis.
+        rows: The rows of the band whose pixels count, [first, end).
+        before: Px before each pixel that belong to it.
+        width: Px that belong to it.
+    """
+    shift = before if dim == 0 else 0
+    first = max(rows[0] - shift, 0)
+    at = places_of(exceeding(ranges[first : max(rows[1] - shift, first)], _MATTERS))
+    start = (at[:, 0] + first) * band.shape[1] + at[:, 1]
+    along = torch.arange(width, device=band.device) * (band.shape[1] if dim == 0 else 1)
+    return band.contiguous().flatten()[start[:, None] + along]
 
 
 def _on_edges(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:

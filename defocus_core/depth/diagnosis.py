@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from defocus_core.depth.antialiased import EVERY, averaged_from, averages
+from defocus_core.depth.antialiased import averaged_from, averages
 from defocus_core.depth.distance_scale import DistanceScale, distance_scale
 from defocus_core.depth.edge_shifts import EdgeShifts
 from defocus_core.depth.noise import noise_from, scatter_counts
@@ -23,7 +24,7 @@ from defocus_core.depth.soft_edges import (
     steepness,
 )
 from defocus_core.tensors.neighbourhoods import ends_of, extreme_around
-from defocus_core.tensors.source import Pixels, bands, spread
+from defocus_core.tensors.source import Pixels, bands
 from defocus_core.tensors.threads import threaded
 
 # Greatest share of a frame that edges take; a frame that is steep beyond it is a steep surface.
@@ -36,8 +37,8 @@ _LOPSIDED = 4
 _PER_PX = 10
 # Hard edges for each pixel on a ramp from which on the ramps are surfaces, not edges.
 _RARE = 16
-# Distance of the rows that are searched for levels, counted from either end of the frame.
-_LEVEL_ROWS = 12
+# Rows above and below a band that are evidence for it.
+_AROUND = 3
 
 
 class _BandEvidence(NamedTuple):
@@ -121,25 +122,24 @@ def _evidence(
     signed_radius: Pixels, rows: tuple[int, int], dtype: torch.dtype, infinity: float | None
 ) -> _BandEvidence:
     """The evidence of the rows [first, end)."""
-    H, W = signed_radius.shape
-    above = min(rows[0], 2)
-    around = signed_radius[rows[0] - above : rows[1] + 2].detach().to(dtype)
-    below = around[above : above + rows[1] + 1 - rows[0]]
-    r = below[: rows[1] - rows[0]]
-    steps = [around.diff(dim=dim) for dim in (0, 1)]
-    steepest = max(float(ends_of(step).abs().amax()) if step.numel() else 0.0 for step in steps)
+    above = min(rows[0], _AROUND)
+    around = signed_radius[rows[0] - above : rows[1] + _AROUND].detach().to(dtype)
+    band = (above, above + rows[1] - rows[0])
+    r, steps = around[slice(*band)], [around.diff(dim=dim) for dim in (0, 1)]
+    sizes = [step.abs() for step in steps]
+    greatest = [size.amax() for size in sizes if size.numel()]
+    steepest = float(torch.stack(greatest).amax()) if greatest else 0.0
     ends = ends_of(r)
     softest, averaged = ends.new_zeros(()), ends.new_zeros((2, 4), dtype=torch.float64)
     ramps = torch.zeros((), dtype=torch.long, device=r.device)
     if steepest > LEAST:
         if any(are_steeper(step, dim, LEAST) for dim, step in enumerate(steps)):
             slope = steepness(around)
-            softest = softness(slope)[above : above + len(r)].amax()
-            ramps = (slope[above : above + len(r)] > STEEP).sum()
-        averaged = averages(r, spread(H, EVERY, *rows), spread(W, EVERY), infinity)
-    scatter = scatter_counts(around, rows[0] - above, rows, H)
-    sample = spread(H, _LEVEL_ROWS, *rows)
-    levels = levels_of(r[sample], below[1:][[i for i in sample if i + 1 < len(below)]])
+            softest = softness(slope)[slice(*band)].amax()
+            ramps = (slope[slice(*band)] > STEEP).sum()
+        averaged = averages(around, sizes, band, infinity)
+    scatter = scatter_counts(steps, band)
+    levels = levels_of(r, [size[slice(*band)] for size in sizes])
     return _BandEvidence(scatter, ends, softest, ramps, levels, averaged)
 
 
@@ -148,11 +148,12 @@ def _repair(
 ) -> DepthRepair:
     """The repair that the evidence of all bands asks for."""
     ends = torch.stack([band.ends for band in of_bands])
-    if not bool(torch.isfinite(ends).all()):
-        return DepthRepair()  # a picture of such depth is refused
-    softest = float(torch.stack([band.softest for band in of_bands]).amax())
+    softest = torch.stack([band.softest for band in of_bands]).amax()
     ramps = torch.stack([band.ramps for band in of_bands]).sum()
-    least, most = float(ends[:, 0].amin()), float(ends[:, 1].amax())
+    found = torch.stack([ends[:, 0].amin(), ends[:, 1].amax(), softest]).double()
+    least, most, softest, ramps = torch.cat([found, ramps[None].double()]).tolist()
+    if not (math.isfinite(least) and math.isfinite(most)):
+        return DepthRepair()  # a picture of such depth is refused
     slope = slope_of_soft_edges(least, most, signed_radius.shape)
     soft, width, scale = 0, None, None
     if softest > slope:

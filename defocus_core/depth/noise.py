@@ -16,10 +16,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.tensors.source import spread
+from defocus_core.tensors.neighbourhoods import ends_of
+from defocus_core.tensors.sparse_masks import exceeding, numbers_of
 
-# Distance of the rows and columns in the sample of pixels that are compared with their neighbours.
-_EVERY = 16
 # Greatest step in px between neighbours of one surface, and the least share of such neighbours.
 _STEP, _TOGETHER = 2.513, 0.5
 # Least distance in px of a noisy pixel from the mean of its neighbours, and the least share of such
@@ -47,21 +46,21 @@ _HALF = [
 _OUTSIDE = 1e18
 
 
-def scatter_counts(band: Tensor, first: int, rows: tuple[int, int], height: int) -> Tensor:
-    """Histogram of scatter in a sample of pixels of a band of rows: [_INTERVALS + 3].
+def scatter_counts(steps: list[Tensor], rows: tuple[int, int]) -> Tensor:
+    """Histogram of scatter in rows of a frame: [_INTERVALS + 3].
 
     Args:
-        band: [h, W] px, the counted rows and at least the rows of the frame beside them.
-        first: The number of the first row of the band.
-        rows: The counted rows, [first, end).
-        height: Rows of the frame.
+        steps: Differences in px of each pixel and the next of a band [h, W], down and across; the
+            band has the counted rows and at least the rows of the frame beside them.
+        rows: The counted rows of the band, [first, end); the ends of a frame have no scatter.
     """
-    W = band.shape[1]
-    ends = torch.cat([torch.zeros(1), _interval_ends()]).to(band.device)
-    within = [i for i in spread(height, _EVERY, *rows) if 0 < i + rows[0] < height - 1]
-    columns = torch.tensor([i for i in spread(W, _EVERY) if 0 < i < W - 1], dtype=torch.long)
-    off = _scatter(band, torch.tensor(within) + (rows[0] - first), columns)
-    return torch.bincount(torch.bucketize(off, ends, right=True), minlength=len(ends) + 1)
+    down, across = steps
+    first, end = max(rows[0], 1), max(min(rows[1], len(across) - 1), 1)
+    inner = (down[first - 1 : end, 1:-1], across[first:end])
+    return sum(
+        (_scatter(step, dim) for dim, step in enumerate(inner)),
+        down.new_zeros((), dtype=torch.long),
+    )
 
 
 def noise_from(counts: Tensor) -> float | None:
@@ -86,24 +85,30 @@ def _interval_ends() -> Tensor:
     return torch.logspace(math.log10(_LEAST), math.log10(_STEP), _INTERVALS + 1)
 
 
-def _scatter(r: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
-    """Distance in px of pixels from the mean of two neighbours; -1 if a neighbour is far.
+def _scatter(step: Tensor, dim: int) -> Tensor:
+    """Histogram of distances of pixels from the mean of both neighbours along an axis.
 
-    Once for the neighbours above and below a pixel, once for the neighbours to its left and right.
-    The distance is 0 where the pixel lies between both neighbours, as on slopes and on terraces.
+    How many have a far neighbour; how many are as near as their mean, or between both, as on slopes
+    and on terraces; and the others by their distance.
+
+    Args:
+        step: [h, w] px, from each pixel to the next along the axis.
+        dim: The axis.
     """
-    rows, columns = rows.to(r.device, torch.long), columns.to(r.device)
-
-    def beside(down: int, across: int) -> Tensor:
-        return r.index_select(0, rows + down).index_select(1, columns + across).float()
-
-    middle, distances = beside(0, 0), []
-    for down, across in ((1, 0), (0, 1)):
-        before, after = (beside(way * down, way * across) - middle for way in (-1, 1))
-        near = torch.maximum(before.abs(), after.abs()) <= _STEP
-        off = torch.where(before * after > 0, ((before + after) / 2).abs(), 0.0)
-        distances.append(torch.where(near, off, -1.0).flatten())
-    return torch.cat(distances)
+    n = max(step.shape[dim] - 1, 0)
+    before, after = step.narrow(dim, 0, n), step.narrow(dim, min(1, step.shape[dim]), n)
+    beyond = exceeding(before * -after, 0.0)
+    apart = torch.zeros((), dtype=torch.long, device=step.device)
+    if beyond.numel() and float(ends_of(step).abs().amax()) > _STEP:
+        far = exceeding(step.abs(), _STEP)
+        either = far.narrow(dim, 0, n) | far.narrow(dim, 1, n)
+        apart, beyond = torch.count_nonzero(either), beyond & ~either
+    at = numbers_of(beyond)
+    off = (after - before).flatten()[at].abs_() / 2
+    ends = _interval_ends().to(off)
+    counts = torch.bincount(torch.bucketize(off, ends, right=True), minlength=len(ends) + 1)
+    counts[0] += beyond.numel() - len(off) - apart
+    return torch.cat([apart[None], counts])
 
 
 def without_noise(signed_radius: Tensor, noise: float) -> Tensor:

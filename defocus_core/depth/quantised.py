@@ -14,15 +14,13 @@ import torch
 from torch import Tensor
 
 from defocus_core.tensors.neighbourhoods import extreme_around, steps_beside
-from defocus_core.tensors.source import spread
+from defocus_core.tensors.sparse_masks import exceeding, numbers_of
 
 # Diagnosis of quantised depth: the least share of equal neighbours; among unequal neighbours, the
 # least share within one surface, and the least share of these with a step that matters; and the
 # bounds on the number of different radii.
 _ALIKE, _SMALL, _MATTERS = 0.5, 0.5, 0.03
 _FEW, _MANY = 32, 256
-# Distance of the columns that are sampled for different radii: to sort them takes long.
-_EVERY = 16
 # Least and greatest step in px between terraces, and the greatest slope of a terrace beside a step,
 # as a share of the step.
 _LEAST, _MOST, _FLAT = 0.2013, 1.013, 0.1013
@@ -37,43 +35,49 @@ class Levels(NamedTuple):
 
     Attributes:
         steps: [2][4], along both axes the numbers of steps: all, zero, too small to matter, and too
-            small for an edge. Empty if most neighbours are not equal.
-        radii: [n, k] px of a sample of pixels, evenly spread; None if most neighbours are not
-            equal.
+            small for an edge.
+        radii: [n] px, the different ones of pixels that equal the next ones: the levels, but not
+            averages of them on edges.
     """
 
     steps: list[list[int]]
-    radii: Tensor | None
+    radii: Tensor
 
 
-def levels_of(rows: Tensor, below: Tensor) -> Levels:
-    """The evidence of levels in a sample of rows of a frame.
+def levels_of(rows: Tensor, sizes: list[Tensor]) -> Levels:
+    """The evidence of levels in rows of a frame.
 
     Args:
         rows: [n, W] px.
-        below: [n, W] px, the rows below them; [n - 1, W] at the end of a frame.
+        sizes: Of steps in px from each pixel to the next, down and across; down of one row less at
+            the end of a frame.
     """
-    steps = []
-    for step in (rows.diff(dim=1), below - rows[: len(below)]):
-        size = step.abs_()
-        same = size.numel() - int(torch.count_nonzero(size))
-        if size.numel() and same <= _ALIKE * size.numel():
-            return Levels([], None)
-        few = (int(torch.count_nonzero(size <= most)) for most in (_LEAST, _MOST))
-        steps.append([size.numel(), same, *few])
-    return Levels(steps, rows[:, spread(rows.shape[1], _EVERY)])
+    changes, larger = [], []
+    for size in reversed(sizes):
+        changes.append(size.bool())
+        masks = changes[-1], exceeding(size, _LEAST), exceeding(size, _MOST)
+        larger.append(torch.stack([torch.count_nonzero(mask) for mask in masks]))
+    steps = [
+        [size.numel(), *(size.numel() - count for count in counts)]
+        for size, counts in zip(reversed(sizes), torch.stack(larger).tolist(), strict=True)
+    ]
+    across, down = changes
+    goes_on = ~(across[: len(down)] | down[:, :-1])
+    begins = goes_on.clone()  # of equal ones in a row the first alone: to sort them takes long
+    begins[:, 1:] &= ~goes_on[:, :-1]
+    levels = torch.unique(rows[: len(down), :-1].flatten()[numbers_of(begins)])
+    return Levels(steps, levels)
 
 
 def are_few(levels: list[Levels]) -> bool:
     """Whether the depth of a frame has few levels, from the evidence of all of its parts."""
-    samples = [part.radii for part in levels if part.radii is not None]
-    if len(samples) < len(levels):
-        return False
     for axis in zip(*(part.steps for part in levels), strict=True):
         count, same, least, small = (sum(numbers) for numbers in zip(*axis, strict=True))
+        if same <= _ALIKE * count:
+            return False
         if small - same <= _SMALL * (count - same) or small - least <= _MATTERS * (count - same):
             return False
-    different: Tensor = torch.unique(torch.cat([torch.unique(radii) for radii in samples]))
+    different: Tensor = torch.unique(torch.cat([part.radii for part in levels]))
     return _FEW < len(different) <= _MANY
 
 

@@ -17,11 +17,13 @@ from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.edge_surfaces import EDGE
 from defocus_core.renderer.blur.field_blend import CORNERS
 from defocus_core.renderer.engine.frame import SharedFrame
+from defocus_core.renderer.engine.preparation import copies_of_tile
 from defocus_core.renderer.engine.region_schedule import blurred_part
 from defocus_core.renderer.layers.block_index import blocks_of, visible_slices
 from defocus_core.renderer.layers.ladder import position
 from defocus_core.renderer.stream import Stream
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.neighbourhoods import extreme_around
 from defocus_core.tensors.source import Pixels
 from defocus_core.tensors.threads import AHEAD
@@ -100,6 +102,8 @@ def memory_bound(stream: Stream, threads: int, at_once: int) -> float:
     sample = (channels + 1) * size
     pixels = frame.box.area
     grids = _computed(stream)
+    if launches_cost(stream.image.device):
+        threads = at_once = 1
     at_once = max(1, min(at_once, len(grids)))
     copies = (
         _COPIES + _HIDDEN_COPIES * frame.content.edges + _VIEW_COPIES * frame.settings.left_right
@@ -116,7 +120,17 @@ def memory_bound(stream: Stream, threads: int, at_once: int) -> float:
     spectra = 2 * _bytes_of_spectra(frame) * versions
     repaired = stream.size[0] * stream.size[1] * size * (stream.repair != DepthRepair())
     whole = _FIXED + coarse + enlarged + spectra + repaired + _bytes_of_fill(stream, grids)
-    return whole + threads * _OF_THREAD + at_once * (region + result)
+    return whole + threads * _bytes_of_tile(stream) + at_once * (region + result)
+
+
+def _bytes_of_tile(stream: Stream) -> float:
+    """Bytes of a tile that is computed."""
+    frame = stream.frame
+    if not launches_cost(stream.image.device):
+        return _OF_THREAD
+    sample = (stream.image.shape[0] + 1) * frame.dtype.itemsize * len(frame.division.parts)
+    area = max(tile.area for tile in frame.grid.tiles)
+    return float(area * sample * copies_of_tile(frame.slices.visible.layers))
 
 
 def _bytes_of_fill(stream: Stream, grids: list[Grid]) -> float:

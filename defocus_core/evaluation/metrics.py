@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from defocus_core.evaluation.similarity import REACH, similarity
+
 # PSNR in dB of equal pictures, whose mean squared error is below 1e-10.
 EQUAL = 99.0
-# A window of SSIM: 11 x 11 px, gaussian of sigma 1.5 px.
-_REACH, _SIGMA = 5, 1.5
 # Neighbours whose CoC radii differ by more px lie on two sides of a depth edge.
 _EDGE = 1.0
 _LUMA = (0.2126, 0.7152, 0.0722)
@@ -61,7 +61,7 @@ def measure(picture: Tensor, truth: Tensor, signed_radius: Tensor, *, border: in
             f"picture and truth must be [3, H, W] of the signed_radius {tuple(signed_radius.shape)}"
             f", got {tuple(picture.shape)} and {tuple(truth.shape)}"
         )
-    if min(signed_radius.shape) - 2 * border < 2 * _REACH + 1:
+    if min(signed_radius.shape) - 2 * border < 2 * REACH + 1:
         raise ValueError(f"border must leave 11 px at least, got {border}; use a larger picture")
     if not bool(torch.isfinite(picture).all()):
         raise ValueError("picture must be finite, got NaN or infinity")
@@ -100,27 +100,8 @@ def decibels(squares: Tensor) -> float:
 
 
 def ssim(a: Tensor, b: Tensor) -> float:
-    """Structural similarity (Wang et al. 2004) of pictures [H, W] in [0, 1].
-
-    Means, variances and covariance are weighted by a gaussian of sigma 1.5 over 11 x 11 px, with
-    C1 = 0.01² and C2 = 0.03². The mean is over the windows that lie within the picture.
-    """
-    mean_a, mean_b = _blurred(a), _blurred(b)
-    variance_a = _blurred(a * a) - mean_a * mean_a
-    variance_b = _blurred(b * b) - mean_b * mean_b
-    covariance = _blurred(a * b) - mean_a * mean_b
-    light = (2 * mean_a * mean_b + 1e-4) / (mean_a * mean_a + mean_b * mean_b + 1e-4)
-    structure = (2 * covariance + 9e-4) / (variance_a + variance_b + 9e-4)
-    return float((light * structure).mean())
-
-
-def _blurred(x: Tensor) -> Tensor:
-    offset = torch.arange(-_REACH, _REACH + 1, dtype=x.dtype, device=x.device)
-    weights = torch.exp(-offset * offset / (2 * _SIGMA * _SIGMA))
-    weights = weights / weights.sum()
-    for axis in (-2, -1):
-        x = x.unfold(axis, 2 * _REACH + 1, 1) @ weights
-    return x
+    """Structural similarity of pictures [H, W] in [0, 1], the mean over windows within them."""
+    return float(similarity(a, b).mean())
 
 
 def percentile(values: Tensor, percent: float) -> float:

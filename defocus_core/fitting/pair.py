@@ -8,19 +8,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import torch
 from torch import Tensor
 from torch.nn.functional import max_pool2d
 
-from defocus_core.fitting.residual import Residual
+from defocus_core.fitting.pictures import Scale
+from defocus_core.fitting.refusals import JudgedPair, Refusal, refusals_of
+from defocus_core.fitting.residual import Optics, Residual
 from defocus_core.fitting.search import MIDDLE, Found, Search
-from defocus_core.fitting.unknowns import MOST_SHIFT, unknowns
+from defocus_core.fitting.unknowns import MOST_SHIFT, Unknown, unknowns
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.tensors.torch_modes import own_modes
 from defocus_core.tensors.validation import described
 
+_MOST_CROSSTALK = 0.49  # of light, that is known from none
 _LEAST_SLOPE = 1e-9  # of the error, for an unknown that the pictures tell something of
 
 
@@ -40,7 +45,16 @@ class Fit:
         psnr: In dB of compressed light, of all pixels that count, of those near depth edges and of
             others; nan where there are none.
         aperture: The pupil, with its rotation.
+        dual_pixel: The photodiodes of a pair; None of one picture.
+        crosstalk_error: Standard error of the crosstalk, 0 if it was not sought.
+        exchanged: Whether what was given for left is what the right photodiodes saw.
+        breathing: Px by which a blur of 1 px lies outwards, half a width from the middle.
+        breathing_error: Its standard error.
+        shading: Of left and right the factor in the middle, and its change over half a frame
+            along x and y; empty if it was not sought.
+        explained: The share of the difference between the pictures that the blur explains.
         doubts: What these pictures could not tell, in words.
+        refusals: Why this is not the lens of these pictures; empty if it may well be.
     """
 
     strength: float
@@ -53,7 +67,15 @@ class Fit:
     gains: tuple[float, ...]
     psnr: tuple[float, float, float]
     aperture: Aperture
+    dual_pixel: DualPixel | None
+    crosstalk_error: float
+    exchanged: bool
+    breathing: float
+    breathing_error: float
+    shading: tuple[tuple[float, ...], ...]
+    explained: float
     doubts: tuple[str, ...]
+    refusals: tuple[Refusal, ...]
 
 
 def fit(
@@ -63,7 +85,12 @@ def fit(
     *,
     apertures: Sequence[Aperture] = (Aperture(),),
     rotation: bool = False,
+    dual_pixels: Sequence[DualPixel] = (DualPixel(),),
+    crosstalk: bool = False,
+    focus: float | None = None,
+    strength: Callable[[float], float] | None = None,
     exposure: bool = False,
+    side_shading: bool = False,
     gamma: bool = False,
     shift: bool = False,
     depth_repair: str = "auto",
@@ -78,42 +105,63 @@ def fit(
         blurred: [C, H, W], light like that of sharp; or (left, right) of a dual-pixel sensor.
         apertures: Pupils to choose from.
         rotation: Whether pupils with blades are turned.
+        dual_pixels: Photodiodes of a pair to choose from.
+        crosstalk: Whether the crosstalk of a pair is to be found.
+        focus: The disparity in focus, if it is known.
+        strength: The strength by the disparity in focus, if it is known.
         exposure: Whether each channel may have a factor between the two pictures.
+        side_shading: Whether left and right may have a factor each, a plane over the frame.
         gamma: Whether the power is to be found by which the pictures are linear light.
-        shift: Whether the blurred picture may be shifted by up to 16 px.
+        shift: Whether the blurred picture may be shifted by up to 16 px, and breathe.
         depth_repair: As for `render`.
         edge_width: As for `render`.
         progress: Called with (renderings done, about how many in all).
 
     Raises:
-        ValueError: If shapes disagree, a value is not finite, the depth is the same everywhere, or
-            no pixel tells anything, as of pictures that are white.
+        ValueError: If shapes disagree, a value is not finite, the depth is the same everywhere and
+            the focus not known, or no pixel tells anything, as of pictures that are white.
     """
-    seen = blurred if isinstance(blurred, tuple) else (blurred,)
-    _check(sharp, disparity, seen)
+    given = blurred if isinstance(blurred, tuple) else (blurred,)
+    _check(sharp, disparity, given, plane=focus is not None)
+    sharp, *seen = _one_channel(sharp, *given)
+    free = {
+        "strength": strength is None,
+        "focus": focus is None,
+        "gamma": gamma,
+        **dict.fromkeys(("across", "down", "breathing"), shift),
+        "separation": crosstalk and len(seen) > 1,
+    }
     span = float(disparity.max() - disparity.min())
     with torch.no_grad(), own_modes(sharp.device):
         residual = Residual(
             sharp,
             disparity,
-            seen,
+            tuple(seen),
             exposure=exposure,
+            side_shading=side_shading,
             depth_repair=depth_repair,
             edge_width=edge_width,
             progress=progress,
         )
-        free = unknowns(span, gamma=gamma, shift=shift)
-        search = Search(residual, free, rotation=rotation)
-        found = search.best(apertures)
+        rows = unknowns(span, (name for name, is_free in free.items() if is_free))
+        search = Search(residual, rows, rotation=rotation, focus=focus, strength=strength)
+        found = search.best([Optics(*each) for each in product(apertures, dual_pixels)])
         if not math.isfinite(found.error):
             raise ValueError(
                 "hardly a pixel tells anything: nearly all are clipped, or seen from beyond the "
                 "border; give a darker picture, or one that is blurred less"
             )
-        return _told(search, found, disparity)
+        sought = {"shift": shift, "exposure": exposure, "gamma": gamma}
+        return _told(search, found, disparity, sought)
 
 
-def _check(sharp: Tensor, disparity: Tensor, seen: tuple[Tensor, ...]) -> None:
+def _one_channel(*pictures: Tensor) -> list[Tensor]:
+    """Pictures [C, H, W] with one channel, if all channels are the same."""
+    same = all(bool((each == each[:1]).all()) for each in pictures)
+    return [each[:1] if same else each for each in pictures]
+
+
+def _check(sharp: Tensor, disparity: Tensor, seen: tuple[Tensor, ...], *, plane: bool) -> None:
     """Refuse pictures that do not belong together."""
     if sharp.dim() != 3 or disparity.shape != sharp.shape[1:]:
         raise ValueError(
@@ -126,38 +174,67 @@ def _check(sharp: Tensor, disparity: Tensor, seen: tuple[Tensor, ...]) -> None:
     for name, values in (("sharp", sharp), ("disparity", disparity), ("blurred", seen[0])):
         if not bool(torch.isfinite(values).all()):
             raise ValueError(f"{name} must be finite; infinitely far is a disparity of 0")
-    if float(disparity.max() - disparity.min()) <= 0:
-        raise ValueError("disparity must differ somewhere: one plane does not tell where focus is")
+    if float(disparity.max() - disparity.min()) <= 0 and not plane:
+        raise ValueError(
+            "disparity must differ somewhere: one plane does not tell where focus is; give its "
+            "‹focus›"
+        )
 
 
-def _told(search: Search, found: Found, disparity: Tensor) -> Fit:
+def _told(search: Search, found: Found, disparity: Tensor, sought: dict[str, bool]) -> Fit:
     """What was found, with its uncertainty: blocks of the picture stand for chance.
 
     The covariance is that of clustered residuals, H⁻¹ (Σ g gᵀ) H⁻¹ (Liang & Zeger 1986).
     """
-    scale, point = search.residual.scale(MIDDLE), found.point
-    free = search.free(found.aperture)
-    residual, weight = search.residual.of(point, found.aperture, scale)
-    hessian, gradient = search.normal(found, scale, free)
-    inverse = torch.linalg.pinv(hessian.sum(0))
-    variance = (inverse @ (gradient.T @ gradient) @ inverse).diagonal().clamp_min(0)
-    untold = hessian.sum(0).diagonal() <= _LEAST_SLOPE * float(weight.sum())
-    sizes = variance.sqrt().masked_fill(untold, math.inf)
-    errors = {u.name: u.unit * float(size) for u, size in zip(free, sizes, strict=True)}
+    scale, point, optics = search.residual.scale(MIDDLE), found.point, found.optics
+    free = search.free(optics)
+    residual, weight = search.residual.of(point, optics, scale)
+    errors = _errors(search, found, scale, free, float(weight.sum()))
     radius = point.strength * scale.factor * (point.focus - scale.disparity)
+    pair = len(scale.seen) > 1
+    shading = search.residual.shading(point, optics, scale) if search.residual.side_shading else ()
+    evidence = JudgedPair.of(search.residual, point, optics)
     return Fit(
         point.strength,
         point.focus,
-        errors["strength"],
-        errors["focus"],
+        errors.get("strength", 0.0),
+        errors.get("focus", 0.0),
         point.gamma,
         errors.get("gamma", 0.0),
         (point.across, point.down),
-        tuple(search.residual.gains(point, found.aperture, scale).tolist()),
+        tuple(search.residual.gains(point, optics, scale).tolist()),
         _psnr(residual, weight, radius),
-        point.turned(found.aperture),
+        point.turned(optics.aperture),
+        _crossed(optics.dual_pixel, point.separation) if pair else None,
+        errors.get("separation", 0.0) / 2,
+        point.separation < 0,
+        point.breathing,
+        errors.get("breathing", 0.0),
+        tuple(tuple(float(x) for x in row) for row in shading),
+        evidence.explained,
         tuple(_doubts(found, disparity, errors)),
+        tuple(refusals_of(evidence, sought)),
     )
+
+
+def _errors(
+    search: Search, found: Found, scale: Scale, free: list[Unknown], count: float
+) -> dict[str, float]:
+    """The standard error of each unknown; infinite where the pictures tell nothing of it."""
+    if not free:
+        return {}
+    hessian, gradient = search.normal(found, scale, free)
+    inverse = torch.linalg.pinv(hessian.sum(0))
+    variance = (inverse @ (gradient.T @ gradient) @ inverse).diagonal().clamp_min(0)
+    untold = hessian.sum(0).diagonal() <= _LEAST_SLOPE * count
+    sizes = variance.sqrt().masked_fill(untold, math.inf)
+    return {u.name: u.unit * float(size) for u, size in zip(free, sizes, strict=True)}
+
+
+def _crossed(dual_pixel: DualPixel, separation: float) -> DualPixel:
+    """Photodiodes whose left and right are as far apart as found."""
+    share = (1 - abs(separation) * (1 - 2 * float(dual_pixel.crosstalk))) / 2
+    return replace(dual_pixel, crosstalk=min(max(share, 0.0), _MOST_CROSSTALK))
 
 
 def _psnr(residual: Tensor, weight: Tensor, radius: Tensor) -> tuple[float, float, float]:
@@ -184,9 +261,9 @@ def _doubts(found: Found, disparity: Tensor, errors: dict[str, float]) -> list[s
         "the focus lies beyond all depths of the picture, and is extrapolated": not (
             farthest <= point.focus <= nearest
         ),
-        "the strength is known to more than 10 % only": errors["strength"] > 0.1,
+        "the strength is known to more than 10 % only": errors.get("strength", 0.0) > 0.1,
         "the focus is known to a tenth of the range of disparity only": (
-            errors["focus"] > 0.1 * (nearest - farthest)
+            errors.get("focus", 0.0) > 0.1 * (nearest - farthest)
         ),
         "the gamma is known to more than 10 % only": errors.get("gamma", 0.0) > 0.1,
         f"the pictures are shifted by {MOST_SHIFT:g} px or more": (
@@ -195,6 +272,10 @@ def _doubts(found: Found, disparity: Tensor, errors: dict[str, float]) -> list[s
         "the rotation of the blades is known to 10 degrees or less well": (
             errors.get("rotation", 0.0) > 10
         ),
+        "left and right are exchanged: the first is what the right photodiodes saw": (
+            point.separation < 0
+        ),
+        "the crosstalk is known to 0.1 or less well": errors.get("separation", 0.0) > 0.2,
         "hardly anything is blurred: strength and focus are uncertain": most < 1.5,
     }
     return [words for words, holds in doubts.items() if holds]

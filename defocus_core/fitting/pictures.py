@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 
 import torch
 from torch import Tensor
@@ -39,6 +40,13 @@ class Scale:
         rows = ((torch.arange(height) + 0.5) * sharp.shape[1] / height).long()
         columns = ((torch.arange(width) + 0.5) * full / width).long()
         self.disparity = disparity[rows][:, columns]
+
+    def flat(self) -> Scale:
+        """The same pictures with a disparity of 0 everywhere, and the mean of what is seen."""
+        flat = copy(self)
+        flat.seen = [torch.stack(self.seen).mean(0)]
+        flat.disparity = torch.zeros_like(self.disparity)
+        return flat
 
     def _small(self, image: Tensor) -> Tensor:
         if self.factor == 1.0:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -18,6 +18,8 @@ from torch import Tensor
 from defocus_core.fitting.pictures import Scale, border_of, shifted
 from defocus_core.fitting.unknowns import Candidate
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.renderer.breathing import breathed
 from defocus_core.renderer.render import render
 
 BEND = 0.02  # of compressed light, from which on a difference counts less
@@ -26,6 +28,13 @@ _TRUSTED = 0.9  # share of the lens, from which on a pixel counts
 _LEAST_WEIGHT = 0.05  # mean of a picture of which enough counts
 _LOST = 1e-3  # share of clipped light in a pixel of which nothing can be said
 _KEPT = 4  # renderings, as a shift needs no other
+
+
+class Optics(NamedTuple):
+    """The pupil and the photodiodes that a point is rendered with."""
+
+    aperture: Aperture
+    dual_pixel: DualPixel
 
 
 class Residual:
@@ -38,6 +47,7 @@ class Residual:
         seen: tuple[Tensor, ...],
         *,
         exposure: bool,
+        side_shading: bool = False,
         depth_repair: str = "auto",
         edge_width: float | None = None,
         progress: Callable[[int, int], None] | None = None,
@@ -49,12 +59,14 @@ class Residual:
             disparity: [H, W].
             seen: One blurred picture, or left and right.
             exposure: Whether each channel has a factor.
+            side_shading: Whether left and right have a factor each that is a plane over the frame.
             depth_repair: As for `render`.
             edge_width: As for `render`, in px of the pictures.
             progress: Called with (renderings done, about how many in all).
         """
         self.width = sharp.shape[2]
-        self.exposure, self._progress, self._done = exposure, progress, 0
+        self.exposure, self.side_shading = exposure, side_shading
+        self._progress, self._done = progress, 0
         self._repair, self._edge_width = depth_repair, edge_width
         self._pictures = (sharp, disparity, seen)
         self._middle = float(seen[0].float().abs().median().clamp_min(1e-3))
@@ -71,30 +83,49 @@ class Residual:
         return self._scales[width]
 
     def of(
-        self, point: Candidate, aperture: Aperture, scale: Scale, quality: str = "standard"
+        self, point: Candidate, optics: Optics, scale: Scale, quality: str = "standard"
     ) -> tuple[Tensor, Tensor]:
         """Differences of compressed light [V, C, H, W], and weights [V, 1, H, W]."""
-        made, weight = self._made(point, aperture, scale, quality)
+        made, weight = self.made(point, optics, scale, quality)
+        return self.compressed(made) - self.compressed(torch.stack(scale.seen)), weight
+
+    def made(
+        self, point: Candidate, optics: Optics, scale: Scale, quality: str = "standard"
+    ) -> tuple[Tensor, Tensor]:
+        """The numbers that a camera stores [V, C, H, W], and their weights [V, 1, H, W]."""
+        made, weight = self._stored(point, optics, scale, quality)
         seen = torch.stack(scale.seen)
         if self.exposure:
             made = made * self._factors(made, seen, weight)[:, None, None]
-        return self._compressed(made) - self._compressed(seen), weight
+        if self.side_shading:
+            made = made * _planes(self._shading(made, seen, weight), made)
+        return made, weight
 
-    def gains(self, point: Candidate, aperture: Aperture, scale: Scale) -> Tensor:
+    def gains(self, point: Candidate, optics: Optics, scale: Scale) -> Tensor:
         """The factor of light of each channel [C]; ones if the exposure is the same."""
         if not self.exposure:
             return torch.ones(len(scale.sharp))
-        made, weight = self._made(point, aperture, scale, "standard")
+        made, weight = self._stored(point, optics, scale, "standard")
         return self._factors(made, torch.stack(scale.seen), weight) ** point.gamma
 
-    def _made(
-        self, point: Candidate, aperture: Aperture, scale: Scale, quality: str
+    def shading(self, point: Candidate, optics: Optics, scale: Scale) -> Tensor:
+        """The factor of each view [V, 3]: in the middle, and its change over half a frame."""
+        made, weight = self._stored(point, optics, scale, "standard")
+        seen = torch.stack(scale.seen)
+        if self.exposure:
+            made = made * self._factors(made, seen, weight)[:, None, None]
+        return self._shading(made, seen, weight)
+
+    def _stored(
+        self, point: Candidate, optics: Optics, scale: Scale, quality: str
     ) -> tuple[Tensor, Tensor]:
-        """The numbers that a camera stores [V, C, H, W], and their weights [V, 1, H, W]."""
-        made, trust = self._render(point, aperture, scale, quality)
+        """What `made` is without factors."""
+        made, trust = self._render(point, optics, scale, quality)
         if scale.lost is not None:
             made, lost = made[:, :-1], made[:, -1]
             trust = trust * (1 - lost.amax(0) / _LOST).clamp(0, 1)
+        if len(made) > 1:
+            made = made[:1] + point.separation * (made[1:] - made[:1])
         if point.gamma != 1:
             made = made.clamp_min(0) ** (1 / point.gamma)
         sure = ((trust - _TRUSTED) / (1 - _TRUSTED)).clamp(0, 1)
@@ -109,21 +140,28 @@ class Residual:
         return made, sure * unclipped
 
     def _render(
-        self, point: Candidate, aperture: Aperture, scale: Scale, quality: str
+        self, point: Candidate, optics: Optics, scale: Scale, quality: str
     ) -> tuple[Tensor, Tensor]:
-        """The views [V, C, H, W] of light that a blur makes, and their trust [H, W].
+        """The views of light that a blur makes, and their trust [H, W].
 
-        Where lights of the sharp picture are clipped, their share is a channel more.
+        The centre alone [1, C, H, W], or the centre, left and right. Where lights of the sharp
+        picture are clipped, their share is a channel more.
         """
-        key = (replace(point, across=0.0, down=0.0), aperture, scale.factor, quality)
+        key = (point.rendered, optics, id(scale), quality)
         if key in self._rendered:
             return self._rendered[key]
         strength = point.strength * scale.factor
         light = scale.sharp if point.gamma == 1 else scale.sharp.clamp_min(0) ** point.gamma
-        views = render(
+        light, radius = breathed(
             light if scale.lost is None else torch.cat([light, scale.lost]),
             strength * (point.focus - scale.disparity),
-            aperture=point.turned(aperture),
+            point.breathing,
+        )
+        views = render(
+            light,
+            radius,
+            aperture=point.turned(optics.aperture),
+            dual_pixel=optics.dual_pixel,
             quality=quality,
             left_right=len(scale.seen) > 1,
             infinity=strength * point.focus,
@@ -133,8 +171,7 @@ class Residual:
         self._done += 1
         if self._progress is not None:
             self._progress(self._done, max(self._done, 100))
-        images = [views.render] if len(scale.seen) == 1 else [views.left, views.right]
-        found = torch.stack([image for image in images if image is not None]), views.trust[0]
+        found = torch.stack(list(views.images)), views.trust[0]
         self._rendered[key] = found
         if len(self._rendered) > _KEPT:
             self._rendered.pop(next(iter(self._rendered)))
@@ -147,18 +184,47 @@ class Residual:
             (0, 2, 3)
         ).clamp_min(1e-12)
 
-    def _compressed(self, light: Tensor) -> Tensor:
+    def _shading(self, made: Tensor, seen: Tensor, weight: Tensor) -> Tensor:
+        """The factor of each view [V, 3] by least squares: its middle, and along x and y."""
+        common = (weight / (seen + self._middle) ** 2).double()
+        base = _axes(made)
+        normal = torch.einsum("ihw,jhw,vchw->vij", base, base, common * made * made)
+        right = torch.einsum("ihw,vchw->vi", base, common * made * seen)
+        ridge = 1e-9 * normal.diagonal(dim1=1, dim2=2).amax().clamp_min(1e-30)
+        solved: Tensor = torch.linalg.solve(
+            normal + ridge * torch.eye(3, dtype=normal.dtype), right
+        )
+        return solved.to(made.dtype)
+
+    def compressed(self, light: Tensor) -> Tensor:
+        """Light in [0, 1), of which a half is the middle of what is seen."""
         positive = light.clamp_min(0)
         return positive / (positive + self._middle)
+
+
+def _axes(like: Tensor) -> Tensor:
+    """1, x and y from -1 to 1 over the frame [3, H, W]."""
+    y, x = (torch.linspace(-1, 1, n, dtype=torch.float64) for n in like.shape[-2:])
+    down, across = torch.meshgrid(y, x, indexing="ij")
+    return torch.stack([torch.ones_like(across), across, down])
+
+
+def _planes(factors: Tensor, like: Tensor) -> Tensor:
+    """Planes over the frame [V, 1, H, W] of factors [V, 3]."""
+    return torch.einsum("vi,ihw->vhw", factors, _axes(like).to(factors))[:, None]
 
 
 def error_of(residual: Tensor, weight: Tensor) -> float:
     """The mean of Huber's measure, over what counts; infinite if hardly anything does."""
     if float(weight.mean()) < _LEAST_WEIGHT:
         return math.inf
+    return float((measure_of(residual) * weight).sum() / (weight.sum() * residual.shape[1]))
+
+
+def measure_of(residual: Tensor) -> Tensor:
+    """Huber's measure of differences."""
     size = residual.abs()
-    measure = torch.where(size < BEND, size**2 / 2, BEND * (size - BEND / 2))
-    return float((measure * weight).sum() / (weight.sum() * residual.shape[1]))
+    return torch.where(size < BEND, size**2 / 2, BEND * (size - BEND / 2))
 
 
 def robust_of(residual: Tensor, weight: Tensor) -> Tensor:

@@ -1,30 +1,30 @@
-"""The search for the point that explains a pair: a grid, then Gauss-Newton steps."""
+"""The search for the point that explains a pair: all blurs at once, then Gauss-Newton steps."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
 import torch
 from torch import Tensor
 
+from defocus_core.fitting.blur_map import BlurMap
 from defocus_core.fitting.pictures import Scale, offset_of
-from defocus_core.fitting.residual import Residual, error_of, robust_of
+from defocus_core.fitting.residual import Optics, Residual, error_of, robust_of
 from defocus_core.fitting.unknowns import MOST_SHIFT, Candidate, Unknown, moved, rotation_of
-from defocus_core.optics.aperture import Aperture
 
 MIDDLE = 480  # px, width of pictures of middle size
 _COARSE = 200  # px, width of small pictures
-_RADII = (1.5, 3.0, 6.0, 12.0, 24.0, 48.0)  # px, largest blur of the coarse search
-_PLACES = (0.02, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 0.98)  # quantiles of disparity in focus
 _STEPS = {_COARSE: 4, MIDDLE: 4, None: 3}  # most Gauss-Newton steps at a width
-_STARTS = 3  # of the best of the coarse search
+_STARTS = 6  # blurs that are rendered
+_KEPT = {_COARSE: 3, MIDDLE: 2}  # of these are followed at a width
+_CLEARLY = 4.0  # times the error of the best: nothing changes that
+_CHEAP = ("across", "down", "separation")  # unknowns that take no rendering
 _TURNS = 4  # rotations tried between a blade and the next
 _BLOCKS = 6  # along each side, for the uncertainty
-_AROUND = ((0.1, 0.04), (0.05, 0.015))  # steps in strength and focus from a point to others
-_ROUNDS = 4  # most steps of each size
+_SEPARATION = 0.5  # of left and right, from which steps descend
 _ENOUGH = 2e-4  # a smaller step is none
 _SHORTER = (1.0, 0.35, 0.1)  # shares of a step that are tried
 _DAMPING = 1e-4
@@ -34,74 +34,77 @@ _AS_GOOD = 1.002  # an error as small, by the rounding of the renderer
 
 @dataclass(frozen=True)
 class Found:
-    """A point, its pupil and its error."""
+    """A point, its pupil and photodiodes, and its error."""
 
     error: float
     point: Candidate
-    aperture: Aperture
+    optics: Optics
 
 
 class Search:
     """The search for the point between two pictures."""
 
-    def __init__(self, residual: Residual, free: Sequence[Unknown], *, rotation: bool) -> None:
+    def __init__(
+        self,
+        residual: Residual,
+        free: Sequence[Unknown],
+        *,
+        rotation: bool,
+        focus: float | None = None,
+        strength: Callable[[float], float] | None = None,
+    ) -> None:
         """Keep what is to be found.
 
         Args:
             residual: The differences that are to be small.
             free: The unknowns.
             rotation: Whether pupils with blades are turned.
+            focus: The disparity in focus, if it is known.
+            strength: The strength by the disparity in focus, if it is known.
         """
         self.residual = residual
         self._free, self._rotation = list(free), rotation
+        self._focus, self._strength = focus, strength
 
-    def free(self, aperture: Aperture) -> list[Unknown]:
+    def free(self, optics: Optics) -> list[Unknown]:
         """The unknowns beside a pupil."""
-        turns = self._rotation and aperture.blades
-        return [*self._free, rotation_of(aperture)] if turns else self._free
+        turns = self._rotation and optics.aperture.blades
+        return [*self._free, rotation_of(optics.aperture)] if turns else self._free
 
-    def best(self, apertures: Sequence[Aperture]) -> Found:
-        """The point of least error, and the pupil that makes it."""
-        first, small = apertures[0], self.residual.scale(_COARSE)
-        starts = sorted(self._coarse(first, small), key=lambda found: found.error)[:_STARTS]
-        found = min(
-            (self._descended(start, small, _COARSE, self._free) for start in starts),
-            key=lambda found: found.error,
-        )
-        found = self._best_around(found, small)
-        if self.residual.width > MIDDLE:
-            found = self._descended(found, self.residual.scale(MIDDLE), MIDDLE, self._free)
-        found = self._with_pupil(found, apertures)
-        found = self._descended(found, self.residual.scale(None), None, self.free(found.aperture))
-        return self._centred(found)
+    def best(self, choices: Sequence[Optics]) -> Found:
+        """The point of least error, and the pupil and photodiodes that make it."""
+        first, small = choices[0], self.residual.scale(_COARSE)
+        early = [unknown for unknown in self._free if unknown.name != "breathing"]
+        starts = [self._at(point, first, small) for point in self._starts(first)]
+        if not starts:
+            return Found(math.inf, Candidate(1.0, 0.0), first)
+        starts = self._all(starts, _COARSE, self._cheap)
+        starts = self._all(_best(starts, _KEPT[_COARSE]), _COARSE, early)
+        if self.residual.width > _COARSE or early != self._free:
+            starts = self._all(_best(starts, _KEPT[MIDDLE]), MIDDLE, self._free)
+        found = self._chosen(starts[0], choices)
+        if self.residual.width > MIDDLE or found.optics != first:
+            found = self._descended(found, None, self.free(found.optics))
+        return found if self._focus is not None else self._centred(found)
 
-    def _coarse(self, aperture: Aperture, scale: Scale) -> list[Found]:
-        """The error of each point of a grid."""
-        values, shift = scale.disparity.flatten().double(), self._shift()
-        places = torch.quantile(values, torch.tensor(_PLACES, dtype=torch.float64)).tolist()
-        found = []
-        for radius, focus in product(_RADII, dict.fromkeys(places)):
-            point = Candidate(radius / float((focus - values).abs().max()), focus, **shift)
-            error = error_of(*self.residual.of(point, aperture, scale, "draft"))
-            found.append(Found(error, point, aperture))
-        return found
+    @property
+    def _cheap(self) -> list[Unknown]:
+        """The unknowns that take no rendering."""
+        return [unknown for unknown in self._free if unknown.name in _CHEAP]
 
-    def _best_around(self, found: Found, scale: Scale) -> Found:
-        """The best of points around a point, from which steps descend again.
+    def _all(self, starts: list[Found], width: int, free: list[Unknown]) -> list[Found]:
+        """Points after Gauss-Newton steps, the best first."""
+        ended = (self._descended(start, width, free) for start in starts)
+        return sorted(ended, key=lambda found: found.error)
 
-        Discs of lights have edges, between which the error has valleys of its own.
-        """
-        ways = [way for way in product((-1, 0, 1), repeat=2) if any(way)]
-        for sizes in _AROUND:
-            for _ in range(_ROUNDS):
-                steps = ([way[0] * sizes[0], way[1] * sizes[1]] for way in ways)
-                points = (moved(found.point, self._free[:2], step) for step in steps)
-                tried = (self._at(point, found.aperture, scale) for point in points)
-                there = min(tried, key=lambda each: each.error)
-                if there.error >= found.error:
-                    break
-                found = self._descended(there, scale, _COARSE, self._free)
-        return found
+    def _starts(self, optics: Optics) -> list[Candidate]:
+        """The points from which steps descend."""
+        shift = self._shift()
+        blurs = BlurMap(self.residual, optics, shift)
+        best = blurs.best(blurs.points(self._focus, self._strength), _STARTS)
+        if any(unknown.name == "separation" for unknown in self._free):
+            shift["separation"] = _SEPARATION
+        return [Candidate(strength, focus, **shift) for strength, focus in best]
 
     def _shift(self) -> dict[str, float]:
         """The shift in whole px, if it is free."""
@@ -112,30 +115,43 @@ class Search:
         seen = torch.stack(scale.seen).mean(0)
         return dict(zip(names, offset_of(scale.sharp, seen, int(MOST_SHIFT)), strict=True))
 
-    def _with_pupil(self, found: Found, apertures: Sequence[Aperture]) -> Found:
-        """The pupil that explains the pictures best, near a point."""
-        turned = any(self._rotation and each.blades for each in apertures)
-        if len(apertures) == 1 and not turned:
+    def _chosen(self, found: Found, choices: Sequence[Optics]) -> Found:
+        """The pupil and the photodiodes that explain the pictures best, near a point."""
+        if len(choices) == 1 and not (self._rotation and choices[0].aperture.blades):
             return found
         scale = self.residual.scale(MIDDLE)
         candidates = []
-        for aperture in apertures:
-            turns = _TURNS if self._rotation and aperture.blades else 1
-            angles = [360 * turn / (turns * max(aperture.blades, 1)) for turn in range(turns)]
-            tried = (self._at(replace(found.point, rotation=a), aperture, scale) for a in angles)
+        for optics in choices:
+            blades = optics.aperture.blades
+            turns = _TURNS if self._rotation and blades else 1
+            angles = [360 * turn / (turns * max(blades, 1)) for turn in range(turns)]
+            tried = (self._at(replace(found.point, rotation=a), optics, scale) for a in angles)
             start = min(tried, key=lambda each: each.error)
-            candidates.append(self._descended(start, scale, MIDDLE, self.free(aperture)))
+            same = optics.aperture == choices[0].aperture and not blades
+            free = self._cheap if same and len(choices) > 1 else self.free(optics)
+            candidates.append(self._descended(start, MIDDLE, free))
         return min(candidates, key=lambda each: each.error)
 
-    def _at(self, point: Candidate, aperture: Aperture, scale: Scale) -> Found:
-        return Found(error_of(*self.residual.of(point, aperture, scale)), point, aperture)
+    def _moved(
+        self, point: Candidate, free: Sequence[Unknown], steps: Sequence[float]
+    ) -> Candidate:
+        """A point after a step."""
+        return self._held(moved(point, free, steps))
 
-    def _descended(
-        self, start: Found, scale: Scale, width: int | None, free: list[Unknown]
-    ) -> Found:
-        """A point after Gauss-Newton steps."""
-        found = self._at(start.point, start.aperture, scale)
-        for _ in range(_STEPS[width]):
+    def _held(self, point: Candidate) -> Candidate:
+        """A point with the strength that is known for its focus."""
+        if self._strength is None:
+            return point
+        return replace(point, strength=self._strength(point.focus))
+
+    def _at(self, point: Candidate, optics: Optics, scale: Scale) -> Found:
+        return Found(error_of(*self.residual.of(point, optics, scale)), point, optics)
+
+    def _descended(self, start: Found, width: int | None, free: list[Unknown]) -> Found:
+        """A point after Gauss-Newton steps at a width; None for that of the pictures."""
+        scale = self.residual.scale(width)
+        found = self._at(start.point, start.optics, scale)
+        for _ in range(_STEPS[width] if free else 0):
             hessian, gradient = self.normal(found, scale, free)
             whole = hessian.sum(0)
             damped = whole + _DAMPING * torch.diag(whole.diagonal())
@@ -143,8 +159,8 @@ class Search:
             most = torch.tensor([unknown.most for unknown in free], dtype=torch.float64)
             step = step.clamp(-most, most)
             for share in _SHORTER:
-                point = moved(found.point, free, (share * step).tolist())
-                there = self._at(point, found.aperture, scale)
+                point = self._moved(found.point, free, (share * step).tolist())
+                there = self._at(point, found.optics, scale)
                 if there.error < found.error:
                     break
             else:
@@ -156,13 +172,13 @@ class Search:
 
     def normal(self, found: Found, scale: Scale, free: list[Unknown]) -> tuple[Tensor, Tensor]:
         """Of each block of the picture the matrix [B, P, P] and the gradient [B, P] of a step."""
-        residual, weight = self.residual.of(found.point, found.aperture, scale)
+        residual, weight = self.residual.of(found.point, found.optics, scale)
         robust = robust_of(residual, weight)
         slopes = []
         for index, unknown in enumerate(free):
             steps = [0.0] * len(free)
             steps[index] = unknown.probe
-            there, _ = self.residual.of(moved(found.point, free, steps), found.aperture, scale)
+            there, _ = self.residual.of(self._moved(found.point, free, steps), found.optics, scale)
             slopes.append((there - residual) / unknown.probe)
         jacobian = torch.stack(slopes)  # [P, V, C, H, W]
         pieces_h, pieces_g = [], []
@@ -186,7 +202,7 @@ class Search:
 
         def aside(by: float) -> Found:
             point = replace(found.point, focus=found.point.focus + by / strength)
-            return self._at(point, found.aperture, scale)
+            return self._at(self._held(point), found.optics, scale)
 
         errors = [aside(by).error for by in _ASIDE]
         if not all(map(math.isfinite, errors)):
@@ -197,3 +213,8 @@ class Search:
             return found
         there = aside(min(max(-slope / (2 * bend), -1.0), 1.0))
         return there if there.error <= found.error * _AS_GOOD else found
+
+
+def _best(found: list[Found], count: int) -> list[Found]:
+    """The first of some points, without those that are clearly worse than the best."""
+    return [each for each in found if each.error <= _CLEARLY * found[0].error][:count]

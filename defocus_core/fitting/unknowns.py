@@ -23,6 +23,9 @@ class Candidate:
         across: Px by which the blurred picture lies to the right of the sharp one.
         down: Px by which it lies below.
         rotation: Degrees by which the pupil is turned.
+        separation: How far left and right are apart, in the distance of halves of the pupil that
+            share no light; below 0 they are exchanged.
+        breathing: Px by which a blur of 1 px lies outwards, half a width from the middle.
     """
 
     strength: float
@@ -31,11 +34,18 @@ class Candidate:
     across: float = 0.0
     down: float = 0.0
     rotation: float = 0.0
+    separation: float = 1.0
+    breathing: float = 0.0
 
     def turned(self, aperture: Aperture) -> Aperture:
         """The pupil with its rotation."""
         turn = self.rotation
         return replace(aperture, rotation=aperture.rotation + turn) if turn else aperture
+
+    @property
+    def rendered(self) -> Candidate:
+        """What of it needs a rendering: a shift and a crosstalk need none."""
+        return replace(self, across=0.0, down=0.0, separation=1.0)
 
 
 @dataclass(frozen=True)
@@ -65,23 +75,23 @@ class Unknown:
         return min(max(value + step * self.unit, -self.bound), self.bound)
 
 
-def unknowns(span: float, *, gamma: bool = False, shift: bool = False) -> list[Unknown]:
-    """The unknowns of a pair, the strength and the focus first.
+def unknowns(span: float, names: Iterable[str]) -> list[Unknown]:
+    """The unknowns of these names.
 
     Args:
         span: The range of disparity.
-        gamma: Whether the power is unknown that makes the pictures linear.
-        shift: Whether the blurred picture may be shifted.
+        names: Attributes of `Candidate`.
     """
     rows = [
         Unknown("strength", 1.0, 0.02, 0.5, is_ratio=True),
         Unknown("focus", span, 0.02, 0.25),
+        Unknown("gamma", 1.0, 0.03, 0.2, is_ratio=True, bound=4.0),
+        *(Unknown(name, 1.0, 0.25, 2.0, bound=MOST_SHIFT) for name in ("across", "down")),
+        Unknown("separation", 1.0, 0.1, 1.0, bound=1.2),
+        Unknown("breathing", 1.0, 0.05, 0.2, bound=1.0),
     ]
-    if gamma:
-        rows.append(Unknown("gamma", 1.0, 0.03, 0.2, is_ratio=True, bound=4.0))
-    if shift:
-        rows += [Unknown(name, 1.0, 0.25, 2.0, bound=MOST_SHIFT) for name in ("across", "down")]
-    return rows
+    wanted = set(names)
+    return [row for row in rows if row.name in wanted]
 
 
 def rotation_of(aperture: Aperture) -> Unknown:

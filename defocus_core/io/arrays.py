@@ -13,13 +13,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 _GRID = 1 << 16  # pixels of a sample of a picture, about
 # Pixels of a band of rows.
@@ -41,8 +40,6 @@ class Scratch:
         Raises:
             InputError: there is no room for it.
         """
-        import numpy as np
-
         self.shape, self.dtype = shape, np.dtype(dtype)
         size, folder = math.prod(shape) * self.dtype.itemsize, scratch_folder()
         try:
@@ -56,8 +53,6 @@ class Scratch:
 
     def __getitem__(self, window: Any) -> NDArray[Any]:
         """A copy of the window [rows] or [rows, columns]."""
-        import numpy as np
-
         (top, below, step), (left, beside, stride) = self._cuts(window)
         values = np.empty((max(below - top, 0), max(beside - left, 0)), self.dtype)
         for rows, offset in self._runs(values, top, left):
@@ -67,8 +62,6 @@ class Scratch:
 
     def __setitem__(self, window: Any, values: NDArray[Any]) -> None:
         """Fill the window [rows] or [rows, columns], slices without steps."""
-        import numpy as np
-
         (top, below, _), (left, beside, _) = self._cuts(window)
         cut = np.ascontiguousarray(np.broadcast_to(values, (below - top, beside - left)))
         try:
@@ -107,8 +100,6 @@ class Keeping:
         """An array [H, W] of zeros."""
         if self.scratch:
             return Scratch(shape, dtype)
-        import numpy as np
-
         return np.zeros(shape, dtype)
 
 
@@ -162,7 +153,6 @@ def times(array: Any, factor: float, offset: float = 0.0) -> Any:
 
 def stacked(planes: Sequence[Any]) -> LazyArray:
     """C arrays [H, W] as one [H, W, C], read by slices of rows."""
-    import numpy as np
 
     def read(rows: slice) -> NDArray[Any]:
         return np.stack([plane[rows] for plane in planes], axis=2)
@@ -170,17 +160,15 @@ def stacked(planes: Sequence[Any]) -> LazyArray:
     return LazyArray((*planes[0].shape, len(planes)), planes[0].dtype, read)
 
 
-def bands(shape: Sequence[int]) -> list[slice]:
+def bands(shape: Sequence[int], pixels: int = _BAND) -> list[slice]:
     """Bands of rows that together are an array [H, W, …]."""
     height, width = shape[:2]
-    count = max(1, _BAND // max(1, width))
+    count = max(1, pixels // max(1, width))
     return [slice(*pair) for pair in pairwise([*range(0, height, count), height])]
 
 
 def count_of(masks: Iterable[tuple[NDArray[np.bool_], int]]) -> tuple[int, str]:
     """Number of true pixels in bands [h, W], each with its first row, and the first as x,y."""
-    import numpy as np
-
     count, first = 0, ""
     for band, top in masks:
         if not count and band.any():
@@ -205,8 +193,6 @@ def _no_room(folder: Path, size: int, error: OSError) -> InputError:
 
 def evenly(plane: Any) -> Any:
     """About `_GRID` values of an array [H, W], evenly spread."""
-    import numpy as np
-
     height, width = plane.shape
     step = max(1, math.isqrt(height * width // _GRID))
     rows = [np.asarray(plane[row : row + 1])[:, ::step] for row in range(0, height, step)]

@@ -8,8 +8,12 @@ Errors name the options of the command line: ‹depth-format› is ``format`` he
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from defocus_core.errors import UsageProblem, did_you_mean
 from defocus_core.io.depth_formats import depth as depth_files
@@ -22,11 +26,7 @@ from defocus_core.io.images import encode
 from defocus_core.io.images.color_planes import Color
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
     from os import PathLike
-
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
 
 _ALL_FORMATS = "'defocus help depth' lists all of them"
 HOLES = ("keep", "error", "far", "fill")
@@ -168,8 +168,6 @@ def write_image(
         UsageProblem: A suffix of no known format, or an option out of its range.
         ValueError: The array has another shape.
     """
-    import numpy as np
-
     image = np.asarray(pixels, np.float32)
     image = image[:, :, None] if image.ndim == 2 else image
     if channels is None and image.ndim == 3:
@@ -207,8 +205,6 @@ def write_map(path: str | PathLike[str], plane: ArrayLike, *, channel: str = "Z"
         UsageProblem: Another suffix.
         ValueError: The array has another shape.
     """
-    import numpy as np
-
     values: NDArray[np.float32] = np.asarray(plane, np.float32)
     if values.ndim != 2 or not values.size:
         raise ValueError(f"plane must be [H, W], got {list(values.shape)}")
@@ -219,7 +215,7 @@ def write_map(path: str | PathLike[str], plane: ArrayLike, *, channel: str = "Z"
         encode.write_map(Path(path), values)
     else:
         problem = "has a suffix of no format of maps"
-        raise UsageProblem("unknown-format", problem, "use .exr or .tif", path=Path(path))
+        raise UsageProblem("wrong-type", problem, "use .exr or .tif", path=Path(path))
 
 
 def _one_of(field: str, word: str | None, known: Sequence[str], otherwise: str = "") -> str | None:

@@ -11,12 +11,12 @@ from itertools import count
 from pathlib import Path
 from typing import Any, TextIO
 
-from defocus_core.errors import InputError, reason
+from defocus_core.errors import InputError, Place, cannot_read, reason
 from defocus_core.io.below import open_plain
 
 SUFFIXES = (".csv", ".jsonl")
 _LONGEST_LINE = 2**20
-Row = tuple[str, Mapping[str, Any]]  # place, for errors, and values
+Row = tuple[Place, Mapping[str, Any]]  # for errors, and values
 
 
 def read_rows(file: Path, what: str, example: str) -> Iterator[Row]:
@@ -40,8 +40,7 @@ def read_rows(file: Path, what: str, example: str) -> Iterator[Row]:
             else:
                 yield from _json_rows(file, opened, example)
     except OSError as error:
-        problem = f"cannot be read: {reason(error)}"
-        raise InputError("unreadable", problem, "check the path", path=file) from None
+        raise cannot_read(file, error, "check the path") from None
     except UnicodeDecodeError:
         raise InputError("not-utf-8", "is not UTF-8 text", "save it as UTF-8", path=file) from None
 
@@ -65,7 +64,8 @@ def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
                 raise _malformed(file, reader.line_num, problem, "mend that line")
             if any(values):
                 row = zip(keys, values, strict=True)
-                yield f"{file}: line {reader.line_num}", {key: value for key, value in row if value}
+                filled = {key: value for key, value in row if value}
+                yield Place(file, f"line {reader.line_num}"), filled
     except csv.Error as error:
         problem = f"is not CSV: {reason(error)}"
         raise _malformed(file, reader.line_num, problem, "mend that line") from None
@@ -87,7 +87,7 @@ def _json_rows(file: Path, opened: TextIO, example: str) -> Iterator[Row]:
         if not isinstance(row, dict):
             raise _malformed(file, number, "is no JSON object", remedy)
         yield (
-            f"{file}: line {number}",
+            Place(file, f"line {number}"),
             {key: value for key, value in row.items() if value not in (None, "")},
         )
 

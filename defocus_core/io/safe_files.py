@@ -80,13 +80,13 @@ def read_head(path: Path, count: int = 16) -> bytes:
     return head
 
 
-def missing(path: Path, what: str = "file") -> InputError:
+def missing(path: Path, what: str = "file", remedy: str = "check the name") -> InputError:
     """The InputError for a path at which nothing is, or a link that leads to nothing."""
     if path.is_symlink():
         problem = "is a symbolic link that leads to nothing"
-        remedy = "make the link anew, or name another path"
-        return InputError("not-found", problem, remedy, path=path)
-    return InputError("not-found", f"no such {what}", "check the name", path=path)
+        anew = "make the link anew, or name another path"
+        return InputError("not-found", problem, anew, path=path)
+    return InputError("not-found", f"no such {what}", remedy, path=path)
 
 
 def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from defocus_core.allowed_values import DUAL_PIXEL_MODELS
+from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import LEFT, RIGHT, Part
 from defocus_core.optics.sensitivity import Sensitivity
@@ -30,7 +30,8 @@ class DualPixel:
         model: "split", each sees half of the pupil; or "smooth", each sees all of it, with a
             sensitivity that falls linearly from its own side to the other: the linear mask of
             Abuolaim et al., "Learning to reduce defocus blur by realistically modeling dual-pixel
-            data", ICCV 2021.
+            data", ICCV 2021. Or the name of a sensor that was measured, "@pixel4" or "@canon-dpp":
+            one of these models with a crosstalk of its own.
         measured: What the left and the right photodiodes see of a point beyond focus, by
             `sensitivities` of kernels that were measured, instead of a model.
         crosstalk: The share of its light that each gives to the other, below 0.5; a number, or a
@@ -45,7 +46,7 @@ class DualPixel:
     measured: tuple[Sensitivity, Sensitivity] | None = None
 
     def __post_init__(self) -> None:
-        one_of("model", self.model, DUAL_PIXEL_MODELS)
+        one_of("model", self.model, (*DUAL_PIXEL_MODELS, *DUAL_PIXEL_SENSORS))
         pair = self.measured or ()
         if pair and [isinstance(each, Sensitivity) for each in pair] != [True, True]:
             problem = f"measured must be two of Sensitivity, got {described(self.measured)}"
@@ -59,7 +60,7 @@ class DualPixel:
     def halves(self) -> tuple[Part, Part]:
         """The parts of the pupil that the left and the right photodiodes see."""
         if self.measured is None:
-            return _HALVES[self.model]
+            return _HALVES[DUAL_PIXEL_SENSORS.get(self.model, (self.model,))[0]]
         left, right = (Part(sensitivity=each) for each in self.measured)
         return left, right
 
@@ -77,11 +78,17 @@ class DualPixel:
 
     def crossed(self, pair: Tensor, centre: Tensor) -> Tensor:
         """Left and right [2, C, h, w] with crosstalk; their mean, the centre [C, h, w], stays."""
-        if not isinstance(self.crosstalk, Tensor) and self.crosstalk == 0:
+        if isinstance(self.apart, float) and self.apart == 1:
             return pair
-        return centre + (pair - centre) * (1 - 2 * self.crosstalk)
+        return centre + (pair - centre) * self.apart
+
+    @property
+    def apart(self) -> Scalar:
+        """How far left and right are apart, as a share of what they are without crosstalk."""
+        own = DUAL_PIXEL_SENSORS[self.model][1] if self.model in DUAL_PIXEL_SENSORS else 0.0
+        return (1 - 2 * self.crosstalk) * (1 - 2 * (0.0 if self.measured else own))
 
     def disparity(self, aperture: Aperture) -> float:
         """Px between the centroids of left and right for a CoC radius of a px, signed alike."""
         left, right = (aperture.fixed.centroid(part)[0] for part in self.halves)
-        return float(right - left) * (1 - 2 * float(self.crosstalk))
+        return float(right - left) * float(self.apart)

@@ -90,7 +90,7 @@ def render(
         cat_eye: The barrel that clips the aperture off the middle of the frame. Lights are drawn
             as they see it, other pixels as a mean of what the corners of their region see.
         color_offsets: For each channel the px to add to its signed radii, as axial colour does,
-            see `color_offset`; different ones are rendered apart. Trust is that of the least.
+            see `color_offset`; different ones are rendered apart. Trust is the least of all.
         progress: Called with (tiles done, tiles in all) of each picture.
 
     Returns:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.batch.jobs.job import Job
 from defocus_core.errors import UsageProblem
+from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import linear_to_srgb, quantised
 from defocus_core.io.images.encode import write_samples
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 NAME = "contact.png"
 _WIDTH = 320  # px of a picture
@@ -45,8 +46,6 @@ def write_contact_sheet(jobs: Sequence[Job], count: int) -> Path | None:
     Raises:
         InputError: a picture cannot be read, or the file cannot be written.
     """
-    import numpy as np
-
     kind = kind_of_sheet(jobs)
     there = [job for job in jobs if job.paths[kind].exists()]
     if not there:
@@ -67,10 +66,7 @@ def write_contact_sheet(jobs: Sequence[Job], count: int) -> Path | None:
 
 def _small(path: Path) -> NDArray[Any]:
     """A picture over black, sRGB [h, w, 3], at most as wide as a cell of the sheet."""
-    import numpy as np
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
-
-    from defocus_core.io.images.color import read_color
 
     color = read_color(path)
     pixels = color.pixels
@@ -91,7 +87,6 @@ def _small(path: Path) -> NDArray[Any]:
 
 def _labelled(picture: NDArray[Any], words: str) -> NDArray[Any]:
     """A picture in a cell as wide as the sheet's, with a line of words below."""
-    import numpy as np
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     height, width, _ = picture.shape

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from defocus_core.allowed_values import QUALITIES
-from defocus_core.bench.error import BASELINES
+from defocus_core.bench.error import BASELINES, Row
 from defocus_core.bench.tables import CAP, means
 from defocus_core.errors import UsageProblem
-
-if TYPE_CHECKING:
-    from defocus_core.bench.error import Row
+from defocus_core.io.safe_files import written_whole
 
 SUFFIXES = (".png", ".svg", ".pdf")
 _COLORS = {"draft": "#e69f00", "standard": "#0072b2", "high": "#009e73", "reference": "#000000"}
@@ -50,8 +48,6 @@ def draw(path: Path, rows: Sequence[Row]) -> None:
 
     mpl.use("Agg")
     from matplotlib import pyplot
-
-    from defocus_core.io.safe_files import written_whole
 
     figure, axes = pyplot.subplots(figsize=(8, 5.5), layout="constrained")
     _draw_shots(axes, rows)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.batch.jobs.lens_from_options import make_lens
 from defocus_core.batch.lenses.shipped_lenses import ShippedLens
@@ -12,9 +15,6 @@ from defocus_core.batch.look.opening import aperture_of, cat_eye_of
 from defocus_core.io.images.color_space import linear_to_srgb, quantised
 from defocus_core.io.images.encode import write_samples
 from defocus_core.system.process import set_to_render
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _SIZE = (200, 300)  # height and width in px of a picture
 _RADIUS = 22.0  # px, greatest CoC radius
@@ -30,8 +30,6 @@ def write_sheet(path: Path, lenses: Sequence[ShippedLens]) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    import numpy as np
-
     set_to_render()
     pictures = [_labelled(_picture(lens), lens.name) for lens in lenses]
     blank = np.zeros_like(pictures[0])
@@ -58,7 +56,6 @@ def _picture(shipped: ShippedLens) -> NDArray[Any]:
 
 def _labelled(picture: NDArray[Any], words: str) -> NDArray[Any]:
     """A picture with a line of words below."""
-    import numpy as np
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     height, width, _ = picture.shape

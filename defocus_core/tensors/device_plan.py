@@ -15,7 +15,7 @@ import torch
 _UNKNOWN = 8 << 30
 # Shares of the memory of a device: of a tile with all its layers, and of pieces of lists, of which
 # several are held at once.
-_TILE, _PIECE = 2 / 3, 1 / 8
+_TILE, _PIECE = 1 / 2, 1 / 8
 
 
 def launches_cost(device: torch.device) -> bool:

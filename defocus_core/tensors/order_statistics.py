@@ -44,7 +44,7 @@ class Ranks:
     """Numbers by rank.
 
     Attributes:
-        counts: [2^15] counts of their first 16 bits, from `counted`.
+        counts: [2^15] counts of their first 16 bits, from `counted`, on the CPU.
         again: Reads all numbers once more, part by part.
         dtype: Type of the numbers, of 32 or 64 bits.
     """
@@ -70,6 +70,7 @@ class Ranks:
         for level in range(1, self.dtype.itemsize * 8 // _BITS):
             counts = sum(counted(values, prefix, level) for values in self.again())
             assert isinstance(counts, Tensor)
+            counts = counts.cpu()
             digit, rest = _located(counts, rest)
             prefix = prefix << _BITS | digit
         return self._number(prefix)

@@ -46,16 +46,6 @@ def bands(picture: Pixels, least: int = 1) -> list[tuple[int, int]]:
     return list(pairwise([*range(0, height, rows), height]))
 
 
-def spread(length: int, every: int, first: int = 0, end: int | None = None) -> list[int]:
-    """Every `every`-th number from 0 to before `length`, and the same mirrored, ascending.
-
-    Only the numbers from `first` to before `end`, counted from `first`.
-    """
-    end = length if end is None else end
-    starts = {start % every for start in (-first, length - 1 - first)}
-    return sorted(i for start in starts for i in range(start, end - first, every))
-
-
 def banded(picture: Pixels) -> Iterator[Tensor]:
     """A picture [..., H, W] band by band, without its gradient."""
     for first, last in bands(picture):

@@ -29,11 +29,13 @@ class Grid(NamedTuple):
         tiles: The tiles; the first and the last of a row or column may be smaller.
         sides: (height, width) in px of the others.
         columns: Tiles in a row.
+        region: Least px on a side of a region, unless the frame is smaller.
     """
 
     tiles: list[Box]
     sides: tuple[int, int]
     columns: int
+    region: int = _REGION
 
     @property
     def box(self) -> Box:
@@ -84,15 +86,18 @@ def regions(grid: Grid, margin: int) -> list[list[Grid]]:
         margin: Distance in px around a region from which its tiles take light.
     """
     rows, columns = len(grid.tiles) // grid.columns, grid.columns
-    least = max(_REGION, round(margin / _MARGIN))
+    least = max(grid.region, round(margin / _MARGIN))
     counts = zip((rows, columns), grid.sides, strict=True)
     down, across = (_shared_out(n, -(-n * side // least)) for n, side in counts)
     return [
         [
-            Grid(
-                [grid.tiles[y * columns + x] for y in range(*vertical) for x in range(*horizontal)],
-                grid.sides,
-                horizontal[1] - horizontal[0],
+            grid._replace(
+                tiles=[
+                    grid.tiles[y * columns + x]
+                    for y in range(*vertical)
+                    for x in range(*horizontal)
+                ],
+                columns=horizontal[1] - horizontal[0],
             )
             for horizontal in across
         ]

@@ -115,7 +115,7 @@ def _joined(rows: list[list[Tensor]]) -> Tensor:
 
 
 def of_channels(colors: list[Views], offsets: list[tuple[list[int], float | Tensor]]) -> Views:
-    """Views of all channels in their order; trust is that of the least offset.
+    """Views of all channels in their order; trust is the least of all of them.
 
     Args:
         colors: Views of some channels each.
@@ -128,4 +128,5 @@ def of_channels(colors: list[Views], offsets: list[tuple[list[int], float | Tens
     sharpest = min(
         range(len(colors)), key=lambda i: abs(float(torch.as_tensor(offsets[i][1]).detach()))
     )
-    return colors[sharpest]._replace(images=images)
+    trust = torch.stack([c.trust for c in colors]).amin(0)
+    return colors[sharpest]._replace(images=images, trust=trust)

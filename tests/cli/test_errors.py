@@ -258,7 +258,7 @@ def test_8_bit_depth(tmp_path: Path, color: Path, out: Path) -> None:
     refused_input(render(color, path, "-o", out), path, "8 bit", "16-bit PNG in millimetres")
 
 
-@pytest.mark.parametrize("name", ["c.bmp", "c.webp", "c.dpx", "c.gif", "c.tga"])
+@pytest.mark.parametrize("name", ["c.bmp", "c.dpx", "c.gif", "c.tga"])
 def test_colour_of_another_format_is_refused_alone_as_in_a_folder(
     name: str, tmp_path: Path, depth: Path, out: Path
 ) -> None:
@@ -304,6 +304,14 @@ def test_usage(args: tuple[str, ...], words: str, color: Path, depth: Path, out:
     filled = [arg.format(out=out) for arg in args]
     refused(run("render", color, depth, *filled), 2, words, "; ")
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "table"), [("--quality", "machine"), ("--focus", "lens"), ("--format", "outputs")]
+)
+def test_an_option_that_a_jobs_file_has_is_looked_for_there(option: str, table: str) -> None:
+    words = f"write {option[2:]} below [{table}] of the jobs file"
+    refused(run("batch", "jobs.toml", "-o", "out", option, "high"), 2, f"{option}: ", words)
 
 
 def test_usage_before_any_command() -> None:

@@ -99,7 +99,7 @@ def test_a_focus_that_a_file_has_is_blamed_on_the_file(
     refused(run("info", depth, "--lens", lens), 2, f"defocus: {lens}: {told}")
     refused(run(*rendering, "--focus-at", "24,0"), 2, f"defocus: --{told}")
     assert f"defocus: {jobs}: {told}" in run("batch", jobs, "-o", out, "--processes", "1").err
-    assert f"defocus: {told}" in run("retry", out, "--processes", "1").err
+    assert f"defocus: {out}: {told}" in run("retry", out, "--processes", "1").err
     depth_exr(depth, ramp() / 100)
     lens.write_text(options.replace("24", "0"))
     refused(run(*rendering), 2, f"defocus: {lens}: focus-at: {depth} at 0,0: 10mm is not farther")

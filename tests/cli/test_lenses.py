@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from command_line import header, pair, refused, run
 
+from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
 from defocus_core.batch.jobs.lens_from_options import make_lens
 from defocus_core.batch.lenses.shipped_lenses import ShippedLens, shipped_lenses
 from defocus_core.io.images.raster import read_samples
@@ -26,8 +27,12 @@ def test_a_lens_that_ships_wants_a_focus_alone(lens: ShippedLens) -> None:
 def test_lenses_lists_them() -> None:
     ran = run("lenses")
     assert ran.code == 0
-    assert [line.split()[0] for line in ran.out.splitlines()] == [lens.name for lens in LENSES]
-    assert run("lenses", "--json").json["lenses"][0]["name"] == LENSES[0].name
+    names, _, sensors = ran.out.partition("\n\n")
+    assert [line.split()[0] for line in names.splitlines()] == [lens.name for lens in LENSES]
+    assert [line.split()[1] for line in sensors.splitlines()] == list(DUAL_PIXEL_SENSORS)
+    told = run("lenses", "--json").json
+    assert told["lenses"][0]["name"] == LENSES[0].name
+    assert {row["name"] for row in told["sensors"]} == DUAL_PIXEL_SENSORS.keys()
     assert len(LENSES) >= 6
 
 

@@ -267,6 +267,16 @@ def test_focus_shows_what_is_sharp_without_rendering(tmp_path: Path) -> None:
     assert json.loads(records[-1])["seconds"]["render"] == 0
 
 
+def test_focus_shows_a_wall_of_one_radius(tmp_path: Path) -> None:
+    color = color_exr(tmp_path / "a.exr", np.full((80, 120, 3), 0.5, np.float32))
+    depth = depth_exr(tmp_path / "d.exr", np.full((80, 120), 1.3, np.float32))
+    lens = ("--focal-length", "50mm", "--fnumber", "1", "--focus", "2m")
+    ran = run("render", color, depth, "-o", tmp_path / "out", *lens, "--outputs", "focus")
+    assert ran.code == 0, ran.err
+    red, blue = (read_exr(tmp_path / "out/focus/a.exr")[name][:40] for name in "RB")
+    assert (red > blue).all(), "all of it is near"
+
+
 def test_a_rim_makes_cats_eyes_off_the_middle_and_dark_corners(tmp_path: Path) -> None:
     pixels = np.full((48, 72, 3), 0.01, np.float32)
     pixels[10, 60] = 500.0

@@ -37,7 +37,7 @@ def test_every_reading_option_is_a_flag_of_every_command_that_reads_depth(
     flags = {name for param in command.params for name in param.opts}
     of_color = {
         *("--color-layer", "--blur-channels", "--resize-depth", "--unpremultiply-depth"),
-        *("--depth-repair", "--edge-width"),
+        *("--depth-repair", "--edge-width", "--invert"),
     }
     of_color = of_color if command is depth_command else set()
     assert {f"--{name}" for name in READING_OPTIONS} - of_color <= flags
@@ -67,6 +67,7 @@ def test_help_shows_options_under_their_headings() -> None:
             "'bokeh' is no output; write like render,left,right,up,down,coc,disparity",
         ),
         ("--outputs", "", "'' is no output; write like render"),
+        ("--outputs", "coc,rendr", "'rendr' is no output; did you mean render?"),
         ("--threads", "0", "x>=1"),
         ("--part", "-1", "x>=0"),
         ("--blades", "2", "0 (round) or 3 and more"),

@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenImageIO as oiio  # noqa: N813
 import pytest
 from command_line import files_under, header, read_exr, refused, run
+from deep_files import write_deep_samples
 from elements import SIZE, disc, element, write
 from image_files import box, save
 
@@ -178,6 +180,63 @@ def test_the_plate_stands_in_the_dry_run_and_in_the_journal(tmp_path: Path) -> N
     again = run(*arguments, "--json")
     assert again.code == 0, again.err
     assert read_exr(tmp_path / "o" / "render" / "a.exr")["R"][0, 0] == 0, "rendered again"
+
+
+IN_FOCUS = ("--focal-length", "1mm", "--fnumber", "64", "--focus", "5m", *FLOATS)
+
+
+def samples(rng: np.random.Generator, volumes: float) -> list[dict[str, float]]:
+    """One to three samples, and a wall behind them."""
+    made = [{"R": 0.2, "G": 0.3, "B": 0.4, "A": 1.0, "Z": 12.0, "ZBack": 12.0}]
+    for _ in range(rng.integers(1, 4)):
+        near, alpha = rng.uniform(2, 9), rng.uniform(0.1, 0.9)
+        light = dict(zip("RGB", alpha * rng.random(3), strict=True))
+        far = near + (rng.uniform(0.5, 5) if rng.random() < volumes else 0)
+        made.append({**light, "A": alpha, "Z": near, "ZBack": far})
+    return made
+
+
+def flattened(first: oiio.ImageBuf, second: oiio.ImageBuf) -> Any:
+    """The pictures merged sample by sample, in focus: R, G, B and A [H, W, 4]."""
+    merged = oiio.ImageBufAlgo.flatten(oiio.ImageBufAlgo.deep_merge(first, second))
+    return merged.get_pixels("float")[..., :4]
+
+
+@pytest.mark.parametrize("volumes", [0.0, 0.6])
+def test_of_deep_pictures_it_is_the_merge_of_their_samples(volumes: float, tmp_path: Path) -> None:
+    rng, names = np.random.default_rng(1), ("R", "G", "B", "A", "Z", "ZBack")
+    pixels = [[[samples(rng, volumes) for _ in range(8)] for _ in range(6)] for _ in range(2)]
+    for row in pixels[0]:
+        for each in row:
+            del each[0]  # the element has no wall
+    pixels[0][0][0].append({**pixels[1][0][0][1], "A": 0.5})  # two in one place
+    element, plate = (
+        write_deep_samples(tmp_path / f"{name}.exr", each, names, light="float")
+        for name, each in zip(("a", "plate"), pixels, strict=True)
+    )
+    ran = run("render", element, "-o", tmp_path / "o", *IN_FOCUS, "--over", plate)
+    assert ran.code == 0, ran.err
+    seen = read_exr(tmp_path / "o" / "render" / "a.exr")
+    merged = flattened(oiio.ImageBuf(str(element)), oiio.ImageBuf(str(plate)))
+    for k, name in enumerate("RGBA"):
+        np.testing.assert_allclose(seen[name], merged[..., k], atol=1e-5)
+
+
+def test_over_a_deep_plate_an_element_lies_between_its_samples(tmp_path: Path) -> None:
+    alpha = disc()
+    ball = write(tmp_path / "a.exr", element(alpha, (1, 0, 0), depth=5.0))
+    fog = {"R": 0.1, "G": 0.1, "B": 0.1, "A": 0.2, "Z": 2.0}
+    wall = {"R": 0.0, "G": 0.5, "B": 0.0, "A": 1.0, "Z": 10.0}
+    pixels = [[[fog, wall]] * SIZE[1]] * SIZE[0]
+    plate = write_deep_samples(tmp_path / "plate.exr", pixels, light="float")
+    ran = run("render", ball, "-o", tmp_path / "o", *IN_FOCUS, "--over", plate)
+    assert ran.code == 0, ran.err
+    seen = read_exr(tmp_path / "o" / "render" / "a.exr")
+    for name in "RGB":
+        behind = alpha * (name == "R") + (1 - alpha) * wall[name]
+        np.testing.assert_allclose(seen[name], fog[name] + 0.8 * behind, atol=1e-5)
+    blurred = picture(tmp_path / "b", ball, "--over", plate, focus="10m")
+    assert blurred["R"][20, 30] > 0.7, "the middle of the ball is no plate"
 
 
 @pytest.mark.parametrize("change", ["size", "channels", "opaque", "hidden", "radii"])

@@ -335,14 +335,14 @@ def test_ctrl_c_ends_with_130_and_one_line(tmp_path: Path, monkeypatch: pytest.M
     refused(render(*pair(tmp_path), "-o", tmp_path / "out"), 130, "interrupted")
 
 
-HEAVY = ("torch", "numpy", "OpenEXR", "OpenImageIO")
+HEAVY = ("torch", "OpenEXR", "OpenImageIO")
 
 
 @pytest.mark.parametrize(
     ("args", "banned"),
     [
-        (["--help"], HEAVY),
-        (["--version"], HEAVY),
+        (["--help"], (*HEAVY, "numpy")),
+        (["--version"], (*HEAVY, "numpy")),
         (["render", "--help"], HEAVY),
         (["render", "{c}", "{z}", "-o", "{out}", "--dry-run"], HEAVY),
         (["render", "{c}", "{z}", "-o", "{out}"], HEAVY),

@@ -25,7 +25,7 @@ from command_line import (
 )
 
 from defocus_core.batch.rendering import delivery, job_steps
-from defocus_core.batch.rendering.outcome import Outcome, Rendering
+from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.batch.workers import pipeline
 
 __all__ = ["folders", "in_process"]
@@ -276,7 +276,7 @@ def test_what_a_worker_left_that_died_elsewhere_is_gone_when_all_is_done(
 ) -> None:
     write = delivery.write
 
-    def leaving(made: Rendering) -> Outcome:
+    def leaving(made: Rendered) -> Rendered:
         done = write(made)
         (out / "coc" / ".b.exr.17.3.tmp").write_text("half")
         return done

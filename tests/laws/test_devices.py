@@ -7,34 +7,74 @@ from typing import cast
 
 import pytest
 import torch
-from elsewhere import NAME, elsewhere, here, there, waits
+from elsewhere import DEVICES, NAME, Device, elsewhere, there, waits
 from torch import Tensor
 
-from defocus_core import Aperture, DefocusLens, HiddenLayer, RandomDefocus, render, render_layers
+from defocus_core import (
+    Aperture,
+    CatEye,
+    DefocusLens,
+    DualPixel,
+    Frame,
+    HiddenLayer,
+    PupilField,
+    RandomDefocus,
+    Views,
+    render,
+    render_layers,
+    seen_behind,
+    temporal_mean,
+    with_lights,
+)
+from defocus_core.evaluation.launches import Launches
 from defocus_core.evaluation.law_checks import Check, Setting
 from defocus_core.evaluation.law_probes import levels, strips, waves
 from defocus_core.evaluation.lens_laws import LAWS, devices, gradient, near_focus, occlusion
 from defocus_core.evaluation.synthetic_scenes import scenery
+from defocus_core.fitting.residual import Optics, Residual
+from defocus_core.fitting.unknowns import Candidate
 from defocus_core.renderer.engine.region import Region
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.stream import Stream
+from defocus_core.tensors import device_plan
 
 SIZE = (72, 110)
 
+# A disc, and one that has lost a side: the kernels of a lens that were measured.
+_V = torch.linspace(-1, 1, 15)
+_DISC = (_V**2 + (_V**2)[:, None] <= 1).double()
+PUPILS = PupilField(torch.stack([_DISC, _DISC * (_V < 0.4)]).view(1, 2, 15, 15))
+
 Moved = Callable[[Tensor], Tensor]
+Work = Callable[[Moved], list[Tensor | None]]
+Agree = Callable[..., None]
 
 
-def agree(work: Callable[[Moved], list[Tensor | None]], within: float = 0.0) -> None:
-    """Work gives the same on both devices, and on the one that it is given."""
-    one = work(lambda values: values)
-    with elsewhere():
-        other = work(there)
-    assert len(one) == len(other)
-    for a, b in zip(one, other, strict=True):
-        if a is None or b is None:
-            assert a is b
-        else:
-            torch.testing.assert_close(here(b), a, rtol=0, atol=within)
+@pytest.fixture(params=DEVICES)
+def device(request: pytest.FixtureRequest) -> Device:
+    """Each device that there is beside the CPU."""
+    found: Device = request.param
+    return found
+
+
+@pytest.fixture
+def agree(device: Device) -> Agree:
+    """Asserts that work gives the same on both devices, and on the one that it is given."""
+
+    def agreeing(work: Work, within: float | None = None) -> None:
+        one = work(lambda values: values)
+        with device.known():
+            other = work(device.there)
+            other = [None if x is None else device.here(x) for x in other]
+        assert len(one) == len(other)
+        for a, b in zip(one, other, strict=True):
+            if a is None or b is None:
+                assert a is b
+            else:
+                most = device.within if within is None else max(within, device.within)
+                torch.testing.assert_close(b, a, rtol=0, atol=most)
+
+    return agreeing
 
 
 def pictures(image: Tensor, radius: Tensor, **options: object) -> list[Tensor | None]:
@@ -42,14 +82,14 @@ def pictures(image: Tensor, radius: Tensor, **options: object) -> list[Tensor | 
     return [found.render, found.left, found.right, found.trust]
 
 
-def scene(kind: str = "cards") -> tuple[Tensor, Tensor]:
-    made = scenery(kind, *SIZE, 9.0)
+def scene(kind: str = "cards", size: tuple[int, int] = SIZE) -> tuple[Tensor, Tensor]:
+    made = scenery(kind, *size, 9.0)
     return made.image, made.signed_radius
 
 
 @pytest.mark.parametrize("quality", ["draft", "standard", "high", "reference"])
 @pytest.mark.parametrize("kind", ["floor", "cards", "lights", "most"])
-def test_pictures_do_not_depend_on_the_device(kind: str, quality: str) -> None:
+def test_pictures_do_not_depend_on_the_device(agree: Agree, kind: str, quality: str) -> None:
     image, radius = scene(kind)
     with torch.no_grad():
         agree(lambda to: pictures(to(image), to(radius), quality=quality, left_right=True))
@@ -63,30 +103,37 @@ def test_pictures_do_not_depend_on_the_device(kind: str, quality: str) -> None:
         {"num_layers": 5},
         {"psf_ks": 41},
         {"infinity": 9.0},
+        {"aperture": Aperture(obstruction=0.4, spherical=0.5), "quality": "draft"},
+        {"aperture": Aperture(image=PUPILS), "left_right": True},
+        {"cat_eye": CatEye(1.1, 0.5)},
+        {"color_offsets": (0.6, 0.0, -0.4)},
+        {"dual_pixel": DualPixel(crosstalk=0.3), "left_right": True},
+        {"depth_repair": "soft-edges=0.3"},
     ],
-    ids=str,
+    ids=lambda options: "-".join(options),
 )
-def test_nor_does_an_option(options: dict[str, object]) -> None:
+def test_nor_does_an_option(agree: Agree, options: dict[str, object]) -> None:
     image, radius = scene()
     with torch.no_grad():
         agree(lambda to: pictures(to(image), to(radius), **options), within=1e-6)
 
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float64])
-def test_nor_a_precision(dtype: torch.dtype) -> None:
+def test_nor_a_precision(agree: Agree, dtype: torch.dtype) -> None:
     image, radius = scene()
     with torch.no_grad():
-        agree(lambda to: pictures(to(image.to(dtype)), to(radius.to(dtype))))
+        rounding = 0.0 if dtype == torch.float64 else torch.finfo(dtype).eps
+        agree(lambda to: pictures(to(image.to(dtype)), to(radius.to(dtype))), rounding)
 
 
 @pytest.mark.parametrize("radius", [strips(SIZE), levels(SIZE), scene("floor")[1].round()])
-def test_nor_do_depths_of_every_kind(radius: Tensor) -> None:
+def test_nor_do_depths_of_every_kind(agree: Agree, radius: Tensor) -> None:
     with torch.no_grad():
         agree(lambda to: pictures(to(waves(SIZE)), to(radius)))
 
 
 @pytest.mark.parametrize("quality", ["draft", "standard", "high"])
-def test_nor_what_is_known_to_be_hidden(quality: str) -> None:
+def test_nor_what_is_known_to_be_hidden(agree: Agree, quality: str) -> None:
     image, radius = scene()
     known = HiddenLayer(image.flip(-1), radius.clamp(min=4) + 3, radius < 0)
 
@@ -99,7 +146,7 @@ def test_nor_what_is_known_to_be_hidden(quality: str) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_nor_do_layers(count: int) -> None:
+def test_nor_do_layers(agree: Agree, count: int) -> None:
     image, radius = scene()
     coverage = torch.stack([(radius < 0).float() * 0.7, torch.ones(SIZE) * 0.9])[:count]
     radii = torch.stack([radius, torch.full(SIZE, 9.0)])[:count]
@@ -113,7 +160,7 @@ def test_nor_do_layers(count: int) -> None:
         agree(work)
 
 
-def test_nor_a_stream() -> None:
+def test_nor_a_stream(agree: Agree) -> None:
     image, radius = scene()
 
     def rendered(to: Moved) -> list[Tensor | None]:
@@ -125,7 +172,7 @@ def test_nor_a_stream() -> None:
 
 
 @pytest.mark.parametrize("quality", ["draft", "standard"])
-def test_nor_do_gradients(quality: str) -> None:
+def test_nor_do_gradients(agree: Agree, quality: str) -> None:
     image, radius = (values[..., :40, :60].double() for values in scene())
 
     def slopes(to: Moved) -> list[Tensor | None]:
@@ -138,7 +185,7 @@ def test_nor_do_gradients(quality: str) -> None:
     agree(slopes, 1e-12)
 
 
-def test_nor_does_a_lens() -> None:
+def test_nor_does_a_lens(agree: Agree) -> None:
     image, depth = torch.rand(1, 3, 30, 40), 1000 + 3000 * torch.rand(1, 1, 30, 40)
     point = torch.tensor([0.0, 0.0, -2100.0])
 
@@ -162,7 +209,7 @@ def test_nor_does_a_lens() -> None:
         agree(lambda to: made(to, tensors=True), 1e-6)
 
 
-def test_nor_do_random_lenses() -> None:
+def test_nor_do_random_lenses(agree: Agree) -> None:
     image, depth = torch.rand(1, 3, 30, 40), 1000 + 3000 * torch.rand(1, 1, 30, 40)
     lenses = RandomDefocus(quality="draft", left_right=True)
 
@@ -175,24 +222,105 @@ def test_nor_do_random_lenses() -> None:
         agree(lambda to: taken(to, to(torch.tensor([3]))))
 
 
+def test_nor_do_lights_and_frames_of_a_shot(agree: Agree) -> None:
+    image, radius = scene()
+    clipped = (image * 2).clamp(max=1)
+
+    def work(to: Moved) -> list[Tensor | None]:
+        frame, other = (Frame(*map(to, x)) for x in ((image, radius), (image, radius + 0.01)))
+        moved = other._replace(motion=to(torch.ones(2, *SIZE)))
+        lights = with_lights(to(clipped), 0.8, 4.0)
+        assert isinstance(lights, Tensor)
+        return [lights, *temporal_mean(frame, [other], 0.1), *seen_behind(frame, [moved])]
+
+    with torch.no_grad():
+        agree(work)
+
+
+def test_nor_does_the_lens_of_a_pair(agree: Agree) -> None:
+    image, disparity = torch.rand(3, 64, 64), torch.linspace(0, 1, 64)[:, None].repeat(1, 64)
+    seen = render(image, 8 * (0.4 - disparity)).render
+
+    def work(to: Moved) -> list[Tensor | None]:
+        residual = Residual(to(image), to(disparity), (to(seen),), exposure=True)
+        point = Candidate(8.5, 0.4)
+        scales, optics = (residual.scale(None), residual.scale(32)), Optics(Aperture(), DualPixel())
+        return [x for scale in scales for x in residual.of(point, optics, scale)]
+
+    with torch.no_grad():
+        agree(work, 1e-5)
+
+
 @pytest.mark.parametrize("kind", ["floor", "cards", "lights"])
-def test_tiles_wait_for_nothing(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tiles_wait_for_nothing(device: Device, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     image, radius = scene(kind)
-    waited: list[object] = []
+    waited: list[int] = []
     tile = Region.tile
 
-    def noted(self: Region, index: int) -> tuple[Tensor, Tensor]:
-        before = waits.copy()
-        found = tile(self, index)
-        waited.append(waits - before)
+    def noted(self: Region, index: int) -> Views:
+        with Launches(device.name) as counts:
+            found = tile(self, index)
+        waited.append(counts.waits)
         return found
 
     monkeypatch.setattr(Region, "tile", noted)
-    with torch.no_grad(), elsewhere():
-        render(there(image), there(radius), left_right=True, tile=32)
-        assert waits, "a wait is not seen"
+    with torch.no_grad(), device.known(), Launches(device.name) as every:
+        render(device.there(image), device.there(radius), left_right=True, tile=48)
+    assert every.waits, "a wait is not seen"
     assert len(waited) > 4
     assert not any(waited)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_nor_do_backward_passes_of_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    image, radius = (x.cuda().requires_grad_() for x in scene())
+    tile = Region.tile
+
+    def strict(self: Region, index: int) -> Views:
+        torch.cuda.set_sync_debug_mode("error")
+        try:
+            return tile(self, index)
+        finally:
+            torch.cuda.set_sync_debug_mode("default")
+
+    monkeypatch.setattr(Region, "tile", strict)
+    render(image, radius, left_right=True).render.sum().backward()
+    assert image.grad is not None
+    assert radius.grad is not None
+
+
+# Launches and waits of a picture, whatever its size; half as many again with left and right.
+@pytest.mark.parametrize(("kind", "most", "waits"), [("floor", 1200, 30), ("cards", 4000, 80)])
+def test_a_picture_takes_few_launches(device: Device, kind: str, most: int, waits: int) -> None:
+    counted: list[Launches] = []
+    for size, both in ((SIZE, False), (SIZE, True), ((2 * SIZE[0], 2 * SIZE[1]), False)):
+        image, radius = map(device.there, scene(kind, size))
+        with torch.no_grad(), device.known(), Launches(device.name) as counts:
+            render(image, radius, left_right=both)
+        counted.append(counts)
+    one, pair, larger = (counts.launches for counts in counted)
+    assert max(one, larger) <= most
+    assert pair <= 1.6 * one
+    assert larger <= 1.5 * one
+    assert all(counts.waits <= waits for counts in counted)
+
+
+def test_little_memory_makes_more_tiles_of_the_same_picture(
+    agree: Agree, device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    image, radius = scene("cards")
+    tiles: list[int] = []
+
+    def work(to: Moved) -> list[Tensor | None]:
+        views = render(to(image), to(radius))
+        tiles.append(views.stats["tiles"])
+        return [views.render]
+
+    with torch.no_grad():
+        for memory in (1 << 33, 1 << 21):
+            monkeypatch.setattr(device_plan, "memory_of", lambda device, memory=memory: memory)
+            agree(work)
+    assert tiles[1] == 1 < tiles[3]
 
 
 def test_verify_compares_devices() -> None:

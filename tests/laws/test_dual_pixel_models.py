@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from defocus_core import Aperture, DualPixel, PupilImage, render, sensitivities
+from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
 
 SMOOTH = DualPixel("smooth")
 CROSSED = DualPixel("split", 0.15)
@@ -77,6 +78,19 @@ def test_halves_of_a_disc_are_half_a_radius_apart_if_smooth_and_less_by_crosstal
     assert SMOOTH.disparity(Aperture()) == pytest.approx(0.5, rel=1e-3)
     split = DualPixel().disparity(Aperture())
     assert CROSSED.disparity(Aperture()) == pytest.approx(0.7 * split, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", DUAL_PIXEL_SENSORS)
+def test_a_sensor_that_was_measured_is_its_model_with_its_crosstalk(name: str) -> None:
+    model, crosstalk, _ = DUAL_PIXEL_SENSORS[name]
+    image, radius = scene()
+    pair = [
+        render(image, radius, left_right=True, dual_pixel=sensor).left
+        for sensor in (DualPixel(name), DualPixel(model, crosstalk))
+    ]
+    torch.testing.assert_close(*pair)
+    apart = DualPixel(name, 0.25).disparity(Aperture())
+    assert apart == pytest.approx(DualPixel(model, crosstalk).disparity(Aperture()) / 2)
 
 
 def test_nothing_of_a_smooth_half_is_dark_but_the_far_rim() -> None:

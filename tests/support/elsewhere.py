@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
-from typing import Any
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import Any, NamedTuple
 
 import pytest
 import torch
@@ -32,6 +32,7 @@ _WAITED = {
     "aten::_unique2",
     "aten::unique_consecutive",
     "aten::equal",
+    "aten::bincount",
 }
 _INDEXED = {"aten::index", "aten::index_put", "aten::index_put_"}
 # What may take a tensor from one device to another.
@@ -63,8 +64,10 @@ class Elsewhere(Tensor):
         return f"Elsewhere({self.held})"
 
     def tolist(self) -> list[Any]:
-        waits["tolist"] += 1
-        return self.held.tolist()
+        return self.cpu().tolist()
+
+    def numpy(self, **_: object) -> Any:  # type: ignore[override]
+        raise TypeError("what is on a device is no array of numpy")
 
     @classmethod
     def __torch_dispatch__(
@@ -182,3 +185,34 @@ def elsewhere() -> Iterator[None]:
 def _known() -> Iterator[None]:
     with _Made(), _Given():
         yield
+
+
+class Device(NamedTuple):
+    """A device that is not the CPU, pretended or real.
+
+    Attributes:
+        name: As torch has it.
+        there: Takes a tensor to it.
+        here: Takes a tensor of it to the CPU.
+        known: Where it is known.
+        within: Greatest difference from the pictures of the CPU: of other sizes of transforms, and
+            on a real one of its own rounding.
+    """
+
+    name: str
+    there: Callable[[Tensor], Tensor]
+    here: Callable[[Tensor], Tensor]
+    known: Callable[[], AbstractContextManager[None]]
+    within: float
+
+
+PRETENDED = Device(NAME, there, here, elsewhere, 2e-6)
+CUDA = Device("cuda", lambda x: x.to("cuda"), lambda x: x.cpu(), nullcontext, 1e-4)
+DEVICES = [
+    pytest.param(PRETENDED, id="pretended"),
+    pytest.param(
+        CUDA,
+        id="cuda",
+        marks=pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU"),
+    ),
+]

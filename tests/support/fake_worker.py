@@ -48,13 +48,11 @@ def serve(connection: Connection) -> None:
 def serve_slowly(connection: Connection) -> None:
     """Do what comes as a real worker does, whose steps take their time and make nothing."""
 
-    def compute(ready: Any, progress: Any) -> dict[str, Any]:
+    def compute(job: Job, inputs: Any, progress: Any) -> dict[str, Any]:
         time.sleep(0.5)
         return {"status": "ok", "reason": None}
 
-    job_result.Reader = lambda: SimpleNamespace(
-        read=lambda job: SimpleNamespace(job=job, result=None)
-    )
+    job_result.Reader = lambda: SimpleNamespace(read=lambda job: "inputs")
     job_result.compute, job_steps.load = compute, lambda: None
     worker.serve(connection)
 

@@ -91,7 +91,7 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
     "display gamma": (
         lambda a: srgb_to_linear(_encoded(a) ** 1.1),
         "another gamma",
-        "clipped at 1 and another gamma: to the power 1.1, sRGB-encoded",
+        "clipped at 1, another gamma: to the power 1.1, sRGB-encoded",
     ),
     "a stop": (lambda a: 2 * a, "another exposure", "another exposure: x 2 (+1 EV)"),
     "2 % darker": (lambda a: 0.98 * a, "another exposure", "another exposure: x 0.98"),
@@ -104,7 +104,7 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
     "8 bits": (
         lambda a: srgb_to_linear(np.rint(_encoded(a) * 255) / 255),
         "quantised to 8 bits",
-        "clipped at 1 and quantised to 8 bits",
+        "clipped at 1, quantised to 8 bits",
     ),
     "8 bits, linear": (
         lambda a: np.rint(np.clip(a, 0, 1) * 255) / 255,

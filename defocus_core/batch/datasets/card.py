@@ -17,11 +17,14 @@ from typing import Any
 
 from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.datasets.card_tables import ENDS, WORDS, tables_of
+from defocus_core.batch.datasets.origin import Origin
 from defocus_core.batch.lenses import radius_set
 from defocus_core.errors import alike
 from defocus_core.io.safe_files import written_whole
 
 NAMES = ("card.json", "card.md")
+NO_ORIGIN = Origin()
+_TITLE = "Defocused pictures"
 Record = Mapping[str, Any]
 _OF_LENS = ("focus_dioptres", "fnumber", "focal_length_mm")  # of the distributions
 _SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
@@ -46,11 +49,12 @@ def write(out: Path, card: Mapping[str, Any]) -> list[Path]:
     return paths
 
 
-def card_of(records: Sequence[Record]) -> dict[str, Any]:
+def card_of(records: Sequence[Record], origin: Origin = NO_ORIGIN) -> dict[str, Any]:
     """The card of a batch as plain values.
 
     Args:
         records: of its journal, oldest first.
+        origin: what it says of itself.
     """
     entries = list(sample_index.entries(records))
     ids = {entry["sample_id"] for entry in entries}
@@ -60,6 +64,7 @@ def card_of(records: Sequence[Record]) -> dict[str, Any]:
     sizes = (f"{entry['width']}x{entry['height']}" for entry in entries)
     repairs = [(r.get("depth_repair") or {}).get("kinds", []) for r in done]
     return {
+        "origin": origin.said,
         "samples": len(entries),
         "pictures": len({tuple(entry["inputs_blake2b"].values()) for entry in entries}),
         "splits": _counts(entry["split"] for entry in entries if entry["split"]),
@@ -145,9 +150,12 @@ def markdown(card: Mapping[str, Any]) -> str:
         card: from `card_of`.
     """
     size = next((words for most, words in _SIZES if card["samples"] < most), "n>1M")
+    origin = {key: _safe(text) for key, text in card["origin"].items()}
+    title = origin.get("title", _TITLE)
     head = [
         "---",
-        "pretty_name: Defocused pictures",
+        f"pretty_name: {json.dumps(title, ensure_ascii=False)}",
+        *(f"license: {json.dumps(text)}" for text in [origin.get("licence")] if text),
         "task_categories:",
         "- image-to-image",
         "- depth-estimation",
@@ -160,8 +168,12 @@ def markdown(card: Mapping[str, Any]) -> str:
 
 
 def _body(card: Mapping[str, Any]) -> Iterator[str]:
-    yield "# Defocused pictures"
+    origin = {key: _safe(text) for key, text in card["origin"].items()}
+    yield f"# {origin.get('title', _TITLE)}"
     yield ""
+    for key in ("licence", "source"):
+        if key in origin:
+            yield from (f"{key.capitalize()}: {origin[key]}", "")
     yield (
         f"{card['samples']} samples of {card['pictures']} pictures, made by defocus from sharp "
         "pictures and their depth. `metadata.jsonl` has a line for each sample, with its lens."
@@ -172,7 +184,8 @@ def _body(card: Mapping[str, Any]) -> Iterator[str]:
         yield "|---" * len(table.heading) + "|"
         yield from (f"| {' | '.join(map(_safe, row))} |" for row in table.rows)
     yield from ("", "## Citation", "")
-    yield "Cite the sources of the pictures, and defocus by its version."
+    default = "Cite the sources of the pictures, and defocus by its version."
+    yield origin.get("citation", default)
 
 
 def _safe(words: str) -> str:

@@ -21,7 +21,7 @@ from typing import Any
 from defocus_core.batch.datasets.sample_index import NAME
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import EFFECT_OPTIONS, LENS_FILES
-from defocus_core.errors import InputError, reason
+from defocus_core.errors import InputError, Place, cannot_read, reason
 
 
 @dataclass(frozen=True)
@@ -61,15 +61,12 @@ def samples(out: str | os.PathLike[str]) -> Iterator[Sample]:
     try:
         with path.open(encoding="utf-8") as lines:
             for number, line in enumerate(lines, 1):
-                yield _sample(root, line, f"{path}: line {number}")
+                yield _sample(root, line, Place(path, f"line {number}"))
     except OSError as error:
-        problem = f"cannot be read: {reason(error)}"
-        raise InputError(
-            "unreadable", problem, "it is written when a batch ends", path=path
-        ) from None
+        raise cannot_read(path, error, "it is written when a batch ends") from None
 
 
-def _sample(root: Path, line: str, where: str) -> Sample:
+def _sample(root: Path, line: str, where: Place) -> Sample:
     try:
         record = json.loads(line)
         return Sample(

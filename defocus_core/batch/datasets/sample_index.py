@@ -15,6 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from defocus_core.batch.datasets.origin import Origin, origin_of
 from defocus_core.batch.jobs.job import FRAME_ROLE
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.lenses.lens import EFFECTS
@@ -47,25 +48,27 @@ def write(out: Path, records: Iterable[Record]) -> Path:
     """
     path = out / NAME
     with written_whole(path) as file:
-        for entry in entries(records):
+        for entry in entries(records, origin_of(out)):
             file.write(line(entry))
     return path
 
 
-def entries(records: Iterable[Record]) -> Iterator[dict[str, Any]]:
+def entries(records: Iterable[Record], origin: Origin | None = None) -> Iterator[dict[str, Any]]:
     """What the index says of each sample, sorted by sample_id.
 
     Args:
         records: oldest first. Records of one sample are joined if they differ in their outputs
             alone; else the last holds, as the earlier outputs were taken by another lens.
+        origin: whose licence and source stand in each line.
     """
     done: dict[str, Record] = {}
     for record in records:
         if _is_sample(record):
             name = str(record["sample_id"])
             done[name] = _joined(done[name], record) if name in done else record
+    said = {key: getattr(origin, key, "") or None for key in ("licence", "source")}
     for name in sorted(done):
-        yield _entry(done[name])
+        yield {**_entry(done[name]), **said}
 
 
 def names(records: Iterable[Record]) -> set[str]:

@@ -23,6 +23,7 @@ from stat import S_ISREG
 from typing import BinaryIO
 
 from defocus_core.batch.datasets import sample_index
+from defocus_core.batch.datasets.origin import origin_of
 from defocus_core.batch.datasets.sample_index import Record
 from defocus_core.batch.journal.run_file import SHARDS_FOLDER
 from defocus_core.errors import InputError, reason
@@ -130,7 +131,7 @@ def listed(out: Path) -> Listing | None:
 
 
 def _samples(out: Path, records: Iterable[Record]) -> Iterator[ShardSample]:
-    entries = list(sample_index.entries(records))
+    entries = list(sample_index.entries(records, origin_of(out)))
     for entry, key in zip(entries, _keys([entry["sample_id"] for entry in entries]), strict=True):
         members = [
             Member(f"{key}.{kind}{Path(path).suffix}", _size(out, path), path)

@@ -15,6 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from defocus_core.batch.datasets import card, sample_index, tar_shards
+from defocus_core.batch.datasets.origin import origin_of
 from defocus_core.batch.journal.journal import Record, read_all
 from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.io.below import Folder
@@ -41,7 +42,8 @@ def index(out: Path, shards_size: int | None, asked: Collection[str] | None = No
         own = [record for record in records if record["sample_id"] in asked]
         _tell_of_others(out, sample_index.names(records) - sample_index.names(own))
         records = own
-    made = card.card_of(records)
+    origin = origin_of(out)
+    made = card.card_of(records, origin)
     written = [sample_index.write(out, records), *card.write(out, made)]
     if words := card.match_words(made):
         note(f"{written[-1]}: radii and those of the set matched: {words}")
@@ -86,8 +88,9 @@ def refresh(out: Path, done: Collection[str], withdrawn: Collection[str] = ()) -
     if listed is None or listed.isdisjoint(done):
         return
     records = [one for one in Ledger(out, read_all(out)).live if one["sample_id"] in listed]
+    origin = origin_of(out)
     path = sample_index.write(out, records)
-    card.write(out, card.card_of(records))
+    card.write(out, card.card_of(records, origin))
     note(f"{path}: written again, as it lists samples that were done now")
     _followed(out, records)
 

@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from defocus_core.batch.depth.implausible import implausible_file
 from defocus_core.batch.jobs.job import Reading
+from defocus_core.batch.look.preview import write_depth_preview
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.arrays import bands
+from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
+from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.safe_files import written_together
 from defocus_core.system.interrupts import put_off
 from defocus_core.system.text import version
 
-if TYPE_CHECKING:
-    from defocus_core.io.depth_formats.depth import Depth
-
 
 @dataclass(frozen=True)
-class Place:
+class DepthTarget:
     """A depth file, the EXR to write, and its preview if there is to be one."""
 
     file: Path
@@ -44,14 +44,14 @@ class Converted:
         warnings: what was taken for granted, and what tells of another format.
     """
 
-    place: Place
+    place: DepthTarget
     depth: Depth
     range_m: tuple[float, float] | None
     sky: int
     warnings: tuple[str, ...]
 
 
-def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[Place]:
+def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarget]:
     """Where each file goes: to OUT itself if that ends in .exr, else to OUT/<stem>.exr.
 
     Raises:
@@ -70,12 +70,12 @@ def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[Place]:
             problem = f"would be written to {target}, and so would {first[target]}"
             raise UsageProblem("duplicate", problem, "convert them to two directories", path=file)
     return [
-        Place(file, target, target.with_suffix(".preview.png") if preview else None)
+        DepthTarget(file, target, target.with_suffix(".preview.png") if preview else None)
         for file, target in zip(files, outs, strict=True)
     ]
 
 
-def refuse_existing(wanted: Sequence[Place], *, overwrite: bool) -> None:
+def refuse_existing(wanted: Sequence[DepthTarget], *, overwrite: bool) -> None:
     """Refuse to replace files, unless that is asked for; an input is never replaced.
 
     Raises:
@@ -96,7 +96,7 @@ def refuse_existing(wanted: Sequence[Place], *, overwrite: bool) -> None:
                 )
 
 
-def convert(place: Place, reading: Reading) -> Converted:
+def convert(place: DepthTarget, reading: Reading) -> Converted:
     """Read a depth file and write it as EXR.
 
     Raises:
@@ -105,11 +105,6 @@ def convert(place: Place, reading: Reading) -> Converted:
     """
     with put_off():
         import numpy as np
-
-    from defocus_core.batch.depth.implausible import implausible_file
-    from defocus_core.batch.look.preview import write_depth_preview
-    from defocus_core.io.depth_formats.depth import read_depth, require_valid
-    from defocus_core.io.exr.writing import write_exr
 
     if reading.row.rule == "radius":
         problem = "holds radii of a lens, and no depth"

@@ -8,17 +8,16 @@ warning of the radii, the strongest, and one of the file.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
+import numpy as np
+
+from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.quantities import length_text
 from defocus_core.io.arrays import bands
+from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from defocus_core.batch.lenses.lens import Lens
-    from defocus_core.io.depth_formats.depth import Depth
 
 MM_PER_M = 1000.0
 # Where the sharpest pixel is blurred by more than both, nothing in the picture is in focus.
@@ -83,22 +82,16 @@ def _of_radii(
 
 def _nearer_than(metres: Any, lens: Lens) -> int:
     """How many pixels lie nearer than the focal length."""
-    import numpy as np
-
     return int(np.count_nonzero(metres * MM_PER_M < lens.foclen))
 
 
 def _sharpest(radius: Any) -> float:
     """The least CoC radius of a picture in px."""
-    import numpy as np
-
     return min(float(np.abs(radius[rows]).min()) for rows in bands(radius.shape))
 
 
 def _range_text(depth: Depth) -> str:
     """The range of the depth that is not sky, like ``from 2m to 40m``."""
-    import numpy as np
-
     nearest, farthest = math.inf, 0.0
     for rows in bands(depth.metres.shape):
         metres = depth.metres[rows]

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import Rejected
 from defocus_core.io.arrays import evenly
-
-if TYPE_CHECKING:
-    from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.depth_formats.depth import Depth
 
 _MM_PER_M = 1000.0
 _LIFE_SIZE = 2.0  # focal lengths: a focus nearer than this enlarges
@@ -45,7 +45,6 @@ def matched(lens: Lens, depth: Depth) -> Lens:
 
 def disparities(depth: Depth) -> Any:
     """The disparities per mm of a grid of pixels that hold something, [N] in float64."""
-    import numpy as np
     import torch
 
     metres = evenly(depth.metres)

@@ -5,11 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.depth.focusing import radius_at_infinity
-from defocus_core.batch.jobs.job import Reading
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.sources import lone_window
-
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
 
@@ -36,28 +31,6 @@ def repair_words(repair: DepthRepair | None) -> str:
     if done and repair.share:
         done.append(f"{100 * repair.share:.2g} % of the pixels changed")
     return "; ".join(done)
-
-
-def repair_found(lens: Lens, radius: Any, size: tuple[int, int], reading: Reading) -> DepthRepair:
-    """The repair of a depth before it is rendered, as far as it shows without colours.
-
-    Args:
-        lens: the lens, with its focus distance.
-        radius: signed CoC radius in px of all pixels, [H, W].
-        size: (width, height) of the picture shown.
-        reading: what is known of the repair.
-    """
-    import torch
-
-    from defocus_core.depth.repair import diagnose_depth
-
-    return diagnose_depth(
-        lone_window(radius, "cpu"),
-        radius_at_infinity(lens, size),
-        torch.get_num_threads(),
-        depth_repair=reading.depth_repair,
-        edge_width=reading.edge_width,
-    )
 
 
 def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:

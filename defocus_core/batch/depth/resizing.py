@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.sources import windows
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth import Depth, require_valid
-
-if TYPE_CHECKING:
-    from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color_planes import Color
 
 
 def of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> Depth:
@@ -23,8 +23,6 @@ def of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> D
             pixel; or the file holds radii, which are px of its own size; or it has invalid pixels
             and is to be guided.
     """
-    import numpy as np
-
     (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
     if (height, width) == (rows, columns):
         return depth

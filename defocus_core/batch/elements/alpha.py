@@ -8,17 +8,15 @@ the object: it has the depth of the pixels beside it.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.images.color_planes import Color
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.images.color_planes import Color
 
 # Pixels from an edge within which a pixel has the depth that it lacks; steps to the pixels around.
 _REACH = 8
@@ -35,8 +33,6 @@ def element_depth(depth: Depth, color: Color, keeping: Keeping) -> Depth:
         color: the colour.
         keeping: where what is nothing is kept.
     """
-    import numpy as np
-
     alpha = color.alpha
     if alpha is None or not any((alpha[rows] < 1).any() for rows in bands(alpha.shape)):
         return depth
@@ -63,8 +59,6 @@ def element_depth(depth: Depth, color: Color, keeping: Keeping) -> Depth:
 
 def _fill_edges(depth: Depth, alpha: Any) -> int:
     """Give pixels of an edge that have no depth that of the pixels beside; how many there were."""
-    import numpy as np
-
     count, above = 0, None
     height = alpha.shape[0]
     for rows in bands(alpha.shape):
@@ -86,8 +80,6 @@ def _fill_edges(depth: Depth, alpha: Any) -> int:
 
 def _has_depth(depth: Depth, metres: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Where there is a depth that is no sky."""
-    import numpy as np
-
     finite: NDArray[np.bool_] = np.isfinite(metres)
     return finite if depth.is_radius else finite & (metres > 0)
 
@@ -99,8 +91,6 @@ def _from_beside(
     depth: Depth,
 ) -> NDArray[np.float32]:
     """Depth in which missing pixels have that of the most opaque pixel around, `_REACH` times."""
-    import numpy as np
-
     filled, known = metres.copy(), _has_depth(depth, metres) & (share > 0)
     pad = ((1, 1), (1, 1))
     for _ in range(_REACH):

@@ -7,21 +7,28 @@ better. Colour and depth of such a file are those of its picture in focus and of
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from defocus_core.batch.elements.layers import Layers, flat_layer
+from defocus_core.batch.elements.plate import Plate
+from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping, bands, count_of
-from defocus_core.io.exr.deep_samples import ALPHA, DEPTH
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.depth_formats.resolving import resolved
+from defocus_core.io.depth_formats.rules import decoded
+from defocus_core.io.depth_formats.samples import DepthNumbers
+from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT
+from defocus_core.io.exr.header import Header, is_exr, read_headers
+from defocus_core.io.exr.reading import read_layers
+from defocus_core.io.exr.views import in_view
+from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.exr_channels import choose_color
+from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from defocus_core.batch.jobs.job import Picture, Reading
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.exr.header import Header
-    from defocus_core.io.images.color_planes import Color
 
 
 def layers_of_scene(
@@ -29,41 +36,54 @@ def layers_of_scene(
     reading: Reading,
     part: int | None,
     like: tuple[Color, Depth],
-    plate: tuple[Color, Depth] | None,
+    plate: Plate | None,
     keeping: Keeping,
     lens_focal: float | None,
 ) -> Layers | None:
-    """The layers of a deep picture, with its plate and its holdout; None if nothing is deep.
+    """The layers of a picture, with its plate and its holdout; None if nothing is deep.
 
     Args:
         picture: where it is.
         reading: how it is read.
         part: the part of the colour that is asked for.
         like: its colour and depth in focus.
-        plate: colour and depth of the plate behind it, of the same channels.
+        plate: the plate behind it, of the same channels.
         keeping: where the layers are kept.
         lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
 
     Raises:
         InputError: a file cannot be used, or something else is to be behind a deep picture.
     """
-    import numpy as np
-
     header = deep_header(picture, reading, part)
-    if header is None and picture.holdout is None:
+    headers = [header, None if plate is None else deep_header(plate.picture, plate.reading, None)]
+    if headers == [None, None] and picture.holdout is None:
         return None
     if picture.hidden is not None:
         problem = "is given ‹hidden›, but what its samples or its holdout hide is known"
         raise InputError("contradiction", problem, "leave ‹hidden› out", path=picture.color)
-    layers = flat_layer(*like)
-    if header is not None:
-        layers = read_deep(picture, header, reading, like, keeping, lens_focal)
+    layers = _layers(picture, headers[0], reading, like, keeping, lens_focal)
     if plate is not None:
-        layers = layers.before(flat_layer(*plate))
-    if picture.holdout is None:
-        return layers
-    black = keeping.new(like[1].metres.shape, np.float16)
-    return layers.held_out_by(_holdout(picture.holdout, reading, like, keeping, lens_focal), black)
+        below = plate.picture, headers[1], plate.reading, (plate.color, plate.depth)
+        layers = layers.before(_layers(*below, keeping, lens_focal))
+    if picture.holdout is not None:
+        black = keeping.new(like[1].metres.shape, np.float16)
+        holdout = _holdout(picture.holdout, reading, like, keeping, lens_focal)
+        layers = layers.held_out_by(holdout, black)
+    return layers.tidied(keeping)
+
+
+def _layers(
+    picture: Picture,
+    header: Header | None,
+    reading: Reading,
+    like: tuple[Color, Depth],
+    keeping: Keeping,
+    lens_focal: float | None,
+) -> Layers:
+    """The layers of one picture: its samples, or a single one if it is not deep."""
+    if header is None:
+        return flat_layer(*like)
+    return read_deep(picture, header, reading, like, keeping, lens_focal)
 
 
 def _holdout(
@@ -78,9 +98,6 @@ def _holdout(
     Raises:
         InputError: the file is not deep, or of another size than the picture.
     """
-    from defocus_core.io.exr.header import is_exr, read_headers
-    from defocus_core.io.safe_files import read_head
-
     color, depth = like
     path = holdout.color
     headers = read_headers(path) if is_exr(read_head(path)) else ()
@@ -108,11 +125,6 @@ def deep_header(picture: Picture, reading: Reading, part: int | None) -> Header 
     Raises:
         InputError: the file cannot be read, or has no colour.
     """
-    from defocus_core.io.exr.header import is_exr, read_headers
-    from defocus_core.io.exr.views import in_view
-    from defocus_core.io.images.exr_channels import choose_color
-    from defocus_core.io.safe_files import read_head
-
     if not is_exr(read_head(picture.color)):
         return None
     headers = in_view(picture.color, read_headers(picture.color), reading.view)
@@ -164,18 +176,22 @@ def _sampled(
     lens_focal: float | None,
 ) -> Layers:
     """The samples of a deep part as layers, with the channels of light that are wanted."""
-    from defocus_core.io.exr.reading import read_layers
-
     color, depth = like
     read = read_layers(path, header, sources, keeping, color.overscan)
     reading = replace(reading, part=None)
-    metres = [
-        _metres(layer[DEPTH], reading, color, depth, keeping, lens_focal) for layer in read.layers
-    ]
+
+    def metres_of(numbers: Any) -> Any:
+        return _metres(numbers, reading, color, depth, keeping, lens_focal)
+
+    metres = [metres_of(layer[DEPTH]) for layer in read.layers]
+    ends = tuple(
+        (metres_of(layer[FRONT]), metres_of(layer[BACK])) if BACK in layer else None
+        for layer in read.layers
+    )
     alpha = tuple(layer[ALPHA] for layer in read.layers)
     depths = tuple(_depth(depth, *pair) for pair in zip(metres, alpha, strict=True))
     light = tuple(tuple(layer[name] for name in sources) for layer in read.layers)
-    return Layers(light, alpha, depths, len(color.light), read.merged)
+    return Layers(light, alpha, depths, len(color.light), read.merged, ends=ends)
 
 
 def _metres(
@@ -187,10 +203,6 @@ def _metres(
     lens_focal: float | None,
 ) -> Any:
     """Metres [H, W] of the numbers of a layer, read as those of the first surface."""
-    from defocus_core.io.depth_formats.resolving import resolved
-    from defocus_core.io.depth_formats.rules import decoded
-    from defocus_core.io.depth_formats.samples import DepthNumbers
-
     samples = DepthNumbers(numbers, "EXR", "", channel=like.channel)
     decoding = resolved(
         like.path, reading, samples, picture_width=color.size[0], lens_focal=lens_focal
@@ -209,8 +221,6 @@ def _depth(like: Depth, metres: Any, alpha: Any) -> Depth:
     Raises:
         InputError: a sample has no depth.
     """
-    import numpy as np
-
     for rows in bands(metres.shape):
         far = np.float32(0 if like.is_radius else np.inf)
         metres[rows] = np.where(np.asarray(alpha[rows]) > 0, metres[rows], far)

@@ -8,13 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.elements.planes import coverage
 from defocus_core.batch.sources import layer_windows, windows
+from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.exr.deep_merging import merged as merged_samples
+from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT, Strip
+from defocus_core.io.exr.deep_volumes import tidied
+from defocus_core.io.exr.windows import Window
+from defocus_core.io.images.color_planes import Color
 from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.images.color_planes import Color
     from defocus_core.renderer.layers.stacked_samples import Layered
     from defocus_core.tensors.source import Pixels
+
+_CUT_AT_ONCE = 1 << 16  # pixels
 
 
 @dataclass(frozen=True)
@@ -29,6 +36,8 @@ class Layers:
         merged: number of pixels that had more samples than there are layers.
         held_out: whether some layers hide others and have no alpha: then that of the picture is the
             last plane of `light`.
+        ends: of each layer where its samples begin and end, in metres [H, W]; None of surfaces.
+        front: number of layers of the picture in front, if it is before another one.
     """
 
     light: tuple[tuple[Any, ...], ...]
@@ -37,6 +46,8 @@ class Layers:
     colors: int
     merged: int = 0
     held_out: bool = False
+    ends: tuple[tuple[Any, Any] | None, ...] = ()
+    front: int = 0
 
     @property
     def words(self) -> str:
@@ -51,6 +62,61 @@ class Layers:
             light=(*self.light, *plate.light),
             alpha=(*self.alpha, *plate.alpha),
             depths=(*self.depths, *plate.depths),
+            merged=self.merged + plate.merged,
+            ends=(*self.ends, *plate.ends),
+            front=len(self.alpha),
+        )
+
+    def tidied(self, keeping: Keeping) -> Layers:
+        """These layers with volumes cut where other samples lie within, and mixed in one place."""
+        import numpy as np
+
+        if not any(self.ends) and not self.front:
+            return self
+        shape, merged = self.alpha[0].shape, 0
+        names = (*(str(k) for k in range(len(self.light[0]))), ALPHA)
+        layers: list[dict[str, Any]] = []
+        for rows in bands(shape, _CUT_AT_ONCE):
+            strip = self._samples(rows, names)
+            behind = strip.pixel[strip.rank >= self.front] if self.front else ()
+            both = np.intersect1d(behind, strip.pixel[strip.rank < self.front])
+            strip, count = merged_samples(tidied(strip, names, both), names)
+            merged += count
+            while len(layers) < max(1, strip.most):
+                layers.append({name: keeping.new(shape, "float32") for name in (*names, DEPTH)})
+            for number, layer in enumerate(layers):
+                chosen = strip.rank == number
+                for name, plane in layer.items():
+                    plane[rows] = strip.dense(chosen, strip.values[name])
+        far = np.float32(np.inf)
+        for layer in layers:
+            for rows in bands(shape):
+                layer[DEPTH][rows] = np.where(layer[ALPHA][rows] > 0, layer[DEPTH][rows], far)
+        return replace(
+            self,
+            light=tuple(tuple(layer[name] for name in names[:-1]) for layer in layers),
+            alpha=tuple(layer[ALPHA] for layer in layers),
+            depths=tuple(replace(self.depths[0], metres=layer[DEPTH]) for layer in layers),
+            merged=self.merged + merged,
+            ends=(None,) * len(layers),
+        )
+
+    def _samples(self, rows: slice, names: tuple[str, ...]) -> Strip:
+        """The samples of some rows, by number of the light, alpha, depth and ends."""
+        import numpy as np
+
+        window = Window(0, rows.start, self.alpha[0].shape[1] - 1, rows.stop - 1)
+        columns = []
+        every = zip(self.light, self.alpha, self.depths, self.ends, strict=True)
+        for number, (light, alpha, depth, ends) in enumerate(every):
+            planes = [plane[rows] for plane in (*light, alpha, depth.metres, *(ends or ()))]
+            planes += planes[-1:] * (0 if ends else 2)
+            at = np.flatnonzero(planes[len(light)] > 0)
+            rank = np.full(len(at), number)
+            columns.append((at, rank, *(np.ravel(plane)[at] for plane in planes)))
+        pixel, rank, *values = (np.concatenate(each) for each in zip(*columns, strict=True))
+        return Strip(
+            window, pixel, rank, dict(zip((*names, DEPTH, FRONT, BACK), values, strict=True))
         )
 
     def held_out_by(self, holdout: Layers, black: Any) -> Layers:
@@ -63,14 +129,14 @@ class Layers:
         shown = tuple((*light, a) for light, a in zip(self.light, self.alpha, strict=True))
         hiding = ((black,) * len(shown[0]),) * len(holdout.alpha)
         whole = replace(self, light=shown).before(replace(holdout, light=hiding))
-        return replace(whole, held_out=True)
+        return replace(whole, held_out=True, front=self.front)
 
 
 def flat_layer(color: Color, depth: Depth) -> Layers:
     """A picture that is not deep as one layer."""
     light = (*color.light, *color.planes[len(color.channels) :])
-    alpha = coverage(color.planes[0].shape, color.alpha)
-    return Layers((light,), (alpha,), (replace(depth, nothing=None),), len(color.light))
+    alpha, depth = coverage(color.planes[0].shape, color.alpha), replace(depth, nothing=None)
+    return Layers((light,), (alpha,), (depth,), len(color.light), ends=(None,))
 
 
 def layered(lights: Sequence[Pixels], layers: Layers, radii: Sequence[Any], device: str) -> Layered:

@@ -6,13 +6,20 @@ the colour's data window and display window together.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from defocus_core.batch.jobs.job import Picture, Reading
+from defocus_core.io.arrays import LazyArray
+from defocus_core.io.depth_formats.exr_samples import choose_depth_channel
+from defocus_core.io.exr.header import is_exr, read_headers
+from defocus_core.io.exr.views import in_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from defocus_core.io.images.describe import describe
+from defocus_core.io.images.exr_channels import NoDepthChannel, choose_color
+from defocus_core.io.safe_files import read_head
 
 
 def overscan_of(
@@ -29,12 +36,6 @@ def overscan_of(
         InputError: a file cannot be read.
     """
     from dataclasses import replace
-
-    from defocus_core.io.depth_formats.exr_samples import choose_depth_channel
-    from defocus_core.io.exr.header import is_exr, read_headers
-    from defocus_core.io.exr.views import in_view
-    from defocus_core.io.images.exr_channels import NoDepthChannel, choose_color
-    from defocus_core.io.safe_files import read_head
 
     color_part, depth_part = parts
     if not is_exr(read_head(picture.color)):
@@ -60,9 +61,37 @@ def overscan_of(
     return overscan.within(depth.data.beyond(depth.display))
 
 
+def reframed(array: Any, own: Overscan, wanted: Overscan, nothing: float | None) -> Any:
+    """An array [H, W] with another overscan than its own.
+
+    Args:
+        array: the array.
+        own: its overscan.
+        wanted: that of the result.
+        nothing: what is where the array has no pixels; None for those at its edge, repeated.
+    """
+    if own == wanted:
+        return array
+    height, width = array.shape
+    rows = np.arange(-wanted.top, height - own.top - own.bottom + wanted.bottom) + own.top
+    columns = np.arange(-wanted.left, width - own.left - own.right + wanted.right) + own.left
+
+    def read(window: Any) -> Any:
+        window = window if isinstance(window, tuple) else (window, slice(None))
+        y, x = rows[window[0]], columns[window[1]]
+        there = array[slice(max(int(y[0]), 0), max(int(y[-1]), 0) + 1)]
+        values = there[
+            np.ix_((y - max(int(y[0]), 0)).clip(0, len(there) - 1), x.clip(0, width - 1))
+        ]
+        if nothing is None:
+            return values
+        inside = ((y >= 0) & (y < height))[:, None] & (x >= 0) & (x < width)
+        return np.where(inside, values, array.dtype.type(nothing))
+
+    return LazyArray((len(rows), len(columns)), array.dtype, read)
+
+
 def _size(path: Path) -> tuple[int, int]:
     """(height, width) of a file without windows."""
-    from defocus_core.io.images.describe import describe
-
     info = describe(path)
     return info.height, info.width

@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from defocus_core.batch.elements.alpha import element_depth
 from defocus_core.batch.elements.overscan import overscan_of
 from defocus_core.batch.elements.planes import coverage
+from defocus_core.batch.elements.reading import read
 from defocus_core.batch.jobs.job import Picture, Reading
-from defocus_core.batch.sources import layer_windows, lone_window, windows
+from defocus_core.batch.sources import layer_windows, windows
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping, bands, computed
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.exr.header import is_exr, read_headers
+from defocus_core.io.exr.views import views_of
 from defocus_core.io.exr.windows import Overscan
+from defocus_core.io.images.color import read_color, require_finite
+from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.exr_channels import NoDepthChannel
+from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
-    from defocus_core.depth.diagnosis import DepthRepair
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.images.color_planes import Color
-    from defocus_core.renderer.engine.settings import Settings
     from defocus_core.renderer.layers.stacked_samples import Layered
     from defocus_core.tensors.source import Pixels
-
-    Reader = Callable[[Picture, Reading, Overscan], tuple[Color, Depth]]
 
 
 @dataclass(frozen=True)
@@ -31,18 +36,22 @@ class Plate:
     """A decoded plate.
 
     Attributes:
+        picture: where it is.
+        reading: how it was read.
         color: its colour.
         depth: its depth; infinitely far if it has none.
         warnings: what was taken for granted of it, and of the element over it.
     """
 
+    picture: Picture
+    reading: Reading
     color: Color
     depth: Depth
     warnings: tuple[str, ...] = ()
 
 
 def read_over(
-    picture: Picture, reading: Reading, read: Reader, keeping: Keeping
+    picture: Picture, reading: Reading, keeping: Keeping, lens_focal: float | None
 ) -> tuple[Color, Depth, Plate]:
     """Decode an element and its plate, with the overscan that both have.
 
@@ -51,49 +60,46 @@ def read_over(
     Args:
         picture: where they are.
         reading: the options.
-        read: reads colour and depth of a picture, with so much overscan at most.
-        keeping: where a depth is kept that the plate has not got.
+        keeping: where the arrays are kept.
+        lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
 
     Raises:
         InputError: a file cannot be read, or the two make no scene.
     """
     assert picture.over is not None
     own = _reading_of_plate(picture.over, reading)
-    color, depth = read(picture, reading, overscan_of(picture.over, own))
-    plate = _plate(picture.over, own, read, keeping, color.overscan)
+    overscan = overscan_of(picture.over, own)
+    color, depth = read(picture, reading, keeping, lens_focal, overscan)
+    plate = _plate(picture.over, own, keeping, lens_focal, color.overscan)
     return color, depth, _checked(color, plate)
 
 
 def _reading_of_plate(picture: Picture, reading: Reading) -> Reading:
     """The options without those that choose among layers and parts of the element."""
-    from defocus_core.io.exr.header import is_exr, read_headers
-    from defocus_core.io.exr.views import views_of
-    from defocus_core.io.safe_files import read_head
-
     exr = is_exr(read_head(picture.color))
     view = reading.view if exr and views_of(read_headers(picture.color)) else None
     return replace(reading, color_layer=None, depth_channel=None, part=None, view=view)
 
 
 def _plate(
-    picture: Picture, reading: Reading, read: Reader, keeping: Keeping, overscan: Overscan
+    picture: Picture,
+    reading: Reading,
+    keeping: Keeping,
+    lens_focal: float | None,
+    overscan: Overscan,
 ) -> Plate:
     """A plate, infinitely far if it has no depth.
 
     Raises:
         InputError: a file cannot be read.
     """
-    from defocus_core.io.exr.header import is_exr
-    from defocus_core.io.images.exr_channels import NoDepthChannel
-    from defocus_core.io.safe_files import read_head
-
-    if picture.depth != picture.color:
-        return Plate(*read(picture, reading, overscan))
     try:
-        if is_exr(read_head(picture.color)):
-            return Plate(*read(picture, reading, overscan))
+        if picture.depth != picture.color or is_exr(read_head(picture.color)):
+            read_as = read(picture, reading, keeping, lens_focal, overscan)
+            return Plate(picture, reading, *read_as)
     except NoDepthChannel:
-        pass
+        if picture.depth != picture.color:
+            raise
     return _far_away(picture, reading, keeping, overscan)
 
 
@@ -103,8 +109,6 @@ def _checked(element: Color, plate: Plate) -> Plate:
     Raises:
         InputError: the two are of different sizes or channels, or the element has no alpha.
     """
-    import numpy as np
-
     path, alpha = plate.color.path, element.alpha
     if alpha is None:
         problem = "has no alpha, and hides the plate everywhere"
@@ -136,42 +140,22 @@ def _checked(element: Color, plate: Plate) -> Plate:
 def layers_of(
     lights: Sequence[Pixels],
     pictures: tuple[Color, Color],
-    radii: tuple[Any, Any],
-    settings: Settings,
+    radii: Sequence[Pixels],
     device: str,
-) -> tuple[Layered, DepthRepair]:
-    """The element before the plate, as layers with coverage, and the repair of its depth.
-
-    The depth of each is repaired alone, as `render` would.
+) -> Layered:
+    """The element before the plate, as layers with coverage.
 
     Args:
         lights: of both their light [C, H, W].
         pictures: the colour of the element and of the plate.
-        radii: signed CoC radii [H, W] of both.
-        settings: of the render.
+        radii: of both the repaired radii [H, W] in px.
         device: where it is rendered.
     """
-    from defocus_core.depth.repair import repair_depth
     from defocus_core.renderer.layers.stacked_samples import Layered
 
     size = pictures[0].planes[0].shape
-    repaired = [
-        repair_depth(
-            lone_window(radius, device),
-            windows(color.planes, device),
-            settings.infinity,
-            settings.threads,
-            depth_repair=settings.depth_repair,
-            edge_width=settings.edge_width,
-        )
-        for color, radius in zip(pictures, radii, strict=True)
-    ]
-    layers = Layered.of(
-        layer_windows(lights),
-        layer_windows([radius for radius, _ in repaired]),
-        windows([coverage(size, color.alpha) for color in pictures], device),
-    )
-    return layers, repaired[0][1]
+    alpha = windows([coverage(size, color.alpha) for color in pictures], device)
+    return Layered.of(layer_windows(lights), layer_windows(radii), alpha)
 
 
 def nothing_of(element: Depth, plate: Plate) -> Any:
@@ -187,12 +171,6 @@ def _far_away(picture: Picture, reading: Reading, keeping: Keeping, overscan: Ov
     Raises:
         InputError: the files hold radii, which have no far.
     """
-    import numpy as np
-
-    from defocus_core.batch.elements.alpha import element_depth
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.images.color import read_color, require_finite
-
     if reading.holds_radii:
         raise InputError(
             "radii", "has no radii", "give them as ‹over› PLATE RADII", path=picture.color
@@ -204,4 +182,4 @@ def _far_away(picture: Picture, reading: Reading, keeping: Keeping, overscan: Ov
         metres[rows] = np.full(metres[rows].shape, np.inf, np.float32)
     depth = Depth(metres, picture.color, "", "no depth, infinitely far", overscan=overscan)
     warning = f"{picture.color.name}: the plate has no depth and is taken as infinitely far"
-    return Plate(color, element_depth(depth, color, keeping), (warning,))
+    return Plate(picture, reading, color, element_depth(depth, color, keeping), (warning,))

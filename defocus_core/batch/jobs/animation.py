@@ -20,7 +20,7 @@ from defocus_core.batch.jobs.sweep import SCALES
 from defocus_core.batch.jobs.toml_file import read_toml, refuse_unknown
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS, LensParam
 from defocus_core.batch.lenses.quantities import read_at, text_of
-from defocus_core.errors import InputError, UsageProblem
+from defocus_core.errors import CALLER, InputError, Place, UsageProblem
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
 
 INTERPOLATIONS = ("linear", "ease")
@@ -53,7 +53,7 @@ class Animation:
         """The frames that have a key, ascending."""
         return tuple(sorted({frame for keys in self.keys.values() for frame in keys}))
 
-    def source(self, name: str) -> str:
+    def source(self, name: str) -> Place:
         """The place of the first key of an option, for errors."""
         return next(iter(self.keys[name].values())).where
 
@@ -115,7 +115,7 @@ def read_animation(
     for text in files:
         option, _, name = text.rpartition("=") if not (root / text).exists() else ("", "", text)
         if option:
-            refuse_unknown([option], tuple(LENS_OPTIONS), "‹animate›", "a lens", "option")
+            refuse_unknown([option], tuple(LENS_OPTIONS), CALLER.at("animate"), "a lens", "option")
         file = root / name
         if file.suffix.lower() == ".toml" and not option:
             of_file, interpolation = _of_toml(file, interpolation)
@@ -141,11 +141,11 @@ def animation_of(keys: Keys, interpolation: str | None) -> Animation:
             frame: Key(_checked(name, key), key.where) for frame, key in sorted(of_option.items())
         }
     if every:
-        refuse_contradiction(every, f"{next(iter(next(iter(every.values())).values())).where}: ")
+        refuse_contradiction(every, next(iter(next(iter(every.values())).values())).where)
     return Animation(every, interpolation or INTERPOLATIONS[0])
 
 
-def keys_of_table(values: Mapping[str, Any], where: str) -> dict[str, dict[int, Key]]:
+def keys_of_table(values: Mapping[str, Any], where: Place) -> dict[str, dict[int, Key]]:
     """The keys of the table ``[animate]``: of each option a table of values by frame.
 
     Raises:
@@ -157,11 +157,11 @@ def keys_of_table(values: Mapping[str, Any], where: str) -> dict[str, dict[int, 
         if not isinstance(table, dict) or not table:
             remedy = f'write {name} = {{1001 = "1.2m", 1060 = "4m"}}'
             raise UsageProblem(
-                "malformed", f"{table!r:.40} is no table of frames", remedy, path=f"{where} {name}"
+                "malformed", f"{table!r:.40} is no table of frames", remedy, path=where.at(name)
             )
         refuse_unknown([name], tuple(LENS_OPTIONS), where, "a lens", "option")
         keys[name] = {
-            frame_of(frame, f"{where} {name}"): Key(text_of(value), f"{where} {name}: {frame}")
+            frame_of(frame, where.at(name)): Key(text_of(value), where.at(f"{name}: {frame}"))
             for frame, value in table.items()
         }
     return keys
@@ -175,11 +175,12 @@ def _of_toml(file: Path, interpolation: str | None) -> tuple[Keys, str | None]:
     values = tables.get("animate")
     if not isinstance(values, dict):
         raise InputError("empty", "has no table [animate]", remedy, path=file)
-    values, said = interpolation_of(values, f"{file}: [animate]")
-    return keys_of_table(values, f"{file}: [animate]"), interpolation or said
+    where = Place(file, "[animate]")
+    values, said = interpolation_of(values, where)
+    return keys_of_table(values, where), interpolation or said
 
 
-def interpolation_of(values: Mapping[str, Any], where: str) -> tuple[dict[str, Any], str | None]:
+def interpolation_of(values: Mapping[str, Any], where: Place) -> tuple[dict[str, Any], str | None]:
     """The table ``[animate]`` without its interpolation, and the interpolation.
 
     Raises:
@@ -189,7 +190,7 @@ def interpolation_of(values: Mapping[str, Any], where: str) -> tuple[dict[str, A
     if said is not None and said not in INTERPOLATIONS:
         remedy = f"choose from {', '.join(INTERPOLATIONS)}"
         raise UsageProblem(
-            "unknown-name", f"'{said}' is not known", remedy, path=f"{where} interpolation"
+            "unknown-name", f"'{said}' is not known", remedy, path=where.at("interpolation")
         )
     return {name: value for name, value in values.items() if name != "interpolation"}, said
 

@@ -27,7 +27,7 @@ from defocus_core.batch.jobs.lens_from_options import checked, refuse_contradict
 from defocus_core.batch.jobs.pairing import SCENE_SUFFIXES, find_pictures, whole_shot
 from defocus_core.batch.jobs.toml_file import Table, refuse_unknown
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS
-from defocus_core.errors import InputError, UsageProblem
+from defocus_core.errors import InputError, Place, UsageProblem
 from defocus_core.io.rows import Row, read_rows
 from defocus_core.io.shots.frame_patterns import MISSING, frame_choice
 
@@ -43,7 +43,7 @@ class Entry:
     """A picture, its place in a file for errors, and its own lens options as texts."""
 
     picture: Picture
-    where: str
+    where: Place
     options: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -89,7 +89,7 @@ def read_whole_shot(table: Table) -> list[Entry]:
     others = _others(table, paths)
     root = table.file.parent
     pictures = whole_shot(paths["color"], paths.get("depth"), others, patterns_in=root)
-    return [Entry(picture, f"{table.file}: [inputs]") for picture in pictures]
+    return [Entry(picture, table.place()) for picture in pictures]
 
 
 def _paths(table: Table) -> dict[str, Path]:
@@ -133,7 +133,7 @@ def _from_files(table: Table, keyed: tuple[int, ...]) -> list[Entry]:
     )
     root = table.file.parent
     pictures = find_pictures(color, depth, others, patterns_in=root, frames=choice)
-    return [Entry(picture, f"{table.file}: [inputs]") for picture in pictures]
+    return [Entry(picture, table.place()) for picture in pictures]
 
 
 def _lists(table: Table) -> list[Path]:
@@ -156,7 +156,7 @@ def _from_tables(table: Table) -> list[Entry]:
         )
     if not tables:
         return []
-    places = (f"{table.file}: [[inputs.pictures]] {number}" for number in count(1))
+    places = (Place(table.file, f"[[inputs.pictures]] {number}") for number in count(1))
     return _from_rows(zip(places, tables, strict=False), table.file)
 
 
@@ -178,15 +178,13 @@ def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
     return entries
 
 
-def _entry(row: Mapping[str, Any], where: str, folder: Path) -> Entry:
+def _entry(row: Mapping[str, Any], where: Place, folder: Path) -> Entry:
     refuse_unknown(row, (*LENS_OPTIONS, *ROW_KEYS), where, "a row")
     options = {
-        key: checked(key, value, f"{where}: {key}")
-        for key, value in row.items()
-        if key not in ROW_KEYS
+        key: checked(key, value, where.at(key)) for key, value in row.items() if key not in ROW_KEYS
     }
-    refuse_contradiction(options, f"{where}: ")
-    paths = {key: _path(row[key], f"{where}: {key}", folder) for key in FILES if key in row}
+    refuse_contradiction(options, where)
+    paths = {key: _path(row[key], where.at(key), folder) for key in FILES if key in row}
     if "color" not in paths:
         raise InputError("empty", "names no color", "give it the path of a colour file", path=where)
     others: dict[str, Any] = {}
@@ -209,13 +207,13 @@ def _entry(row: Mapping[str, Any], where: str, folder: Path) -> Entry:
     return Entry(Picture(stem, color, paths.get("depth", color), **others), where, options)
 
 
-def _path(value: object, where: str, folder: Path) -> Path:
+def _path(value: object, where: Place, folder: Path) -> Path:
     if not isinstance(value, str) or not value or "\0" in value:
         raise InputError("malformed", f"{value!r} is not a path", "write it in quotes", path=where)
     return folder / value
 
 
-def _stem(value: object, where: str) -> str:
+def _stem(value: object, where: Place) -> str:
     stem = str(value)
     odd = not stem or "/" in stem or "\0" in stem or stem.startswith(".") or not stem.isprintable()
     if odd or not isinstance(value, str | int):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from defocus_core.batch.jobs.output_kinds import KINDS, PREVIEW, Kind
 from defocus_core.batch.lenses.lens import Lens
+from defocus_core.errors import UsageProblem
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.sidecars import files_beside
 
@@ -163,6 +164,21 @@ class Shot:
         }
 
 
+def reading_through(reading: Reading, lens: Lens | None) -> Reading:
+    """The reading of depth that a lens needs: as relative disparity if its blur is in pixels.
+
+    Raises:
+        UsageProblem: the reading says what the numbers are, or which are near in vain.
+    """
+    if lens is not None and lens.blur is not None:
+        return reading if reading.relative else reading.as_relative()
+    if reading.invert is not None:
+        problem = "turns numbers of relative disparity round"
+        remedy = "add ‹blur› 40px, or swap the ends of ‹depth-range›"
+        raise UsageProblem("idle-option", problem, remedy, field="invert")
+    return reading
+
+
 @dataclass(frozen=True)
 class Job:
     """One picture to render."""
@@ -175,6 +191,14 @@ class Job:
     suffix: str = ""  # tells this lens from others of the same picture
     shot: Shot | None = None
     split: str = ""  # of a dataset; it changes nothing in the outputs
+
+    def __post_init__(self) -> None:
+        """Read depth as the lens needs it.
+
+        Raises:
+            UsageProblem: the reading says what the numbers are, and the blur is in pixels.
+        """
+        object.__setattr__(self, "reading", reading_through(self.reading, self.lens))
 
     @property
     def files(self) -> dict[str, Path]:

@@ -3,6 +3,7 @@
 A TOML file with the tables
   [inputs]    pictures, see `inputs`
   [split]     shares of train, test, …, see `splits`
+  [dataset]   title, licence, source and citation, see `batch.datasets.origin`
   [lens]      the options of a lens; ``file``, a lens file below them; ``max-coc``, see [sample]
   [animate]   keys of lens options by frame, see `animation`; ``file``, files of
               keys; ``interpolation``
@@ -29,8 +30,10 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.allowed_values import QUALITIES
+from defocus_core.batch.datasets.origin import read_origin
 from defocus_core.batch.jobs.inputs import read_inputs, read_whole_shot
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Reading
+from defocus_core.batch.jobs.lens_plan import KEYS as LENS_KEYS
 from defocus_core.batch.jobs.lens_plan import lens_file_of, read_plan
 from defocus_core.batch.jobs.output_kinds import (
     FORMAT_ALIASES,
@@ -56,9 +59,19 @@ from defocus_core.errors import UsageProblem
 
 TABLES = (
     *("inputs", "split", "lens", "animate", "shot", "sweep", "sample"),
-    *("reading", "outputs", "machine"),
+    *("reading", "outputs", "machine", "dataset"),
 )
 MOST_JOBS = 10_000_000
+_OUTPUTS = (
+    *("kinds", "format", "exr-type", "jpeg-quality", "preview", "multiview", "keep-overscan"),
+    *("map-format", "inputs"),
+)
+_MACHINE = ("quality", "tolerance", "depth-repair")
+# The keys of tables that are options of a single picture, too.
+KEYS = {
+    **{"lens": LENS_KEYS, "reading": tuple(READING_OPTIONS)},
+    **{"outputs": _OUTPUTS, "machine": _MACHINE},
+}
 
 
 def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
@@ -88,6 +101,7 @@ def jobs_of(stored: Mapping[str, Any], path: Path, outputs: Outputs, machine: Ma
     """
     refuse_unknown(stored, TABLES, path, "a jobs file", "table")
     named = {name: table(path, stored, name) for name in TABLES}
+    read_origin(named["dataset"])
     reading = _reading(named["reading"], named["lens"], named["machine"])
     plan = read_plan(named["lens"], named["sweep"], named["sample"], radii=reading.holds_radii)
     outputs = _outputs(named["outputs"], outputs)
@@ -136,23 +150,11 @@ def _reading(section: Table, lens: Table, machine: Table) -> Reading:
             )
         repair = {"depth-repair": machine.values["depth-repair"]}
         values |= reading_values(repair, machine.place)
-    return make_reading(values, lens_file_reading(lens_file_of(lens)), section.place("edge-width"))
+    return make_reading(values, lens_file_reading(lens_file_of(lens)), section.place())
 
 
 def _outputs(section: Table, outputs: Outputs) -> Outputs:
-    section.refuse_unknown(
-        (
-            "kinds",
-            "format",
-            "exr-type",
-            "jpeg-quality",
-            "preview",
-            "multiview",
-            "keep-overscan",
-            "map-format",
-            "inputs",
-        )
-    )
+    section.refuse_unknown(_OUTPUTS)
     name = section.values.get("format")
     if isinstance(name, str):
         aliased = {**section.values, "format": FORMAT_ALIASES.get(name, name)}
@@ -199,7 +201,7 @@ def _kinds(section: Table) -> tuple[str, ...] | None:
 
 
 def _machine(section: Table, machine: Machine) -> Machine:
-    section.refuse_unknown(("quality", "tolerance", "depth-repair"))
+    section.refuse_unknown(_MACHINE)
     values: dict[str, Any] = {
         "quality": section.choice("quality", QUALITIES),
         "tolerance": section.parsed("tolerance", pixel_count),

@@ -8,8 +8,8 @@ lens file holds them, and reading options if it likes::
     focus = "2m"
     blades = 6
 
-The ``source`` of options is how errors about one of them begin: `CALLER` where the caller gave
-them himself, else the file or table, with a colon and a blank.
+The ``source`` of options is the place that they stand in, for errors: `CALLER` where the caller
+gave them himself.
 """
 
 from __future__ import annotations
@@ -23,11 +23,15 @@ from typing import Any
 from defocus_core.batch.jobs.reading_options import READING_OPTIONS
 from defocus_core.batch.jobs.toml_file import read_toml, refuse_unknown
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.parameters import ALTERNATIVES, LENS_OPTIONS, SHAPES, LensParam
+from defocus_core.batch.lenses.parameters import (
+    ALTERNATIVES,
+    BESIDE_BLUR,
+    LENS_OPTIONS,
+    SHAPES,
+    LensParam,
+)
 from defocus_core.batch.lenses.quantities import Percentile, length_text, read_at, text_of
-from defocus_core.errors import UsageProblem
-
-CALLER = "‹"
+from defocus_core.errors import CALLER, Place, UsageProblem
 
 
 @lru_cache(maxsize=65536)
@@ -40,7 +44,7 @@ def parsed(name: str, text: str) -> Any:
     return LENS_OPTIONS[name].parse(text)
 
 
-def checked(name: str, value: object, where: str) -> str:
+def checked(name: str, value: object, where: Place) -> str:
     """The text of an option, once it is known to make sense.
 
     Raises:
@@ -49,11 +53,6 @@ def checked(name: str, value: object, where: str) -> str:
     text = text_of(value)
     read_at(where, parsed, name, text)
     return text
-
-
-def at(source: str, name: str) -> str:
-    """How an error about an option begins."""
-    return f"‹{name}›" if source == CALLER else f"{source}{name}"
 
 
 def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
@@ -89,27 +88,30 @@ def make_lens(
     options = {name: value for name, value in flags.items() if value is not None}
     refuse_contradiction(options, CALLER)
     stored = {} if file is None else read_lens_file(file)
-    if radii:
-        refuse_optics(options, CALLER)
-        stored = shape_of(stored)
+    in_pixels = "blur" in options or "blur" in stored
+    if radii or in_pixels:
+        refuse_optics(options, CALLER, in_pixels=in_pixels)
+        stored = shape_of(stored, in_pixels=in_pixels)
     values = merged({name: parsed(name, text) for name, text in stored.items()}, options)
-    if not radii:
+    if in_pixels:
+        refuse_unfocused(values, CALLER)
+    elif not radii:
         refuse_missing(values, CALLER, lacking)
     for name in values:
-        source = CALLER if name in options else f"{file}: "
+        source = CALLER if name in options else Place(file)
         refuse_idle(LENS_OPTIONS[name], lambda of: values.get(of), source)
-    lens = lens_of(values, CALLER if {"focus", "focus-at"} & options.keys() else f"{file}: ")
+    lens = lens_of(values, CALLER if {"focus", "focus-at"} & options.keys() else Place(file))
     if lens.foc_dist is not None:
-        refuse_near_focus(lens.foc_dist, lens.foclen, at(lens.focus_source, "focus"))
+        refuse_near_focus(lens.foc_dist, lens.foclen, lens.focus_source.at("focus"))
     return lens
 
 
-def lens_of(values: Mapping[str, Any], source: str = "") -> Lens:
+def lens_of(values: Mapping[str, Any], source: Place = CALLER) -> Lens:
     """The lens of parsed options, of which none is missing and none contradicts another.
 
     Args:
         values: the options; of a lens whose shape alone is known, blades and their rotation.
-        source: how errors about the focus begin.
+        source: where the focus stands.
     """
     fields: dict[str, Any] = {"foclen": math.nan, "fnum": math.nan, "foc_dist": None}
     fields |= {LENS_OPTIONS[name].field_of(value): value for name, value in values.items()}
@@ -131,9 +133,9 @@ def read_lens_file(file: Path) -> dict[str, str]:
     stored = read_toml(file, what="lens file", remedy=remedy)
     stored = {name: value for name, value in stored.items() if name not in READING_OPTIONS}
     refuse_unknown(stored, tuple(LENS_OPTIONS), file, "a lens file")
-    refuse_contradiction(stored, f"{file}: ")
+    refuse_contradiction(stored, Place(file))
     return {
-        name: based(name, checked(name, value, f"{file}: {name}"), file)
+        name: based(name, checked(name, value, Place(file, field=name)), file)
         for name, value in stored.items()
     }
 
@@ -143,15 +145,15 @@ def based(name: str, text: str, file: Path) -> str:
     return str(file.parent / text) if isinstance(parsed(name, text), Path) else text
 
 
-def refuse_contradiction(values: Mapping[str, Any], source: str) -> None:
+def refuse_contradiction(values: Mapping[str, Any], source: Place) -> None:
     """Raise UsageProblem if two options set the same, like an f-number and a diameter."""
     for one, other in ALTERNATIVES:
         if one in values and other in values:
-            problem = f"contradicts {at(CALLER, other) if source == CALLER else other}"
-            raise UsageProblem("contradiction", problem, "give one of them", path=at(source, one))
+            problem = f"contradicts {CALLER.at(other) if source == CALLER else other}"
+            raise UsageProblem("contradiction", problem, "give one of them", path=source.at(one))
 
 
-def refuse_missing(values: Mapping[str, Any], source: str, lacking: Path | None = None) -> None:
+def refuse_missing(values: Mapping[str, Any], source: Place, lacking: Path | None = None) -> None:
     """Raise UsageProblem if a required option is missing, from the metadata of a picture, too."""
     problem = "is missing" if lacking is None else f"is missing, and not in {lacking} either"
     others = dict(ALTERNATIVES)
@@ -165,36 +167,64 @@ def refuse_missing(values: Mapping[str, Any], source: str, lacking: Path | None 
         else:
             either = f" or {other}" if other else ""
             remedy = f'write {name} = "{example}"{either} below [lens]'
-        raise UsageProblem("missing-option", problem, remedy, path=at(source, name))
+        raise UsageProblem("missing-option", problem, remedy, path=source.at(name))
 
 
-def refuse_optics(names: Iterable[str], source: str) -> None:
-    """Raise UsageProblem if an option decides the radii, which the depth files hold themselves."""
+def refuse_unfocused(values: Mapping[str, Any], source: Place) -> None:
+    """Raise UsageProblem if nothing says what is in focus beside a blur in pixels."""
+    if not values.keys() & {"focus-at", "focus-value"}:
+        problem, remedy = "says not what is in focus", "add ‹focus-at› X,Y or ‹focus-value› NUMBER"
+        raise UsageProblem("missing-option", problem, remedy, path=source.at("blur"))
+
+
+def refuse_optics(names: Iterable[str], source: Place, *, in_pixels: bool = False) -> None:
+    """Raise UsageProblem if an option decides the radii, which something else decides already.
+
+    Args:
+        names: of the options.
+        source: where they stand.
+        in_pixels: whether a blur in pixels decides them, else the depth files hold them.
+    """
     for name in names:
+        if in_pixels and name not in BESIDE_BLUR:
+            problem = "changes nothing beside blur, which is no lens"
+            raise UsageProblem(
+                "contradiction", problem, "leave one of them out", path=source.at(name)
+            )
+        if in_pixels:
+            continue
         if LENS_OPTIONS[name].is_optics:
             problem = "changes nothing: with depth-format coc, the files hold the radii"
             remedy = f"leave it out; {', '.join(SHAPES)} shape the opening"
-            raise UsageProblem("idle-option", problem, remedy, path=at(source, name))
+            raise UsageProblem("idle-option", problem, remedy, path=source.at(name))
 
 
-def shape_of(options: Mapping[str, Any]) -> dict[str, Any]:
-    """The options that shape the opening."""
-    return {name: value for name, value in options.items() if not LENS_OPTIONS[name].is_optics}
+def shape_of(options: Mapping[str, Any], *, in_pixels: bool) -> dict[str, Any]:
+    """The options that shape the opening, and the focus beside a blur in pixels."""
+    kept = BESIDE_BLUR if in_pixels else SHAPES
+    return {name: value for name, value in options.items() if name in kept}
 
 
-def refuse_idle(row: LensParam, value: Callable[[str], object], source: str) -> None:
+def refuse_idle(row: LensParam, value: Callable[[str], object], source: Place) -> None:
     """Raise UsageProblem if an option has a ``value``, and the option that it needs has none."""
     if row.needs and value(row.name) and not value(row.needs):
         example = LENS_OPTIONS[row.needs].example
         given = f"‹{row.needs}› {example}" if source == CALLER else f'{row.needs} = "{example}"'
         remedy = f"add {given}, or leave it out"
-        raise UsageProblem("idle-option", row.idle, remedy, path=at(source, row.name))
+        raise UsageProblem("idle-option", row.idle, remedy, path=source.at(row.name))
 
 
-def refuse_near_focus(foc_dist: float, foclen: float, where: str) -> None:
-    """Raise UsageProblem, naming ``where``, unless a lens of ``foclen`` can focus there (mm)."""
+def refuse_near_focus(foc_dist: float, foclen: float, where: Place, at: str = "") -> None:
+    """Raise UsageProblem unless a lens of ``foclen`` can focus so near (mm).
+
+    Args:
+        foc_dist: the distance in focus.
+        foclen: the focal length.
+        where: the place of the focus, for errors.
+        at: the file and the pixel that it was found at, if it was.
+    """
     if foc_dist <= foclen:
         near, far = length_text(foc_dist), length_text(foclen)
-        problem = f"{near} is not farther than the focal length {far}"
+        problem = f"{at}{near} is not farther than the focal length {far}"
         remedy = "focus farther away than that, or give a shorter focal length"
         raise UsageProblem("out-of-range", problem, remedy, path=where)

@@ -14,7 +14,6 @@ from typing import Any
 
 from defocus_core.batch.jobs.inputs import Entry
 from defocus_core.batch.jobs.lens_from_options import (
-    at,
     based,
     checked,
     lens_of,
@@ -26,6 +25,7 @@ from defocus_core.batch.jobs.lens_from_options import (
     refuse_missing,
     refuse_near_focus,
     refuse_optics,
+    refuse_unfocused,
     shape_of,
 )
 from defocus_core.batch.jobs.random_lenses import (
@@ -42,7 +42,7 @@ from defocus_core.batch.lenses.lens import Draw, Lens
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS, alternatives
 from defocus_core.batch.lenses.quantities import Percentile, pixel_count
 from defocus_core.batch.lenses.shipped_lenses import lens_path
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import Place, UsageProblem
 
 METADATA = "lens-from-metadata"
 KEYS = (*LENS_OPTIONS, "file", "max-coc", METADATA)
@@ -53,7 +53,7 @@ class LensPlan:
     """The lenses that take each picture.
 
     Attributes:
-        source: the jobs file, as errors begin with it.
+        source: the jobs file.
         options: options of all lenses, as texts.
         points: the lenses of the sweep.
         sampling: the options that are drawn, for each point.
@@ -62,7 +62,7 @@ class LensPlan:
         radii: the depth files hold radii, so that a lens is the shape of its opening alone.
     """
 
-    source: str
+    source: Place
     options: Mapping[str, str]
     points: Sequence[Point]
     sampling: Sampling
@@ -86,13 +86,13 @@ class LensPlan:
         Raises:
             UsageProblem: an option is missing or in two places, or the focus is too near.
         """
-        _refuse_taken(entry.options, self.taken, f"{entry.where}: ")
+        _refuse_taken(entry.options, self.taken, entry.where)
         shared = merged(merged(self.options, self.sampling.options), entry.options)
-        source = f"{entry.where}: " if entry.options else self.source
+        source = entry.where if entry.options else self.source
         if self.radii:
             refuse_optics(entry.options, source)
         if self.matched:
-            refuse_matched(entry.options, f"{entry.where}: ")
+            refuse_matched(entry.options, entry.where)
             _refuse_frame(entry)
         for point in self.points:
             options = merged(shared, point.options)
@@ -127,7 +127,7 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
         for name in LENS_OPTIONS
         if name in lens.values
     }
-    refuse_contradiction(own, f"{lens.file}: [lens] ")
+    refuse_contradiction(own, lens.place())
     points, sampling = read_sweep(sweep), read_sampling(sample)
     taken = {
         same: sweep.name
@@ -135,21 +135,24 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
         for name in point.options
         for same in alternatives(name)
     }
-    _refuse_taken(sampling.options, taken, sample.place(""))
+    _refuse_taken(sampling.options, taken, sample.place())
     taken |= {same: sample.name for name in sampling.options for same in alternatives(name)}
-    _refuse_taken(own, taken, lens.place(""))
+    _refuse_taken(own, taken, lens.place())
     file = lens_file_of(lens)
     stored = {} if file is None else read_lens_file(file)
+    swept = [name for point in points for name in point.options]
+    in_pixels = "blur" in {*stored, *own, *swept, *sampling.options}
     if radii:
-        refuse_optics(own, lens.place(""))
-        refuse_optics((name for point in points for name in point.options), sweep.place(""))
-        refuse_optics(sampling.options, sample.place(""))
-        stored = shape_of(stored)
+        refuse_optics(own, lens.place())
+        refuse_optics(swept, sweep.place())
+        refuse_optics(sampling.options, sample.place())
+    if radii or in_pixels:
+        stored = shape_of(stored, in_pixels=in_pixels)
     if sampling.match is not None:
         _refuse_beside_match(lens, sweep, sample, points, radii=radii)
         stored = {name: text for name, text in stored.items() if name not in MATCHED}
     return LensPlan(
-        source=f"{lens.file}: ",
+        source=Place(lens.file),
         options=merged(stored, own),
         points=points,
         sampling=sampling,
@@ -167,8 +170,8 @@ def _refuse_beside_match(
     Raises:
         UsageProblem: there is an option that does.
     """
-    refuse_matched(lens.values, lens.place(""))
-    refuse_matched((name for point in points for name in point.options), sweep.place(""))
+    refuse_matched(lens.values, lens.place())
+    refuse_matched((name for point in points for name in point.options), sweep.place())
     if radii:
         problem = "finds a lens of depth, and with depth-format coc the files hold radii"
         raise UsageProblem(
@@ -192,19 +195,22 @@ def lens_file_of(lens: Table) -> Path | None:
 
 def _max_coc(lens: Table, sample: Table) -> float | None:
     if "max-coc" in sample.values:
-        _refuse_taken(lens.values, {"max-coc": sample.name}, lens.place(""))
+        _refuse_taken(lens.values, {"max-coc": sample.name}, lens.place())
     table = sample if "max-coc" in sample.values else lens
     return table.parsed("max-coc", pixel_count)
 
 
-def _check_lens(options: Mapping[str, str], source: str, *, radii: bool, matched: bool) -> None:
+def _check_lens(options: Mapping[str, str], source: Place, *, radii: bool, matched: bool) -> None:
     """Refuse a lens without a required option, with a useless one, or that may focus too near."""
-    if not radii:
+    if "blur" in options:
+        refuse_optics(options, source, in_pixels=True)
+        refuse_unfocused(options, source)
+    elif not radii:
         found = dict.fromkeys(("fnumber", "focus"), "") if matched else {}
         refuse_missing({**options, **found}, source)
         nearest = min(_distances(options, "focus"), default=math.inf)
         longest = max(_distances(options, "focal-length"))
-        refuse_near_focus(nearest, longest, at(source, "focus"))
+        refuse_near_focus(nearest, longest, source.at("focus"))
     for name in options:
         refuse_idle(LENS_OPTIONS[name], lambda of: any(_extremes(options, of)), source)
 
@@ -224,10 +230,10 @@ def _extremes(options: Mapping[str, str], name: str) -> tuple[Any, ...]:
     return (parsed(name, options[name]),) if drawn is None else drawn.values
 
 
-def _refuse_taken(options: Iterable[str], taken: Mapping[str, str], source: str) -> None:
+def _refuse_taken(options: Iterable[str], taken: Mapping[str, str], source: Place) -> None:
     """Refuse options that another table of the jobs file sets, too."""
     for name in options:
         if name in taken:
             raise UsageProblem(
-                "contradiction", f"is in [{taken[name]}], too", "remove one", path=at(source, name)
+                "contradiction", f"is in [{taken[name]}], too", "remove one", path=source.at(name)
             )

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import Place, UsageProblem
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -142,7 +142,7 @@ MAP_FORMATS = ("exr", "tiff")
 FORMAT_ALIASES = {"jpeg": "jpg", "tif": "tiff"}
 
 
-def in_one_file(kinds: tuple[str, ...], where: str) -> tuple[str, ...]:
+def in_one_file(kinds: tuple[str, ...], where: Place) -> tuple[str, ...]:
     """The kinds of output with left and right in one file.
 
     Args:

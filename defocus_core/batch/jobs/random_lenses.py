@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from defocus_core.batch.jobs.lens_from_options import at, lens_of, parsed, refuse_contradiction
+from defocus_core.batch.jobs.lens_from_options import lens_of, parsed, refuse_contradiction
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.batch.lenses.lens import Draw, Lens
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS
@@ -28,7 +28,7 @@ from defocus_core.batch.lenses.quantities import (
     text_of,
 )
 from defocus_core.batch.lenses.radius_set import Radii, RadiusSet, read_radius_set, spread
-from defocus_core.errors import UsageProblem, reason
+from defocus_core.errors import Place, UsageProblem, reason
 
 if TYPE_CHECKING:
     from defocus_core.optics.distributions import Distribution
@@ -39,12 +39,12 @@ MATCHED = (*(name for name, row in LENS_OPTIONS.items() if row.is_matched), "max
 _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
 
 
-def drawn_lens(draw: Draw, source: str, max_coc: float | None) -> Lens:
+def drawn_lens(draw: Draw, source: Place, max_coc: float | None) -> Lens:
     """The lens of a draw.
 
     Args:
         draw: its seed, picture, number and options.
-        source: how errors about the focus begin.
+        source: where the focus stands.
         max_coc: largest CoC radius in px that it may have in its picture.
     """
     from defocus_core.optics.distributions import drawn
@@ -94,7 +94,7 @@ def read_sampling(table: Table) -> Sampling:
             "missing-option", "is missing", f"write {key} = 7 below [sample]", path=table.place(key)
         )
     options = {name: text_of(table.values[name]) for name in LENS_OPTIONS if name in table.values}
-    refuse_contradiction(options, f"{table.file}: [sample] ")
+    refuse_contradiction(options, table.place())
     for name, text in options.items():
         if read_at(table.place(name), distribution, name, text) is None:
             remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
@@ -109,11 +109,11 @@ def read_sampling(table: Table) -> Sampling:
         )
     if match is None:
         return Sampling(count, seed, options)
-    refuse_matched((name for name in MATCHED if name in table.values), table.place(""))
+    refuse_matched((name for name in MATCHED if name in table.values), table.place())
     return Sampling(count, seed, options, read_radius_set(table.file.parent / match))
 
 
-def refuse_matched(names: Iterable[str], source: str) -> None:
+def refuse_matched(names: Iterable[str], source: Place) -> None:
     """Refuse options that ``match`` decides.
 
     Raises:
@@ -122,9 +122,7 @@ def refuse_matched(names: Iterable[str], source: str) -> None:
     for name in names:
         if name in MATCHED:
             problem = "stands beside match in [sample], which finds focus and f-number"
-            raise UsageProblem(
-                "contradiction", problem, "remove one of them", path=at(source, name)
-            )
+            raise UsageProblem("contradiction", problem, "remove one of them", path=source.at(name))
 
 
 @lru_cache(maxsize=4096)

@@ -26,7 +26,7 @@ from defocus_core.batch.lenses.quantities import (
     read_at,
     text_of,
 )
-from defocus_core.errors import UsageProblem, did_you_mean
+from defocus_core.errors import CALLER, Place, UsageProblem, did_you_mean
 from defocus_core.io.depth_formats.reading import GEOMETRIES, INVALID, KINDS, RESIZES, UNPREMULTIPLY
 from defocus_core.io.depth_formats.table import NAMES, UNITS
 
@@ -217,6 +217,13 @@ _ROWS = (
         )
     ),
     ReadingParam(
+        name="invert",
+        flag=True,
+        parse=str,
+        help="Black is near in a depth of relative disparity; with ‹blur›.",
+        of_pictures=True,
+    ),
+    ReadingParam(
         name="fov",
         parse=field_of_view,
         metavar="DEG",
@@ -304,12 +311,12 @@ _ROWS = (
 READING_OPTIONS: Mapping[str, ReadingParam] = {row.name: row for row in _ROWS}
 
 
-def reading_values(values: Mapping[str, Any], where: Callable[[str], str]) -> dict[str, Any]:
+def reading_values(values: Mapping[str, Any], where: Callable[[str], Place]) -> dict[str, Any]:
     """Fields of `Reading` of the values of a table of a TOML file; other keys are passed over.
 
     Args:
         values: keys of the file and their values.
-        where: file and key, for errors.
+        where: the place of a key, for errors.
 
     Raises:
         UsageProblem: a value makes no sense.
@@ -344,11 +351,13 @@ def lens_file_reading(file: Path | None) -> dict[str, Any]:
         return {}
     remedy = 'give a TOML file, with lines like focal-length = "50mm"'
     stored = read_toml(file, what="lens file", remedy=remedy)
-    return reading_values(stored, lambda name: f"{file}: {name}")
+    return reading_values(stored, Place(file).at)
 
 
 def make_reading(
-    fields: Mapping[str, Any], below: Mapping[str, Any], edge_width_place: str = "‹edge-width›"
+    fields: Mapping[str, Any],
+    below: Mapping[str, Any],
+    source: Place = CALLER,
 ) -> Reading:
     """The reading of the fields that are set, over those of a lens file.
 
@@ -360,11 +369,13 @@ def make_reading(
     repair, width = reading.depth_repair, reading.edge_width
     if width is not None and (repair == "off" or (repair != "auto" and width == 0)):
         problem = f"of {width:g}px contradicts depth-repair {repair}"
-        raise UsageProblem("contradiction", problem, "leave one of them out", path=edge_width_place)
+        raise UsageProblem(
+            "contradiction", problem, "leave one of them out", path=source.at("edge-width")
+        )
     return reading
 
 
-def _parsed(row: ReadingParam, value: object, where: str) -> Any:
+def _parsed(row: ReadingParam, value: object, where: Place) -> Any:
     if row.parse is str and not (isinstance(value, str) and value and "\0" not in value):
         raise UsageProblem(
             "malformed", f"{value!r} is not a text", "write it in quotes", path=where

@@ -32,8 +32,9 @@ from defocus_core.batch.jobs.reading_options import field_of_view
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import alternatives
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import Place, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
+from defocus_core.io.images.describe import describe
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW
 from defocus_core.io.shots.lens_metadata import OptionFromMetadata, lens_of
 
@@ -122,8 +123,6 @@ class ShotLenses:
 
     def _focal_length(self, text: str, picture: Picture) -> str:
         """The focal length of a vertical field of view, on the sensor of the picture's shape."""
-        from defocus_core.io.images.describe import describe
-
         stored = {} if self.file is None else read_lens_file(self.file)
         width = self.flags.get("sensor-width") or parsed(
             "sensor-width", stored.get("sensor-width", f"{Lens.sensor_width}mm")
@@ -144,7 +143,7 @@ def read_animation_table(table: Table) -> Animation:
         InputError: a file of keys cannot be read, or makes no sense.
         UsageProblem: an option is unknown or animated twice, or a value makes no sense.
     """
-    values, interpolation = interpolation_of(table.values, table.place("").rstrip())
+    values, interpolation = interpolation_of(table.values, table.place())
     files = values.pop("file", [])
     files = files if isinstance(files, list) else [files]
     if not all(isinstance(file, str) and file for file in files):
@@ -152,7 +151,7 @@ def read_animation_table(table: Table) -> Animation:
         raise UsageProblem(
             "malformed", problem, 'write file = "pull.csv"', path=table.place("file")
         )
-    keys = keys_of_table(values, table.place("").rstrip())
+    keys = keys_of_table(values, table.place())
     return read_animation(files, interpolation, keys, table.file.parent)
 
 
@@ -176,7 +175,7 @@ def animated(
                     "contradiction",
                     "is in [animate], too",
                     "remove one",
-                    path=f"{lens.file}: [{table}] {same}",
+                    path=Place(lens.file, f"[{table}]", same),
                 )
     width = {n: parsed(n, text) for n, text in plan.options.items() if n == "sensor-width"}
     metres = UNITS[reading.depth_unit or "m"]

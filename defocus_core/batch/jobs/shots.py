@@ -14,7 +14,7 @@ from functools import cache
 from defocus_core.batch.jobs.job import FrameLens, Job, Picture, Shot
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import CALLER, Place, UsageProblem
 from defocus_core.io.shots.frame_patterns import window_of
 
 KEYS = ("steady", "focus-smooth", "motion")
@@ -33,13 +33,13 @@ class SharedDecisions:
         focus_smooth: number of frames over which a focus that depth decides is averaged; None for
             one focus for all of the shot, or each frame's own if the point moves.
         motion: layer of motion vectors; None if there is none.
-        place: how errors about one of them begin.
+        place: the place of one of them, for errors.
     """
 
     steady: bool | None = None
     focus_smooth: int | None = None
     motion: str | None = None
-    place: Callable[[str], str] = lambda name: f"‹{name}›"
+    place: Callable[[str], Place] = CALLER.at
 
     def refuse_lone(self) -> None:
         """Raise UsageProblem if anything is asked of frames where there is no shot."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from defocus_core.batch.jobs.job import Picture
 from defocus_core.batch.jobs.toml_file import Table
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import CALLER, Place, UsageProblem
 from defocus_core.system.log import note
 from defocus_core.system.text import counted
 
@@ -30,7 +30,7 @@ class Splits:
 
     shares: Mapping[str, float]
     scene: re.Pattern[str] | None = None
-    where: str = ""
+    where: Place = CALLER
 
     def assign(self, pictures: Sequence[Picture]) -> list[str]:
         """The split of each picture; empty words without splits.

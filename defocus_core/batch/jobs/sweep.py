@@ -24,7 +24,7 @@ from defocus_core.batch.jobs.lens_from_options import (
 from defocus_core.batch.jobs.toml_file import Table, refuse_unknown
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.batch.lenses.quantities import Percentile
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import Place, UsageProblem
 
 MOST_LENSES = 100_000
 _RANGE = re.compile(r"(.+?)\.\.(.+?)@\s*(\d{1,6})\s*(?:in\s+(\w+)\s*)?")
@@ -56,12 +56,12 @@ def read_sweep(table: Table) -> list[Point]:
     for name in LENS_OPTIONS:
         if name in table.values:
             texts = _values(name, table.values[name], table.place(name), table.file)
-            _refuse_many(math.prod(map(len, axes)) * len(texts), f"{table.file}: [sweep]")
+            _refuse_many(math.prod(map(len, axes)) * len(texts), table.place())
             axes.append([{name: text} for text in texts])
     return _points(table, axes)
 
 
-def _refuse_many(count: int, where: str) -> None:
+def _refuse_many(count: int, where: Place) -> None:
     if count > MOST_LENSES:
         problem = f"makes {count} lenses for each picture"
         raise UsageProblem("out-of-range", problem, f"ask for at most {MOST_LENSES}", path=where)
@@ -79,7 +79,7 @@ def _points(table: Table, axes: Sequence[Sequence[Mapping[str, str]]]) -> list[P
                     "contradiction", problem, "sweep it in one place", path=table.place(twice)
                 )
             options |= part
-        refuse_contradiction(options, f"{table.file}: [sweep] ")
+        refuse_contradiction(options, table.place())
         rows = (row for name, row in LENS_OPTIONS.items() if name in options)
         suffix = "".join(f"_{row.file_tag(parsed(row.name, options[row.name]))}" for row in rows)
         if suffix in points:
@@ -91,7 +91,7 @@ def _points(table: Table, axes: Sequence[Sequence[Mapping[str, str]]]) -> list[P
     return list(points.values())
 
 
-def _values(name: str, value: object, where: str, file: Path) -> list[str]:
+def _values(name: str, value: object, where: Place, file: Path) -> list[str]:
     """Texts of the values of one option."""
     if isinstance(value, str) and ".." in value:
         return _range(name, value, where)
@@ -111,14 +111,14 @@ def _sets(table: Table) -> list[dict[str, str]]:
     refuse_unknown((name for one in sets for name in one), tuple(LENS_OPTIONS), where, "a lens")
     return [
         {
-            name: based(name, checked(name, value, f"{where}: {name}"), table.file)
+            name: based(name, checked(name, value, where.at(f"lenses: {name}")), table.file)
             for name, value in one.items()
         }
         for one in sets
     ]
 
 
-def _range(name: str, text: str, where: str) -> list[str]:
+def _range(name: str, text: str, where: Place) -> list[str]:
     """Texts of the values of a range; its ends are as they are written, values between rounded."""
     match = _RANGE.fullmatch(text.strip())
     if not match:
@@ -147,7 +147,7 @@ def _range(name: str, text: str, where: str) -> list[str]:
     return [checked(name, row.text(value), where) for value in values]
 
 
-def _end(name: str, text: str, where: str) -> float:
+def _end(name: str, text: str, where: Place) -> float:
     value: Any = parsed(name, checked(name, text, where))
     if isinstance(value, Percentile | tuple | Path | str):
         raise UsageProblem(

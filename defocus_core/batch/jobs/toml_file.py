@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from defocus_core.batch.lenses.quantities import read_at, text_of
-from defocus_core.errors import InputError, UsageProblem, did_you_mean, reason
+from defocus_core.errors import InputError, Place, UsageProblem, cannot_read, did_you_mean, reason
 from defocus_core.io.below import open_plain
 
 T = TypeVar("T")
@@ -44,13 +44,13 @@ class Table:
     name: str
     values: Mapping[str, Any] = field(default_factory=dict)
 
-    def place(self, key: str) -> str:
-        """File, table and key, for errors."""
-        return f"{self.file}: [{self.name}] {key}"
+    def place(self, key: str = "") -> Place:
+        """The place of a key, or of the table itself, for errors."""
+        return Place(self.file, f"[{self.name}]", key)
 
     def refuse_unknown(self, known: Sequence[str]) -> None:
         """Refuse keys other than ``known``, as the function does."""
-        refuse_unknown(self.values, known, f"{self.file}: [{self.name}]", f"[{self.name}]")
+        refuse_unknown(self.values, known, self.place(), f"[{self.name}]")
 
     def text(self, key: str) -> str | None:
         """A text, or None."""
@@ -103,7 +103,7 @@ class Table:
 
 
 def refuse_unknown(
-    keys: Iterable[str], known: Sequence[str], where: str | Path, owner: str, what: str = "key"
+    keys: Iterable[str], known: Sequence[str], where: Place | Path, owner: str, what: str = "key"
 ) -> None:
     """Refuse keys, or table names, of a file that are not known.
 
@@ -142,9 +142,7 @@ def _text(file: Path, what: str, remedy: str) -> str:
             data = opened.read(LARGEST_FILE + 1)  # not all of /dev/zero
         text = data.decode("utf-8-sig")
     except OSError as error:
-        raise InputError(
-            "unreadable", f"cannot be read: {reason(error)}", remedy, path=file
-        ) from None
+        raise cannot_read(file, error, remedy) from None
     except UnicodeDecodeError:
         raise InputError("malformed", "is not a text file", remedy, path=file) from None
     # A key of n parts takes memory of n² bytes, and the square of a line of names is small.

@@ -35,7 +35,7 @@ from typing import Any, NamedTuple
 
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.record_check import fault_of, linked_folders
-from defocus_core.errors import InputError, reason
+from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import is_at, sync_folder, unwritable
 
@@ -140,10 +140,7 @@ def read(path: Path) -> list[Record]:
     except FileNotFoundError:
         return []
     except OSError as error:
-        remedy = "check its permissions"
-        raise InputError(
-            "unreadable", f"cannot be read: {reason(error)}", remedy, path=path
-        ) from error
+        raise cannot_read(path, error, "check its permissions") from error
     lines = [(number, line) for number, line in enumerate(data.split(b"\n"), 1) if line]
     if lines and not _is_whole(lines[-1][1]):
         lines.pop()

@@ -24,7 +24,7 @@ from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.journal.plain_values import typed
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import LENS_FILES
-from defocus_core.errors import InputError
+from defocus_core.errors import InputError, Place
 
 
 def failed_jobs(ledger: Ledger, reasons: Collection[str]) -> list[Job]:
@@ -79,7 +79,7 @@ def _lens(asked: Mapping[str, Any], inputs: Mapping[str, Any], out: Path) -> Len
     lens: Lens = typed(Lens, asked)
     recorded = {name: inputs[name]["path"] for name in LENS_FILES if name in inputs}
     files: dict[str, Any] = {name: input_place(path, out) for name, path in recorded.items()}
-    return replace(lens, **files)
+    return replace(lens, focus_source=Place(out), **files)
 
 
 def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") -> Picture:

@@ -17,7 +17,7 @@ from pathlib import Path
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.journal.journal import Record, Shard, files_of
 from defocus_core.batch.journal.record_check import is_moment, output_fault
-from defocus_core.errors import InputError, reason
+from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import leftover, written_whole
 
@@ -132,10 +132,7 @@ def _read(path: Path) -> RunPlan | None:
     except FileNotFoundError:
         return None
     except OSError as error:
-        remedy = "remove it"
-        raise InputError(
-            "unreadable", f"cannot be read: {reason(error)}", remedy, path=path
-        ) from None
+        raise cannot_read(path, error, "remove it") from None
     try:
         plan = RunPlan(**json.loads(text))
         files = [*plan.jobs, plan.unknown]

@@ -10,6 +10,7 @@ from typing import Any
 
 from defocus_core.batch.lenses.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
 from defocus_core.batch.lenses.quantities import Percentile, length_text
+from defocus_core.errors import CALLER, Place
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,8 @@ class Lens:
     Its focus is at ``foc_dist``, at the depth of pixel ``focus_at``, or at ``focus_percentile`` of
     the depth; `batch.depth.focusing.focused` finds the distance. Where a file holds radii
     instead of depth, only the shape of the opening is known: focal length and f-number are NaN.
-    With ``radii_px`` the depth decides f-number, too, which is NaN before.
+    With ``radii_px`` the depth decides f-number, too, which is NaN before. With ``blur`` there is
+    no lens but that shape, either: its radii are linear in the numbers of the depth file.
     """
 
     foclen: float
@@ -50,6 +52,9 @@ class Lens:
     blade_rotation: float = 0.0
     focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
     max_coc: float | None = None  # px, largest CoC radius that the picture may have
+    blur: float | None = None  # px, radius of the most blurred pixel, instead of optics
+    focus_value: float | None = None  # number of the depth file in focus, with ``blur``
+    clamp_blur: float | None = None  # px that no radius exceeds
     sharp_range: tuple[float, float] | None = None  # nearest and farthest of what is in focus, too
     cat_eye: tuple[float, float] | None = None  # radius and distance of the rim, in pupil radii
     vignetting: bool = False
@@ -63,12 +68,13 @@ class Lens:
     dp_model: str = "split"
     dp_kernels: Path | None = None  # what photodiodes see, instead of a model
     dp_crosstalk: float = 0.0
+    breathing: float = 0.0  # px outwards at the side borders, of a blur of 1 px
     noise: tuple[float, float] | None = None  # electrons of a light of 1, and of read noise
     noise_seed: int = 0
     radii_px: tuple[float, float, float] | None = None  # mean, median, 99th percentile of the blur
     draw: Draw | None = None  # of a random lens; another can be drawn from it
-    # How errors about its focus begin: the file that sets it, if one does.
-    focus_source: str = field(default="", compare=False)
+    # Where its focus stands, for errors.
+    focus_source: Place = field(default=CALLER, compare=False)
 
     @property
     def effects(self) -> dict[str, Any]:
@@ -126,8 +132,13 @@ def lens_words(lens: Lens) -> str:
 
 def lens_record_words(lens: Mapping[str, Any]) -> str:
     """A record of a lens in words."""
+    shown = [name for name in EFFECTS if name not in ("blur", "focus_value")]
     shape = f", {lens['blades']} blades" if lens["blades"] else ""
-    shape += "".join(f", {name.replace('_', ' ')} {lens[name]}" for name in EFFECTS if name in lens)
+    shape += "".join(f", {name.replace('_', ' ')} {lens[name]}" for name in shown if name in lens)
+    if "blur" in lens:
+        at = "{},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""
+        where = f"at {at}" if at else f"on the number {lens.get('focus_value', 0):g}"
+        return f"blur of {lens['blur']:g}px, focus {where}{shape}"
     if lens["focal_length_mm"] is None:
         return f"radii of the file{shape}"
     if lens["fnumber"] is None:

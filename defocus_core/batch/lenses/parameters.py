@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from defocus_core.allowed_values import DUAL_PIXEL_MODELS
+from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
 from defocus_core.batch.lenses import quantities
 from defocus_core.batch.lenses.quantities import Percentile, length_text
 
@@ -94,7 +94,7 @@ class LensParam(Param):
         is_matched: radii of a set decide it, so that it cannot be given beside them.
         even_in: the scale of sweeps in which it goes evenly between keys of frames, as one number
             or several; empty for what holds until the next key, and is drawn by choice only.
-        bare_unit: unit of a key of a frame that is a number alone.
+        bare_unit: unit of a key of a frame that is a number alone, where that is another.
         recorded_as: its key in records of any lens; empty where its field is recorded if it is on.
         file_field: the field that has the path, where the value may be a file.
     """
@@ -137,7 +137,8 @@ class LensParam(Param):
             is_bare = math.isfinite(float(text))
         except ValueError:
             is_bare = False
-        return f"{text.strip()}{self.bare_unit}" if is_bare else text
+        unit = self.bare_unit or ("" if self.separator else self.unit)
+        return f"{text.strip()}{unit}" if is_bare else text
 
     def file_tag(self, value: object) -> str:
         """The part of a file name for a value, like ``focus2m``, ``f1.4`` or ``at240x135``."""
@@ -165,7 +166,6 @@ _ROWS = (
         stored_as="foclen",
         recorded_as="focal_length_mm",
         unit="mm",
-        bare_unit="mm",
         even_in="log",
         required=True,
         is_optics=True,
@@ -193,7 +193,6 @@ _ROWS = (
         example="36mm",
         recorded_as="fnumber",
         unit="mm",
-        bare_unit="mm",
         even_in="log",
         instead_of="fnumber",
         is_optics=True,
@@ -208,7 +207,6 @@ _ROWS = (
         example="36mm",
         recorded_as="sensor_width_mm",
         unit="mm",
-        bare_unit="mm",
         even_in="log",
         is_optics=True,
     ),
@@ -255,6 +253,41 @@ _ROWS = (
         even_in="disparity",
         is_optics=True,
         is_matched=True,
+    ),
+    LensParam(
+        name="blur",
+        parse=quantities.pixel_count,
+        metavar="PX",
+        help="Radius of the most blurred pixel, like 40px, instead of a lens: the depth is "
+        "relative disparity of any scale, white near; ‹focus-at› or ‹focus-value› says what is in "
+        "focus.",
+        tag="blur",
+        example="40px",
+        unit="px",
+        even_in="log",
+    ),
+    LensParam(
+        name="focus-value",
+        parse=quantities.number,
+        metavar="NUMBER",
+        help="The number of the depth file that is in focus, like 128; with ‹blur›.",
+        tag="value",
+        example="128",
+        even_in="steps",
+        needs="blur",
+        idle="is in focus with a blur in pixels only",
+        instead_of="focus-at",
+    ),
+    LensParam(
+        name="clamp-blur",
+        parse=quantities.pixel_count,
+        metavar="PX",
+        help="No radius is larger than this, like 60px; how many were is said.  "
+        "[default: no limit]",
+        tag="clamp",
+        example="60px",
+        unit="px",
+        even_in="log",
     ),
     LensParam(
         name="cat-eye",
@@ -382,11 +415,12 @@ _ROWS = (
     ),
     LensParam(
         name="dp-model",
-        parse=quantities.dual_pixel(DUAL_PIXEL_MODELS),
+        parse=quantities.dual_pixel((*DUAL_PIXEL_MODELS, *DUAL_PIXEL_SENSORS)),
         metavar="MODEL",
         help="Dual pixels: split, each photodiode sees half of the opening; smooth, all of it, "
-        "less and less towards the other side, as in real sensors; or an NPY file of two kernels "
-        "that were measured, left and right, like pair.npy.  [default: split]",
+        "less and less towards the other side; a sensor that was measured, @pixel4 or "
+        "@canon-dpp; or a file of kernels that were, like pair.npy. Split is ideal, a choice: on "
+        "real pairs it costs 3 to 8 dB.  [default: split]",
         tag="dp",
         example="smooth",
         file_field="dp_kernels",
@@ -398,6 +432,16 @@ _ROWS = (
         help="Share of its light that each photodiode gives to the other, like 0.15.  [default: 0]",
         tag="crosstalk",
         example="0.15",
+        even_in="steps",
+    ),
+    LensParam(
+        name="breathing",
+        parse=quantities.within(-1, 1, "a breathing", "like 0.2"),
+        metavar="-1…1",
+        help="Breathing of the focus: px by which a blur of 1 px is drawn outwards at the left and "
+        "right border, like 0.2, and less nearer to the middle.  [default: 0]",
+        tag="breath",
+        example="0.2",
         even_in="steps",
     ),
     LensParam(
@@ -425,6 +469,7 @@ _ROWS = (
 LENS_OPTIONS: Mapping[str, LensParam] = {row.name: row for row in _ROWS}
 ALTERNATIVES = tuple((row.instead_of, row.name) for row in _ROWS if row.instead_of)
 SHAPES = tuple(row.name for row in _ROWS if not row.is_optics)
+BESIDE_BLUR = frozenset({*SHAPES, "focus-at"})  # what has an effect where the blur is in pixels
 # The options by their keys in records: those of any lens, and those of effects that are on.
 RECORDED = {row.recorded_as: row for row in _ROWS if row.recorded_as and not row.instead_of}
 EFFECT_OPTIONS = {

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from defocus_core.allowed_values import AUTO_LIGHTS
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import Place, UsageProblem
 
 T = TypeVar("T")
 
@@ -51,7 +51,7 @@ class Percentile:
         return f"percentile({self.percent:.9g})"
 
 
-def read_at(where: str, parse: Callable[..., T], *texts: str) -> T:
+def read_at(where: Place, parse: Callable[..., T], *texts: str) -> T:
     """The value that a parser reads from a text.
 
     Raises:
@@ -171,12 +171,12 @@ def one_of(words: Sequence[str], what: str) -> Callable[[str], str]:
 
 
 def dual_pixel(models: Sequence[str]) -> Callable[[str], str | Path]:
-    """A parser of one of some models of dual pixels, or of the path of a file of kernels, NPY."""
+    """A parser of one of some models of dual pixels, or of the path of a file of kernels."""
 
     def parse(text: str) -> str | Path:
         if (word := text.strip().lower()) in models:
             return word
-        if not word.endswith(".npy"):
+        if not word.endswith((".npy", ".npz")) or word.startswith("@"):
             remedy = f"write {' or '.join(models)}, or name a file of kernels, like pair.npy"
             raise QuantityError(f"'{text}' is not a model of dual pixels", remedy)
         return file(text)

@@ -16,7 +16,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
-from defocus_core.errors import InputError
+from defocus_core.errors import InputError, Place
 from defocus_core.io.rows import read_rows
 
 MEASURES = ("coc_mean_px", "coc_p50_px", "coc_p99_px")
@@ -82,7 +82,7 @@ def read_radius_set(place: Path) -> RadiusSet:
     return _set_of(rows)
 
 
-def _numbers(row: Mapping[str, Any], where: str) -> tuple[float, ...]:
+def _numbers(row: Mapping[str, Any], where: Place) -> tuple[float, ...]:
     """Mean, median and 99th percentile of a row, and its count."""
     found = []
     for name in (*MEASURES, _COUNT):

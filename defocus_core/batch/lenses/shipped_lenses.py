@@ -7,7 +7,7 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
-from defocus_core.errors import UsageProblem, did_you_mean
+from defocus_core.errors import Place, UsageProblem, did_you_mean
 
 MARK = "@"
 
@@ -37,7 +37,7 @@ def shipped_lenses() -> tuple[ShippedLens, ...]:
     )
 
 
-def lens_path(path: Path, where: str) -> Path:
+def lens_path(path: Path, where: Place) -> Path:
     """The lens file of a path, or of a name like ``@portrait-85``.
 
     Raises:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.batch.look.preview import diverging, largest
 from defocus_core.io.arrays import LazyArray, bands
+from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from defocus_core.io.images.color_planes import Color
 
 _SHARP_PX = 1.0  # radius up to which a pixel counts as sharp
 _SHARP = (0.25, 0.80, 0.35)  # sRGB
@@ -30,8 +29,6 @@ def focus_planes(color: Color, radius: Any) -> tuple[Any, ...]:
         color: the colour input.
         radius: signed CoC radius in px, [H, W].
     """
-    import numpy as np
-
     most = max(largest(radius[rows]) for rows in bands(radius.shape))
     inset = _histogram(radius, most)
     height, width = inset.shape[:2]
@@ -56,8 +53,6 @@ def focus_planes(color: Color, radius: Any) -> tuple[Any, ...]:
 
 def _hues(radius: NDArray[Any], most: float) -> NDArray[Any]:
     """Colours [..., 3], sRGB, of signed radii [h, w]."""
-    import numpy as np
-
     sharp = np.abs(radius) <= _SHARP_PX
     hues: NDArray[Any] = diverging(radius, most / 2)
     hues[sharp] = _SHARP
@@ -66,12 +61,12 @@ def _hues(radius: NDArray[Any], most: float) -> NDArray[Any]:
 
 def _histogram(radius: Any, most: float) -> NDArray[Any]:
     """Bars of how many pixels have a radius, from the least to the greatest, sRGB [h, w, 3]."""
-    import numpy as np
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     strips = [radius[rows] for rows in bands(radius.shape)]
     ends = min(float(s.min()) for s in strips), max(float(s.max()) for s in strips)
-    width_px = max(ends[1] - ends[0], 1e-6)
+    least = 2 * _BINS * float(np.spacing(np.float32(max(map(abs, ends)))))  # two numbers a bin
+    width_px = max(ends[1] - ends[0], 1e-6, least)
     of_strips = [np.histogram(s, _BINS, (ends[0], ends[0] + width_px))[0] for s in strips]
     counts = np.sum(of_strips, axis=0)
     height, width = (

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from hashlib import blake2b
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.io.arrays import LazyArray
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from defocus_core.io.exr.writing import clamped_half
 
 _SEED_BYTES = 5  # of a seed, of which rows of pictures make others
 
@@ -46,10 +47,8 @@ def _noisy(plane: Any, electrons: float, read: float, words: str) -> LazyArray:
     seed = int.from_bytes(blake2b(words.encode(), digest_size=_SEED_BYTES).digest())
 
     def read_rows(rows: slice) -> NDArray[Any]:
-        import numpy as np
         import torch
 
-        from defocus_core.io.exr.writing import clamped_half
         from defocus_core.optics.sensor_noise import with_noise
 
         values = np.asarray(plane[rows])

@@ -8,15 +8,20 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from defocus_core.batch.jobs.output_kinds import DISPARITY_PER_RADIUS
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import InputError, UsageProblem, reason
+from defocus_core.io.array_files.float_maps import NPY_MAGIC, read_npy
+from defocus_core.io.exr.writing import write_exr
+from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import linear_to_srgb, quantised
+from defocus_core.io.images.encode import write_samples
 from defocus_core.io.safe_files import read_head
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from defocus_core.optics.aperture import Aperture
     from defocus_core.optics.cat_eye import CatEye
     from defocus_core.optics.dual_pixel import DualPixel
@@ -120,8 +125,17 @@ def dual_pixel_of(lens: Lens) -> DualPixel:
     """
     from defocus_core.optics.dual_pixel import DualPixel
 
-    measured = None if lens.dp_kernels is None else _pair(lens.dp_kernels, _stamp(lens.dp_kernels))
+    measured = None if lens.dp_kernels is None else measured_pair(lens.dp_kernels)
     return DualPixel(lens.dp_model, lens.dp_crosstalk, measured)
+
+
+def measured_pair(path: Path) -> tuple[Sensitivity, Sensitivity]:
+    """What the left and the right photodiodes see, of a file of their kernels.
+
+    Raises:
+        InputError: the file cannot be read, or does not hold two kernels.
+    """
+    return _pair(path, _stamp(path))
 
 
 def disparity_of(lens: Lens) -> float:
@@ -156,10 +170,8 @@ def _pair(path: Path, _stamp: object) -> tuple[Sensitivity, Sensitivity]:
     Raises:
         InputError: the file cannot be read, or does not hold two kernels.
     """
-    import numpy as np
     import torch
 
-    from defocus_core.io.array_files.float_maps import read_npy
     from defocus_core.optics.sensitivity import sensitivities
 
     values = np.array(read_npy(path, integers=True), "float64")
@@ -181,11 +193,8 @@ def _pair(path: Path, _stamp: object) -> tuple[Sensitivity, Sensitivity]:
 
 @lru_cache(maxsize=16)
 def _pupil_images(path: Path, _stamp: object) -> tuple[PupilImage, ...]:
-    import numpy as np
     import torch
 
-    from defocus_core.io.array_files.float_maps import NPY_MAGIC, read_npy
-    from defocus_core.io.images.color import read_color
     from defocus_core.optics.pupil_image import PupilImage
 
     if read_head(path).startswith(NPY_MAGIC):
@@ -253,11 +262,7 @@ def write_aperture(path: Path, lens: Lens, radius: float) -> None:
     Raises:
         InputError: the picture of the pupil cannot be used, or the file not be written.
     """
-    import numpy as np
     import torch
-
-    from defocus_core.io.exr.writing import write_exr
-    from defocus_core.io.images.encode import write_samples
 
     if path.suffix.lower() not in (".png", ".exr"):
         raise InputError(

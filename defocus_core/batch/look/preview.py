@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.io.arrays import LazyArray, bands
 from defocus_core.io.images.color_space import quantised
 from defocus_core.io.images.encode import display_encoded, srgb_matrix, write_samples
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    import numpy as np
-    from numpy.typing import NDArray
 
 # sRGB; orange against blue stays apart for all common kinds of colour vision.
 NEAR = (0.85, 0.37, 0.01)
@@ -44,8 +42,6 @@ def write_depth_preview(path: Path, metres: Any) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    import numpy as np
-
     near = (float(np.min(metres[rows])) for rows in bands(metres.shape))
     nearest = min((value for value in near if np.isfinite(value)), default=1.0)
 
@@ -70,8 +66,6 @@ def write_signed_preview(path: Path, radius: Any) -> None:
 
 def largest(radius: NDArray[np.float32]) -> float:
     """The largest finite |radius|."""
-    import numpy as np
-
     size = np.abs(radius)
     return float(np.max(size, where=np.isfinite(size), initial=0.0))
 
@@ -81,8 +75,6 @@ def diverging(radius: NDArray[np.float32], full: float) -> NDArray[np.float32]:
 
     NaN is black.
     """
-    import numpy as np
-
     amount: NDArray[np.float32] = np.minimum(np.abs(radius) / np.float32(full or 1.0), 1.0)
     amount = amount[:, :, None]
     white, near, far = (np.array(c, np.float32) for c in (IN_FOCUS, NEAR, FAR))

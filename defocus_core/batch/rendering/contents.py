@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+from defocus_core.batch.jobs.output_kinds import Kind
+from defocus_core.batch.look.focus_picture import focus_planes
 from defocus_core.batch.look.noisy_planes import noisy
 from defocus_core.batch.look.opening import disparity_of
+from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.io.arrays import LazyArray, computed
 from defocus_core.io.exr.views import name_in_view
 from defocus_core.io.exr.windows import Layout, Window
-
-if TYPE_CHECKING:
-    from defocus_core.batch.jobs.output_kinds import Kind
-    from defocus_core.batch.rendering.outcome import Rendering
-    from defocus_core.io.images.color_planes import Color
+from defocus_core.io.exr.writing import as_half
+from defocus_core.io.images.color_planes import Color
 
 
 class Contents(NamedTuple):
@@ -35,21 +35,21 @@ class Contents(NamedTuple):
     layout: Layout
 
 
-def contents_of(rendering: Rendering, kind: Kind) -> Contents:
+def contents_of(made: Rendered, kind: Kind) -> Contents:
     """The contents of the file of a kind, without overscan unless that is kept."""
-    color = rendering.color
+    color = made.inputs.color
     if kind.source:
-        return _SOURCES[kind.source](rendering)
+        return _SOURCES[kind.source](made)
     names: tuple[str, ...] = (kind.name,)
     extras: dict[str, Any] = {}
     if kind.of_radius:
-        values = partial(kind.of_radius, disparity=disparity_of(rendering.outcome.lens))
-        planes: tuple[Any, ...] = (_of_radius(rendering.radius, rendering.nothing, values),)
+        values = partial(kind.of_radius, disparity=disparity_of(made.lens))
+        planes: tuple[Any, ...] = (_of_radius(made.radii.shown, made.inputs.nothing, values),)
     elif kind.image:
-        names, planes, extras = _image(rendering, kind)
+        names, planes, extras = _image(made, kind)
     else:
-        planes = rendering.images[kind.name]
-    outputs, (x, y), overscan = rendering.outcome.job.outputs, color.corner, color.overscan
+        planes = made.images[kind.name]
+    outputs, (x, y), overscan = made.job.outputs, color.corner, color.overscan
     if outputs.keep_overscan and any(overscan):
         width, height = color.size
         display = Window(x, y, x + width - 1, y + height - 1)
@@ -60,27 +60,25 @@ def contents_of(rendering: Rendering, kind: Kind) -> Contents:
     return Contents(names, planes, extras, Layout(color.corner, None, kind.views))
 
 
-def _focus(rendering: Rendering) -> Contents:
+def _focus(made: Rendered) -> Contents:
     """The picture shown in false colour."""
-    from defocus_core.batch.look.focus_picture import focus_planes
-
-    color = rendering.color
-    (radius,) = _shown(color, [rendering.radius])
+    color = made.inputs.color
+    (radius,) = _shown(color, [made.radii.shown])
     planes = focus_planes(replace(color, planes=_shown(color, color.planes)), radius)
     return Contents(("R", "G", "B"), planes, {}, Layout(color.corner))
 
 
-def _given_color(rendering: Rendering) -> Contents:
+def _given_color(made: Rendered) -> Contents:
     """The picture as it was given."""
-    color = rendering.color
+    color = made.inputs.color
     planes = _shown(color, color.planes[: len(color.channels)])
     return Contents(color.channels, planes, {}, Layout(color.corner))
 
 
-def _given_depth(rendering: Rendering) -> Contents:
+def _given_depth(made: Rendered) -> Contents:
     """The depth as it was given, in metres."""
-    color = rendering.color
-    return Contents(("Z",), _shown(color, [rendering.metres]), {}, Layout(color.corner))
+    color = made.inputs.color
+    return Contents(("Z",), _shown(color, [made.metres]), {}, Layout(color.corner))
 
 
 _SOURCES = {"focus": _focus, "color": _given_color, "depth": _given_depth}
@@ -108,14 +106,10 @@ def _of_radius(radius: Any, nothing: Any, compute: Callable[[Any], Any]) -> Lazy
     return computed(lambda r, n: compute(r) * ~n, radius, nothing)
 
 
-def _image(
-    rendering: Rendering, kind: Kind
-) -> tuple[tuple[str, ...], tuple[Any, ...], dict[str, Any]]:
+def _image(made: Rendered, kind: Kind) -> tuple[tuple[str, ...], tuple[Any, ...], dict[str, Any]]:
     """Names and arrays of the channels of colour, and further channels: blurred and carried."""
-    from defocus_core.io.exr.writing import as_half
-
-    color, every = rendering.color, rendering.images[kind.name]
-    half = rendering.outcome.job.outputs.exr_type == "half"
+    color, every = made.inputs.color, made.images[kind.name]
+    half = made.job.outputs.exr_type == "half"
     names: list[str] = []
     planes: list[Any] = []
     extras = dict(color.extras)
@@ -129,7 +123,7 @@ def _image(
         shown = len(color.channels)
         names += own_names[:shown]
         light = tuple(own[:shown])
-        planes += noisy(light, color.channels, rendering.outcome.job, rendering.outcome.lens, view)
+        planes += noisy(light, color.channels, made.job, made.lens, view)
         passes = [as_half(plane) if half else plane for plane in own[shown:]]
         extras |= dict(zip(own_names[shown:], passes, strict=True))
     return tuple(names), tuple(planes), extras

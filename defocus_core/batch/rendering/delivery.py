@@ -4,55 +4,50 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from defocus_core.batch.depth.repair_words import repair_attribute
+from defocus_core.batch.jobs.output_kinds import Kind
+from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import RECORDED
+from defocus_core.batch.look.preview import write_depth_preview, write_preview, write_signed_preview
 from defocus_core.batch.rendering.contents import contents_of
+from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.errors import InputError, with_dashes
 from defocus_core.io.arrays import LazyArray, stacked
+from defocus_core.io.exr.writing import write_exr
+from defocus_core.io.images.encode import write_image, write_map
 from defocus_core.io.safe_files import written_together
 from defocus_core.system.text import version
 
-if TYPE_CHECKING:
-    from defocus_core.batch.jobs.output_kinds import Kind
-    from defocus_core.batch.lenses.lens import Lens
-    from defocus_core.batch.rendering.outcome import Outcome, Rendering
 
-
-def write(rendering: Rendering) -> Outcome:
-    """Write the files of a job, all or none; its outcome, with warnings of what they cannot hold.
+def write(made: Rendered) -> Rendered:
+    """Write the files of a job, all or none; it, with warnings of what they cannot hold.
 
     Raises:
         InputError: a file cannot be written.
     """
-    outcome, outputs = rendering.outcome, rendering.outcome.job.outputs
+    outputs = made.job.outputs
     if not outputs.root.is_dir():  # created again, it would have no journal
         problem = "was removed while jobs were done"
         raise InputError("unwritable", problem, "run the same command again", path=outputs.root)
     with written_together(outputs.root):
-        warnings = [warning for kind in outputs.rows for warning in _write_kind(rendering, kind)]
+        warnings = [warning for kind in outputs.rows for warning in _write_kind(made, kind)]
     if outputs.format == "exr" and any(kind.image for kind in outputs.rows):
-        warnings += rendering.color.left_out
-    return replace(outcome, warnings=(*outcome.warnings, *warnings))
+        warnings += made.inputs.color.left_out
+    return replace(made, warnings=(*made.warnings, *warnings))
 
 
-def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
+def _write_kind(made: Rendered, kind: Kind) -> list[str]:
     """Write the file of a kind, and its preview if there is to be one; the warnings."""
-    from defocus_core.batch.look.preview import (
-        write_depth_preview,
-        write_preview,
-        write_signed_preview,
-    )
-    from defocus_core.io.exr.writing import write_exr
-    from defocus_core.io.images.encode import write_image, write_map
-
-    job, contents = rendering.outcome.job, contents_of(rendering, kind)
+    job, contents = made.job, contents_of(made, kind)
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
-    attributes, warnings = _attributes(rendering.outcome, kind), []
+    attributes, warnings = _attributes(made, kind), []
     if kind.image:
         carried = {
-            k: v for k, v in rendering.color.attributes.items() if not kind.views or k != "view"
+            k: v for k, v in made.inputs.color.attributes.items() if not kind.views or k != "view"
         }
         lost = write_image(
             path,
@@ -64,7 +59,7 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
             attributes={**carried, **attributes},
             extras=contents.extras,
             layout=contents.layout,
-            clamped=rendering.clamped.get(kind.name, 0),
+            clamped=made.clamped.get(kind.name, 0),
         )
         warnings = [f"{kind.name}: {warning}" for warning in lost]
     elif job.outputs.map_format == "tiff":
@@ -78,14 +73,12 @@ def _write_kind(rendering: Rendering, kind: Kind) -> list[str]:
         write_depth_preview(preview, contents.planes[0])
     elif preview is not None:
         pictures = _beside(contents.planes, len(kind.rendered_as))
-        write_preview(preview, pictures, rendering.color.attributes)
+        write_preview(preview, pictures, made.inputs.color.attributes)
     return warnings
 
 
 def _beside(planes: Sequence[Any], views: int) -> LazyArray:
     """The planes [H, W] of views side by side, [H, views * W, C]."""
-    import numpy as np
-
     count = len(planes) // views
     pictures = [stacked(planes[n : n + count]) for n in range(0, len(planes), count)]
     height, width = planes[0].shape
@@ -96,9 +89,9 @@ def _beside(planes: Sequence[Any], views: int) -> LazyArray:
     return LazyArray((height, width * views, count), planes[0].dtype, read)
 
 
-def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
+def _attributes(made: Rendered, kind: Kind) -> dict[str, str]:
     """Attributes of an EXR output; no directory and no time, so that its bytes are repeatable."""
-    job, lens = outcome.job, outcome.lens
+    job, lens = made.job, made.lens
     others = {
         role: f"{other.color.name} {other.depth.name}" for role, other in job.picture.others.items()
     }
@@ -109,29 +102,29 @@ def _attributes(outcome: Outcome, kind: Kind) -> dict[str, str]:
         "depth": job.picture.depth.name,
         "hidden": others.pop("hidden", ""),
         **others,
-        "color_read_as": outcome.color_note,
-        "depth_read_as": outcome.depth_words(rendered=kind.rendered),
-        **_repair(outcome, kind),
+        "color_read_as": made.color_note,
+        "depth_read_as": made.depth_words(rendered=kind.rendered),
+        **_repair(made, kind),
         **_of_any_lens(lens),
         **{name: str(value) for name, value in lens.effects.items()},
-        "coc_px": " ".join(f"{radius:.6g}" for radius in outcome.coc_px),
-        "quality": outcome.quality,
-        "device": outcome.device,
+        "coc_px": " ".join(f"{radius:.6g}" for radius in made.radii.ends),
+        "quality": made.quality,
+        "device": made.device,
     }
     return {f"defocus:{name}": value for name, value in values.items()}
 
 
-def _repair(outcome: Outcome, kind: Kind) -> dict[str, str]:
+def _repair(made: Rendered, kind: Kind) -> dict[str, str]:
     """What was asked of the repair of depth, and what it did; nothing where neither is unusual."""
     if not kind.rendered:
         return {}
-    reading = outcome.job.reading
+    reading = made.job.reading
     asked = [f"‹depth-repair› {reading.depth_repair}"] * (reading.depth_repair != "auto")
     if reading.edge_width is not None:
         asked.append(f"‹edge-width› {reading.edge_width:g}px")
     values = {
         "depth_repair_asked": with_dashes(" ".join(asked)),
-        "depth_repair": repair_attribute(outcome.repair),
+        "depth_repair": repair_attribute(made.repair),
     }
     return {name: value for name, value in values.items() if value}
 

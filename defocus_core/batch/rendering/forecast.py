@@ -10,14 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.depth.repair_words import repair_record, repair_words
 from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.rendering import job_steps
+from defocus_core.batch.rendering.colors_apart import renderings
 from defocus_core.batch.rendering.memory_budget import base_mb, regions_at_once
-from defocus_core.batch.rendering.outcome import Outcome
+from defocus_core.batch.rendering.streams import Streams
 from defocus_core.errors import DefocusError
 from defocus_core.io.arrays import scratch_folder
 from defocus_core.system.process import set_to_render
 from defocus_core.system.text import duration
 
 if TYPE_CHECKING:
+    from defocus_core.depth.diagnosis import DepthRepair
     from defocus_core.evaluation.cost import Cost
 
 # Most pictures of a batch to decode for a forecast; the others count as their average.
@@ -32,7 +35,11 @@ class Forecast:
     """Work, time and memory of one job.
 
     Attributes:
-        outcome: the outcome as far as it is known before rendering.
+        size: (width, height) of the picture in px.
+        coc_px: its least and greatest signed radius.
+        color_note: how the colour is read, for people.
+        depth_note: how the depth is read and repaired.
+        repair: of the depth; None if nothing is rendered.
         read_seconds: time to decode the inputs, measured.
         cost: the work, and the steps of the last rendering; None if only maps are written, which
             needs no rendering.
@@ -42,7 +49,11 @@ class Forecast:
         renderings: how many times it is rendered, for colours apart, and for up and down.
     """
 
-    outcome: Outcome
+    size: tuple[int, int]
+    coc_px: tuple[float, float]
+    color_note: str
+    depth_note: str
+    repair: DepthRepair | None
     read_seconds: float
     cost: Cost | None
     seconds: float
@@ -84,8 +95,6 @@ def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusErr
     Raises:
         UsageProblem: this machine has not got the device.
     """
-    from defocus_core.batch.rendering import job_steps
-
     job_steps.load()
     device = job_steps.choose_device(jobs[0].machine.device)
     rate = 0.0
@@ -102,42 +111,49 @@ def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusErr
 
 
 def _forecast(job: Job, device: str, rate: float) -> Forecast:
-    from defocus_core.batch.rendering import job_steps
-    from defocus_core.batch.rendering.colors_apart import renderings
-    from defocus_core.batch.rendering.streams import Streams
     from defocus_core.evaluation.cost import cost
 
     start = time.perf_counter()
-    loaded = job_steps.load_inputs(job)
+    inputs = job_steps.load_inputs(job)
     read_seconds = time.perf_counter() - start
-    outcome, radius = job_steps.prepare(job, loaded)
-    held = loaded.holding
-    scratch_mb = held.arrays_mb if held.scratch else 0.0
+    made, held = job_steps.prepare(job, inputs), inputs.holding
     peak = base_mb() + held.files_mb if device == "cpu" else 0.0
-    if not job.outputs.need_rendering:
-        return Forecast(outcome, read_seconds, None, 0.0, peak, scratch_mb)
-    streams, work, most = Streams(loaded, radius, outcome), 0.0, 0.0
-    for color in (colors := renderings(loaded, outcome)):
-        stream = streams.of(color)
-        of_stream = cost(stream)
-        work += of_stream.work
-        most = max(most, regions_at_once(job, stream, held, device)[1])
-    outcome = replace(outcome, repair=stream.repair)
-    last = of_stream._replace(work=work)
-    return Forecast(outcome, read_seconds, last, work / rate, peak + most, scratch_mb, len(colors))
+    work, most, renders, last = 0.0, 0.0, 1, None
+    if job.outputs.need_rendering:
+        streams, colors = Streams(made), renderings(made)
+        renders = len(colors)
+        for color in colors:
+            stream = streams.of(color)
+            last = cost(stream)
+            work += last.work
+            most = max(most, regions_at_once(job, stream, held, device)[1])
+        made, last = replace(made, repair=stream.repair), last and last._replace(work=work)
+    return Forecast(
+        size=made.size,
+        coc_px=made.radii.ends,
+        color_note=made.color_note,
+        depth_note=made.depth_words(),
+        repair=made.repair,
+        read_seconds=read_seconds,
+        cost=last,
+        seconds=work / rate if work else 0.0,
+        peak_mb=peak + most,
+        scratch_mb=held.arrays_mb if held.scratch else 0.0,
+        renderings=renders,
+    )
 
 
 def record(forecast: Forecast) -> dict[str, Any]:
     """A forecast in plain numbers."""
     values: dict[str, Any] = {
-        "size": list(forecast.outcome.size),
-        "coc_px": list(forecast.outcome.coc_px),
+        "size": list(forecast.size),
+        "coc_px": list(forecast.coc_px),
         "read_seconds": forecast.read_seconds,
         "render_seconds": forecast.seconds,
         "peak_mb": forecast.peak_mb,
-        "color_note": forecast.outcome.color_note,
-        "depth_note": forecast.outcome.depth_words(),
-        "depth_repair": repair_record(forecast.outcome.repair),
+        "color_note": forecast.color_note,
+        "depth_note": forecast.depth_note,
+        "depth_repair": repair_record(forecast.repair),
     }
     if forecast.scratch_mb:
         values["scratch_mb"] = forecast.scratch_mb
@@ -151,7 +167,7 @@ def record(forecast: Forecast) -> dict[str, Any]:
 
 def line(forecast: Forecast) -> str:
     """A forecast in words."""
-    (width, height), (near, far) = forecast.outcome.size, forecast.outcome.coc_px
+    (width, height), (near, far) = forecast.size, forecast.coc_px
     start = f"  {width}x{height}, CoC {near:.2f} to {far:.2f} px: "
     scratch = ""
     if forecast.scratch_mb:
@@ -159,7 +175,7 @@ def line(forecast: Forecast) -> str:
     if (cost := forecast.cost) is None:
         return f"{start}maps alone, nothing is rendered{scratch}"
     share = 100 * cost.slice_tiles_seen / cost.slice_tiles
-    note = repair_words(forecast.outcome.repair)
+    note = repair_words(forecast.repair)
     repair_note = f"; depth: {note}" if note else ""
     times = f"{forecast.renderings} renderings of " if forecast.renderings > 1 else ""
     return (

@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from defocus_core.allowed_values import DUAL_PIXEL_MODELS
+from defocus_core.batch.elements.reading import read
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.lenses.quantities import length_text
 from defocus_core.batch.rendering.measures import radius_measures
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import evenly
+from defocus_core.io.images.color import read_color, require_finite
+from defocus_core.io.images.color_planes import Color
 from defocus_core.io.safe_files import written_whole
 
 if TYPE_CHECKING:
     import torch
 
     from defocus_core.fitting.pair import Fit
-    from defocus_core.io.images.color_planes import Color
     from defocus_core.optics.aperture import Aperture as Pupil
+    from defocus_core.optics.dual_pixel import DualPixel
 
 _MM_PER_M = 1000.0
+_CHANCE, _LEAST_BREATHING = 3.0, 0.01  # standard errors, and px at the border for a radius of 1 px
 
 
 @dataclass(frozen=True)
@@ -44,7 +53,13 @@ class FitOptions:
         blades: numbers of blades to choose from; their rotation is found, too.
         exposure: whether the pictures may differ by a factor for each channel.
         gamma: whether the power is to be found by which the files are linear light.
-        shift: whether the pictures may lie apart by a few px.
+        shift: whether the pictures may lie apart by a few px, and breathe.
+        dual_pixel: whether the crosstalk of a pair is to be found, and its model.
+        side_shading: whether left and right may have a factor each, a plane over the frame.
+        focus: the distance in focus in mm, if it is known.
+        fnumber: the f-number, if it is known.
+        dp_model: the model of the photodiodes, or the file of their kernels, if it is known.
+        dp_crosstalk: their crosstalk, if it is known.
     """
 
     foclen: float
@@ -53,6 +68,35 @@ class FitOptions:
     exposure: bool = False
     gamma: bool = False
     shift: bool = False
+    dual_pixel: bool = False
+    side_shading: bool = False
+    focus: float | None = None
+    fnumber: float | None = None
+    dp_model: str | Path | None = None
+    dp_crosstalk: float | None = None
+
+    def strength(self, focus: float, width: int) -> float:
+        """Px of radius for 1/m, of a focus in 1/m and the f-number that is known (`thin_lens`)."""
+        assert self.fnumber is not None
+        pitch, shape = self.sensor_width / width, 1 - self.foclen * focus / _MM_PER_M
+        return self.foclen**2 / (2 * pitch * self.fnumber * max(shape, 1e-6)) / _MM_PER_M
+
+
+def _photodiodes(options: FitOptions) -> list[DualPixel]:
+    """The photodiodes to choose from.
+
+    Raises:
+        InputError: the file of their kernels cannot be used.
+    """
+    from defocus_core.batch.look.opening import measured_pair
+    from defocus_core.optics.dual_pixel import DualPixel
+
+    share = options.dp_crosstalk or 0.0
+    if isinstance(options.dp_model, Path):
+        return [DualPixel(crosstalk=share, measured=measured_pair(options.dp_model))]
+    sought = options.dual_pixel and options.dp_model is None
+    models = DUAL_PIXEL_MODELS if sought else (options.dp_model or DUAL_PIXEL_MODELS[0],)
+    return [DualPixel(model, share) for model in models]
 
 
 def fit_pair(
@@ -74,9 +118,7 @@ def fit_pair(
     """
     import torch
 
-    from defocus_core.batch.rendering.job_steps import read
     from defocus_core.fitting.pair import fit
-    from defocus_core.io.images.color import read_color, require_finite
     from defocus_core.optics.aperture import Aperture
 
     focal = options.foclen / options.sensor_width if reading.needs_lens else None
@@ -85,15 +127,7 @@ def fit_pair(
         raise InputError(
             "radii", "holds radii: there is no lens to be found", "give depth", path=depth.path
         )
-    seen = []
-    for path in filter(None, (pair.blurred, pair.right)):
-        other = read_color(path)
-        require_finite(other)
-        if other.shape[:2] != color.shape[:2]:
-            (height, width), (wide, high) = color.shape[:2], other.size
-            problem = f"is {wide}x{high} px but {color.path} is {width}x{height} px"
-            raise InputError("wrong-size", problem, "give pictures of one size", path=path)
-        seen.append(_light(other))
+    seen = [_read_beside(color, path) for path in filter(None, (pair.blurred, pair.right))]
     sharp = _light(color)
     count = min(len(each) for each in (sharp, *seen))
     disparity = 1 / torch.from_numpy(depth.metres[:].astype("float32"))
@@ -104,7 +138,12 @@ def fit_pair(
             seen[0][:count] if len(seen) == 1 else (seen[0][:count], seen[1][:count]),
             apertures=[Aperture(blades) for blades in options.blades],
             rotation=True,
+            dual_pixels=_photodiodes(options),
+            crosstalk=options.dual_pixel and options.dp_crosstalk is None,
+            focus=None if options.focus is None else _MM_PER_M / options.focus,
+            strength=partial(options.strength, width=color.shape[1]) if options.fnumber else None,
             exposure=options.exposure,
+            side_shading=options.side_shading,
             gamma=options.gamma,
             shift=options.shift,
             depth_repair=reading.depth_repair,
@@ -124,9 +163,23 @@ def fit_pair(
     }
 
 
+def _read_beside(color: Color, path: Path) -> torch.Tensor:
+    """The light of a picture of the size of another.
+
+    Raises:
+        InputError: it cannot be read, or is of another size.
+    """
+    other = read_color(path)
+    require_finite(other)
+    if other.shape[:2] != color.shape[:2]:
+        (height, width), (wide, high) = color.shape[:2], other.size
+        problem = f"is {wide}x{high} px but {color.path} is {width}x{height} px"
+        raise InputError("wrong-size", problem, "give pictures of one size", path=path)
+    return _light(other)
+
+
 def _light(color: Color) -> torch.Tensor:
     """Linear light [C, H, W] without alpha."""
-    import numpy as np
     import torch
 
     return torch.from_numpy(np.stack([plane[:] for plane in color.light]).astype(np.float32))
@@ -153,8 +206,28 @@ def _record(found: Fit, options: FitOptions, width: int) -> dict[str, Any]:
         "gamma_error": _finite(found.gamma_error),
         "shift_px": list(found.shift),
         "gains": list(found.gains),
+        **_sensor_record(found, options),
+        "breathing": found.breathing,
+        "breathing_error": _finite(found.breathing_error),
+        "explained": found.explained,
         "psnr": dict(zip(("all", "edges", "elsewhere"), map(_finite, found.psnr), strict=True)),
         "doubts": list(found.doubts),
+        "refusals": [refusal._asdict() for refusal in found.refusals],
+    }
+
+
+def _sensor_record(found: Fit, options: FitOptions) -> dict[str, Any]:
+    """The photodiodes of a pair; empty of one picture."""
+    sensor = found.dual_pixel
+    if sensor is None:
+        return {}
+    kernels = options.dp_model if isinstance(options.dp_model, Path) else None
+    return {
+        "dp_model": sensor.model if kernels is None else str(kernels.absolute()),
+        "dp_crosstalk": float(sensor.crosstalk),
+        "dp_crosstalk_error": _finite(found.crosstalk_error),
+        "left_is_right": found.exchanged,
+        "side_shading": [list(plane) for plane in found.shading],
     }
 
 
@@ -184,8 +257,20 @@ def write_lens(path: Path, record: dict[str, Any]) -> None:
     if record["blades"]:
         lines.append(f"blades = {record['blades']}")
         lines.append(f"blade-rotation = {record['blade_rotation_deg']:.4g}")
+    if record.get("dp_model", "split") != "split":
+        lines.append(f"dp-model = {json.dumps(record['dp_model'])}")
+    if record.get("dp_crosstalk"):
+        lines.append(f"dp-crosstalk = {record['dp_crosstalk']:.4g}")
+    if breathes(record):
+        lines.append(f"breathing = {record['breathing']:.4g}")
     with written_whole(path) as file:
         file.write(("\n".join(lines) + "\n").encode())
+
+
+def breathes(record: dict[str, Any]) -> bool:
+    """Whether a breathing was found that is more than chance."""
+    error = record.get("breathing_error")  # a lens that was matched has none
+    return error is not None and abs(record["breathing"]) > max(_CHANCE * error, _LEAST_BREATHING)
 
 
 def _error(value: float | None, times: float = 1) -> str:
@@ -213,6 +298,22 @@ def words(record: dict[str, Any]) -> list[str]:
     if any(record["shift_px"]):
         across, down = record["shift_px"]
         lines.append(f"blurred picture {across:.2f} px to the right, {down:.2f} px down")
+    if breathes(record):
+        error = _error(record["breathing_error"])
+        lines.append(
+            f"breathing {record['breathing']:.3f} ± {error}: what is blurred lies outwards"
+        )
+    if "dp_model" in record:
+        error = _error(record["dp_crosstalk_error"])
+        lines.append(
+            f"photodiodes {record['dp_model']}, crosstalk {record['dp_crosstalk']:.3f} ± {error}"
+        )
+    for side, (middle, across, down) in zip(
+        ("left", "right"), record.get("side_shading", ()), strict=False
+    ):
+        lines.append(
+            f"shading of {side}: {middle:.3f}, {across:+.3f} to the right, {down:+.3f} downwards"
+        )
     if any(gain != 1 for gain in record["gains"]):
         lines.append("exposure: factors " + ", ".join(f"{gain:.4g}" for gain in record["gains"]))
     return [*lines, *(f"not sure: {doubt}" for doubt in record["doubts"])]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from defocus_core.batch.depth.focusing import signed_radius
 from defocus_core.batch.depth.matching import matched
+from defocus_core.batch.depth.radii import MM_PER_M, signed_radius
+from defocus_core.batch.elements.reading import read
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.jobs.random_lenses import Sampling
 from defocus_core.batch.lenses.lens import Lens
@@ -13,8 +14,6 @@ from defocus_core.batch.lenses.radius_set import MEASURES
 from defocus_core.batch.rendering.measures import radius_measures
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import evenly
-
-_MM_PER_M = 1000.0
 
 
 def match_picture(
@@ -32,8 +31,6 @@ def match_picture(
     Raises:
         InputError: a file cannot be read.
     """
-    from defocus_core.batch.rendering.job_steps import read
-
     focal = foclen / sensor_width if reading.needs_lens else None
     _, depth = read(picture, reading, lens_focal=focal)
     if depth.is_radius:
@@ -47,7 +44,7 @@ def match_picture(
     assert asked is not None
     nothing = None if depth.nothing is None else evenly(depth.nothing)
     radii = radius_measures(signed_radius(lens, evenly(depth.metres), depth.size), nothing)
-    focus = lens.foc_dist / _MM_PER_M
+    focus = lens.foc_dist / MM_PER_M
     return {
         "picture": str(picture.color),
         "focus_m": None if focus == float("inf") else focus,

@@ -5,13 +5,13 @@ They are of a grid of its pixels, so that they cost next to nothing.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from defocus_core.batch.lenses.radius_set import MEASURES as RADII
+from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.io.arrays import evenly
-
-if TYPE_CHECKING:
-    from defocus_core.batch.rendering.outcome import Outcome, Rendering
 
 _WHITE = 0.9999  # of an integer picture, in linear light
 _FLOATS = (".exr", ".hdr")  # whose light has no end
@@ -20,12 +20,8 @@ _SHARES = 32  # of the pixels of a frame, between quantiles of their disparity
 MEASURES = (*RADII, "clipped_share", "invented_share")
 
 
-def measures(rendering: Rendering, outcome: Outcome) -> dict[str, float | None]:
+def measures(made: Rendered) -> dict[str, float | None]:
     """The measures of a picture.
-
-    Args:
-        rendering: its pixels.
-        outcome: what came of it.
 
     Returns:
         ``coc_mean_px``, ``coc_p50_px`` and ``coc_p99_px`` of the radii without sign, in px, of
@@ -34,27 +30,25 @@ def measures(rendering: Rendering, outcome: Outcome) -> dict[str, float | None]:
         saw what the picture holds; None where nothing is known. Of a frame of a shot whose depth is
         in metres ``depth_over_time``, too, see `_over_time`.
     """
-    nothing = None if rendering.nothing is None else evenly(rendering.nothing)
-    pixels = outcome.stats.get("pixels", 0)
-    invented = outcome.stats.get("pixels_invented")
+    nothing = None if made.inputs.nothing is None else evenly(made.inputs.nothing)
+    pixels = made.stats.get("pixels", 0)
+    invented = made.stats.get("pixels_invented")
     return {
-        **radius_measures(evenly(rendering.radius), nothing),
-        "clipped_share": _clipped(rendering),
+        **radius_measures(evenly(made.radii.shown), nothing),
+        "clipped_share": _clipped(made),
         "invented_share": None if invented is None or not pixels else invented / pixels,
-        **_over_time(rendering, outcome),
+        **_over_time(made),
     }
 
 
-def _over_time(rendering: Rendering, outcome: Outcome) -> dict[str, Any]:
+def _over_time(made: Rendered) -> dict[str, Any]:
     """The number of a frame, and ascending quantiles of its disparity in 1/m, from 0 to 100 %."""
-    import numpy as np
-
-    frame = outcome.job.picture.frame
-    if frame is None or rendering.metres is None:
+    frame = made.job.picture.frame
+    if frame is None or made.metres is None:
         return {}
-    metres = evenly(rendering.metres).astype("float64")
-    if rendering.nothing is not None:
-        metres = metres[~evenly(rendering.nothing)]
+    metres = evenly(made.metres).astype("float64")
+    if made.inputs.nothing is not None:
+        metres = metres[~evenly(made.inputs.nothing)]
     if not metres.size:
         return {}
     quantiles = np.quantile(1 / metres, np.linspace(0, 1, _SHARES + 1))
@@ -73,18 +67,14 @@ def radius_measures(radius: Any, nothing: Any) -> dict[str, float]:
         radius: signed, of any shape.
         nothing: where pixels hold nothing; None if nowhere.
     """
-    import numpy as np
-
     sizes = np.abs((radius if nothing is None else radius[~nothing]).astype("float64"))
     found = (sizes.mean(), *np.percentile(sizes, (50, 99))) if sizes.size else (0.0, 0.0, 0.0)
     return dict(zip(RADII, map(float, found), strict=True))
 
 
-def _clipped(rendering: Rendering) -> float | None:
+def _clipped(made: Rendered) -> float | None:
     """The share of pixels of the input that are white in a colour; None of EXR and HDR."""
-    import numpy as np
-
-    color = rendering.color
+    color = made.inputs.color
     if color.path.suffix.lower() in _FLOATS:
         return None
     return float(np.mean(np.any([evenly(plane) >= _WHITE for plane in color.light], axis=0)))

@@ -21,16 +21,20 @@ from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from defocus_core.batch.jobs.job import Job, Machine, Picture
 from defocus_core.errors import InputError, TooLarge
 from defocus_core.io.arrays import Keeping
+from defocus_core.io.exr.deep_merging import MOST_LAYERS
+from defocus_core.io.exr.deep_samples import most_samples
+from defocus_core.io.exr.header import is_exr, read_headers
+from defocus_core.io.images.describe import describe
+from defocus_core.io.safe_files import read_head
 from defocus_core.system import memory
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from defocus_core.renderer.stream import Stream
 
 # Share of the available memory that a process takes without --memory.
@@ -135,9 +139,6 @@ def _sizes(job: Job) -> tuple[float, float]:
 
 def _inputs(picture: Picture, passes: Sequence[str] = ()) -> tuple[int, float, float, int]:
     """Pixels; bytes of each as arrays, and of those decoded at once; channels of the colour."""
-    from defocus_core.io.exr.header import is_exr
-    from defocus_core.io.images.describe import describe
-    from defocus_core.io.safe_files import read_head
 
     def pixel_bytes(path: Path) -> tuple[int, float, float, int]:
         info = describe(path)
@@ -168,10 +169,6 @@ def _inputs(picture: Picture, passes: Sequence[str] = ()) -> tuple[int, float, f
 
 def _layers_of(path: Path) -> int:
     """The number of layers that a deep EXR becomes."""
-    from defocus_core.io.exr.deep_merging import MOST_LAYERS
-    from defocus_core.io.exr.deep_samples import most_samples
-    from defocus_core.io.exr.header import read_headers
-
     deep = [header for header in read_headers(path) if header.deep]
     return min(MOST_LAYERS, max(most_samples(path, header) for header in deep))
 

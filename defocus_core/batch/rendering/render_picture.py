@@ -8,14 +8,16 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.jobs.job import Job
+import numpy as np
+
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.rendering.colors_apart import Colors, renderings
 from defocus_core.batch.rendering.memory_budget import image_type, regions_at_once
-from defocus_core.batch.rendering.outcome import Loaded, Outcome, Rendering
+from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.batch.rendering.streams import Streams
 from defocus_core.batch.sources import to_array
-from defocus_core.errors import TooLarge
+from defocus_core.errors import TooLarge, UsageProblem
+from defocus_core.io.exr.writing import clamped_half
 from defocus_core.system import memory
 from defocus_core.system.process import set_to_render
 
@@ -30,21 +32,19 @@ _MANY_CLAMPED = 0.01
 _TRUSTED = 0.99  # share of the lens
 
 
-def rendered(
-    loaded: Loaded,
-    radius: Any,
-    outcome: Outcome,
-    progress: Progress | None = None,
+def with_views(
+    made: Rendered,
+    radius: Any = None,
     seen: HiddenLayer | None = None,
-) -> Rendering:
-    """The images and maps that need rendering.
+    progress: Progress | None = None,
+) -> Rendered:
+    """The picture with the images and maps that need rendering.
 
     Args:
-        loaded: its decoded inputs.
-        radius: signed CoC radius in px, [H, W].
-        outcome: the job, and what is known of it so far.
-        progress: called with (tiles done, tiles in all).
+        made: as far as it is known before rendering.
+        radius: signed radii [H, W] in px, averaged with other frames; None for its own.
         seen: what other frames have seen of what is hidden.
+        progress: called with (tiles done, tiles in all).
 
     Raises:
         TooLarge: it does not fit into memory.
@@ -52,25 +52,49 @@ def rendered(
     import torch
 
     set_to_render()
-    images = _Images(outcome.job, loaded)
+    images, held = _Images(made), made.inputs.holding
     wall, cpu = time.perf_counter(), time.process_time()
-    streams = Streams(loaded, radius, outcome, seen)
-    stream = _fill(images, loaded, streams, progress)
-    if outcome.device == "cuda":
+    streams = Streams(*breathing_inputs(made, radius, seen), seen)
+    stream = _fill(images, streams, progress)
+    if made.device == "cuda":
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    scratch = {"scratch_mb": loaded.holding.arrays_mb} if loaded.holding.scratch else {}
+    scratch = {"scratch_mb": held.arrays_mb} if held.scratch else {}
     lights = {} if streams.lights is None else {"lights": streams.lights}
-    outcome = replace(
-        outcome,
-        color_note=", ".join(filter(None, (outcome.color_note, streams.words))),
+    return replace(
+        made,
+        images=images.planes,
+        clamped=images.clamped,
+        lights=streams.lights,
         repair=stream.repair,
-        render_seconds=wall,
-        render_cpu_seconds=cpu,
+        seconds=wall,
+        cpu_seconds=cpu,
         stats={**stream.stats, "pixels_invented": images.invented, **lights, **scratch},
-        warnings=(*outcome.warnings, *_clamped(stream.stats)),
+        warnings=(*made.warnings, *_clamped(stream.stats)),
     )
-    return loaded.rendering(outcome, radius, images.planes, images.clamped)
+
+
+def breathing_inputs(made: Rendered, radius: Any, seen: HiddenLayer | None) -> tuple[Rendered, Any]:
+    """The picture and its radii as they are blurred, by a lens that breathes.
+
+    Raises:
+        UsageProblem: what lies behind the picture is known, too.
+    """
+    import torch
+
+    from defocus_core.renderer.breathing import breathed
+
+    inputs, breathing = made.inputs, made.lens.breathing
+    if not breathing:
+        return made, radius
+    if inputs.is_layered or inputs.hidden is not None or seen is not None:
+        problem = "moves one picture with its depth, not layers"
+        raise UsageProblem("unsupported", problem, "leave it out", field="breathing")
+    planes = torch.from_numpy(np.stack([plane[:] for plane in inputs.color.planes]))
+    px = torch.from_numpy((made.radii.own.px if radius is None else radius)[:])
+    image, moved = breathed(planes.float(), px, breathing)
+    color = replace(inputs.color, planes=tuple(image.numpy()))
+    return replace(made, inputs=replace(inputs, color=color)), moved.numpy()
 
 
 def _clamped(stats: Mapping[str, float]) -> list[str]:
@@ -82,25 +106,26 @@ def _clamped(stats: Mapping[str, float]) -> list[str]:
     return [f"left, right: below 0 in {100 * share:.0f} % of the pixels, and made 0: {why}"]
 
 
-def _fill(images: _Images, loaded: Loaded, streams: Streams, progress: Progress | None) -> Stream:
+def _fill(images: _Images, streams: Streams, progress: Progress | None) -> Stream:
     """Render as many regions at once as fit, and one by one if a GPU runs out of memory."""
     import torch
 
-    job, most, device = streams.outcome.job, None, streams.outcome.device
-    colors = renderings(loaded, streams.outcome)
+    made, job, most = streams.made, streams.made.job, None
+    colors = renderings(made)
     while True:
         images.clamped.clear()
         try:
             for number, color in enumerate(colors):
                 stream = streams.of(color)
-                at_once = most or regions_at_once(job, stream, loaded.holding, device)[0]
+                at_once = most or regions_at_once(job, stream, made.inputs.holding, made.device)[0]
                 if at_once < job.machine.threads:  # memory is short
                     memory.keep_freed(False)
                     memory.trim()
                 shown = progress and partial(_of_all, progress, number, len(colors))
                 images.invented = 0  # of one rendering
                 for part in stream.regions(at_once, shown):
-                    images.place(streams.in_order(part, color), color)
+                    first = number == 0 or color.turned != colors[number - 1].turned
+                    images.place(streams.in_order(part, color), color, first=first)
             return stream
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
@@ -125,8 +150,9 @@ class _Images:
         invented: number of pixels of which less than `_TRUSTED` of the lens saw what is there.
     """
 
-    def __init__(self, job: Job, loaded: Loaded) -> None:
-        height, width, channels = loaded.color.shape
+    def __init__(self, made: Rendered) -> None:
+        job, (height, width, channels) = made.job, made.inputs.color.shape
+        keeping = made.inputs.holding.keeping
         self.planes: dict[str, tuple[Any, ...]] = {}
         self.clamped: dict[str, int] = {}
         self.invented = 0
@@ -136,15 +162,14 @@ class _Images:
             count, dtype = (channels, image_type(job)) if kind.image else (1, "float32")
             count *= len(kind.rendered_as)
             self.planes[kind.name] = tuple(
-                loaded.holding.keeping.new((height, width), dtype) for _ in range(count)
+                keeping.new((height, width), dtype) for _ in range(count)
             )
 
-    def place(self, part: Views, colors: Colors) -> None:
-        """Copy a rendered region to its place: the channels and kinds that were rendered."""
-        import numpy as np
+    def place(self, part: Views, colors: Colors, *, first: bool = True) -> None:
+        """Copy a rendered region to its place: the channels and kinds that were rendered.
 
-        from defocus_core.io.exr.writing import clamped_half
-
+        Of trust, after the first colours, the least of all.
+        """
         top, left, height, width = part.box
         if colors.turned:
             top, left, height, width = left, top, width, height
@@ -168,4 +193,6 @@ class _Images:
                     count = int(np.count_nonzero(beyond.any(axis=0)))
                     self.clamped[kind] = self.clamped.get(kind, 0) + count
             for plane, values in zip(planes, pixels, strict=True):
+                if not (first or KINDS[kind].image):
+                    values = np.minimum(values, plane[rows, columns])
                 plane[rows, columns] = values

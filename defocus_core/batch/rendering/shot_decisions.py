@@ -7,46 +7,48 @@ process finds them anew, from the same files to the same result.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from statistics import median
 from typing import TYPE_CHECKING
 
-from defocus_core.batch.depth.focusing import focused, lens_scale, radius_at_infinity, radius_map
+from defocus_core.batch.depth.focusing import focused
+from defocus_core.batch.depth.radii import Radii, radii_of
+from defocus_core.batch.elements.reading import read
 from defocus_core.batch.jobs.job import FrameLens, Job, Shot
 from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.rendering.inputs import Inputs
 from defocus_core.batch.rendering.memory_budget import holding
-from defocus_core.batch.rendering.outcome import Loaded
-from defocus_core.batch.sources import lone_window, windows
 from defocus_core.errors import DefocusError
-from defocus_core.io.arrays import Keeping
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.images.color_planes import Color
 from defocus_core.io.shots.frame_patterns import in_words
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.images.color_planes import Color
 
-Read = Callable[[Job, Keeping], tuple["Color", "Depth"]]
 _KEPT = 1 << 12  # foci of frames
 _FOCI: dict[object, float] = {}
 _REPAIRS: dict[object, DepthRepair] = {}
 
 
-def shot_focused(job: Job, loaded: Loaded, read: Read) -> Lens:
+def shot_focused(job: Job, depth: Depth, *, deep: bool = False) -> Lens:
     """The lens of a job with its focus distance, decided with other frames if its shot says so.
 
-    Deep pictures are focused one by one.
+    Args:
+        job: the job.
+        depth: of its picture.
+        deep: whether it is a deep picture; these are focused one by one.
 
     Raises:
         UsageProblem: the focus lies outside the picture, or too near.
         Rejected: no frame has depth to focus on, or the blur exceeds ``max_coc``.
     """
-    shot, lens, depth = job.shot, job.lens, loaded.depth
-    frames = () if shot is None or loaded.layers is not None else shot.focus or shot.sample
+    shot, lens = job.shot, job.lens
+    frames = () if shot is None or deep else shot.focus or shot.sample
     if not frames or lens.draw is not None or not is_found(lens):
         return focused(lens, depth)
-    foc_dist = _mean_focus(frames, job, read)
+    foc_dist = _mean_focus(frames, job)
     found = dataclasses.replace(lens, foc_dist=foc_dist, focus_at=None, focus_percentile=None)
     within = focused(found, depth)
     return dataclasses.replace(
@@ -56,15 +58,16 @@ def shot_focused(job: Job, loaded: Loaded, read: Read) -> Lens:
 
 def is_found(lens: Lens) -> bool:
     """Whether the depth decides where the focus of a lens lies."""
-    return lens.focus_at is not None or lens.focus_percentile is not None
+    by_depth = lens.focus_at is not None or lens.focus_percentile is not None
+    return by_depth and lens.blur is None  # its numbers may be of another scale in each frame
 
 
-def _mean_focus(frames: Sequence[FrameLens], job: Job, read: Read) -> float:
+def _mean_focus(frames: Sequence[FrameLens], job: Job) -> float:
     """The mean focus in mm of frames, in disparity, of those that have something to focus on."""
     found, failed = [], []
     for frame in frames:
         try:
-            found.append(_own_focus(frame, job, read))
+            found.append(_own_focus(frame, job))
         except DefocusError as error:
             failed.append(error)
     if not found:
@@ -75,66 +78,53 @@ def _mean_focus(frames: Sequence[FrameLens], job: Job, read: Read) -> float:
     return 1 / mean if mean else float("inf")
 
 
-def _own_focus(frame: FrameLens, job: Job, read: Read) -> float:
+def _own_focus(frame: FrameLens, job: Job) -> float:
     key = (frame, job.reading)
     if key not in _FOCI:
         while len(_FOCI) >= _KEPT:
             _FOCI.pop(next(iter(_FOCI)))
-        of_frame = dataclasses.replace(job, picture=frame.picture, lens=frame.lens)
-        _, depth = read(of_frame, holding(job).keeping)
+        _, depth = _read(frame, job)
         foc_dist = focused(dataclasses.replace(frame.lens, max_coc=None), depth).foc_dist
         _FOCI[key] = float("inf") if foc_dist is None else foc_dist
     return _FOCI[key]
 
 
-def shot_repair(job: Job, lens: Lens, loaded: Loaded, read: Read) -> DepthRepair | None:
+def _read(frame: FrameLens, job: Job) -> tuple[Color, Depth]:
+    """Colour and depth of a frame, read as those of a job."""
+    focal = dataclasses.replace(job, lens=frame.lens).lens_focal
+    return read(frame.picture, job.reading, holding(job).keeping, focal)
+
+
+def shot_repair(job: Job, inputs: Inputs, radii: Radii) -> DepthRepair | None:
     """The repair of depth that the shot of a job has decided on; None if each frame decides.
 
     Args:
         job: the job.
-        lens: its lens, with the focus distance.
-        loaded: its decoded inputs; layers are not repaired.
-        read: decodes the picture of a job.
+        inputs: its decoded inputs; layers are not repaired.
+        radii: of its picture.
     """
     from defocus_core.sequences.shot_repair import agreed_repair, repair_through
 
-    shot, depth = job.shot, loaded.depth
+    shot = job.shot
     if shot is None or not shot.sample or job.reading.depth_repair == "off":
         return None
-    if not job.outputs.need_rendering or loaded.is_layered:
+    if not job.outputs.need_rendering or inputs.is_layered:
         return None
     key = (shot.sample, job.reading)
     if key not in _REPAIRS:
         _REPAIRS.clear()
-        each = [_repair_of(frame, job, read) for frame in shot.sample]
+        each = [_repair_of(frame, job) for frame in shot.sample]
         _REPAIRS[key] = agreed_repair([r for r, _ in each], [scale for _, scale in each])
-    radii = depth.is_radius
-    scale = 1.0 if radii else lens_scale(lens, depth.size)
-    infinity = None if radii else radius_at_infinity(lens, depth.size)
-    return repair_through(_REPAIRS[key], scale, infinity)
+    return repair_through(_REPAIRS[key], radii.scale, radii.infinity)
 
 
-def _repair_of(frame: FrameLens, job: Job, read: Read) -> tuple[DepthRepair, float]:
+def _repair_of(frame: FrameLens, job: Job) -> tuple[DepthRepair, float]:
     """The repair that a frame needs, and the scale of its lens."""
-    import torch
-
-    from defocus_core.depth.repair import repair_depth
-
-    keeping = holding(job).keeping
+    color, depth = _read(frame, job)
     of_frame = dataclasses.replace(job, picture=frame.picture, lens=frame.lens)
-    color, depth = read(of_frame, keeping)
-    lens = shot_focused(of_frame, Loaded(holding(job), color, depth), read)
-    radius, _ = radius_map(lens, depth, keeping)
-    infinity = None if depth.is_radius else radius_at_infinity(lens, depth.size)
-    _, repair = repair_depth(
-        lone_window(radius, "cpu"),
-        windows(color.planes, "cpu"),
-        infinity,
-        torch.get_num_threads(),
-        depth_repair=job.reading.depth_repair,
-        edge_width=job.reading.edge_width,
-    )
-    return repair, 1.0 if depth.is_radius else lens_scale(lens, depth.size)
+    radii = radii_of(shot_focused(of_frame, depth), depth, holding(job).keeping)
+    _, repair = radii.repaired(color, job.reading)
+    return repair, radii.scale
 
 
 @lru_cache(maxsize=8)

@@ -7,23 +7,25 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.depth.focusing import radius_map
-from defocus_core.batch.jobs.job import Job
+import numpy as np
+
+from defocus_core.batch.depth.radii import radii_of
+from defocus_core.batch.elements.overscan import reframed
+from defocus_core.batch.elements.reading import read
+from defocus_core.batch.jobs.job import Shot
 from defocus_core.batch.jobs.shots import AVERAGED
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.rendering.memory_budget import capacity_mb
-from defocus_core.batch.rendering.outcome import Loaded, Outcome
-from defocus_core.batch.rendering.shot_decisions import Read
+from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.errors import InputError, TooLarge, UsageProblem
 from defocus_core.io.arrays import bands
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.images.color_planes import Color
 from defocus_core.io.shots.motion_channels import Motion, read_motion
 from defocus_core.system import memory
 
 if TYPE_CHECKING:
     import torch
 
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.images.color_planes import Color
     from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
     from defocus_core.sequences.motion import Frame
 
@@ -36,61 +38,58 @@ _FEWEST = 2  # frames of a window that has neighbours
 _DISTANCES = frozenset({1, 3, 6, 10})
 
 
-def with_neighbours(
-    outcome: Outcome, loaded: Loaded, radius: Any, read: Read
-) -> tuple[Outcome, Any, HiddenLayer | None]:
-    """The radii [H, W] px to render by, and what neighbours have seen of what is hidden.
+def with_neighbours(made: Rendered) -> tuple[Rendered, Any, HiddenLayer | None]:
+    """What the neighbours of a frame do for it.
 
     Args:
-        outcome: the job, and what is known of it so far.
-        loaded: its decoded inputs.
-        radius: signed CoC radius in px, [H, W].
-        read: decodes the picture of a job.
+        made: the picture, as far as it is known before rendering.
+
+    Returns:
+        The picture, with a note; the radii [H, W] px to render by, averaged over frames, None for
+        its own; and what neighbours have seen of what is hidden.
 
     Raises:
         InputError: a neighbour cannot be read, or is unlike the frame.
         UsageProblem: motion is of no use for it.
     """
-    job, repair, seen = outcome.job, outcome.decided, None
-    if job.shot is None or len(job.shot.window) < _FEWEST:
-        return outcome, radius, None
-    if loaded.is_layered and job.shot.motion is not None:
+    shot, radius, seen = made.job.shot, None, None
+    if shot is None or len(shot.window) < _FEWEST:
+        return made, None, None
+    if made.inputs.is_layered and shot.motion is not None:
         problem = "has no effect: layers, of deep pixels or of a plate, hold what is hidden"
         raise UsageProblem("idle-option", problem, "leave it out", field="motion")
-    quiets = repair is not None and repair.noise is not None
-    if not quiets and job.shot.motion is None:
-        return outcome, radius, None
-    neighbours = Neighbours(job, loaded, outcome.lens, read)
-    if repair is not None and repair.noise is not None:
-        radius = neighbours.quiet_radius(radius, repair.noise)
-        count = min(len(job.shot.window), AVERAGED)
+    noise = None if made.decided is None else made.decided.noise
+    if noise is None and shot.motion is None:
+        return made, None, None
+    neighbours = Neighbours(made)
+    if noise is not None:
+        radius = neighbours.averaged_radius(noise)
+        count = min(len(shot.window), AVERAGED)
         note = f"averaged over {count} frames where the scene is still"
-        outcome = replace(outcome, shot_note=f"{note}, {outcome.shot_note}")
-    if job.shot.motion is not None:
+        made = replace(made, shot_note=f"{note}, {made.shot_note}")
+    if shot.motion is not None:
         seen = neighbours.hidden(radius)
-    return outcome, radius, seen
+    return made, radius, seen
 
 
 class Neighbours:
     """The neighbours of a frame, decoded when they are needed; neighbours of the last are kept."""
 
-    def __init__(self, job: Job, loaded: Loaded, lens: Lens, read: Read) -> None:
+    def __init__(self, made: Rendered) -> None:
         """Keep what the neighbours are read with.
 
         Args:
-            job: a job of a shot.
-            loaded: its decoded inputs.
-            lens: its lens, with the focus distance.
-            read: decodes the picture of a job.
+            made: a picture of a shot.
         """
+        job, inputs = made.job, made.inputs
         assert job.shot is not None
-        self._job, self._loaded, self._lens, self._read = job, loaded, lens, read
+        self._job, self._inputs, self._lens = job, inputs, made.lens
         self._shot, window = job.shot, job.shot.window
-        self._window, self._radii = window, dict[int, Any]()
         self._place = [picture.frame for picture in window].index(job.picture.frame)
+        self._window, self._radii = window, {self._place: made.radii.own.px}
         others = (place for place in range(len(window)) if place != self._place)
         self._order = sorted(others, key=lambda place: (abs(place - self._place), place))
-        if self._shot.motion is not None and loaded.holding.scratch:
+        if self._shot.motion is not None and inputs.holding.scratch:
             problem = "is too large for ‹motion› in the memory that is allowed"
             raise TooLarge(
                 "out-of-memory",
@@ -99,15 +98,16 @@ class Neighbours:
                 path=job.picture.color,
             )
 
-    def quiet_radius(self, radius: Any, noise: float) -> Any:
+    def averaged_radius(self, noise: float) -> Any:
         """Radii [H, W] px averaged with those of the neighbours where the scene is still."""
         import torch
 
         from defocus_core.sequences.motion import Frame
         from defocus_core.sequences.temporal_mean import temporal_mean
 
-        averaged = self._loaded.holding.keeping.new(radius.shape, "float32")
-        own = self._loaded.color
+        radius = self._radii[self._place]
+        averaged = self._inputs.holding.keeping.new(radius.shape, "float32")
+        own = self._inputs.color
         order = self._order[: AVERAGED - 1]
         others = [(self._files(place), self._radius(place)) for place in order]
         moved, parts = None, bands(radius.shape)
@@ -133,14 +133,15 @@ class Neighbours:
             averaged[rows] = mean[rows.start - top : rows.stop - top].numpy()
         return averaged
 
-    def hidden(self, radius: Any) -> HiddenLayer:
-        """What the neighbours have seen behind the surfaces of radii [H, W] px."""
+    def hidden(self, radius: Any = None) -> HiddenLayer:
+        """What neighbours have seen behind surfaces of radii [H, W] px; None for its own."""
         import torch
 
         from defocus_core.sequences.motion import Frame
         from defocus_core.sequences.seen_behind import seen_behind
 
-        image = _image(self._loaded.color, slice(None))
+        radius = self._radii[self._place] if radius is None else radius
+        image = _image(self._inputs.color, slice(None))
         return seen_behind(Frame(image, torch.from_numpy(radius[:])), self._moved())
 
     def _moved(self) -> Iterator[Frame]:
@@ -171,13 +172,21 @@ class Neighbours:
         picture = self._window[place]
         channel = self._shot.motion
         assert channel is not None
-        files, overscan = (picture.color, picture.depth), self._loaded.color.overscan
+        files, color = (picture.color, picture.depth), self._decoded(place)[0]
         motion: Motion = _CACHE.kept(
-            ("motion", picture, channel, overscan),
-            lambda: read_motion(files, channel, overscan),
+            ("motion", picture, channel, color.overscan),
+            lambda: read_motion(files, channel, color.overscan),
             self._most_mb(),
         )
-        if motion.to_next.shape[1:] != self._loaded.depth.metres.shape:
+        wanted = self._inputs.color.overscan
+        if color.overscan != wanted:
+            still = None if color.alpha is None else 0.0
+            pairs = (
+                [reframed(plane, color.overscan, wanted, still)[:] for plane in vectors]
+                for vectors in motion
+            )
+            motion = Motion(*map(np.stack, pairs))
+        if motion.to_next.shape[1:] != self._inputs.depth.metres.shape:
             raise InputError(
                 "wrong-size",
                 "has motion vectors of another size",
@@ -189,31 +198,50 @@ class Neighbours:
     def _radius(self, place: int) -> Any:
         """The radii of a frame of the window through the lens of the frame."""
         if place not in self._radii:
-            own = place == self._place
-            depth = self._loaded.depth if own else self._files(place)[1]
-            keeping = self._loaded.holding.keeping
-            self._radii[place] = radius_map(self._lens, depth, keeping)[0]
+            keeping = self._inputs.holding.keeping
+            self._radii[place] = radii_of(self._lens, self._files(place)[1], keeping).px
         return self._radii[place]
 
-    def _files(self, place: int) -> tuple[Color, Depth]:
-        picture = self._window[place]
-        keeping = self._loaded.holding.keeping
-        color, depth = _CACHE.kept(
+    def _decoded(self, place: int) -> tuple[Color, Depth]:
+        """Colour and depth of a frame of the window, with its own overscan."""
+        if place == self._place:
+            return self._inputs.color, self._inputs.depth
+        picture, keeping = self._window[place], self._inputs.holding.keeping
+        both: tuple[Color, Depth] = _CACHE.kept(
             (picture, self._job.reading, self._job.lens_focal),
-            lambda: self._read(replace(self._job, picture=picture), keeping),
+            lambda: read(picture, self._job.reading, keeping, self._job.lens_focal),
             self._most_mb(),
         )
-        if color.shape != self._loaded.color.shape:
+        return both
+
+    def _files(self, place: int) -> tuple[Color, Depth]:
+        """Colour and depth of a frame of the window, with the overscan of the frame.
+
+        Beyond its own there is nothing of an element; other pictures go on as at their edge.
+        """
+        picture, (color, depth) = self._window[place], self._decoded(place)
+        own, wanted = color.overscan, self._inputs.color.overscan
+        if own != wanted:
+            dark, far = (None, None) if color.alpha is None else (0.0, np.inf)
+            far = 0.0 if far is not None and depth.is_radius else far
+            planes = tuple(reframed(plane, own, wanted, dark) for plane in color.planes)
+            color = replace(color, planes=planes, overscan=wanted)
+            metres = reframed(depth.metres, own, wanted, far)
+            depth = replace(depth, metres=metres, overscan=wanted, nothing=None)
+        if color.shape != self._inputs.color.shape:
             height, width, channels = color.shape
-            own = self._loaded.color.path
-            problem = f"is {width}x{height} px of {channels} channels, unlike {own}"
-            raise InputError(
-                "wrong-size", problem, "give frames of one size, or ‹no-steady›", path=picture.color
-            )
+            unlike = self._inputs.color.path
+            problem = f"is {width}x{height} px of {channels} channels, unlike {unlike}"
+            raise InputError("wrong-size", problem, _remedy_of(self._shot), path=picture.color)
         return color, depth
 
     def _most_mb(self) -> float:
         return _SHARE * capacity_mb(self._job.machine)
+
+
+def _remedy_of(shot: Shot) -> str:
+    """What to do about frames of several sizes: those of a shot with motion are always needed."""
+    return f"give frames of one size, or {'leave out ‹motion›' if shot.motion else '‹no-steady›'}"
 
 
 class _Cache:
@@ -250,7 +278,6 @@ def _size_mb(value: Any) -> float:
 
 def _image(color: Color, rows: slice) -> torch.Tensor:
     """The colours [C, h, W] of some rows."""
-    import numpy as np
     import torch
 
     return torch.from_numpy(np.stack([plane[rows] for plane in color.planes]).astype(np.float32))

@@ -163,12 +163,10 @@ def do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
     for sent in jobs:
         job = typed(Job, sent)
         job = replace(job, machine=replace(job.machine, threads=threads))
-        ready = reader.read(job)
-        computed = ready.result or job_result.compute(ready)
-        result = (
-            job_result.write(computed) if isinstance(computed, job_result.Computed) else computed
-        )
-        results.append({key: value for key, value in result.items() if key != "error"})
+        inputs = reader.read(job)
+        made = inputs if isinstance(inputs, Mapping) else job_result.compute(job, inputs)
+        record = made if isinstance(made, Mapping) else job_result.write(made)
+        results.append({key: value for key, value in record.items() if key != "error"})
     return {"versions": identity.versions(), "results": results}
 
 

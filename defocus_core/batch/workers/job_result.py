@@ -1,10 +1,10 @@
-"""One job carried out, and its result as a plain dictionary that can be sent between processes.
+"""One job carried out, and its record as a plain dictionary that is sent between processes.
 
-A result has status, reason, message, inputs, outputs, lens, size, coc_px, color_note, depth_note,
-depth_repair, device, quality, measures, warnings and seconds as a record of the journal has them,
-but for paths: outputs are relative to the root, inputs have none. ``stats`` are those of the
-renderer. Where something was raised, ``trace`` is its traceback if it was a fault, and ``error``
-itself is there, for this process alone.
+What a worker knows of a record of the journal is there: status, reason, message, inputs, outputs,
+lens, size, coc_px, color_note, depth_note, depth_repair, device, quality, measures, warnings and
+seconds; outputs are relative to the root, inputs have no paths. Beside them, for the moment, are
+`BESIDE`: ``stats`` of the renderer; where something was raised, ``trace``, its traceback if it was
+a fault, and ``error`` itself, for this process alone.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ import time
 import traceback
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from defocus_core.batch.depth.repair_words import repair_record
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
+from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.journal.reasons import Step, verdict
 from defocus_core.batch.lenses.lens import lens_record
 from defocus_core.batch.lenses.parameters import LENS_FILES
 from defocus_core.batch.rendering import delivery, job_steps
+from defocus_core.batch.rendering.inputs import Inputs
 from defocus_core.batch.rendering.measures import measures
+from defocus_core.batch.rendering.rendered import Rendered
 
-if TYPE_CHECKING:
-    from defocus_core.batch.rendering.outcome import Loaded, Rendering
-
-Result = dict[str, Any]
 TileCount = Callable[[int, int], None]
+BESIDE = ("stats", "trace", "error")  # keys of what the journal does not keep
 _NO_PICTURE = dict.fromkeys(
     (
         "lens",
@@ -46,50 +46,29 @@ _NO_PICTURE = dict.fromkeys(
 )
 
 
-@dataclass(frozen=True)
-class Ready:
-    """A job whose inputs are decoded, or which cannot be done."""
-
-    job: Job
-    loaded: Loaded | None
-    inputs: Mapping[str, Any]
-    seconds: float
-    result: Result | None = None  # if it cannot be done
-
-
-@dataclass(frozen=True)
-class Computed:
-    """A job that is computed."""
-
-    ready: Ready
-    rendering: Rendering
-    seconds: float
-
-
 class Reader:
     """Decodes the pictures of jobs; jobs of one picture that follow one another share it."""
 
     def __init__(self) -> None:
-        self._last: tuple[object, Ready] | None = None
+        self._last: tuple[object, Inputs] | None = None
 
-    def read(self, job: Job) -> Ready:
-        """Decode the inputs of a job."""
+    def read(self, job: Job) -> Inputs | Record:
+        """The inputs of a job, decoded; its record if it cannot be done."""
         key = (job.picture, job.reading, job.lens_focal, job.outputs.need_rendering)
         if self._last is not None and self._last[0] == key:
-            ready = self._last[1]
-            shared = {role: stamp for role, stamp in ready.inputs.items() if role in job.files}
+            inputs = self._last[1]
+            shared = {role: stamp for role, stamp in inputs.stamps.items() if role in job.files}
             own = {role: path for role, path in job.files.items() if role in LENS_FILES}
-            return replace(ready, job=job, inputs=shared | _stamps(own), seconds=0.0)
+            return replace(inputs, stamps=shared | _stamps(own), seconds=0.0)
         self._last = None  # free a picture before the next is decoded
-        start = time.perf_counter()
-        stamps = _stamps(job.files)
+        start, stamps = time.perf_counter(), _stamps(job.files)
         try:
-            loaded = job_steps.load_inputs(job)
+            inputs = job_steps.load_inputs(job)
         except Exception as error:
-            return Ready(job, None, stamps, 0.0, failure(error, "read", stamps))
-        ready = Ready(job, loaded, stamps, time.perf_counter() - start)
-        self._last = key, ready
-        return ready
+            return failure(error, "read", stamps)
+        inputs = replace(inputs, stamps=stamps, seconds=time.perf_counter() - start)
+        self._last = key, inputs
+        return inputs
 
 
 def _stamps(files: Mapping[str, Path]) -> dict[str, Any]:
@@ -101,23 +80,20 @@ def _stamps(files: Mapping[str, Path]) -> dict[str, Any]:
     return stamps
 
 
-def compute(ready: Ready, progress: TileCount | None = None) -> Computed | Result:
-    """Compute a job that can be done."""
-    assert ready.loaded is not None
-    start = time.perf_counter()
+def compute(job: Job, inputs: Inputs, progress: TileCount | None = None) -> Rendered | Record:
+    """Compute a job whose inputs are decoded; its record if it cannot be done."""
     try:
-        rendering = job_steps.compute(ready.job, ready.loaded, progress)
+        return job_steps.compute(job, inputs, progress)
     except Exception as error:
-        return failure(error, "render", ready.inputs)
-    return Computed(ready, rendering, time.perf_counter() - start)
+        return failure(error, "render", inputs.stamps)
 
 
-def write(computed: Computed) -> Result:
+def write(made: Rendered) -> Record:
     """Write what a job computed; when this returns, it is durable."""
     start = time.perf_counter()
-    job, inputs = computed.ready.job, computed.ready.inputs
+    job, inputs = made.job, made.inputs.stamps
     try:
-        outcome = delivery.write(computed.rendering)
+        made = delivery.write(made)
         outputs = {
             name: {"path": path, **identity.stamp(job.outputs.root / path, job.outputs.root)}
             for name, path in job.names.items()
@@ -130,36 +106,36 @@ def write(computed: Computed) -> Result:
         "message": "",
         "inputs": dict(inputs),
         "outputs": outputs,
-        "lens": lens_record(outcome.lens),
-        "size": list(outcome.size),
-        "coc_px": list(outcome.coc_px),
-        "color_note": outcome.color_note,
-        "depth_note": outcome.depth_words(),
-        "depth_repair": repair_record(outcome.repair),
-        "device": outcome.device,
-        "quality": outcome.quality,
-        "measures": measures(computed.rendering, outcome),
-        "warnings": list(outcome.warnings),
+        "lens": lens_record(made.lens),
+        "size": list(made.size),
+        "coc_px": list(made.radii.ends),
+        "color_note": made.color_note,
+        "depth_note": made.depth_words(),
+        "depth_repair": repair_record(made.repair),
+        "device": made.device,
+        "quality": made.quality,
+        "measures": measures(made),
+        "warnings": list(made.warnings),
         "seconds": {
-            "read": round(computed.ready.seconds, 4),
-            "render": round(outcome.render_seconds, 4),
+            "read": round(made.inputs.seconds, 4),
+            "render": round(made.seconds, 4),
             "write": round(time.perf_counter() - start, 4),
-            "cpu": round(outcome.render_cpu_seconds, 4),
+            "cpu": round(made.cpu_seconds, 4),
         },
-        "stats": dict(outcome.stats),
+        "stats": dict(made.stats),
     }
 
 
-def failure(error: Exception, step: Step, inputs: Mapping[str, Any]) -> Result:
-    """The result of a job that an exception ended."""
+def failure(error: Exception, step: Step, inputs: Mapping[str, Any]) -> Record:
+    """The record of a job that an exception ended."""
     status, reason, message = verdict(error, step)
-    result = failed(status, reason, message, inputs) | {"error": error}
+    result = {**failed(status, reason, message, inputs), "error": error}
     if reason == "fault":
         result["trace"] = "".join(traceback.format_exception(error))
     return result
 
 
-def failed(status: str, reason: str, message: str, inputs: Mapping[str, Any]) -> Result:
-    """The result of a job without outputs."""
+def failed(status: str, reason: str, message: str, inputs: Mapping[str, Any]) -> Record:
+    """The record of a job without outputs."""
     ended = {"status": status, "reason": reason, "message": message, "inputs": dict(inputs)}
     return {**ended, "outputs": {}, **_NO_PICTURE, "warnings": [], "seconds": {}, "stats": {}}

@@ -8,15 +8,22 @@ of jobs.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from queue import SimpleQueue
+from typing import TYPE_CHECKING
 
 from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.rendering import job_steps
+from defocus_core.batch.rendering.inputs import Inputs
 from defocus_core.batch.rendering.memory_budget import Gate
+from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.batch.workers import job_result
-from defocus_core.batch.workers.job_result import Computed, Ready, Result, TileCount
+from defocus_core.batch.workers.job_result import TileCount
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
+
+if TYPE_CHECKING:
+    _Read = tuple[int, Job, Inputs | Record]
 
 
 def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
@@ -33,10 +40,10 @@ def execute_alone(progress: TileCount | None) -> Execute:
     """
 
     def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
-        def done_or_raised(number: int, result: Result) -> None:
-            if "error" in result:
-                raise result["error"]
-            done(number, result)
+        def done_or_raised(number: int, record: Record) -> None:
+            if "error" in record:
+                raise record["error"]
+            done(number, record)
 
         job_steps.load()
         run(_jobs(chunks, stopped), done_or_raised, progress, stopped)
@@ -62,7 +69,7 @@ def run(
 
     Args:
         jobs: numbered; asked for the next one, on a thread of its own, before the last is done.
-        done: called with number and result of each as soon as it is durable, on another thread
+        done: called with number and record of each as soon as it is durable, on another thread
             or on this one, one at a time.
         progress: called with (tiles done, tiles in all) of the picture that is being computed.
         stopped: whether no further picture is to be computed; those read ahead are let go.
@@ -73,10 +80,13 @@ def run(
     gate = Gate()
     ahead, behind = _Ahead(jobs, gate), _Writer(done, gate)
     try:
-        for number, ready in ahead:
+        for number, job, inputs in ahead:
             if stopped():
                 break
-            behind.put(number, ready.result or job_result.compute(ready, progress))
+            if isinstance(inputs, Mapping):
+                behind.put(number, inputs)
+            else:
+                behind.put(number, job_result.compute(job, inputs, progress))
     finally:
         try:
             ahead.stop()
@@ -91,12 +101,12 @@ class _Ahead:
     def __init__(self, jobs: Iterable[tuple[int, Job]], gate: Gate) -> None:
         self._jobs, self._gate = jobs, gate
         self._room = threading.Semaphore(1)
-        self._queue: SimpleQueue[tuple[int, Ready] | BaseException | None] = SimpleQueue()
+        self._queue: SimpleQueue[_Read | BaseException | None] = SimpleQueue()
         self._decoding = threading.Lock()
         self._stopped = False
         threading.Thread(target=self._read, name="reader", daemon=True).start()
 
-    def __iter__(self) -> Iterator[tuple[int, Ready]]:
+    def __iter__(self) -> Iterator[_Read]:
         while (item := self._queue.get()) is not None:
             if isinstance(item, BaseException):
                 raise item
@@ -123,9 +133,9 @@ class _Ahead:
                 with self._decoding:
                     if self._stopped:
                         return
-                    ready = reader.read(job)
-                self._queue.put((number, ready))
-                del ready
+                    inputs = reader.read(job)
+                self._queue.put((number, job, inputs))
+                del inputs
         except BaseException as error:
             self._queue.put(error)
         finally:
@@ -138,15 +148,15 @@ class _Writer:
     def __init__(self, done: Done, gate: Gate) -> None:
         self._done, self._gate = done, gate
         self._room = threading.Semaphore(1)
-        self._queue: SimpleQueue[tuple[int, Computed | Result] | None] = SimpleQueue()
+        self._queue: SimpleQueue[tuple[int, Rendered | Record] | None] = SimpleQueue()
         self._error: BaseException | None = None
         self._ended = threading.Event()  # a join that a signal interrupts cannot be tried again
         threading.Thread(target=self._write, name="writer", daemon=True).start()
 
-    def put(self, number: int, computed: Computed | Result) -> None:
+    def put(self, number: int, made: Rendered | Record) -> None:
         self._room.acquire()
         self.check()
-        self._queue.put((number, computed))
+        self._queue.put((number, made))
 
     def check(self) -> None:
         """Raise what ``done`` raised."""
@@ -167,11 +177,11 @@ class _Writer:
 
     def _write(self) -> None:
         while (item := self._queue.get()) is not None:
-            number, computed = item
+            number, made = item
             try:
-                result = job_result.write(computed) if isinstance(computed, Computed) else computed
-                del computed, item
-                self._done(number, result)
+                record = made if isinstance(made, Mapping) else job_result.write(made)
+                del made, item
+                self._done(number, record)
             except BaseException as error:
                 self._error = error
             finally:

@@ -10,11 +10,10 @@ from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity, run_file
 from defocus_core.batch.journal.journal import Record, Shard, read_all
 from defocus_core.batch.journal.ledger import Ledger
-from defocus_core.batch.workers.job_result import Result
 from defocus_core.batch.workers.output_checks import refuse_misplaced, refuse_unknown
 
 Chunk = list[tuple[int, Job]]  # jobs of one picture, with their numbers
-Done = Callable[[int, Result], None]
+Done = Callable[[int, Record], None]
 Execute = Callable[[Iterator[Chunk], Done, Callable[[], bool]], None]
 
 
@@ -24,7 +23,7 @@ class Execution:
 
     Attributes:
         execute: does jobs; called with chunks of them, with the function to call with the number
-            and result of each job, and with the function that tells that no further job is to be
+            and record of each job, and with the function that tells that no further job is to be
             begun.
         shard: which part of the batch; None for all of it.
         limit: at most so many jobs.

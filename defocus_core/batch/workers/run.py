@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from defocus_core.batch.datasets import update
 from defocus_core.batch.jobs.job import Job
@@ -20,7 +20,7 @@ from defocus_core.batch.journal import identity, run_file
 from defocus_core.batch.journal.journal import Journal, Record, input_path, journal_path, read_all
 from defocus_core.batch.journal.lock import Check, LockLost, locked
 from defocus_core.batch.journal.run_file import RunPlan
-from defocus_core.batch.workers.job_result import Result
+from defocus_core.batch.workers.job_result import BESIDE
 from defocus_core.batch.workers.output_checks import refuse_unwritable
 from defocus_core.batch.workers.plan import Chunk, Execution, Plan, make_plan
 from defocus_core.errors import InputError, alike
@@ -42,8 +42,8 @@ class Listener(Protocol):
     def planned(self, plan: Plan) -> None:
         """Before the first job is done."""
 
-    def ended(self, job: Job, record: Record, result: Result) -> None:
-        """A job has come to its end, and the journal has it."""
+    def ended(self, job: Job, record: Record) -> None:
+        """A job has come to its end, and the journal has it, but for what stands `BESIDE`."""
 
 
 @dataclass
@@ -181,37 +181,37 @@ class _Batch:
                 return
             yield chunk
 
-    def done(self, number: int, result: Result) -> None:
-        """Write the record of a job."""
+    def done(self, number: int, record: Record) -> None:
+        """Complete the record of a job, and write it."""
         self.require_lock()
         job, recipe = self.plan.todo[number]
-        if result["reason"] == "no-space":  # no other job will find space
-            raise NoSpace(*result["message"].split(": ", 1))
-        record = record_of(job, recipe, self.out, result)
+        if record["reason"] == "no-space":  # no other job will find space
+            raise NoSpace(*record["message"].split(": ", 1))
+        beside = {key: record[key] for key in BESIDE if key in record}
+        record = completed(record, job, recipe, self.out)
         self.journal.append(record)
-        if result["status"] == "ok":
+        if record["status"] == "ok":
             self.plan.unknown.difference_update(job.names.values())
             for path, stamp in self.plan.previews.pop(number, {}).items():
                 if identity.unchanged(self.out / path, stamp):
                     Folder(self.out).remove(path)
         self.summary.left -= 1
-        self.summary.statuses[result["status"]] += 1
-        self.summary.warned += bool(result["warnings"])
-        self.summary.warnings.update({alike(warning) for warning in result["warnings"]})
-        if result["reason"]:
-            self.summary.reasons[result["reason"]] += 1
-        if result["status"] == "failed" and self.execution.fail_fast:
+        self.summary.statuses[record["status"]] += 1
+        self.summary.warned += bool(record["warnings"])
+        self.summary.warnings.update({alike(warning) for warning in record["warnings"]})
+        if record["reason"]:
+            self.summary.reasons[record["reason"]] += 1
+        if record["status"] == "failed" and self.execution.fail_fast:
             self.stopping = True
-        self.listener.ended(job, record, result)
+        self.listener.ended(job, {**record, **beside})
 
 
-def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any]:
-    """The record of a job for the journal."""
+def completed(record: Record, job: Job, recipe: str, out: Path) -> Record:
+    """The record of a job for the journal, from what its worker knows of it."""
     places = {role: input_path(path, out) for role, path in job.files.items()}
     inputs = {
-        role: {"path": place, **result["inputs"].get(role, {})} for role, place in places.items()
+        role: {"path": place, **record["inputs"].get(role, {})} for role, place in places.items()
     }
-    outputs = result["outputs"] or {name: {"path": path} for name, path in job.names.items()}
     copied = ("lens", "size", "coc_px", "device", "warnings", "seconds")
     notes = ("color_note", "depth_note", "depth_repair", "measures")
     return {
@@ -219,14 +219,12 @@ def record_of(job: Job, recipe: str, out: Path, result: Result) -> dict[str, Any
         **({"split": job.split} if job.split else {}),
         "job": identity.name(recipe, inputs),
         "recipe": recipe,
-        "status": result["status"],
-        "reason": result["reason"],
-        "message": result["message"],
+        **{key: record[key] for key in ("status", "reason", "message")},
         "settings": identity.settings(job),
         "inputs": inputs,
-        "outputs": outputs,
-        **{key: result[key] for key in (*copied, *notes)},
-        "quality": result["quality"] or job.machine.quality,
+        "outputs": record["outputs"] or {name: {"path": path} for name, path in job.names.items()},
+        **{key: record[key] for key in (*copied, *notes)},
+        "quality": record["quality"] or job.machine.quality,
         **identity.versions(),
         "finished": _now(),
     }

@@ -1,7 +1,7 @@
 """A worker process that does jobs for the coordinator of a batch.
 
 It is sent (number, job), and None when no further one is to be begun: what it has not begun to
-compute by then it lets go. It sends ``ready`` when it can start, then (number, result) for each
+compute by then it lets go. It sends ``ready`` when it can start, then (number, record) for each
 that it did. It ends when the coordinator is gone, and leaves Ctrl-C to it.
 """
 
@@ -15,9 +15,9 @@ from queue import SimpleQueue
 from typing import TYPE_CHECKING
 
 from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.rendering import job_steps
 from defocus_core.batch.workers import pipeline
-from defocus_core.batch.workers.job_result import Result
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -32,8 +32,8 @@ def serve(connection: Connection) -> None:
     jobs = _received(connection, stopped)
     job_steps.load()
 
-    def send(number: int, result: Result) -> None:
-        connection.send((number, {key: value for key, value in result.items() if key != "error"}))
+    def send(number: int, record: Record) -> None:
+        connection.send((number, {key: value for key, value in record.items() if key != "error"}))
 
     connection.send(READY)
     pipeline.run(jobs, send, stopped=stopped.is_set)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from defocus_core.batch.jobs.job import Job, Machine
 from defocus_core.batch.rendering import memory_budget
+from defocus_core.batch.workers.dask_pool import execute_at
 from defocus_core.batch.workers.plan import Execute
 from defocus_core.system import memory
 from defocus_core.system.process import cores
@@ -89,8 +90,6 @@ class WorkerConfig:
             from defocus_core.batch.workers.pool import execute_in
 
             return execute_in(self.count)
-        from defocus_core.batch.workers.dask_pool import execute_at
-
         return execute_at(self.scheduler, threads=self.threads)
 
 

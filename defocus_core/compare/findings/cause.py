@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.compare.findings import geometry, sharpness, tone
+from defocus_core.compare.findings import filters, geometry, tone, traces
 from defocus_core.compare.findings.evidence import Evidence, Explanation, best
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.picture import in_linear_light, read_picture
@@ -17,45 +17,82 @@ if TYPE_CHECKING:
     from defocus_core.compare.picture import DecodedPicture
     from defocus_core.compare.pixels import Pixels
 
-_COC_ATTRIBUTE = "defocus:coc_px"  # of a render: the range of its signed radii
 _MAPS_OF_COC = {"coc", "disparity"}
+# Attributes of a render by what follows if they differ.
+_OF_A_LENS = {
+    "another CoC": ("fnumber", "focus", "focal_length", "coc_px"),
+    "another bokeh shape": ("blades", "blade_rotation"),
+}
+_LAST_BITS = 2e-5  # largest difference that is that of another machine, on no scale to be seen
+_CERTAIN = 0.03  # left of a difference, below which nothing else is tried
 
 
-def diagnose(pixels: Pixels, types: Mapping[str, str], file_a: Path | None) -> list[Finding]:
+def diagnose(pixels: Pixels, a: DecodedPicture, b: DecodedPicture) -> list[Finding]:
     """The cause of the differences of a pair that has some, or none where evidence is lacking.
 
     Args:
         pixels: the pair.
-        types: number types of the channels of B.
-        file_a: the file of A, beside which the other of the left and right view may be.
+        a: the picture A, beside whose file the other view and other frames may be.
+        b: the picture B.
     """
-    evidence = Evidence(pixels, types)
-    chosen = best([*tone.explanations(evidence)])
-    if chosen is None or chosen.left > 0:
-        explanations = geometry.explanations(evidence, _other_view(pixels, file_a))
-        chosen = best([*filter(None, [chosen]), *explanations])
+    evidence = Evidence(pixels, b.types)
+    old, new = (evidence.scaled(side) for side in evidence.sampled)
+    if old.size and float(abs(new - old).max()) < _LAST_BITS:
+        return []
+    tried = list(tone.explanations(evidence))
+    kinds: list[Iterator[Explanation]] = [
+        geometry.explanations(evidence, _others(pixels, a.path)),
+        traces.explanations(evidence),
+    ]
+    if pixels.color:
+        kinds.append(filters.explanations(evidence))  # the dearest
+    for kind in kinds:
+        chosen = best(tried)
+        if chosen is None or chosen.left + chosen.cost > _CERTAIN:
+            tried += kind
+    chosen = best(tried)
     if set(evidence.names) <= _MAPS_OF_COC and _is_of_values(chosen):
         return _of_maps(evidence)
     if chosen is None:
-        return list(sharpness.findings(evidence)) if pixels.color else []
-    finding = chosen.finding
-    return [
-        Finding(finding.name, finding.text, finding.values, round(max(0.0, 1 - chosen.left), 4))
-    ]
+        return []
+    finding = _by_metadata(chosen.finding, a.metadata, b.metadata)
+    share = round(max(0.0, 1 - chosen.left), 4)
+    return [Finding(finding.name, finding.text, finding.values, share)]
+
+
+def _by_metadata(finding: Finding, a: Mapping[str, str], b: Mapping[str, str]) -> Finding:
+    """Light that is spread otherwise, by the lens that the metadata of two renders name."""
+    if finding.name != "another CoC":
+        return finding
+    for name, attributes in _OF_A_LENS.items():
+        changes = [
+            f"{key} {b[full]} instead of {a[full]}"
+            for key in attributes
+            for full in [f"defocus:{key}"]
+            if full in a and full in b and a[full] != b[full]
+        ]
+        if changes:
+            text = finding.text.replace(", or another bokeh shape", "")
+            text = text.replace(finding.name, name)
+            said = f"{text} ({', '.join(changes)}, by the metadata)"
+            return Finding(name, said, finding.values)
+    return finding
 
 
 def _is_of_values(chosen: Explanation | None) -> bool:
     """Whether a map differs in its values and not in their places: no cause, or a tone."""
-    return chosen is None or chosen.finding.name in ("another exposure", "another gamma")
+    tones = ("another exposure", "another gamma", "raised blacks", "lowered blacks", "noise")
+    return chosen is None or chosen.finding.name in tones
 
 
 def _of_maps(evidence: Evidence) -> list[Finding]:
     """Maps of the circle of confusion that differ, with their ranges."""
     findings = []
-    for name, a, b in zip(evidence.names, evidence.a, evidence.b, strict=True):
-        old, new = ([float(side.min()), float(side.max())] for side in (a, b))
-        ranges = (f"{least:.2f} to {most:.2f} px" for least, most in (new, old))
-        text = f"another CoC: {name} {' instead of '.join(ranges)}"
+    for name in evidence.names:
+        planes = (evidence.at(side, slice(None), slice(None), [name]) for side in ("a", "b"))
+        old, new = ([float(plane.min()), float(plane.max())] for plane in planes)
+        ranges = [f"{least:.2f} to {most:.2f} px" for least, most in (new, old)]
+        text = f"another CoC: {name} {' instead of '.join(dict.fromkeys(ranges))}"
         findings.append(Finding("another CoC", text, {"a": old, "b": new}))
     return findings
 
@@ -70,28 +107,14 @@ def of_another_size(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
     yield from geometry.resized(*planes)
 
 
-def declared_coc(a: DecodedPicture, b: DecodedPicture) -> list[Finding]:
-    """Another CoC by the headers of two renders of defocus, where the pixels do not show it."""
-    texts = (side.metadata.get(_COC_ATTRIBUTE, "") for side in (a, b))
-    try:
-        old, new = ([float(number) for number in text.split()] for text in texts)
-    except ValueError:  # another program's attribute
-        return []
-    if old == new or len(old) != 2 or len(new) != 2:
-        return []
-    ranges = (f"{least:.2f} to {most:.2f} px" for least, most in (new, old))
-    text = f"another CoC: {' instead of '.join(ranges)}, as the headers say"
-    return [Finding("another CoC", text, {"a": old, "b": new})]
-
-
-def _other_view(pixels: Pixels, file_a: Path | None) -> dict[str, Any] | None:
-    """Channels of the file that is the other of the left and right view of A, if there is one."""
-    partner = None if file_a is None else geometry.view_partner(file_a)
-    if partner is None:
-        return None
-    try:
-        picture = read_picture(partner)
-    except InputError:  # it is judged as a pair of its own
-        return None
-    linear = pixels.gamma == 1.0
-    return dict((in_linear_light(picture) if linear else picture).planes)
+def _others(pixels: Pixels, file_a: Path | None) -> dict[str, dict[str, Any]]:
+    """Channels of files beside that of A, by the finding that B is one of these."""
+    others = {}
+    for name, path in geometry.partners(file_a):
+        try:
+            picture = read_picture(path)
+        except InputError:  # it is judged as a pair of its own
+            continue
+        linear = pixels.gamma == 1.0
+        others[name] = dict((in_linear_light(picture) if linear else picture).planes)
+    return others

@@ -1,8 +1,9 @@
 """Sampled pixels of a pair, against which explanations of a difference are tried.
 
-An explanation predicts B from A. Its residual is measured in arsinh of the values, so that a few
-highlights do not decide. Where pictures are large, half of the samples are pixels that differ and
-half are spread over the picture.
+An explanation predicts B from A. What it leaves of the difference is measured at pixels that did
+not choose its parameters: blocks of 16 px take turns. It is measured on a scale that is sRGB up to
+1 and logarithmic beyond, so that a few highlights do not decide. White noise of lossy codecs, which
+no explanation predicts, counts neither for nor against one.
 """
 
 from __future__ import annotations
@@ -12,19 +13,29 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from defocus_core.compare.metrics import unclipped
+from defocus_core.compare.selection import widened
+from defocus_core.io.images.color_space import srgb_to_linear
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from defocus_core.compare.findings.finding import Finding
     from defocus_core.compare.pixels import Pixels
 
-_SAMPLES = 60_000
+_SAMPLES = 20_000  # pixels that are looked at, each with its neighbour on the right
+_FRAME = 640  # px of a side of the part that is looked at as a whole
+_BLOCK = 16  # px of the blocks that take turns: one chooses parameters, the next measures
 _LARGEST = 1e30  # value that is looked at: beyond it, arithmetic in float32 overflows
-# Largest share of a difference that an explanation may leave.
-LEFT = 0.1
+_LOSSY = 3.5 / 255  # RMS of the strongest noise of a codec
+# Largest share of a difference that an explanation may leave, if it is to be named.
+LEFT = 0.4
+EXACT = 0.15  # the same for what predicts all values
+_SIGNAL = 1.3  # least power of a difference, by that of the noise in it
 # RMS of what number types round off: of 0…1 for integers, as a share of the level for others.
 _STEPS = {"uint8": 0.35 / 255, "uint16": 0.35 / 65535}
 _RELATIVE_STEPS = {"half": 4e-4, "float": 1e-6}
@@ -32,10 +43,19 @@ _RELATIVE_STEPS = {"half": 4e-4, "float": 1e-6}
 
 @dataclass(frozen=True)
 class Explanation:
-    """A finding, and which share of the difference it leaves unexplained."""
+    """A finding, and which share of the difference it leaves unexplained.
+
+    Attributes:
+        finding: what is named.
+        left: share of the RMS difference that it leaves.
+        limit: the largest of ``left`` with which it is named.
+        cost: what is added to ``left`` where explanations compete: more for more parameters.
+    """
 
     finding: Finding
     left: float
+    limit: float = LEFT
+    cost: float = 0.0
 
 
 class Evidence:
@@ -43,30 +63,16 @@ class Evidence:
 
     Attributes:
         names: of the channels that differ.
-        a: their values [C, H, W] in A, float32, 0 where a pixel is not finite.
-        b: the same of B.
         gamma: as of `Pixels`.
         types: number types of B.
     """
 
     def __init__(self, pixels: Pixels, types: Mapping[str, str]) -> None:
-        import numpy as np
-
         differ = [bool(difference.any()) for difference in pixels.differences]
         self.pixels = pixels
         self.names = tuple(n for n, d in zip(pixels.names, differ, strict=True) if d)
         self.gamma = pixels.gamma
         self.types = {types[name] for name in self.names}
-        self.a, self.b = (
-            np.stack([self._filled(pixels.plane(side, name)) for name in self.names])
-            for side in ("a", "b")
-        )
-
-    def _filled(self, plane: NDArray[Any]) -> NDArray[np.float32]:
-        import numpy as np
-
-        values: NDArray[np.float32] = np.clip(plane, -_LARGEST, _LARGEST).astype(np.float32)
-        return values if self.pixels.finite is None else np.nan_to_num(values)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -75,91 +81,225 @@ class Evidence:
 
     @cached_property
     def places(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Rows and columns of the sampled pixels."""
-        import numpy as np
-
-        finite = self.pixels.finite
-        every = np.arange(self.pixels.greatest.size) if finite is None else np.flatnonzero(finite)
+        """Rows and columns of the samples; the second half are the neighbours of the first."""
+        width = self.size[1]
+        finite, right = self.pixels.finite, min(1, width - 1)
+        ok = np.ones(self.size, bool) if finite is None else finite.copy()
+        ok[:, : width - right] &= ok[:, right:]
+        ok[:, width - right :] = False
+        every = np.flatnonzero(ok)
         if every.size > _SAMPLES:
-            differing = np.flatnonzero(self.pixels.greatest)
+            differing = np.flatnonzero((self.pixels.greatest > 0) & ok)
             generator = np.random.default_rng(0)
             half = min(_SAMPLES // 2, differing.size)
-            chosen = differing[generator.integers(0, differing.size, half)]
+            chosen = differing[generator.integers(0, max(differing.size, 1), half)]
             spread = every[generator.integers(0, every.size, _SAMPLES - half)]
             every = np.concatenate([chosen, spread])
         rows, columns = np.unravel_index(every, self.size)
-        return rows, columns
+        return np.concatenate([rows, rows]), np.concatenate([columns, columns + right])
+
+    @cached_property
+    def fits(self) -> NDArray[np.bool_]:
+        """Samples that choose parameters; the others measure."""
+        rows, columns = (places // _BLOCK for places in self.places)
+        half = len(rows) // 2
+        first = (rows[:half] + columns[:half]) % 2 == 0
+        return np.concatenate([first, first])
 
     @cached_property
     def sampled(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Values of A and of B [C, N] at the sampled pixels."""
-        rows, columns = self.places
-        return self.a[:, rows, columns], self.b[:, rows, columns]
+        return self.at("a", *self.places), self.at("b", *self.places)
+
+    @cached_property
+    def steady(self) -> NDArray[np.bool_]:
+        """Samples [C, N] that neither side may have clipped: all, where values have no bounds."""
+        a, b = self.sampled
+        if self.gamma == 1.0:
+            return np.ones(a.shape, bool)
+        return (np.minimum(a, b) > 0.004) & (np.maximum(a, b) < 0.996)
+
+    def at(self, side: str, rows: Any, columns: Any, names: Sequence[str] = ()) -> Any:
+        """Values [C, N] of side ``a`` or ``b`` at some places, 0 where a pixel is not finite."""
+        planes = [self.pixels.plane(side, name)[rows, columns] for name in names or self.names]
+        values = np.clip(np.stack(planes), -_LARGEST, _LARGEST).astype(np.float32)
+        return values if self.pixels.finite is None else np.nan_to_num(values)
+
+    def scaled(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Values on the scale that differences are measured on."""
+        if not self.pixels.color:
+            compressed: NDArray[Any] = np.arcsinh(values)
+            return compressed
+        return unclipped(values) if self.gamma == 1.0 else values
+
+    def light(self, values: NDArray[Any]) -> NDArray[np.float64]:
+        """Stored values as linear light."""
+        if self.gamma == 1.0:
+            return values.astype(np.float64)
+        if self.gamma is None:
+            return srgb_to_linear(np.maximum(values, 0.0))
+        light: NDArray[np.float64] = np.maximum(values, 0.0).astype(np.float64) ** self.gamma
+        return light
+
+    def stored(self, light: NDArray[Any]) -> NDArray[np.float32]:
+        """Linear light as the files store it."""
+        if self.gamma == 1.0:
+            return light.astype(np.float32)
+        shown: NDArray[np.float32] = np.clip(light, 0.0, 1.0).astype(np.float32)
+        return unclipped(shown) if self.gamma is None else shown ** np.float32(1 / self.gamma)
+
+    def unscaled(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Stored values of those on the scale of differences."""
+        return self.unscaled_light(values) if self.gamma == 1.0 or not self.pixels.color else values
+
+    def unscaled_light(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Linear light of values on the scale of differences."""
+        if not self.pixels.color:
+            light: NDArray[Any] = np.sinh(values)
+            return light
+        size = np.abs(values)
+        beyond = np.exp(np.clip(size - 1.0, 0.0, 300.0) * (2.4 / 1.055))
+        magnitude = np.where(size > 1.0, beyond, srgb_to_linear(np.minimum(size, 1.0)))
+        signed: NDArray[Any] = np.copysign(magnitude, values)
+        return signed
 
     @cached_property
     def step(self) -> float:
-        """What the number type of B may round off, in arsinh of the values."""
-        import numpy as np
-
-        level = float(np.sqrt(np.square(compressed(self.sampled[1])).mean()))
+        """What the number type of B may round off, on the scale of differences."""
+        values = self.scaled(self.sampled[1])
+        level = math.sqrt(float(np.square(values).mean())) if values.size else 0.0
         steps = [_STEPS.get(kind, _RELATIVE_STEPS.get(kind, 1e-6) * level) for kind in self.types]
         return max(steps, default=0.0)
 
+    @cached_property
+    def _aim(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """B, and B − A, on the scale of differences."""
+        a, b = (self.scaled(side) for side in self.sampled)
+        return b, b - a
+
     def left(
         self,
-        predicted: NDArray[np.float32],
+        predicted: NDArray[Any],
         where: NDArray[np.bool_] | None = None,
+        *,
+        exact: bool = False,
     ) -> float:
         """Share of the difference that is left if B were as predicted.
 
         Args:
             predicted: [C, N] at the sampled pixels.
             where: samples [N] or [C, N] at which there is a prediction; None for all.
+            exact: whether noise of a codec may not be left, since it looks like the difference.
 
         Returns:
-            0 if all is explained up to the step of the number type, 1 or more if nothing.
+            0 if all is explained up to noise, 1 or more if nothing.
         """
-        import numpy as np
-
-        a, b = self.sampled
-        if where is not None:
-            if np.count_nonzero(where) < max(16, where.size // 4):
-                return math.inf
-            where = np.broadcast_to(where, a.shape)
-            predicted, a, b = predicted[where], a[where], b[where]
-        aim = compressed(b)
-        whole = _rms(compressed(a) - aim)
-        rest = _rms(compressed(predicted) - aim)
-        if rest == 0.0:
-            return 0.0
-        if whole < 2.5 * self.step:  # rounding alone would explain much of it
+        aim, whole = self._aim
+        tested = np.broadcast_to(~self.fits, predicted.shape)
+        used = tested if where is None else tested & where
+        if np.count_nonzero(used) < max(8, used.size // 16):
             return math.inf
-        return max(rest - self.step, 0.0) / whole
+        if (
+            where is not None
+            and not exact
+            and np.square(whole[used]).sum() < 0.3 * np.square(whole[tested]).sum()
+        ):
+            return math.inf
+        before, after = (_pairs(side, used) for side in (whole, self.scaled(predicted) - aim))
+        return unexplained(before, after, self.step, lossy=not exact)
 
-    def gathered(
-        self, planes: NDArray[np.float32], rows: Any, columns: Any
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Values [C, N] of planes at some places, and which of them are within the picture."""
-        height, width = planes.shape[1:]
-        within = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
-        return planes[:, rows.clip(0, height - 1), columns.clip(0, width - 1)], within
+    @cached_property
+    def frame(self) -> tuple[slice, slice]:
+        """Rows and columns that are looked at as a whole: around the middle of what differs."""
+        cuts = []
+        for axis, length in enumerate(self.size):
+            weights = self.pixels.greatest.sum(axis=1 - axis)
+            middle = float((weights * np.arange(length)).sum() / weights.sum())
+            middle = middle if math.isfinite(middle) else length / 2
+            first = min(max(0, round(middle) - _FRAME // 2), max(0, length - _FRAME))
+            cuts.append(slice(first, first + _FRAME))
+        return cuts[0], cuts[1]
+
+    @cached_property
+    def framed(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The mean light of the channels of A and of B, [h, w], in the frame."""
+        rows, columns = self.frame
+        sides = (self.light(self.at(side, rows, columns)).mean(axis=0) for side in ("a", "b"))
+        a, b = sides
+        return a, b
+
+    @cached_property
+    def clipped_near(self) -> NDArray[np.bool_]:
+        """Pixels [h, w] of the frame near to one that may be clipped, in files with bounds."""
+        near = np.zeros(self.framed[0].shape, bool)
+        if self.gamma == 1.0:
+            return near
+        for side in ("a", "b"):
+            near |= (self.at(side, *self.frame) > 0.996).any(axis=0)
+        return widened(near, _BLOCK // 2)
+
+    def scaled_light(self, light: NDArray[Any]) -> NDArray[Any]:
+        """Linear light on the scale of differences."""
+        return unclipped(light) if self.pixels.color else np.arcsinh(light)
+
+    def left_framed(self, predicted: NDArray[Any], where: NDArray[np.bool_] | None = None) -> float:
+        """Share of the difference of the frame that is left if its light were as predicted."""
+        a, b = (self.scaled_light(side) for side in self.framed)
+        used = ~self.clipped_near if where is None else where & ~self.clipped_near
+        if not used.any():
+            return math.inf
+        both = used[:, :-1] & used[:, 1:]
+        sides = (self.scaled_light(predicted) - b, a - b)
+        rest, whole = ((side[:, :-1][both], side[:, 1:][both]) for side in sides)
+        return unexplained(whole, rest, self.step)
 
 
-def compressed(values: NDArray[Any]) -> NDArray[Any]:
-    """Values on a scale that is linear near 0 and logarithmic for highlights."""
-    import numpy as np
+def blocks_in_turn(size: tuple[int, int], side: int = _BLOCK) -> NDArray[np.bool_]:
+    """Pixels [H, W] of blocks that choose parameters; the others measure."""
+    rows, columns = (np.arange(length) // side for length in size)
+    turn: NDArray[np.bool_] = (rows[:, None] + columns) % 2 == 0
+    return turn
 
-    compressed_values: NDArray[Any] = np.arcsinh(values)
-    return compressed_values
+
+def _pairs(values: NDArray[Any], used: NDArray[np.bool_]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Values [C, N] at used samples, and at the neighbours of these, where both are used."""
+    half = used.shape[1] // 2
+    both = used[:, :half] & used[:, half:]
+    return values[:, :half][both], values[:, half:][both]
 
 
-def best(explanations: Sequence[Explanation], most: float = LEFT) -> Explanation | None:
+def unexplained(
+    whole: tuple[Any, Any], rest: tuple[Any, Any], step: float, *, lossy: bool = True
+) -> float:
+    """Share of a difference that is left.
+
+    Args:
+        whole: the difference, at pixels and at their neighbours.
+        rest: what an explanation leaves of it, likewise.
+        step: RMS of what rounding may change.
+        lossy: whether noise as of a codec is left out on both sides.
+    """
+    left, every = _power(*rest), _power(*whole)
+    if every < 6.25 * step * step or not every:  # rounding alone would explain much of it
+        return 0.0 if left == 0.0 < every else math.inf
+    # What neighbours do not share is noise.
+    noise = min(max(left - max(_shared(*rest), 0.0), 0.0), _LOSSY**2) if lossy else 0.0
+    allowed = step * step + noise
+    if every < _SIGNAL * allowed:
+        return math.inf
+    return math.sqrt(max(left - allowed, 0.0) / (every - allowed))
+
+
+def _power(here: NDArray[Any], beside: NDArray[Any]) -> float:
+    values = float(np.square(here, dtype="f8").sum() + np.square(beside, dtype="f8").sum())
+    return values / (2 * here.size) if here.size else 0.0
+
+
+def _shared(here: NDArray[Any], beside: NDArray[Any]) -> float:
+    return float(np.multiply(here, beside, dtype="f8").sum()) / here.size if here.size else 0.0
+
+
+def best(explanations: Sequence[Explanation]) -> Explanation | None:
     """The explanation that leaves least, the first of equals; None if all leave too much."""
-    good = [each for each in explanations if each.left <= most]
-    return min(good, key=lambda each: round(each.left, 2)) if good else None
-
-
-def _rms(values: NDArray[Any]) -> float:
-    import numpy as np
-
-    return math.sqrt(float(np.square(values, dtype=np.float64).mean())) if values.size else 0.0
+    good = [each for each in explanations if each.left <= each.limit]
+    return min(good, key=lambda each: round(each.left, 2) + each.cost) if good else None

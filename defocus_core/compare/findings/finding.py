@@ -23,3 +23,16 @@ class Finding:
     text: str
     values: Mapping[str, Any] = field(default_factory=dict)
     explained: float | None = None
+
+
+# First words of all names, for rules like found:clipped.
+FINDINGS = (
+    *("NaN", "Inf", "missing channel", "further channel", "another size", "apart", "deep samples"),
+    *("clipped", "quantised", "rounded to half", "empty", "sign reversed", "channels swapped"),
+    *("another exposure", "another gamma", "another tone curve", "another contrast"),
+    *("raised blacks", "lowered blacks", "another saturation", "other primaries", "vignette"),
+    *("premultiplication", "shifted", "rotated", "scaled", "flipped", "crop", "fields exchanged"),
+    *("tiles exchanged", "left and right swapped", "another view or frame", "another CoC"),
+    *("motion blur", "sharpened", "lower resolution", "another bokeh shape", "seams", "halo"),
+    *("fireflies", "dropped pixels", "compressed with losses", "noise"),
+)

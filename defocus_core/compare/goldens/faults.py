@@ -8,20 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.compare.comparison import compare_pictures
 from defocus_core.compare.findings.geometry import view_partner
-from defocus_core.compare.picture import color_layers, is_map, read_picture
+from defocus_core.compare.picture import DecodedPicture, color_layers, is_map, read_picture
 from defocus_core.compare.record import CompareSettings
+from defocus_core.compare.thresholds import Rules
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from defocus_core.compare.picture import DecodedPicture
-    from defocus_core.compare.thresholds import Rules
 
 _WEAKEST = 12  # halvings that are tried
 _BLOCK = 8  # px of the side of a block of NaN, or of a highlight that is lost
@@ -94,9 +91,8 @@ def plant_all(
             continue
         weakest = ""
         if full and fault.scales:
-            steps = (0.5**k for k in range(1, _WEAKEST + 1))
             least = 1.0
-            for strength in steps:
+            for strength in (0.5**k for k in range(1, _WEAKEST + 1)):
                 if not noticed(fault, strength):
                     break
                 least = strength
@@ -115,8 +111,6 @@ def _other_view(picture: DecodedPicture) -> DecodedPicture | None:
 def _spoiled(
     picture: DecodedPicture, names: list[str], fault: Fault, strength: float
 ) -> DecodedPicture:
-    import numpy as np
-
     planes = dict(picture.planes)
     for name in names:
         plane = np.asarray(planes[name], np.float32)
@@ -125,8 +119,6 @@ def _spoiled(
 
 
 def _is_equal(a: DecodedPicture, b: DecodedPicture) -> bool:
-    import numpy as np
-
     return a.planes.keys() == b.planes.keys() and all(
         np.array_equal(plane, b.planes[name], equal_nan=plane.dtype.kind == "f")
         for name, plane in a.planes.items()
@@ -134,8 +126,6 @@ def _is_equal(a: DecodedPicture, b: DecodedPicture) -> bool:
 
 
 def _nan_block(plane: NDArray[Any], strength: float) -> NDArray[Any]:
-    import numpy as np
-
     spoiled = plane.copy()
     spoiled[_middle(plane)] = np.nan
     return spoiled
@@ -149,8 +139,6 @@ def _shifted(plane: NDArray[Any], strength: float) -> NDArray[Any]:
 
 
 def _gamma(plane: NDArray[Any], strength: float) -> NDArray[Any]:
-    import numpy as np
-
     encoded = linear_to_srgb(np.abs(plane)) ** np.float32(1 + 0.02 * strength)
     changed: NDArray[Any] = np.sign(plane) * srgb_to_linear(encoded)
     return changed
@@ -162,8 +150,6 @@ def _mirrored(plane: NDArray[Any], strength: float) -> NDArray[Any]:
 
 def _lost_highlight(plane: NDArray[Any], strength: float) -> NDArray[Any]:
     """The brightest place and its neighbours become as dark as the mean."""
-    import numpy as np
-
     spoiled = plane.copy()
     row, column = np.unravel_index(int(np.nan_to_num(plane).argmax()), plane.shape)
     top, left = (max(0, int(place) - _BLOCK // 2) for place in (row, column))
@@ -175,8 +161,6 @@ def _lost_highlight(plane: NDArray[Any], strength: float) -> NDArray[Any]:
 
 def _noise(plane: NDArray[Any], strength: float) -> NDArray[Any]:
     """Of 1 % of the mean, with a spread that all planes share."""
-    import numpy as np
-
     level = float(np.abs(np.nan_to_num(plane)).mean())
     noise = np.random.default_rng(0).standard_normal(plane.shape)
     return plane + 0.01 * strength * level * noise
@@ -188,6 +172,62 @@ def _middle(plane: NDArray[np.float32]) -> tuple[slice, slice]:
     return slice(top, top + _BLOCK), slice(left, left + _BLOCK)
 
 
+def _half_resolution(plane: NDArray[Any], strength: float) -> NDArray[Any]:
+    """Towards the mean of each 2 x 2 pixels."""
+    height, width = (n // 2 * 2 for n in plane.shape)
+    spoiled = plane.copy()
+    inner = plane[:height, :width]
+    means = inner.reshape(height // 2, 2, width // 2, 2).mean(axis=(1, 3))
+    coarse = np.repeat(np.repeat(means, 2, axis=0), 2, axis=1)
+    spoiled[:height, :width] += strength * (coarse - inner)
+    return spoiled
+
+
+def _seams(plane: NDArray[Any], strength: float) -> NDArray[Any]:
+    """A line of 3 % less at multiples of 16 px, or in the middle of a smaller picture."""
+    spoiled = plane.copy()
+    for axis, length in enumerate(plane.shape):
+        lines = range(min(16, length // 2), length, 16)
+        index = (list(lines),) if axis == 0 else (slice(None), list(lines))
+        spoiled[index] *= 1 - 0.03 * strength
+    return spoiled
+
+
+def _times(amount: float) -> Callable[[NDArray[Any], float], NDArray[Any]]:
+    return lambda plane, strength: plane * (1 + amount * strength)
+
+
+def _clipped(plane: NDArray[Any], strength: float) -> NDArray[Any]:
+    clipped: NDArray[Any] = np.minimum(plane, 1.0)
+    return clipped
+
+
+def _raised(plane: NDArray[Any], strength: float) -> NDArray[Any]:
+    return plane + 0.01 * strength
+
+
+def _quantised(plane: NDArray[Any], strength: float) -> NDArray[Any]:
+    rounded: NDArray[Any] = np.round(plane * 63) / 63
+    return rounded
+
+
+def _vignette(plane: NDArray[Any], strength: float) -> NDArray[Any]:
+    y, x = (np.linspace(-1, 1, n) for n in plane.shape)
+    return plane * (1 - 0.05 * strength * (y[:, None] ** 2 + x * x))
+
+
+def _firefly(plane: NDArray[Any], strength: float) -> NDArray[Any]:
+    spoiled = plane.copy()
+    spoiled[plane.shape[0] // 3, plane.shape[1] // 3] += 5.0 * strength
+    return spoiled
+
+
+def _fields(plane: NDArray[Any], strength: float) -> NDArray[Any]:
+    rows = np.arange(len(plane)) ^ 1
+    swapped: NDArray[Any] = plane[rows.clip(0, len(plane) - 1)]
+    return swapped
+
+
 # The other view where there is one, else the picture mirrored.
 SWAPPED = Fault("left and right swapped", _mirrored, scales=False)
 FAULTS = (
@@ -197,4 +237,13 @@ FAULTS = (
     SWAPPED,
     Fault("a lost highlight", _lost_highlight, (100.0, " % of it")),
     Fault("noise of 1 %", _noise, (1.0, " %")),
+    Fault("clipped at 1", _clipped, scales=False),
+    Fault("exposure of 2 %", _times(0.02), (2.0, " %")),
+    Fault("raised blacks", _raised, (0.01, "")),
+    Fault("vignette of 10 %", _vignette, (10.0, " %")),
+    Fault("half resolution", _half_resolution, (100.0, " % of it")),
+    Fault("seams of 3 %", _seams, (3.0, " %")),
+    Fault("fields exchanged", _fields, scales=False),
+    Fault("quantised to 6 bits", _quantised, scales=False),
+    Fault("a firefly", _firefly, (5.0, "")),
 )

@@ -15,12 +15,14 @@ from defocus_core.batch.workers import run
 from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.run import Listener, Summary
 from defocus_core.compare.thresholds import matches
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import InputError, UsageProblem, did_you_mean, reason
 from defocus_core.io.arrays import scratch_folder
+
+_ROOM = 2**20  # bytes that a folder has free if it is not full
 
 
 @dataclass(frozen=True)
-class Rendered:
+class FreshPictures:
     """Pictures that were rendered: their jobs, the folder they are in, and how the batch ended."""
 
     jobs: Sequence[Job]
@@ -46,7 +48,7 @@ def rendered(
     execution: Execution,
     listener: Listener,
     only: Sequence[str] = (),
-) -> Iterator[Rendered]:
+) -> Iterator[FreshPictures]:
     """Render the jobs of a jobs file to a folder that is there in the block.
 
     Args:
@@ -60,23 +62,35 @@ def rendered(
         InputError: the jobs file or a picture cannot be read, or there is no room.
         UsageProblem: the jobs file makes no sense, or no picture matches a pattern.
     """
-    root = Path(tempfile.mkdtemp(prefix="defocus-golden-", dir=scratch_folder()))
+    try:
+        root = Path(tempfile.mkdtemp(prefix="defocus-golden-", dir=scratch_folder()))
+    except OSError as error:
+        raise _no_room(scratch_folder(), reason(error)) from error
     try:
         jobs = _chosen(read_jobs(jobs_file, Outputs(root), machine), only)
         summary = run.carry_out(jobs, root, execution, listener)
-        yield Rendered(jobs, root, summary)
+        made = FreshPictures(jobs, root, summary)
+        if not made.complete and shutil.disk_usage(root).free < _ROOM:
+            raise _no_room(root.parent, "it is full")
+        yield made
     finally:
         shutil.rmtree(root, ignore_errors=True)
+
+
+def _no_room(folder: Path, why: str) -> InputError:
+    problem = f"has no room for the pictures that are rendered there: {why}"
+    remedy = "free some, or let TMPDIR name another directory"
+    return InputError("no-space", problem, remedy, path=folder)
 
 
 def _chosen(jobs: Sequence[Job], only: Sequence[str]) -> Sequence[Job]:
     """The jobs that write a picture whose name matches one of the patterns, if there are any."""
     for pattern in only:
         if not any(matches(name, pattern) for job in jobs for name in job.names.values()):
+            names = sorted(name for job in jobs for name in job.names.values())
+            remedy = f"name one like {names[0]}, or '{Path(names[0]).parent.as_posix()}/*'"
             problem = f"'{pattern}' matches no picture of the jobs"
-            raise UsageProblem(
-                "empty", problem, "name one like render/spheres.exr, or 'render/*'", field="only"
-            )
+            raise UsageProblem("empty", problem, did_you_mean(pattern, names, remedy), field="only")
     wanted = [
         job
         for job in jobs

@@ -20,6 +20,8 @@ from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import missing, unwritable, written_whole
 
 MANIFEST = "golden.json"
+_REMOVED = "removed.json"
+_ASIDE = ".accepting"  # folder of what is being accepted; complete once it has golden.json
 _LARGEST = 2**28  # bytes of golden.json
 
 
@@ -85,6 +87,7 @@ def read_store(folder: Path, *, new: bool = False) -> Store:
     """
     file = folder / MANIFEST
     restore = "restore it from your version control"
+    _finish(folder)
     try:
         with Folder(folder).open(MANIFEST) as opened:
             samples = json.loads(opened.read(_LARGEST))["samples"]
@@ -92,8 +95,8 @@ def read_store(folder: Path, *, new: bool = False) -> Store:
     except FileNotFoundError:
         if new:
             return Store(folder, {})
-        what = "file of goldens; make them with defocus golden update ‹accept›"
-        raise missing(file, what) from None
+        remedy = "make goldens with 'defocus golden update ‹accept›'"
+        raise missing(file, remedy=remedy) from None
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         problem = f"cannot be read: {reason(error)}"
         raise InputError("damaged", problem, restore, path=file) from None
@@ -119,7 +122,8 @@ def _sample_fault(sample: object) -> str | None:
 def accept(store: Store, jobs: Sequence[Job], root: Path, records: Sequence[Comparison]) -> int:
     """Make new pictures goldens, and remove the goldens that no job asks for; their number.
 
-    Each file is replaced as a whole, golden.json last.
+    Pictures and golden.json change together: all are written aside first, golden.json last, and
+    then take their places. Where that is interrupted, `read_store` ends it, or clears it away.
 
     Args:
         store: the folder.
@@ -128,34 +132,64 @@ def accept(store: Store, jobs: Sequence[Job], root: Path, records: Sequence[Comp
         records: how they compare with the goldens; what passes stays as it is.
 
     Raises:
-        InputError: a file cannot be written.
+        InputError: a file cannot be written; all goldens are as they were.
     """
     changed = [record for record in records if not record.passes]
-    for record in changed:
-        path = store.folder / record.name
-        try:
-            if record.status == MISSING:
-                if record.name in store.files:
-                    Folder(store.folder).remove(record.name)
-                continue
-            with (
-                Folder(root).open(record.name) as source,
-                written_whole(path, store.folder) as file,
-            ):
-                shutil.copyfileobj(source, file)
-        except OSError as error:
-            raise unwritable(path, error) from error
-    written = {record.name for record in changed if record.status != MISSING}
-    samples = {name: dict(sample) for name, sample in store.aside.items()}
-    for job in jobs:
-        files = sorted(job.names.values())
-        stored = store.samples.get(job.sample_id)
-        if stored is None or written & set(files) or stored["files"] != files:
-            stored = {"settings": identity.settings(job), "files": files, **_made_by()}
-        samples[job.sample_id] = dict(stored)
-    with written_whole(store.folder / MANIFEST) as file:
-        file.write(json.dumps({"samples": samples}, indent=1, sort_keys=True).encode())
+    aside = store.folder / _ASIDE
+    try:
+        shutil.rmtree(aside, ignore_errors=True)
+        for record in changed:
+            if record.status != MISSING:
+                path = aside / record.name
+                with Folder(root).open(record.name) as source, written_whole(path, aside) as file:
+                    shutil.copyfileobj(source, file)
+        written = {record.name for record in changed if record.status != MISSING}
+        samples = {name: dict(sample) for name, sample in store.aside.items()}
+        for job in jobs:
+            files = sorted(job.names.values())
+            stored = store.samples.get(job.sample_id)
+            if stored is None or written & set(files) or stored["files"] != files:
+                stored = {"settings": identity.settings(job), "files": files, **_made_by()}
+            samples[job.sample_id] = dict(stored)
+        gone = [r.name for r in changed if r.status == MISSING and r.name in store.files]
+        for name, document in ((_REMOVED, gone), (MANIFEST, {"samples": samples})):
+            with written_whole(aside / name) as file:
+                file.write(json.dumps(document, indent=1, sort_keys=True).encode())
+    except (OSError, InputError) as error:
+        shutil.rmtree(aside, ignore_errors=True)
+        if isinstance(error, InputError):
+            raise
+        raise unwritable(store.folder, error) from error
+    _finish(store.folder)
     return len(changed)
+
+
+def _finish(folder: Path) -> None:
+    """End an acceptance whose files are all there, and clear one away that is not.
+
+    Raises:
+        InputError: a file cannot be put into its place.
+    """
+    aside = folder / _ASIDE
+    if aside.is_symlink() or not aside.is_dir():
+        return
+    if not (aside / MANIFEST).is_file():
+        shutil.rmtree(aside, ignore_errors=True)
+        return
+    try:
+        for name in json.loads(Folder(aside).read(_REMOVED)) if (aside / _REMOVED).exists() else ():
+            Folder(folder).remove(str(name))
+        (aside / _REMOVED).unlink(missing_ok=True)
+        files = [p for p in aside.rglob("*") if p.is_file() and not p.is_symlink()]
+        for path in sorted(files, key=lambda p: p == aside / MANIFEST):  # golden.json last
+            target = Folder(folder).path(path.relative_to(aside).as_posix())
+            target.parent.mkdir(parents=True, exist_ok=True)
+            path.replace(target)
+    except (OSError, ValueError) as error:
+        problem = f"cannot be put into its place: {reason(error)}"
+        remedy = f"mend that, or remove {aside}"
+        raise InputError("unwritable", problem, remedy, path=aside) from error
+    shutil.rmtree(aside, ignore_errors=True)
 
 
 def change_words(record: Comparison) -> str:

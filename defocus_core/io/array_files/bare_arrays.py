@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import re
 import struct
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,6 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError
 from defocus_core.io.damage import AGAIN
 from defocus_core.io.safe_files import check_size, read_head
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 _DPT_MAGIC = b"PIEH"  # 202021.25 as float32
 _COLMAP = re.compile(rb"(\d{1,7})&(\d{1,7})&(\d{1,3})&")

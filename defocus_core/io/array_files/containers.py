@@ -14,7 +14,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +23,6 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError
 from defocus_core.io.damage import decoding
 from defocus_core.io.safe_files import check_size, read_head
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _MATLAB_5, _MATLAB_73 = b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"

@@ -9,16 +9,15 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.damage import AGAIN, damaged
 from defocus_core.io.safe_files import check_size, read_head
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 NPY_MAGIC = b"\x93NUMPY"
 # The scale ends with its line, or with one blank: the byte of a pixel may look like a blank too.
@@ -78,8 +77,6 @@ def read_npy(path: Path, *, integers: bool) -> NDArray[Any]:
     Raises:
         InputError: damaged, without numbers, or of too many.
     """
-    import numpy as np
-
     try:
         # Mapped, since np.load would allocate whatever size the header claims.
         values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
@@ -103,8 +100,6 @@ def read_npy(path: Path, *, integers: bool) -> NDArray[Any]:
 
 
 def _pfm(path: Path) -> NDArray[Any]:
-    import numpy as np
-
     header = _PFM_HEADER.match(read_head(path, 256))
     try:
         if header is None:

@@ -7,17 +7,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NoReturn
+from pathlib import Path
+from typing import NoReturn
 
 from defocus_core.errors import UsageProblem
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.rules import DepthFormat
+from defocus_core.io.depth_formats.samples import DepthNumbers
 from defocus_core.io.depth_formats.sidecars import Facts
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from defocus_core.io.depth_formats.samples import DepthNumbers
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,6 @@ from defocus_core.io.depth_formats.samples import DepthNumbers, divided
 from defocus_core.io.depth_formats.sidecars import marked_pixels
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @dataclass(frozen=True)
@@ -49,6 +47,7 @@ class Depth:
         overscan: pixels beyond the picture shown.
         nothing: where the colour is an element's and holds nothing, bool [H, W]; None if nowhere.
             The depth is inf there, a radius 0.
+        inverted: of relative disparity, whether black is near.
     """
 
     metres: Any
@@ -64,6 +63,7 @@ class Depth:
     data_window: str = ""
     overscan: Overscan = NO_OVERSCAN
     nothing: Any = None
+    inverted: bool = False
 
     @property
     def size(self) -> tuple[int, int]:
@@ -154,6 +154,7 @@ def read_depth(
         named=reading.depth_format is not None,
         data_window=samples.data_window,
         overscan=overscan,
+        inverted=reading.invert is not None,
     )
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
 

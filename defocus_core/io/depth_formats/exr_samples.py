@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.depth_formats.reading import DepthReading
+from defocus_core.io.depth_formats.rules import DepthFormat
 from defocus_core.io.depth_formats.samples import DepthNumbers
 from defocus_core.io.exr.header import Header, read_headers
 from defocus_core.io.exr.reading import ExrPart, read_parts
@@ -22,11 +24,6 @@ from defocus_core.io.images.exr_channels import (
     channels_of,
     choose_depth,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from defocus_core.io.depth_formats.rules import DepthFormat
 
 
 def exr_samples(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,10 +32,6 @@ from defocus_core.io.images.exr_channels import require_part
 from defocus_core.io.images.png_text import png_text
 from defocus_core.io.images.raster import Raster, choose_page, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 WANTED = "EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres"
 

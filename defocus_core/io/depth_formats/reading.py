@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
+from defocus_core.errors import UsageProblem
 from defocus_core.io.depth_formats.rules import DepthFormat
 from defocus_core.io.depth_formats.table import FORMATS, NAMES
 
@@ -40,6 +42,8 @@ class DepthReading:
             show that they are multiplied by it.
         resize_depth: nearest or guided (by the colours), where depth of another size than the
             colour is to be resampled.
+        relative: the numbers are disparity of unknown scale and offset, white near.
+        invert: whether black is near; of relative disparity.
     """
 
     depth_format: str | None = None
@@ -59,6 +63,8 @@ class DepthReading:
     invalid: str = "error"
     unpremultiply_depth: str = "auto"
     resize_depth: str | None = None
+    relative: bool = False
+    invert: str | None = None
 
     @property
     def row(self) -> DepthFormat:
@@ -71,7 +77,8 @@ class DepthReading:
     def says_scale(self) -> bool:
         """Whether the scale of numbers of any type is said."""
         return (
-            self.depth_format is not None
+            self.relative
+            or self.depth_format is not None
             or self.depth_unit is not None
             or self.depth_scale is not None
             or self.depth_range is not None
@@ -80,8 +87,25 @@ class DepthReading:
 
     @property
     def holds_radii(self) -> bool:
-        """Whether the files hold radii, so that no lens is needed but the shape of its opening."""
-        return self.row.rule == "radius"
+        """Whether no lens is needed but the shape of its opening: the files hold radii, or all but.
+
+        Relative disparity gives radii by the largest of them and a number in focus.
+        """
+        return self.relative or self.row.rule == "radius"
+
+    def as_relative(self) -> Self:
+        """This reading of files whose numbers are relative disparity.
+
+        Raises:
+            UsageProblem: it says what their numbers are.
+        """
+        for name in _OF_METRES:
+            if getattr(self, name) is not None:
+                problem = "stands beside ‹blur›, which takes the numbers as relative disparity"
+                field = self.geometry if name == "geometry" else name.replace("_", "-")
+                remedy = "leave one of them out"
+                raise UsageProblem("contradiction", problem, remedy, field=field or "")
+        return replace(self, relative=True)
 
     @property
     def needs_lens(self) -> bool:
@@ -94,4 +118,9 @@ class DepthReading:
         return geometry == "radial" or (file_says and self.geometry is None)
 
 
+# Fields that say what the numbers of a file are in metres or radii.
+_OF_METRES = (
+    *("depth_format", "depth_unit", "depth_scale", "depth_kind", "depth_range", "focal_px"),
+    *("baseline", "doffs", "geometry", "fov", "sky"),
+)
 AS_IT_IS = DepthReading()

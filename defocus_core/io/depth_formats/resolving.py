@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
 from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.declared import Declared, ask, focal_of, refuse_idle
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.rules import (
@@ -18,13 +19,9 @@ from defocus_core.io.depth_formats.rules import (
     depth_range,
     disparity_range,
 )
+from defocus_core.io.depth_formats.samples import DepthNumbers
 from defocus_core.io.depth_formats.sidecars import Facts, facts_of
 from defocus_core.io.depth_formats.table import UNIT_WORDS, UNITS, custom
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from defocus_core.io.depth_formats.samples import DepthNumbers
 
 MM_PER_M = 1000.0
 _CALIBRATION = {"focal-px": "‹focal-px› PX", "baseline": "‹baseline› 65mm"}
@@ -51,6 +48,9 @@ def resolved(
         UsageProblem: an option is missing, or two declarations contradict each other.
         InputError: a sidecar cannot be understood, or the type of file has no custom.
     """
+    if reading.relative:
+        near = "black" if reading.invert else "white"
+        return Decoding("radius", words=f"relative disparity, {near} near")
     row = reading.row
     facts = facts_of(row.sidecar, path, samples.metadata) if row.sidecar else None
     declared = Declared(path, reading, row, samples, facts)
@@ -129,8 +129,6 @@ def _within(declared: Declared) -> None:
     Raises:
         InputError: there are such numbers.
     """
-    from defocus_core.io.arrays import bands
-
     values = declared.samples.values
     if declared.samples.is_integer:
         return

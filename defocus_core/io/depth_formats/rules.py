@@ -12,13 +12,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 HALF_MAX = 65504.0  # the largest number that half can hold
 SKY = 1e10  # Blender's far clip: numbers from this one on are sky in every format of depth
@@ -159,8 +158,6 @@ LOG_STEPS = 65533  # between the numbers 1 and 65534
 
 def unpacked(samples: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
     """Numbers [H, W] of the samples [H, W] or [H, W, C] of a file whose bits a row explains."""
-    import numpy as np
-
     if row.weights:
         planes = samples[..., : len(row.weights)].astype(np.float64)
         numbers: NDArray[Any] = planes @ np.array(row.weights)
@@ -189,8 +186,6 @@ def decoded(
         frame: rows and columns of the frame; None if `numbers` has all of them.
         overscan: pixels of the frame beyond the picture, whose middle is on the optical axis.
     """
-    import numpy as np
-
     with np.errstate(over="ignore"):  # as below
         metres = _metres(numbers, decoding)
     if decoding.focal_px is not None:
@@ -211,8 +206,6 @@ def decoded(
 
 def is_sky(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_] | None:
     """Which numbers stand for sky; None if none can."""
-    import numpy as np
-
     if decoding.rule == "radius":
         return None
     if decoding.rule == "inverse":
@@ -229,8 +222,6 @@ def is_sky(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_] | Non
 
 def is_marked_invalid(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_] | None:
     """Which numbers the format marks as invalid; None if none. NaN stays NaN by any rule."""
-    import numpy as np
-
     marked = [numbers == number for number in decoding.invalid]
     if decoding.invalid_infinity:
         marked.append(np.isposinf(numbers))
@@ -239,8 +230,6 @@ def is_marked_invalid(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.b
 
 def _metres(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.float32]:
     """Depth, or distance to the point, in metres."""
-    import numpy as np
-
     plain = decoding.rule in ("scale", "radius") and (decoding.scale, decoding.shift) == (1, 0)
     if plain:
         return numbers.astype(np.float32, copy=False)
@@ -274,8 +263,6 @@ def _cosine(
         first: row and column of the frame at which the window begins; negative beyond it.
         size: rows and columns of the frame.
     """
-    import numpy as np
-
     y, x = (
         np.arange(start, start + count) - (length - 1) / 2
         for start, count, length in zip(first, shape, size, strict=True)

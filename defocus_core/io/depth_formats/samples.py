@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping, bands
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    import numpy as np
-    from numpy.typing import NDArray
 
 # Alpha of an edge whose numbers tell if they were multiplied, and of the whole pixel beside it.
 _EDGE, _WHOLE = (0.05, 0.9), 0.995
@@ -57,8 +54,6 @@ class DepthNumbers:
     @property
     def top(self) -> float:
         """The greatest number of the type: 255, 65535, …; 1 of floats."""
-        import numpy as np
-
         dtype = np.dtype(self.values.dtype)
         return 1.0 if dtype.kind == "f" else float(np.iinfo(dtype).max)
 
@@ -81,8 +76,6 @@ def divided(path: Path, values: Any, alpha: Any, how: str, keeping: Keeping) -> 
     Raises:
         InputError: it is to be divided and there is no alpha of its size.
     """
-    import numpy as np
-
     usable = alpha is not None and tuple(alpha.shape) == tuple(values.shape[:2])
     if how == "on" and not usable:
         problem = "cannot be divided by alpha: the colour has no alpha of its size"
@@ -99,8 +92,6 @@ def divided(path: Path, values: Any, alpha: Any, how: str, keeping: Keeping) -> 
 
 def _is_multiplied(values: Any, alpha: Any) -> bool:
     """Whether edges have the depth beside them times alpha, and not the depth itself."""
-    import numpy as np
-
     multiplied = plain = 0
     for share, numbers in _overlapping(alpha, values):
         edge = (share > _EDGE[0]) & (share < _EDGE[1])
@@ -121,8 +112,6 @@ def _is_multiplied(values: Any, alpha: Any) -> bool:
 
 def _overlapping(*arrays: Any) -> Iterator[list[NDArray[np.float32]]]:
     """Bands of arrays [H, W], each with two rows of the next."""
-    import numpy as np
-
     for rows in bands(arrays[0].shape):
         wide = slice(rows.start, rows.stop + 2)
         yield [np.asarray(array[wide], np.float32) for array in arrays]

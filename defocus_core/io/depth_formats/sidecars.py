@@ -13,15 +13,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import open_plain
 from defocus_core.io.depth_formats.rules import DepthFormat, Mask
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+from defocus_core.io.images.raster import choose_page, read_pages, read_samples
 
 _LONGEST = 1 << 20  # characters of a sidecar
 _CHECK = "check the file"
@@ -134,8 +134,6 @@ def _intrinsics(path: Path, depth: Path) -> Facts:
 
 def _extrinsics(path: Path, depth: Path) -> Facts:
     """UnrealStereo4K: a line of intrinsics, 3×3, and one of world to camera, 3×4, a camera."""
-    import numpy as np
-
     own = path.parent.parent / f"Extrinsics{'1' if depth.parent.name.endswith('1') else '0'}"
     poses, focal = [], 0.0
     for number in "01":
@@ -263,10 +261,6 @@ def _right_camera_file(first: Path) -> Path:
 
 def _mask_values(path: Path) -> NDArray[Any]:
     """First channel of a mask [H, W], as it is stored."""
-    import numpy as np
-
-    from defocus_core.io.images.raster import choose_page, read_pages, read_samples
-
     if path.suffix == ".npy":
         values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
         return values.reshape(values.shape[:2]) if values.ndim == 3 else values

@@ -7,7 +7,12 @@ chroma is interpolated by cubics (Catmull, Rom 1974).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.exr.header import Header
@@ -16,12 +21,6 @@ from defocus_core.io.images.primaries import declared_primaries, xyz_of_primarie
 from defocus_core.system.interrupts import put_off
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    import numpy as np
-    from numpy.typing import NDArray
-
     Wanted = Callable[[Header, str], bool]
 
 CHROMA = ("RY", "BY")
@@ -69,8 +68,6 @@ def rgb_of(
     luminance: NDArray[Any], chroma: Sequence[NDArray[Any]], weights: Sequence[float]
 ) -> list[NDArray[np.float32]]:
     """R, G and B of Y and of RY and BY, all [H, W]."""
-    import numpy as np
-
     y = np.asarray(luminance, np.float32)
     red, blue = (y * (1 + np.asarray(each, np.float32)) for each in chroma)
     red_weight, green_weight, blue_weight = (np.float32(weight) for weight in weights)
@@ -98,8 +95,6 @@ def weights_of(header: Header, path: Path) -> tuple[float, ...]:
 
 def _interpolated(samples: NDArray[Any], sampling: tuple[int, int], header: Header) -> NDArray[Any]:
     """Samples [h, w] of a data window, one for each of its pixels."""
-    import numpy as np
-
     if sampling == (1, 1):
         return samples
     across, down = sampling
@@ -110,8 +105,6 @@ def _interpolated(samples: NDArray[Any], sampling: tuple[int, int], header: Head
 
 def _along(values: NDArray[np.float32], axis: int, at: NDArray[np.float64]) -> NDArray[np.float32]:
     """Values at positions along an axis, cubic between samples; at the ends they are continued."""
-    import numpy as np
-
     first = np.floor(at).astype(int)
     t = at - first
     weights = (
@@ -130,8 +123,6 @@ def _along(values: NDArray[np.float32], axis: int, at: NDArray[np.float64]) -> N
 
 def _in_frame(values: NDArray[Any], header: Header, overscan: Overscan) -> NDArray[Any]:
     """Values of the data window where they lie in the frame; 0 elsewhere."""
-    import numpy as np
-
     window = header.display.grown(overscan)
     whole = np.zeros((window.height, window.width), values.dtype)
     whole[window.cut(header.data)] = values[header.data.cut(window)]

@@ -9,19 +9,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.io.arrays import Keeping
 from defocus_core.io.exr.deep_merging import merged
-from defocus_core.io.exr.deep_samples import ALPHA, DEPTH, Strip, strips
+from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT, Strip, strips
+from defocus_core.io.exr.header import Header
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from defocus_core.io.arrays import Keeping
-    from defocus_core.io.exr.header import Header
 
 _DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
 
@@ -31,7 +29,7 @@ class DeepLayers:
     """The samples of a deep picture as layers of its frame, nearest first.
 
     Attributes:
-        layers: for each the arrays [H, W] by name of the channel.
+        layers: for each the arrays [H, W] by name of the channel; with volumes `FRONT`, too.
         merged: number of pixels that had more samples than there are layers.
     """
 
@@ -51,8 +49,6 @@ def flat_channels(
         keeping: where they are kept.
         overscan: pixels beyond the display window.
     """
-    import numpy as np
-
     frame = header.display.grown(overscan)
     light = {n for n, kind in names.items() if kind != "uint" and not _is_distance(n)}
     planes = {
@@ -91,12 +87,11 @@ def deep_layers(
         keeping: where the layers are kept.
         overscan: pixels beyond the display window.
     """
-    import numpy as np
-
     frame, crowded = header.display.grown(overscan), 0
     layers: list[dict[str, Any]] = []
     kinds = {channel.name: channel.type for channel in header.channels}
-    wanted = (*names, ALPHA, DEPTH)
+    volumes = any(channel.plain == BACK for channel in header.channels)
+    wanted = (*names, ALPHA, DEPTH, *((FRONT, BACK) if volumes else ()))
     for strip in strips(path, header, last=True):
         strip, count = merged(strip, (*names, ALPHA))
         crowded += count
@@ -119,8 +114,6 @@ def deep_layers(
 
 def _shares(strip: Strip) -> NDArray[Any]:
     """The share [N] of each sample that nearer ones leave."""
-    import numpy as np
-
     left = np.ones(strip.window.height * strip.window.width)
     shares = np.ones(len(strip.rank))
     by_rank = np.argsort(strip.rank, kind="stable")

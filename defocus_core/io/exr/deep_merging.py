@@ -7,12 +7,12 @@ alpha, and both count by what shows of them.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from defocus_core.io.exr.deep_samples import DEPTH, Strip
+import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from defocus_core.io.exr.deep_samples import BACK, DEPTH, FRONT, Strip
 
 MOST_LAYERS = 12
 _MERGED = 1 << 12  # pixels merged at once
@@ -20,8 +20,6 @@ _MERGED = 1 << 12  # pixels merged at once
 
 def merged(strip: Strip, light: tuple[str, ...]) -> tuple[Strip, int]:
     """The strip with `MOST_LAYERS` samples a pixel at most, and how many pixels had more."""
-    import numpy as np
-
     crowded = np.unique(strip.pixel[strip.rank >= MOST_LAYERS])
     if not len(crowded):
         return strip, 0
@@ -45,6 +43,8 @@ def merged(strip: Strip, light: tuple[str, ...]) -> tuple[Strip, int]:
     pixel, rank = (np.concatenate([piece[k] for piece in pieces]) for k in (0, 1))
     merged = {n: np.concatenate([piece[2][n] for piece in pieces]).astype("f4") for n in light}
     merged[DEPTH] = np.concatenate(depths)
+    for name in (n for n in (FRONT, BACK) if n in strip.values):
+        merged[name] = np.concatenate([strip.values[name][kept], *depths[1:]])
     return Strip(strip.window, pixel, rank, merged), len(crowded)
 
 
@@ -58,8 +58,6 @@ def _merge_pixels(
         pixels: [P] pixels that have too many.
         light: channels to merge, alpha the last.
     """
-    import numpy as np
-
     chosen = np.flatnonzero(np.isin(strip.pixel, pixels))
     at = np.searchsorted(pixels, strip.pixel[chosen]), strip.rank[chosen]
     shape = len(pixels), int(strip.rank[chosen].max()) + 1

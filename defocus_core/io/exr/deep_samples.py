@@ -1,30 +1,29 @@
 """Samples of a deep OpenEXR part, decoded some rows at a time, nearest first in each pixel.
 
-A sample with a ZBack beyond its Z fills a volume: it counts as a surface at the middle of both in
-1 / distance, whose blur is the mean of theirs.
+A sample with a ZBack beyond its Z fills a volume: its depth is the middle of both in 1 / distance,
+whose blur is the mean of theirs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, first_line
 from defocus_core.io.damage import damaged
+from defocus_core.io.exr.header import Channel, Header
 from defocus_core.io.exr.opening import opened
 from defocus_core.io.exr.windows import Window
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from defocus_core.io.exr.header import Channel, Header
 
 HELD_BYTES = 1 << 27
 _held: dict[object, list[Strip]] = {}
 ALPHA, DEPTH, BACK = _OF_LAYERS = "A", "Z", "ZBack"
+FRONT = "ZFront"  # where a sample begins, beside its depth
 _ROWS, _PIXELS = 16, 1 << 16  # decoded at once
 _ROUNDING = 2e-3  # alpha beyond 1 by less is rounding of half
 
@@ -57,8 +56,6 @@ class Strip(NamedTuple):
 
     def dense(self, chosen: Any, values: NDArray[Any]) -> NDArray[Any]:
         """The values [N] of the chosen samples, one a pixel, as rows [h, w]; 0 elsewhere."""
-        import numpy as np
-
         rows = np.zeros(self.window.height * self.window.width, values.dtype)
         rows[self.pixel[chosen]] = values[chosen]
         return rows.reshape(self.window.height, self.window.width)
@@ -100,8 +97,6 @@ def summary(path: Path, header: Header) -> DeepSummary:
     Raises:
         InputError: the file cannot be decoded.
     """
-    import numpy as np
-
     most = total = pixels = 0
     ends: list[float] = []
     for strip in strips(path, header):
@@ -172,8 +167,6 @@ def _decoded(path: Path, header: Header) -> Iterator[Strip]:
 
 def _strip(path: Path, data: Any, window: Window, channels: Mapping[str, Channel]) -> Strip:
     """Some decoded rows: their samples, sorted; of another view's channels nothing."""
-    import numpy as np
-
     size = window.width * window.height
     counts = np.fromiter(map(data.samples, range(size)), np.int64, size)
     pixel = np.repeat(np.arange(size, dtype=np.int32), counts)
@@ -192,7 +185,8 @@ def _strip(path: Path, data: Any, window: Window, channels: Mapping[str, Channel
         values[name] = np.fromiter(numbers, "u4" if is_whole else "f4", len(pairs))
     _check_alpha(path, values)
     if BACK in values and DEPTH in values:
-        values[DEPTH] = _middle(values[DEPTH], values[BACK])
+        values[FRONT] = values[DEPTH]
+        values[DEPTH] = middle(values[DEPTH], values[BACK])
     if DEPTH in values:
         order = np.lexsort((np.nan_to_num(values[DEPTH], nan=np.inf, posinf=np.inf), pixel))
         values = {name: each[order] for name, each in values.items()}
@@ -207,8 +201,6 @@ def _check_alpha(path: Path, values: dict[str, NDArray[Any]]) -> None:
     Raises:
         InputError: alpha is no coverage.
     """
-    import numpy as np
-
     some = next(iter(values.values()))
     alpha = values.get(ALPHA, np.ones(len(some), np.float32))
     wrong = int(np.count_nonzero(~((alpha >= 0) & (alpha <= 1 + _ROUNDING))))
@@ -218,10 +210,8 @@ def _check_alpha(path: Path, values: dict[str, NDArray[Any]]) -> None:
     values[ALPHA] = np.minimum(alpha, 1)
 
 
-def _middle(front: NDArray[Any], back: NDArray[Any]) -> NDArray[Any]:
+def middle(front: NDArray[Any], back: NDArray[Any]) -> NDArray[Any]:
     """The middle of volumes in 1 / distance; of surfaces, their distance."""
-    import numpy as np
-
     with np.errstate(divide="ignore", invalid="ignore"):
-        middle = 2 / (1 / front + 1 / back)
-    return np.where((back > front) & (front > 0), middle, front).astype(np.float32)
+        between = 2 / (1 / front + 1 / back)
+    return np.where((back > front) & (front > 0), between, front).astype(np.float32)

@@ -10,15 +10,13 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
 
 from defocus_core.errors import InputError
 from defocus_core.io.damage import damaged
 from defocus_core.io.exr.windows import Overscan, Window
 from defocus_core.io.safe_files import check_size, read_head
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 MAGIC = b"\x76\x2f\x31\x01"
 PIXEL_TYPES = {0: "uint", 1: "half", 2: "float"}

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from defocus_core.errors import first_line
 from defocus_core.io.damage import damaged
+from defocus_core.io.exr.header import Header
 from defocus_core.system.interrupts import put_off
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from defocus_core.io.exr.header import Header
 
 
 @contextmanager

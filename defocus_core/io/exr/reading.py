@@ -7,10 +7,14 @@ samples than the picture has pixels, OpenEXR decodes at once.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import groupby, product
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, first_line
 from defocus_core.io.arrays import IN_MEMORY, Keeping
@@ -24,11 +28,6 @@ from defocus_core.io.safe_files import quiet
 from defocus_core.system.interrupts import put_off
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
 
 _STRIP_BYTES = 1 << 25  # of pixels, decoded at once

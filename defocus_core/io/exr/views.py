@@ -11,14 +11,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from defocus_core.errors import InputError
 from defocus_core.io.exr.header import Channel, Header, is_exr, read_headers
 from defocus_core.io.safe_files import read_head
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 _STEREO = ("left", "right", "center", "centre")  # names of views where no attribute says them
 _END = re.compile(r"[._\- ]([A-Za-z]+)$")

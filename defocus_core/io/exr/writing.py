@@ -7,20 +7,18 @@ from __future__ import annotations
 
 import io
 import struct
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.io.arrays import computed
 from defocus_core.io.exr.header import STRUCTURAL, Raw, header_bytes, read_attributes
 from defocus_core.io.exr.windows import Layout, Window
 from defocus_core.io.safe_files import quiet, written_whole
 from defocus_core.system.interrupts import put_off
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from pathlib import Path
-
-    import numpy as np
-    from numpy.typing import NDArray
 
 _STRIP_BYTES = 1 << 25  # of pixels, encoded at once
 _ROWS = 32  # a strip is a multiple of them
@@ -78,8 +76,6 @@ def _encoded_strips(
     channels: Mapping[str, Any], attributes: Mapping[str, object], whole: Window
 ) -> Iterator[tuple[dict[str, Raw], NDArray[np.uint64], bytes]]:
     """Each strip of rows as OpenEXR encodes it: attributes, offsets of the chunks, the chunks."""
-    import numpy as np
-
     with put_off():
         import OpenEXR
 
@@ -104,7 +100,6 @@ def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDAr
 
     NaN stays NaN and is not counted.
     """
-    import numpy as np
     import torch
 
     largest = np.float32(np.finfo(np.float16).max)
@@ -119,8 +114,6 @@ def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDAr
 
 def as_half(plane: Any) -> Any:
     """An array [H, W] as half, clamped; itself if it is."""
-    import numpy as np
-
     if plane.dtype == np.float16:
         return plane
     return computed(lambda values: clamped_half(values)[0], plane, dtype=np.dtype(np.float16))

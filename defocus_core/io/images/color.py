@@ -7,7 +7,8 @@ premultiplied by definition; other files' is multiplied in here, in linear light
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -23,11 +24,6 @@ from defocus_core.io.images.primaries import primaries_attribute
 from defocus_core.io.images.raster import Raster, choose_page, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
 
 BRIGHTEST = 1e30  # light beyond it overflows in `defocus_core`, which refuses it too
 LARGEST_FLOAT = float.fromhex("0x1.fffffep+127")  # of 32 bits

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.io.images.icc import Profile, read_profile
 from defocus_core.io.images.primaries import REC_709, Chromaticities, primaries_name
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 _SAMPLES = {"uint8": "8-bit", "uint16": "16-bit"}
 _CURVES = {None: "sRGB", 1.0: "linear"}
@@ -99,16 +98,12 @@ def _name(spec: Any) -> str:
 
 def srgb_to_linear(encoded: NDArray[Any]) -> NDArray[np.float64]:
     """Linear light of sRGB values, both 0…1."""
-    import numpy as np
-
     value = np.asarray(encoded, np.float64)
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
 def linear_to_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
     """Encoded sRGB values of linear light, both 0…1; negative light is taken as 0."""
-    import numpy as np
-
     value = np.maximum(linear, np.float32(0.0))
     toe = np.minimum(value, np.float32(1.0)) * np.float32(12.92)  # what is near the largest float
     curve = np.float32(1.055) * value ** np.float32(1 / 2.4) - np.float32(0.055)
@@ -123,8 +118,6 @@ def decoding_table(bits: int, gamma: float | None = None) -> NDArray[np.float32]
         bits: 8 or 16.
         gamma: exponent of a file that declares a power law (1 = linear); None for sRGB.
     """
-    import numpy as np
-
     encoded = np.arange(2**bits) / (2**bits - 1)
     linear = srgb_to_linear(encoded) if gamma is None else encoded**gamma
     return linear.astype(np.float32)
@@ -147,8 +140,6 @@ def linear_light(
         associated: whether the samples are multiplied by alpha already.
         profile: decodes them instead of the power law.
     """
-    import numpy as np
-
     linear: NDArray[np.float32]
     if alpha is not None and associated and gamma != 1.0:
         # Such files were premultiplied after encoding, as editors do: undo that first.
@@ -166,8 +157,6 @@ def linear_light(
 
 
 def _decoded(values: NDArray[np.float32], gamma: float | None) -> NDArray[np.float32]:
-    import numpy as np
-
     if gamma == 1.0:
         return values
     linear = srgb_to_linear(values) if gamma is None else np.maximum(values, 0.0) ** gamma
@@ -176,8 +165,6 @@ def _decoded(values: NDArray[np.float32], gamma: float | None) -> NDArray[np.flo
 
 def unit(samples: NDArray[Any]) -> NDArray[np.float32]:
     """Integers as 0…1, floats as they are."""
-    import numpy as np
-
     if samples.dtype.kind != "u":
         return samples.astype(np.float32)
     top = np.iinfo(samples.dtype).max
@@ -186,8 +173,6 @@ def unit(samples: NDArray[Any]) -> NDArray[np.float32]:
 
 def quantised(values: NDArray[np.float32], bits: int) -> NDArray[Any]:
     """Values 0…1 as the nearest integers of 8 or 16 bits; what lies outside is clipped."""
-    import numpy as np
-
     clipped = np.clip(np.nan_to_num(values, nan=0.0), 0.0, 1.0)
     levels: NDArray[np.float32] = np.rint(clipped * np.float32(2**bits - 1))
     return levels.astype(np.uint8 if bits == 8 else np.uint16)

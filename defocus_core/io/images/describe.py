@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from defocus_core.io.array_files.bare_arrays import bare_type, read_bare
 from defocus_core.io.array_files.containers import container_type, read_entries
@@ -13,9 +13,6 @@ from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import views_of_parts
 from defocus_core.io.images.raster import read_pages
 from defocus_core.io.safe_files import read_head
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,14 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem, one_line
 from defocus_core.io.arrays import bands, stacked
@@ -26,12 +30,6 @@ from defocus_core.io.images.primaries import between_primaries, converted, decla
 from defocus_core.io.images.tags import Tag, set_tag
 from defocus_core.io.safe_files import quiet, unwritable, written_whole
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    import numpy as np
-    from numpy.typing import NDArray
 
 FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}
 _BLOCK = 1 << 20  # bytes copied at once
@@ -176,8 +174,6 @@ def display_encoded(
     Returns:
         uint8 or uint16 [H, W, C'], and the two counts.
     """
-    import numpy as np
-
     colour = np.asarray(pixels, np.float32)
     alpha = None
     white: Any = np.float32(1.0)
@@ -251,8 +247,6 @@ def encoded_samples(
 
 def _beyond_half(pixels: Any) -> int:
     """Number of pixels [H, W, C] with a value beyond the range of half."""
-    import numpy as np
-
     return sum(
         int(np.count_nonzero(clamped_half(pixels[rows])[1].any(axis=2)))
         for rows in bands(pixels.shape)
@@ -267,7 +261,6 @@ def _encoder_error(
     attributes: Mapping[str, str | Tag],
 ) -> str:
     """Encode samples to a file in memory; what the encoder complains about, empty if nothing."""
-    import numpy as np
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     first, row = next(samples), 0

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +23,6 @@ from defocus_core.io.images.primaries import (
     primaries_name,
     same_primaries,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
 
 _NEARLY_SQUARE = 1e-3  # difference of the sides of a pixel as a share of one
 _THUMBNAIL = "preview"  # attribute of an EXR header

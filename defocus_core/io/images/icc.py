@@ -9,13 +9,12 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.io.images.primaries import Chromaticities, adaptation, chromaticities_of
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 _D50 = (0.9642, 1.0, 0.8249)  # of all profiles
 _HEAD = 128  # bytes
@@ -38,8 +37,6 @@ class Profile:
 
     def light(self, values: NDArray[Any]) -> NDArray[np.float32]:
         """Linear light of samples [H, W, 3]: integers by a table, floats 0…1 by interpolation."""
-        import numpy as np
-
         if values.dtype.kind == "u":
             tables = _tables(self, values.dtype.itemsize * 8)
             light = [table[values[..., c]] for c, table in enumerate(tables)]
@@ -54,8 +51,6 @@ class Profile:
 
 @cache
 def _tables(profile: Profile, bits: int) -> list[NDArray[np.float32]]:
-    import numpy as np
-
     values, steps = np.linspace(0, 1, 2**bits), np.linspace(0, 1, _SAMPLES)
     return [np.interp(values, steps, curve).astype(np.float32) for curve in profile.curves]
 
@@ -69,8 +64,6 @@ def read_profile(data: bytes) -> Profile | None:
 
 
 def _profile(data: bytes) -> Profile | None:
-    import numpy as np
-
     if data[16:24] != b"RGB XYZ " or data[36:40] != b"acsp":
         return None
     tags = _tags(data)
@@ -103,8 +96,6 @@ def _fixed(data: bytes) -> tuple[float, ...]:
 
 
 def _curve(data: bytes) -> tuple[float, ...]:
-    import numpy as np
-
     steps = np.linspace(0, 1, _SAMPLES)
     if data[:4] == b"para":
         parameters = _PARAMETERS[struct.unpack_from(">H", data, 8)[0]]
@@ -122,8 +113,6 @@ def _curve(data: bytes) -> tuple[float, ...]:
 
 def _parametric(x: NDArray[np.float64], numbers: tuple[float, ...]) -> NDArray[np.float64]:
     """A curve of 1, 3, 4, 5 or 7 numbers, as ICC.1:2022, table 68, has them."""
-    import numpy as np
-
     g, a, b = numbers[:3] if len(numbers) > 1 else (numbers[0], 1.0, 0.0)
     inner = a * x + b
     curved = np.maximum(inner, 0.0) ** g

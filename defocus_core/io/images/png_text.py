@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from pathlib import Path
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _LONGEST = 1 << 16  # bytes of a text that is read

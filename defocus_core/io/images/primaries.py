@@ -8,15 +8,13 @@ Colour Constancy", 1985), as ICC profiles do it.
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.io.exr.header import Raw
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    import numpy as np
-    from numpy.typing import NDArray
 
 Chromaticities = tuple[float, ...]  # x and y of red, green, blue, white
 
@@ -73,8 +71,6 @@ def xyz_of_primaries(primaries: Chromaticities) -> NDArray[np.float64]:
     Raises:
         ValueError: the primaries span no colours.
     """
-    import numpy as np
-
     points = np.array(primaries, np.float64).reshape(4, 2)
     spread = np.c_[points, 1 - points.sum(1)]
     if not np.isfinite(spread).all() or not points[3, 1] > 0:
@@ -96,8 +92,6 @@ def between_primaries(
     Raises:
         ValueError: a set spans no colours.
     """
-    import numpy as np
-
     if same_primaries(source, target):
         return None
     ours, theirs = xyz_of_primaries(source), xyz_of_primaries(target)
@@ -108,8 +102,6 @@ def between_primaries(
 
 def adaptation(source: Any, target: Any) -> NDArray[np.float64]:
     """The Bradford matrix [3, 3] that takes one white, X, Y, Z, to another."""
-    import numpy as np
-
     cones = np.array(_BRADFORD)
     gains = (cones @ target) / (cones @ source)
     matrix: NDArray[np.float64] = np.linalg.inv(cones) @ (gains[:, None] * cones)
@@ -118,16 +110,12 @@ def adaptation(source: Any, target: Any) -> NDArray[np.float64]:
 
 def chromaticities_of(matrix: NDArray[np.float64]) -> Chromaticities:
     """The primaries of a matrix [3, 3] from R, G, B to X, Y, Z."""
-    import numpy as np
-
     columns = np.c_[matrix, matrix.sum(1)]
     return tuple((columns[:2] / columns.sum(0)).T.ravel().tolist())
 
 
 def converted(pixels: NDArray[np.float32], matrix: NDArray[np.float32] | None) -> Any:
     """Linear pixels [H, W, 3…] whose first three channels are taken through a matrix [3, 3]."""
-    import numpy as np
-
     if matrix is None:
         return pixels
     return np.concatenate([pixels[..., :3] @ matrix.T, pixels[..., 3:]], axis=-1)

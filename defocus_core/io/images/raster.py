@@ -9,7 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, first_line
 from defocus_core.io.arrays import bands
@@ -19,11 +22,6 @@ from defocus_core.io.images.exr_channels import require_part
 from defocus_core.io.images.tags import Tag, tags_of
 from defocus_core.io.safe_files import check_size, quiet, read_head
 from defocus_core.system.interrupts import put_off
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 _KINDS = ("png", "jpeg", "tiff", "hdr", "webp")

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
-from defocus_core.errors import InputError, UsageProblem
+from defocus_core.errors import CALLER, InputError, Place, UsageProblem
 from defocus_core.system.text import counted
 
 MISSING = ("error", "skip")
@@ -36,7 +36,7 @@ class FrameChoice:
 
     numbers: tuple[int, ...] | None = None
     missing: str = "error"
-    source: str = field(default="‹frames›", compare=False)
+    source: Place = field(default=CALLER.at("frames"), compare=False)
 
 
 ALL = FrameChoice()
@@ -48,7 +48,7 @@ def is_pattern(path: Path) -> bool:
 
 
 def frame_choice(
-    frames: str | None, missing: str | None, places: tuple[str, str], keyed: tuple[int, ...]
+    frames: str | None, missing: str | None, places: tuple[Place, Place], keyed: tuple[int, ...]
 ) -> FrameChoice:
     """The frames wanted.
 
@@ -73,11 +73,11 @@ def frame_choice(
     return FrameChoice(keyed, missing, source)
 
 
-def frame_numbers(text: str, where: str) -> tuple[int, ...]:
+def frame_numbers(text: str, where: Place) -> tuple[int, ...]:
     """The frames of a text like ``1001-1240x2,1300``, ascending.
 
     Raises:
-        UsageProblem: it names no frames; the error begins with ``where``.
+        UsageProblem: it names no frames; the error names ``where``.
     """
     from fileseq.exceptions import MaxSizeException
     from fileseq.frameset import FrameSet

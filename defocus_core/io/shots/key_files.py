@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from defocus_core.errors import InputError, UsageProblem, reason
+from defocus_core.errors import InputError, Place, UsageProblem, cannot_read, reason
 from defocus_core.io.below import open_plain
 
 FIELD_OF_VIEW = "vertical-fov"  # of a .chan file, which becomes a focal length
@@ -30,24 +30,24 @@ class _Line(NamedTuple):
     cells: list[str]
 
     @property
-    def field(self) -> str:
-        """The line in the words of an error."""
-        return f"line {self.number}"
+    def place(self) -> Place:
+        """The line, for errors."""
+        return Place(self.file, f"line {self.number}")
 
     def frame(self, text: str) -> int:
         """The number of a frame that one of the cells says."""
-        return frame_of(text, self.file, self.field)
+        return frame_of(text, self.place)
 
     def malformed(self, problem: str, remedy: str) -> InputError:
         """The error for a line that makes no sense."""
-        return InputError("malformed", problem, remedy, path=self.file, field=self.field)
+        return InputError("malformed", problem, remedy, path=self.place)
 
 
 class Key(NamedTuple):
-    """The value of an option at a frame, as a text, and its place in a file for errors."""
+    """The value of an option at a frame, as a text, and its place for errors."""
 
     text: str
-    where: str
+    where: Place
 
 
 Keys = Mapping[str, Mapping[int, Key]]  # by option, by frame
@@ -81,20 +81,19 @@ def read_keys(file: Path, option: str | None) -> Keys:
     return _chan(every) if suffix == ".chan" else _columns(every)
 
 
-def frame_of(text: str, where: str | Path, field: str = "") -> int:
+def frame_of(text: str, where: Place) -> int:
     """The number of a frame.
 
     Args:
         text: the number as it is written.
-        where: the file or the table that it stands in, for errors.
-        field: the line or the key that it stands in, for errors.
+        where: the line or the key that it stands in, for errors.
 
     Raises:
         InputError: the text is none.
     """
     if not _is_frame(text):
         remedy = "begin the line with a frame, like 1001"
-        raise InputError("malformed", f"'{text}' is no frame", remedy, path=where, field=field)
+        raise InputError("malformed", f"'{text}' is no frame", remedy, path=where)
     return round(float(text))
 
 
@@ -112,8 +111,7 @@ def _rows(file: Path) -> Iterator[_Line]:
             data = opened.read(_LARGEST_FILE + 1)
         text = data.decode("utf-8-sig")
     except OSError as error:
-        problem = f"cannot be read: {reason(error)}"
-        raise InputError("unreadable", problem, "check the path", path=file) from None
+        raise cannot_read(file, error, "check the path") from None
     except UnicodeDecodeError:
         raise InputError("not-utf-8", "is not UTF-8 text", "save it as UTF-8", path=file) from None
     if "\0" in text or len(data) > _LARGEST_FILE:
@@ -162,7 +160,7 @@ def _columns(lines: Sequence[_Line]) -> Keys:
         raise header.malformed("names no column frame", remedy)
     if twice := [name for name in names if names.count(name) > 1]:
         problem, remedy = f"names '{twice[0]}' twice", "remove one of the columns"
-        raise InputError("duplicate", problem, remedy, path=header.file, field=header.field)
+        raise InputError("duplicate", problem, remedy, path=header.place)
     if ("x" in names) != ("y" in names):
         raise header.malformed("names one of x and y", "give both, the pixel of focus-at")
     keys: dict[str, dict[int, Key]] = {name: {} for name in names if name not in ("frame", "y")}
@@ -176,15 +174,15 @@ def _columns(lines: Sequence[_Line]) -> Keys:
             row["x"] = f"{row['x']},{row.pop('y')}".strip(",")
         for name, text in row.items():
             if text:
-                _add(keys[name], line, frame, text, f": {name}")
+                _add(keys[name], line, frame, text, name)
     if "x" in keys:
         keys["focus-at"] = keys.pop("x")
     return keys
 
 
 def _add(keys: dict[int, Key], line: _Line, frame: int, text: str, column: str = "") -> None:
-    field = f"{line.field}{column}"
+    place = line.place.at(column)
     if frame in keys:
         problem = f"is another key of frame {frame}, like {keys[frame].where}"
-        raise InputError("duplicate", problem, "remove one of them", path=line.file, field=field)
-    keys[frame] = Key(text, f"{line.file}: {field}")
+        raise InputError("duplicate", problem, "remove one of them", path=place)
+    keys[frame] = Key(text, place)

@@ -10,17 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.safe_files import read_head
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
 _FORWARD, _BACKWARD = "forward", "backward"
 
@@ -82,8 +81,6 @@ def _vectors(names: list[str], channel: str) -> dict[str, str]:
 
 
 def _motion(path: Path, vectors: dict[str, str], overscan: Overscan) -> Motion:
-    import numpy as np
-
     named = set(vectors.values())
     planes: dict[str, Any] = {}
     for part in read_parts(path, wanted=lambda _, name: name in named, overscan=overscan):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, pairwise
 from typing import NamedTuple
@@ -97,20 +97,28 @@ class TransformWindow:
         """The spectra of the kernel times u.x and u.y, for tilted surfaces: [2, M, 1, ...]."""
         return self._cached(number, size, leaning=True)
 
-    def tilted(self, number: int, size: tuple[int, int], slope: tuple[float, float]) -> Tensor:
-        """The spectrum of a slice for a plane of a slope, x and y: [M, 1, ...]."""
-        cached = self.planes.setdefault((number, size), {})
-        if self.learns:
-            cached.clear()
-        spectrum = cached.get(slope)
-        if spectrum is None:
-            kernel, x, y = self.leaning_kernels(number)
-            kernel = kernel.add(x, alpha=slope[0]).add_(y, alpha=slope[1])
-            spectrum = kernel_spectra(kernel, size).unsqueeze(-3)
-            if len(cached) >= _PLANES:
-                cached.clear()
-            cached[slope] = spectrum
-        return spectrum
+    def tilted(
+        self, slopes: Mapping[int, tuple[float, float]], size: tuple[int, int]
+    ) -> dict[int, Tensor]:
+        """The spectra of slices for planes of slopes, x and y: each [M, 1, ...]."""
+        cached = {number: self.planes.setdefault((number, size), {}) for number in slopes}
+        for known in cached.values() if self.learns else ():
+            known.clear()
+        missing = [number for number, slope in slopes.items() if slope not in cached[number]]
+        at_once = launches_cost(self.like.device)
+        for numbers in [missing] if missing and at_once else [[number] for number in missing]:
+            kernels = [
+                kernel.add(x, alpha=slopes[number][0]).add_(y, alpha=slopes[number][1])
+                for number, (kernel, x, y) in zip(
+                    numbers, self._kernels(numbers, leaning=True), strict=True
+                )
+            ]
+            spectra = kernel_spectra(torch.stack(kernels), size).unsqueeze(-3)
+            for number, spectrum in zip(numbers, spectra.unbind(), strict=True):
+                if len(cached[number]) >= _PLANES:
+                    cached[number].clear()
+                cached[number][slopes[number]] = spectrum
+        return {number: cached[number][slope] for number, slope in slopes.items()}
 
     def fitting(self, least: Sequence[int]) -> tuple[int, int]:
         """The smallest of a few sizes that has at least the given rows and columns."""

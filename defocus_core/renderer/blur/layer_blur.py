@@ -188,13 +188,14 @@ class Blur:
         spectra = torch.fft.rfft2(pixels).unbind(1)
         tilted = [rung for rung in rungs if rung in surface.tilted_plan[index]]
         tilted_slopes = surface.planes(tilted, self._grid.tiles[index].around(window.margin))
-        slopes = dict(zip(tilted, tilted_slopes, strict=True))
-        leaning = [i for i, rung in enumerate(rungs) if rung in slopes and not slopes[rung]]
+        planes = zip(tilted, tilted_slopes, strict=True)
+        slopes = {rung * sliced.stride: slope for rung, slope in planes}
+        leaning = [i for i, rung in enumerate(rungs) if slopes.get(rung * sliced.stride, 0) is None]
+        kernels = window.tilted({k: slope for k, slope in slopes.items() if slope}, size)
         terms: list[tuple[Tensor, Tensor]] = []
         for i, rung in enumerate(rungs):
-            k, slope = rung * sliced.stride, slopes.get(rung)
-            kernel = window.tilted(k, size, slope) if slope else window.spectrum(k, size)
-            terms.append((spectra[i], kernel))
+            k = rung * sliced.stride
+            terms.append((spectra[i], kernels[k] if k in kernels else window.spectrum(k, size)))
         if leaning:
             lean = surface.slopes(box)[:, None, None]
             pairs = torch.fft.rfft2(lean * pixels[:, leaning])

@@ -68,13 +68,12 @@ class Reduced:
         sloping = [rung for rung in slices if rung in tilted]
         common_slopes = surface.planes(sloping, core.around(reach))
         slopes = dict(zip(sloping, common_slopes, strict=True))
+        kernels = window.tilted({slices[rung]: s for rung, s in slopes.items() if s}, size)
         for rung, k in slices.items():
-            slope = slopes.get(rung)
-            lean = rung in tilted and not slope
+            lean = rung in tilted and not slopes[rung]
             averages = surface.averaged(rung, window.halvings, lit, middle, tilted=lean)
             plain, *leaning = torch.fft.rfft2(averages, s=size)
-            kernel = window.tilted(k, size, slope) if slope else window.spectrum(k, size)
-            terms.append((plain, kernel))
+            terms.append((plain, kernels[k] if k in kernels else window.spectrum(k, size)))
             terms += zip(leaning, window.leaning(k, size) if lean else (), strict=True)
         crop = patch.shown.seen_from(cells)
         self._groups = [crop_inverse(sum_of_products(terms, group), size, crop) for group in groups]

@@ -32,6 +32,8 @@ _OVERSHOOT = 0.25
 _STILL = (2 * SHARP, 2 * SOFT)
 # Cells around a cell that decide its pixels.
 AROUND = 2
+# Share of each of the two cells beside a cell in a mean, along an axis.
+_BESIDE = 1 / 8
 # Relative rounding error of a share that is wholly in view.
 _ROUNDING = 1e-5
 # Least share of detail by which its visible part is divided.
@@ -194,6 +196,17 @@ def _ends(cells: Tensor) -> tuple[Tensor, Tensor]:
             for pick, x in ((torch.minimum, least), (torch.maximum, most))
         )
     return least, most
+
+
+def spread(cells: Tensor) -> Tensor:
+    """Means [..., h, w] of each cell with the two on each side that its pixels depend on."""
+    for dim in (-2, -1, -2, -1):
+        n = cells.shape[dim]
+        rim = [cells.narrow(dim, 0, 1), cells, cells.narrow(dim, n - 1, 1)]
+        around = torch.cat(rim, dim)
+        beside = around.narrow(dim, 0, n) + around.narrow(dim, 2, n) - 2 * cells
+        cells = torch.add(cells, beside, alpha=_BESIDE)
+    return cells
 
 
 def smooth(cells: Tensor, part: Box) -> Tensor:

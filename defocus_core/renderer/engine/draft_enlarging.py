@@ -19,6 +19,7 @@ from defocus_core.renderer.engine.draft_detail import (
     Original,
     share_left,
     smooth,
+    spread,
     with_detail,
 )
 from defocus_core.renderer.engine.frame import SharedFrame
@@ -114,7 +115,7 @@ class Enlarging:
         if len(images) > 1:
             pair = pair_of(*images, least=self._least, share=self._frame.division.left_share)
             images = torch.cat([images[:1], pair])
-        trust = smooth(rendered.trust[None], part)[0]
+        trust = smooth(spread(rendered.trust[None]), part)[0]
         return Views(list(inner.of(images)), inner.of(trust), counts, box)
 
     def _px(self, cells: Box) -> Box:

@@ -36,6 +36,7 @@ class Content(NamedTuple):
         uncertain: Whether edges of depth were soft or averages.
         least: Least light, 0 unless pixels are negative (colours outside the gamut).
         limit: Brightness that a highlight exceeds.
+        highlights: Whether there are highlights.
     """
 
     ends: tuple[float, float]
@@ -45,6 +46,7 @@ class Content(NamedTuple):
     uncertain: bool
     least: float
     limit: float
+    highlights: bool
 
 
 class Slicing(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import torch
@@ -29,6 +30,7 @@ from defocus_core.renderer.inpainting.known_layer import Behind
 from defocus_core.renderer.layers.ladder import SHARP
 from defocus_core.renderer.layers.quality import find
 from defocus_core.renderer.layers.stacked_samples import Layered
+from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.neighbourhoods import ends_of
 from defocus_core.tensors.source import Pixels, Scalar, banded
 from defocus_core.tensors.views import Views
@@ -79,6 +81,8 @@ class FramedPicture:
         Raises:
             ValueError: If a value is not finite, or a CoC does not fit psf_ks.
         """
+        if launches_cost(signed_radius.device):  # its memory is planned for one tile at once
+            settings = replace(settings, threads=1)
         threads, quality = settings.threads, find(settings.quality)
         self.size = signed_radius.shape[0], signed_radius.shape[1]
         self.repair = DepthRepair() if repair is None else repair

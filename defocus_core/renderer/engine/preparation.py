@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Callable
@@ -38,7 +39,7 @@ from defocus_core.renderer.layers.ladder import SHARP, evenly, layers, rungs
 from defocus_core.renderer.layers.octaves import kept_apart, turns
 from defocus_core.renderer.layers.quality import Quality
 from defocus_core.renderer.layers.stacked_samples import Layered
-from defocus_core.tensors.device_plan import launches_cost, tile_pixels
+from defocus_core.tensors.device_plan import launches_cost, pieces, tile_pixels
 from defocus_core.tensors.source import Pixels
 from defocus_core.tensors.tiling import BLOCK, Grid, few_tiles, grid_over, largest, regions
 
@@ -46,6 +47,8 @@ from defocus_core.tensors.tiling import BLOCK, Grid, few_tiles, grid_over, large
 # side of the frame.
 _BEYOND = 64
 _ANY_PX = 1 << 30  # no picture is larger
+# Pictures that a region holds for all of its tiles.
+_COPIES_OF_REGION = 6
 
 
 def frame_of(
@@ -103,7 +106,7 @@ def frame_of(
     fine = _at_resolution(radii, numbers, quality, most, 0)
     coarse = _at_resolution(radii, numbers, quality, most, halvings)
     farthest = max(fine.reaches + coarse.reaches if content.edges else fine.reaches)
-    margin = _margin(farthest, edges=content.edges, highlights=survey.brightest > content.limit)
+    margin = _margin(farthest, edges=content.edges, highlights=content.highlights)
     division = _division(settings, quality)
     dtype = torch.float64 if needs_double(survey, content.limit) else dtype
     sample = (pixels.shape[0] + 1 + (layered is not None)) * dtype.itemsize
@@ -135,6 +138,15 @@ def _division(settings: Settings, quality: Quality) -> Division:
     return Division.of(settings.aperture, count, pair)
 
 
+def copies_of_tile(layer_of: list[int]) -> int:
+    """Pictures of a tile that are held at once, given for each slice the number of its layer.
+
+    Blurred layers, the slices of one of them with their transforms, and what they are made of.
+    """
+    layers = Counter(layer_of)
+    return len(layers) + 4 * max(layers.values()) + 10
+
+
 def _grid_of(
     settings: Settings,
     size: tuple[int, int],
@@ -151,12 +163,12 @@ def _grid_of(
         layer_of: For each slice the number of its layer.
         bytes_each: Bytes of the colours and the coverage of a pixel, for all parts of the aperture.
     """
-    if settings.tile is not None or not launches_cost(device):
+    if not launches_cost(device):
         return grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
-    # blurred layers, the slices of one with their transforms, and the pictures that they are of
-    layers = Counter(layer_of)
-    copies = len(layers) + 4 * max(layers.values()) + 10
-    return grid_over(*size, few_tiles(*size, tile_pixels(device, bytes_each * copies)))
+    most = tile_pixels(device, bytes_each * copies_of_tile(layer_of))
+    sides = settings.tile or few_tiles(*size, most)
+    region = math.isqrt(pieces(device, 0, _COPIES_OF_REGION * bytes_each))
+    return grid_over(*size, sides)._replace(region=region)
 
 
 class _Resolution(NamedTuple):
@@ -181,6 +193,7 @@ def _content(
     depth: tuple[bool, bool],
 ) -> Content:
     """What a picture holds; `depth` says whether it had few levels, and uncertain edges."""
+    limit = threshold(survey.brightness, survey.brightest)
     return Content(
         ends=all_ends or (survey.least, survey.most),
         edges=edges,
@@ -188,7 +201,8 @@ def _content(
         quantised=depth[0],
         uncertain=depth[1],
         least=min(survey.darkest, 0.0),
-        limit=threshold(survey.brightness, survey.brightest),
+        limit=limit,
+        highlights=survey.brightest > limit,
     )
 
 

@@ -116,7 +116,9 @@ class Region:
     ) -> tuple[Unmixed, Tensor, Highlights | None]:
         """The visible surfaces in the rectangle `outer`: pixels, radii, and highlights apart."""
         frame = self._frame
-        pixels, highlights = split(pixels, signed_radius, frame.content.limit)
+        highlights = None
+        if frame.content.highlights:
+            pixels, highlights = split(pixels, signed_radius, frame.content.limit)
         unmixes = frame.content.edges and frame.quality.unmixes
         unmix = partial(unmixed, uncertain=frame.content.uncertain) if unmixes else whole
         own = unmix(pixels, signed_radius)

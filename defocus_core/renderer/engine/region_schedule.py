@@ -24,6 +24,8 @@ from defocus_core.tensors.threads import threaded
 from defocus_core.tensors.tiling import BLOCK, Grid, regions
 from defocus_core.tensors.views import Views, added, joined
 
+# Greater than all rows and columns.
+_NOWHERE = 1 << 40
 # Counts that are 0 for copied tiles.
 _COMPUTED = (
     *("slice_tiles_done", "slice_tiles_blurred", "slice_tiles_reduced", "slice_tiles_culled"),
@@ -178,12 +180,17 @@ def blurred_part(frame: SharedFrame, grid: Grid, signed_radius: Pixels) -> Grid 
         return grid
     around = grid.box.grown(frame.margin, frame.box)
     radii = around.of(signed_radius).detach()
-    down, across = (_reached(frame, around, radii, dim) for dim in (0, 1))
-    return grid.within(Box.over(down, across)) if down and across else None
+    found = torch.stack([_reached(frame, around, radii, dim) for dim in (0, 1)]).tolist()
+    if any(first > last for first, last in found):
+        return None
+    spans = (Span(first // BLOCK * BLOCK, (last // BLOCK + 1) * BLOCK) for first, last in found)
+    return grid.within(Box.over(*spans))
 
 
-def _reached(frame: SharedFrame, around: Box, radii: Tensor, dim: int) -> Span | None:
-    """Blocks along an axis that blurred light reaches; None if none are reached.
+def _reached(frame: SharedFrame, around: Box, radii: Tensor, dim: int) -> Tensor:
+    """The first and the last [2] pixel along an axis that blurred light reaches.
+
+    The first one is greater if none is reached.
 
     Args:
         frame: The frame of the picture.
@@ -192,13 +199,10 @@ def _reached(frame: SharedFrame, around: Box, radii: Tensor, dim: int) -> Span |
         dim: The axis: 0 for rows.
     """
     least, most = radii.amin(1 - dim), radii.amax(1 - dim)
-    at = torch.nonzero((least < -SHARP) | (most > SHARP))[:, 0]
-    if not len(at):
-        return None
-    reach = _reach(frame, least.index_select(0, at), most.index_select(0, at))
-    at = at + around[dim]
-    first, last = int((at - reach).amin()), int((at + reach).amax())
-    return Span(first // BLOCK * BLOCK, (last // BLOCK + 1) * BLOCK)
+    blurred, reach = (least < -SHARP) | (most > SHARP), _reach(frame, least, most)
+    at = torch.arange(around[dim], around[dim] + len(least), device=radii.device)
+    first = torch.where(blurred, at - reach, _NOWHERE).amin()
+    return torch.stack([first, torch.where(blurred, at + reach, -_NOWHERE).amax()])
 
 
 def _reach(frame: SharedFrame, least: Tensor, most: Tensor) -> Tensor | int:

@@ -86,7 +86,8 @@ class SharedFill:
         pixels, radius = (
             outer.of(x).to(frame.dtype).contiguous() for x in (self._pixels, self._radius)
         )
-        pixels, _ = split(pixels, radius, frame.content.limit)
+        if frame.content.highlights:
+            pixels, _ = split(pixels, radius, frame.content.limit)
         own = whole(pixels, radius)
         if frame.quality.unmixes:
             own = unmixed(pixels, radius, uncertain=frame.content.uncertain)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -69,20 +70,20 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
         radius_ends.append(radii)
         color_ends.append(pair)
         counts = band_counts + counts
-    least, most, down, across = torch.stack(radius_ends).unbind(1)
-    darkest, brightest = torch.stack(color_ends).unbind(1)
-    ends = torch.stack([least.amin(), most.amax(), darkest.amin(), brightest.amax()])
-    for name, pair in (("signed_radius", ends[:2]), ("image", ends[2:])):
-        if not bool(torch.isfinite(pair).all()):
+    lows, highs = torch.stack(radius_ends).T, torch.stack(color_ends).T
+    found = [lows[0].amin(), *lows[1:].amax(1), highs[0].amin(), highs[1].amax()]
+    least, most, down, across, darkest, brightest = torch.stack(found).tolist()
+    for name, *two in (("signed_radius", least, most), ("image", darkest, brightest)):
+        if not all(map(math.isfinite, two)):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
-    if max(-ends[0], ends[1]) > _MOST_PX:
+    if max(-least, most) > _MOST_PX:
         raise ValueError(
-            f"signed_radius must be within {_MOST_PX:g} px, got {ends[0]:.3g} to {ends[1]:.3g} px; "
+            f"signed_radius must be within {_MOST_PX:g} px, got {least:.3g} to {most:.3g} px; "
             "check the units of depth and lens, and write inf for sky"
         )
-    if max(-ends[2], ends[3]) > BRIGHTEST:
+    if max(-darkest, brightest) > float(torch.tensor(BRIGHTEST, dtype=dtype)):
         raise ValueError(
-            f"image must be within ±{BRIGHTEST:g}, got {ends[2]:.3g} to {ends[3]:.3g}; "
+            f"image must be within ±{BRIGHTEST:g}, got {darkest:.3g} to {brightest:.3g}; "
             "scale it, light has no unit here"
         )
 
@@ -90,12 +91,12 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
         return (band.to(dtype).amax(0) for band in banded(pixels))
 
     return Survey(
-        least=float(ends[0]),
-        most=float(ends[1]),
-        steepest=(float(down.amax()), float(across.amax())),
-        darkest=float(ends[2]),
-        brightest=float(ends[3]),
-        brightness=Ranks(counts, brightness_again, dtype),
+        least=least,
+        most=most,
+        steepest=(down, across),
+        darkest=darkest,
+        brightest=brightest,
+        brightness=Ranks(counts.cpu(), brightness_again, dtype),
     )
 
 
@@ -130,7 +131,8 @@ def with_hidden(hidden: Behind, ends: tuple[float, float]) -> tuple[float, float
                     "true; leave unknown pixels out"
                 )
         if len(known):
-            least, most = min(least, float(known.min())), max(most, float(known.max()))
+            nearest, farthest = ends_of(known).tolist()
+            least, most = min(least, nearest), max(most, farthest)
     return least, most
 
 
@@ -164,5 +166,7 @@ def _radius_statistics(band: Tensor, rows: tuple[int, int]) -> Tensor:
     """
     radii = band[: rows[1] - rows[0]]
     steps = band.diff(dim=0), radii.diff(dim=1)
-    steepest = [float(ends_of(step).abs().amax()) if step.numel() else 0.0 for step in steps]
-    return torch.cat([ends_of(radii), radii.new_tensor(steepest)])
+    steepest = [
+        ends_of(step).abs().amax() if step.numel() else radii.new_zeros(()) for step in steps
+    ]
+    return torch.cat([ends_of(radii), torch.stack(steepest)])

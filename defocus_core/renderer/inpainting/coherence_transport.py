@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.inpainting.two_layer_pyramid import PyramidLevel
+from defocus_core.tensors.device_plan import launches_cost
 
 # Greatest difference in px between the radii of neighbours at half resolution on one surface.
 _SAME = 1.013
@@ -137,12 +138,23 @@ def _first_beyond(
     half = torch.full_like(along, 0.5).copysign(along)
     seeking = torch.arange(len(at), device=at.device)
     state = [*at.unbind(1), *along.unbind(1), *half.unbind(1), border]
-    for step in _STEPS:
-        y, x, down, across, half_down, half_across, limit = state
+
+    def spots_at(step: float) -> Tensor:
+        y, x, down, across, half_down, half_across, _ = state
         row = (y + torch.add(half_down, down, alpha=step * scale).long()).clamp_(0, H - 1)
-        spot = row.mul_(W).add_(
+        return row.mul_(W).add_(
             (x + torch.add(half_across, across, alpha=step * scale).long()).clamp_(0, W - 1)
         )
+
+    if launches_cost(r.device):  # all at once, and none waits for the one before
+        every = torch.stack([spots_at(step) for step in _STEPS])
+        known = r.index_select(0, every.flatten()).view(every.shape) > border
+        first = known.byte().argmax(0)
+        distance = r.new_tensor(_STEPS).index_select(0, first)
+        distance = torch.where(known.any(0), distance, torch.inf)
+        return every.gather(0, first[None])[0], distance
+    for step in _STEPS:
+        limit, spot = state[-1], spots_at(step)
         known = r.index_select(0, spot) > limit
         hit, miss = (torch.nonzero(each)[:, 0] for each in (known, ~known))
         reached = seeking.index_select(0, hit)

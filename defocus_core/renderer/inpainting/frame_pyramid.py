@@ -136,8 +136,7 @@ def _coarsely(
     farther = _beside_edges(r)
     weight = exceeding(pixels.detach().amax(0), limit).logical_not_().to(r.dtype)
     weight.flatten()[farther] *= _MIXED
-    picture = torch.cat([pixels, signed_radius[None]])
-    half = coarser(pixels_of(picture, signed_radius, middle, weight))
+    half = coarser(pixels_of([pixels, signed_radius[None]], signed_radius, middle, weight))
     edges = edges_in_cells(r, farther, grain, middle)
     return coarser(structure(half)), edges, half.middle[0].middle
 

@@ -81,10 +81,9 @@ def hidden_layer(
         backdrop.fine[0]._replace(middle=backdrop.fine[0].middle - box.top),
         backdrop.fine[1]._replace(middle=backdrop.fine[1].middle - box.left),
     )
-    view = whole_view(image, signed_radius, middle)
-    half = coarser(pixels_of(view.picture, signed_radius, middle))
-    if halvings:
-        view = half_view(half, middle)
+    whole = pixels_of([image, signed_radius[None]], signed_radius, middle)
+    half = coarser(whole)
+    view = half_view(half, middle) if halvings else whole_view(whole)
     cells = view.cells(wanted or Box(0, 0, H, W))
     near = cells.of(view.near)
     revealed = backdrop.reach.behind(near, cells, view.middle, halvings)

@@ -53,10 +53,10 @@ class View(NamedTuple):
         return Box(ends[0][0], ends[1][0], ends[0][1], ends[1][1])
 
 
-def whole_view(image: Tensor, signed_radius: Tensor, middle: _Axes) -> View:
-    """A picture [C, H, W] and its radii [H, W] px at full resolution."""
-    picture = torch.cat([image, signed_radius[None]])
-    return View(picture, signed_radius.detach(), middle, middle, 0)
+def whole_view(whole: PyramidLevel) -> View:
+    """A picture at full resolution."""
+    values, near = (x.reshape(-1, *whole.size) for x in (whole.first.values, whole.first.least))
+    return View(values, near[0], whole.middle, whole.middle, 0)
 
 
 def half_view(half: PyramidLevel, fine: _Axes) -> View:

@@ -8,7 +8,7 @@ edge lies among them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import torch
@@ -25,7 +25,7 @@ _ALIKE, _GROWTH = 1.013, 1.5
 # elsewhere: bounds memory.
 _CELLS, _BYTES_EACH = 1 << 12, 1 << 13
 # Cells of a level all of which are split where an operation takes long to begin.
-_FEW = 1 << 15
+_FEW = 1 << 14
 
 
 class CellSurface(NamedTuple):
@@ -105,7 +105,7 @@ class PyramidLevel(NamedTuple):
 
 
 def pixels_of(
-    values: Tensor,
+    values: Sequence[Tensor],
     signed_radius: Tensor,
     middle: tuple[Axis, Axis],
     weight: Tensor | None = None,
@@ -113,7 +113,7 @@ def pixels_of(
     """A picture at full resolution.
 
     Args:
-        values: [K, H, W].
+        values: Each [k, H, W], together K channels.
         signed_radius: [H, W] px.
         middle: The middle of the frame.
         weight: [H, W] in [0, 1], weights of pixels; None if all are 1.
@@ -125,7 +125,8 @@ def pixels_of(
     weight = torch.ones_like(r) if weight is None else weight.flatten()
     if not whole and not bool((counted := weight.bool()).all()):
         least, most = torch.where(counted, r, torch.inf), torch.where(counted, r, -torch.inf)
-    first = CellSurface(torch.cat([values.flatten(1), torch.stack([weight, least, most])]))
+    rows = [each.flatten(1) for each in values] + [each[None] for each in (weight, least, most)]
+    first = CellSurface(torch.cat(rows))
     return PyramidLevel(size, first, None, None, middle, 0, r.new_zeros(0).bool(), whole)
 
 

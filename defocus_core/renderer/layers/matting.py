@@ -152,11 +152,13 @@ def _taken_apart(
     near_color = torch.where(alpha == 1, color, near_color)
     far_color = torch.where(alpha == 0, color, far_color)
     known = near.known & far.known & stepped
-    own_color = torch.where(own_near[:, None], near_color, far_color)[known]
-    coverage = torch.where(own_near, alpha[:, 0], 1.0)[known]
+    own_color = torch.where(own_near[:, None], near_color, far_color)
+    coverage = torch.where(own_near, alpha[:, 0], 1.0)
     behind = known & ~own_near & (alpha.detach()[:, 0] > 0)
     fringe = torch.cat([near_color, torch.ones_like(alpha)], 1) * alpha
-    return at[known], own_color, coverage, at[behind], fringe[behind], near.signed_radius[behind]
+    both = (at, own_color, coverage), (at, fringe, near.signed_radius)
+    masks = torch.nonzero(known)[:, 0], torch.nonzero(behind)[:, 0]
+    return tuple(x.index_select(0, i) for of, i in zip(both, masks, strict=True) for x in of)
 
 
 def _has_step(radii: Tensor) -> Tensor:

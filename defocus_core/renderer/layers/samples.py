@@ -11,6 +11,7 @@ from defocus_core.renderer.layers.ladder import position
 from defocus_core.renderer.layers.matting import Unmixed
 from defocus_core.renderer.layers.subpixel_shifts import Shifts
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.sparse_masks import numbers_of
 
 # Samples of pixels: [C + 1, H, W], colour premultiplied by coverage, then coverage; and [H, W],
 # their radii in px, or their positions on the ladder.
@@ -68,15 +69,18 @@ class SurfaceSamples(NamedTuple):
             others: Further samples [C + 1, H, W] and their radii [H, W] px.
         """
         coverage, fringe = pixels.coverage, pixels.fringe
-        at = fringe.at - fringe.at.new_tensor(box[:2])
-        inside = (at >= 0).all(1) & (at[:, 0] < box.height) & (at[:, 1] < box.width)
+        at, extra, radius = fringe
+        if len(at):
+            at = at - at.new_tensor(box[:2])
+            inside = (at >= 0).all(1) & (at[:, 0] < box.height) & (at[:, 1] < box.width)
+            at, extra, radius = (x.index_select(0, numbers_of(inside)) for x in (at, extra, radius))
         return cls(
             box.of(pixels.color),
             None if coverage is None else box.of(coverage),
             places,
-            at[inside],
-            fringe.layer[inside],
-            position(fringe.signed_radius[inside], radii),
+            at,
+            extra,
+            position(radius, radii),
             slopes,
             shifts,
             [(box.of(layer), position(box.of(radius), radii)) for layer, radius in others],

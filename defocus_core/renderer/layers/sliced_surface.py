@@ -78,9 +78,10 @@ class Surface:
         below, beside = max(last.top + beyond, H), max(last.left + beyond, W)
         self._framed_box = Box(top, left, below - top, beside - left)
         count = len(reaches)
-        own = self._layer(samples), samples.places
-        others = [(self._framed([layer]), places) for layer, places in samples.others]
-        self._sheets = [self._sheet(*each, count) for each in (own, *others)]
+        whole = samples.coverage is None
+        own = self._sheet(self._layer(samples), samples.places, count, whole=whole)
+        others = [self._sheet(self._framed([x]), places, count) for x, places in samples.others]
+        self._sheets = [own, *others]
         self._places, self._shifts = self._sheets[0].places, samples.shifts
         self._coverage = samples.coverage
         blocks = reduce(torch.logical_or, [sheet.blocks for sheet in self._sheets])
@@ -111,11 +112,15 @@ class Surface:
         self._unframed(self._own, framed).copy_(self._lean)
         return framed
 
-    def _sheet(self, layer: Tensor, places: Tensor, count: int) -> _SampleSheet:
+    def _sheet(
+        self, layer: Tensor, places: Tensor, count: int, *, whole: bool = False
+    ) -> _SampleSheet:
         """Samples, from a framed layer and their places [H, W]; without coverage none exists."""
         framed = self._framed([places[None]])[0]
-        own, covered = (self._unframed(self._own, x) for x in (framed, layer.detach()[-1].bool()))
-        exists = None if bool(covered.all()) else covered
+        own, exists = self._unframed(self._own, framed), None
+        if not whole:
+            covered = self._unframed(self._own, layer.detach()[-1].bool())
+            exists = None if bool(covered.all()) else covered
         return _SampleSheet(layer, framed, blocks_of(own, count, exists).cpu())
 
     def _layer(self, samples: SurfaceSamples) -> Tensor:

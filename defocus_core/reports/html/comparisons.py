@@ -166,7 +166,7 @@ def compare_commands(rules: Callable[[str], Rules], settings: CompareSettings) -
             words = ["defocus", "compare", record.a, record.b, *options]
             lines.append(("Compare again", command_line(words)))
             if not record.passes:
-                lines.append(("Accept B", command_line(["cp", "--", record.b, record.a])))
+                lines.append(("Accept B", command_line([*words, "--accept"])))
         return lines
 
     return commands
@@ -206,13 +206,23 @@ def rule_words(rules: Rules) -> list[object]:
 
 def setting_lines(settings: CompareSettings) -> list[str]:
     """What of the pictures was compared, a line each; empty for all."""
-    chosen = {"region": settings.region, "where this is not 0": settings.mask}
+    chosen = {
+        "region": settings.region,
+        "where this is not 0": settings.mask,
+        "all but": " and ".join(map(str, settings.ignore_region)) or None,
+        "where this is 0": settings.ignore_mask,
+        "tolerant of": "anti-aliased edges" if settings.tolerate_edges else None,
+    }
     return [f"Compared: {words} {value}" for words, value in chosen.items() if value is not None]
 
 
 def _setting_words(settings: CompareSettings) -> list[object]:
     words: list[object] = []
-    for option in ("region", "mask", "coc"):
+    for option in ("region", "mask", "ignore_mask", "coc"):
         value = getattr(settings, option)
-        words += [] if value is None else [f"--{option}", value]
-    return words + [f"--{flag}" for flag in ("flip", "metadata") if getattr(settings, flag)]
+        words += [] if value is None else [f"--{option.replace('_', '-')}", value]
+    words += [w for part in settings.ignore_region for w in ("--ignore-region", part)]
+    if settings.ignore_metadata:
+        words += ["--ignore-metadata", ",".join(settings.ignore_metadata)]
+    flags = ("flip", "metadata", "tolerate_edges")
+    return words + [f"--{f.replace('_', '-')}" for f in flags if getattr(settings, f)]

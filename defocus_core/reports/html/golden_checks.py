@@ -8,20 +8,18 @@ from __future__ import annotations
 import os
 import pickle
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from defocus_core.compare.record import CompareSettings, Comparison
+from defocus_core.io.exr.writing import write_exr
 from defocus_core.reports.html import comparisons
 from defocus_core.reports.html.comparisons import ReportHeader
 from defocus_core.reports.html.shell import command_line
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 _numbers = count()
 
@@ -46,8 +44,6 @@ def keep(folder: Path, record: Comparison, test: str, picture: Path | Mapping[st
     Raises:
         InputError: there is no room for it.
     """
-    from defocus_core.io.exr.writing import write_exr
-
     stem = folder / f"{os.getpid()}-{next(_numbers)}"
     if record.passes:
         record = replace(record, b=record.a)

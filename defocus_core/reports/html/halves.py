@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import math
 import zlib
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.reports.html.item import StoredHalves
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy as np
-    from numpy.typing import NDArray
 
 _LARGEST = 65504.0  # of half
 _LEVEL = 4  # of zlib: 6 takes twice the time for 3 % less
@@ -42,8 +40,6 @@ def common_scale(planes: Sequence[NDArray[Any]], kind: str) -> float:
 
 
 def _is_whole(plane: NDArray[Any]) -> bool:
-    import numpy as np
-
     return bool((np.abs(plane - np.rint(plane)) < _ROUNDING).all())
 
 
@@ -55,8 +51,6 @@ def unit_scale(planes: Sequence[NDArray[Any]]) -> float:
 
 def _largest(planes: Sequence[NDArray[Any]]) -> float:
     """The largest finite magnitude."""
-    import numpy as np
-
     most = 0.0
     for plane in planes:
         size = np.abs(plane)
@@ -66,8 +60,6 @@ def _largest(planes: Sequence[NDArray[Any]]) -> float:
 
 def is_exact(planes: Sequence[NDArray[Any]], scale: float) -> bool:
     """Whether halves hold the values of planes."""
-    import numpy as np
-
     with np.errstate(all="ignore"):
         for plane in planes:
             scaled = plane if scale == 1 else _scaled(plane, scale)
@@ -78,8 +70,6 @@ def is_exact(planes: Sequence[NDArray[Any]], scale: float) -> bool:
 
 def bits(planes: Sequence[NDArray[Any]], scale: float) -> NDArray[np.uint16]:
     """The bits of planes [H, W] as halves, [C, H, W]."""
-    import numpy as np
-
     with np.errstate(all="ignore"):
         return np.stack([_scaled(plane, scale).astype(np.float16) for plane in planes]).view(
             np.uint16
@@ -88,8 +78,6 @@ def bits(planes: Sequence[NDArray[Any]], scale: float) -> NDArray[np.uint16]:
 
 def _scaled(plane: NDArray[Any], scale: float) -> NDArray[Any]:
     """The numbers that are stored as halves; of integers, whole ones."""
-    import numpy as np
-
     scaled = plane if scale == 1 else np.asarray(plane, np.float64) / scale
     return np.rint(scaled) if scale in _STEPS else scaled
 
@@ -119,7 +107,5 @@ def pack(
 
 
 def _deflated(values: NDArray[np.uint16]) -> bytes:
-    import numpy as np
-
     low, high = values.astype(np.uint8), (values >> 8).astype(np.uint8)
     return zlib.compress(low.tobytes() + high.tobytes(), _LEVEL)

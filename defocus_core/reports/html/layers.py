@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.compare.picture import color_layers, is_map
+from defocus_core.compare.picture import DecodedPicture, color_layers, is_map
 from defocus_core.reports.html import halves, thumbnails
 from defocus_core.reports.html.item import HEAT, LIGHT, PLAIN, SHARE, SIGNED, Layer
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from defocus_core.compare.picture import DecodedPicture
 
 WHOLE = 1 << 21  # px up to which all values are kept: 1920 x 1080
 _WINDOW = (1920, 1080)  # px of a window of a larger picture
@@ -132,8 +129,6 @@ def _difference(
     layer: Layer, cut: Mapping[str, Sequence[NDArray[Any]]], scale: float, box: Box
 ) -> Layer:
     """The layer of a difference with its values, if those of A and B do not tell it exactly."""
-    import numpy as np
-
     if halves.is_exact([*cut[A], *cut[B]], scale):
         return layer
     with np.errstate(all="ignore"):

@@ -10,7 +10,10 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_picture
 from defocus_core.compare.record import Comparison
@@ -28,9 +31,6 @@ from defocus_core.reports.html.layers import (
     window_of,
     with_values,
 )
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -131,8 +131,6 @@ def difference_of(a: Drawn, b: Drawn) -> tuple[Drawn | None, float]:
 
 def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[Any]:
     """The greatest difference of the channels of each pixel; NaN and Inf of both are none."""
-    import numpy as np
-
     greatest: NDArray[Any] = np.zeros(a[0].shape)
     with np.errstate(all="ignore"):
         for one, other in zip(a, b, strict=True):
@@ -144,8 +142,6 @@ def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[A
 
 def _full(greatest: NDArray[Any]) -> float:
     """The power of 2 at which colours of heat end; 0 where nothing differs."""
-    import numpy as np
-
     finite = greatest[np.isfinite(greatest)]
     if finite.size == 0 or not finite.any():
         return 0.0 if finite.size == greatest.size else 1.0

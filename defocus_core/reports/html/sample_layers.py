@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from defocus_core.batch.jobs.output_kinds import KINDS, SUFFIXES
-from defocus_core.compare.picture import color_layers, read_picture
+from defocus_core.compare.picture import DecodedPicture, color_layers, read_picture
 from defocus_core.errors import InputError
 from defocus_core.reports.html import thumbnails
 from defocus_core.reports.html.item import Layer
 from defocus_core.reports.html.layers import B, Drawn, draw, shown_channels
-
-if TYPE_CHECKING:
-    from defocus_core.compare.picture import DecodedPicture
 
 VIEWS = ("left", "right")
 _VIEW_SIDE = 960  # px of the thumbnails of views beside values

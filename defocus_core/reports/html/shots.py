@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_core.batch.lenses.lens import lens_words
 from defocus_core.bench import tables
 from defocus_core.bench.error import BASELINES, Row
+from defocus_core.bench.truth_set import Pictures, TruthShot
 from defocus_core.compare.picture import DecodedPicture
 from defocus_core.reports.html.item import Column, Item, Layer, Report
 from defocus_core.reports.html.layers import A, B, draw, window_of, with_values
@@ -18,8 +19,6 @@ from defocus_core.reports.html.shell import command_line
 
 if TYPE_CHECKING:
     from torch import Tensor
-
-    from defocus_core.bench.truth_set import Pictures, TruthShot
 
 _COLUMNS = (
     Column("psnr", "PSNR", "dB", high=True),

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.batch.look.preview import FAR, IN_FOCUS, NEAR, largest
 from defocus_core.io.images.color_space import linear_to_srgb, quantised, srgb_to_linear
 from defocus_core.io.images.encode import encoded_samples
 from defocus_core.reports.html.item import LIGHT, SHARE, SIGNED
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import numpy as np
-    from numpy.typing import NDArray
 
 SIDE = 320  # px of the longer side
 _QUALITY = 75  # of a JPEG
@@ -29,8 +27,6 @@ SIGNED_COLORS = (NEAR, IN_FOCUS, FAR)
 
 def of_light(planes: Sequence[NDArray[Any]], gamma: float | None, side: int = SIDE) -> bytes:
     """A JPEG of one or three channels [H, W], as a screen shows them; NaN and Inf are magenta."""
-    import numpy as np
-
     small = [reduced(_light(plane, gamma)[:, :, None], side) for plane in planes]
     values = np.concatenate(small * (3 // len(small)), axis=2)
     bad = ~np.isfinite(values).all(axis=2)
@@ -41,8 +37,6 @@ def of_light(planes: Sequence[NDArray[Any]], gamma: float | None, side: int = SI
 
 def _light(plane: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
     """Linear light of a channel."""
-    import numpy as np
-
     with np.errstate(over="ignore"):
         values = np.asarray(plane, np.float32)
     if gamma == 1.0:
@@ -53,8 +47,6 @@ def _light(plane: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
 
 def of_map(plane: NDArray[Any], ends: tuple[float, float], side: int = SIDE) -> bytes:
     """A PNG of a map [H, W], grey from its least to its greatest value."""
-    import numpy as np
-
     low, high = ends
     with np.errstate(all="ignore"):  # NaN, infinity, numbers beyond single precision
         share = (np.asarray(plane, np.float64) - low) / ((high - low) or 1.0)
@@ -67,8 +59,6 @@ def of_difference(greatest: NDArray[Any], full: float, side: int = SIDE) -> byte
 
     Differences that are NaN or infinite are magenta.
     """
-    import numpy as np
-
     with np.errstate(all="ignore"):
         share = (np.asarray(greatest, np.float64) / full).astype(np.float32)
     worst = reduced(share[:, :, None], side, worst=True)[:, :, 0]
@@ -82,8 +72,6 @@ def of_difference(greatest: NDArray[Any], full: float, side: int = SIDE) -> byte
 
 def ends_of(plane: NDArray[Any], kind: str) -> tuple[float, float]:
     """The values of black and white in the thumbnail of a map."""
-    import numpy as np
-
     if kind in (LIGHT, SHARE):
         return 0.0, 1.0
     if kind == SIGNED:
@@ -98,8 +86,6 @@ def ends_of(plane: NDArray[Any], kind: str) -> tuple[float, float]:
 
 def reduced(values: NDArray[Any], side: int, *, worst: bool = False) -> NDArray[np.float32]:
     """The mean of blocks of [H, W, C], or the greatest, so that no side is longer than ``side``."""
-    import numpy as np
-
     factor = -(-max(values.shape[:2]) // side)
     if factor > 1:
         gather: Any = np.maximum if worst else np.add

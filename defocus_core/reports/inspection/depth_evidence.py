@@ -9,7 +9,11 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import DefocusError
 from defocus_core.io.array_files.containers import container_type
@@ -20,16 +24,9 @@ from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.samples import DepthNumbers
 from defocus_core.io.depth_formats.table import ROWS
 from defocus_core.io.exr.header import is_exr
+from defocus_core.io.images.describe import FileInfo
 from defocus_core.io.images.png_text import png_text
 from defocus_core.io.safe_files import read_head
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from defocus_core.io.images.describe import FileInfo
 
 _TOP = 65535
 _SEVERAL = 0.001  # share of pixels
@@ -151,8 +148,6 @@ def _faults(samples: DepthNumbers) -> Iterator[str]:
 
 def _edges(values: Any) -> tuple[int, int]:
     """How many pixels lie at a depth edge along a row, and how many of these lie between."""
-    import numpy as np
-
     edges = mixed = 0
     if values.ndim != 2 or values.shape[1] < 3:
         return 0, 0

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.batch.depth.focusing import focused
+from defocus_core.batch.depth.implausible import implausible_radii
+from defocus_core.batch.depth.radii import radii_of, signed_radius
+from defocus_core.batch.depth.repair_words import repair_record, repair_words
+from defocus_core.batch.elements.alpha import element_depth
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.lenses.lens import Lens, lens_record
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.exr.windows import Overscan
+from defocus_core.io.images.color import LARGEST_FLOAT, count_beyond, read_color
+from defocus_core.io.images.color_planes import Color
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
     from defocus_core.depth.diagnosis import DepthRepair
-    from defocus_core.io.depth_formats.depth import Depth
-    from defocus_core.io.images.color_planes import Color
 
 
 def read_picture(path: Path, reading: Reading, keeping: Keeping, overscan: Overscan) -> Color:
@@ -27,8 +33,6 @@ def read_picture(path: Path, reading: Reading, keeping: Keeping, overscan: Overs
     Raises:
         InputError: it cannot be read.
     """
-    from defocus_core.io.images.color import read_color
-
     return read_color(
         path,
         layer=reading.color_layer,
@@ -44,10 +48,6 @@ def color_figures(color: Color) -> dict[str, Any]:
 
     Pixels beyond the picture shown count.
     """
-    import numpy as np
-
-    from defocus_core.io.images.color import LARGEST_FLOAT, count_beyond
-
     nonfinite, _ = count_beyond(color, LARGEST_FLOAT)
     record = {"channels": list(color.channels), "nonfinite_pixels": nonfinite}
     if color.alpha is not None:
@@ -73,11 +73,6 @@ def depth_figures(
     Raises:
         InputError: it cannot be read.
     """
-    import numpy as np
-
-    from defocus_core.batch.depth import focusing
-    from defocus_core.batch.depth.repair_words import repair_record, repair_words
-
     depth = _read(path, reading, keeping, lens, color)
     height, width = depth.metres.shape
     sky = valid = nothing = 0
@@ -97,10 +92,10 @@ def depth_figures(
     coc_px, repair = None, None
     warnings: tuple[str, ...] = ()
     if lens is not None and ends:
-        lens = focusing.focused(lens, depth)
+        lens = focused(lens, depth)
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
         extremes = np.array([min(ends), max(ends)], np.float32)
-        coc_px = [float(r) for r in focusing.signed_radius(lens, extremes, depth.size)]
+        coc_px = _ends_px(lens, extremes, depth, keeping)
         if not invalid:
             repair, warnings = _repair(depth, lens, reading, keeping)
     return depth.note, {
@@ -120,9 +115,6 @@ def _read(
     path: Path, reading: Reading, keeping: Keeping, lens: Lens | None, color: Color | None
 ) -> Depth:
     """The depth of a file, with nothing where the alpha of its colour is 0."""
-    from defocus_core.batch.elements.alpha import element_depth
-    from defocus_core.io.depth_formats.depth import read_depth
-
     lens_focal = None if lens is None else lens.foclen / lens.sensor_width
     if color is None:
         return read_depth(path, reading, keeping=keeping, lens_focal=lens_focal)
@@ -142,16 +134,18 @@ def _repair(
     depth: Depth, lens: Lens, reading: Reading, keeping: Keeping
 ) -> tuple[DepthRepair | None, tuple[str, ...]]:
     """How the depth would be repaired, and warnings of a depth that hardly suits the lens."""
-    from defocus_core.batch.depth import focusing
-    from defocus_core.batch.depth.implausible import implausible_radii
-    from defocus_core.batch.depth.repair_words import repair_found
-
     with suppress(InputError):  # too near to be rendered, as the radius shows
-        radius, ends = focusing.radius_map(lens, depth, keeping)
-        declared = reading.says_scale
-        warnings = implausible_radii(depth, radius, ends, lens, declared=declared)
-        return repair_found(lens, radius, depth.size, reading), warnings
+        radii, declared = radii_of(lens, depth, keeping), reading.says_scale
+        warnings = implausible_radii(depth, radii.px, radii.ends, lens, declared=declared)
+        return radii.diagnosed(reading), warnings
     return None, ()
+
+
+def _ends_px(lens: Lens, extremes: NDArray[Any], depth: Depth, keeping: Keeping) -> list[float]:
+    """The ends of the radii of depths with these extremes."""
+    if depth.is_radius:
+        return list(radii_of(lens, depth, keeping).ends)
+    return [float(r) for r in signed_radius(lens, extremes, depth.size)]
 
 
 def ends_of(values: NDArray[Any]) -> list[float]:

@@ -4,28 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from defocus_core.batch.elements.overscan import overscan_of
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import DefocusError, InputError
+from defocus_core.io.array_files.containers import container_type
 from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.exr.deep_samples import summary
+from defocus_core.io.exr.header import is_exr, read_headers
+from defocus_core.io.exr.reading import read_parts
+from defocus_core.io.exr.views import in_view
 from defocus_core.io.exr.windows import NO_OVERSCAN
-from defocus_core.io.images.exr_channels import NO_DEPTH
+from defocus_core.io.images.describe import FileInfo, PartInfo, describe
+from defocus_core.io.images.exr_channels import NO_DEPTH, choose_color, choose_depth, require_part
+from defocus_core.io.images.raster import choose_page
+from defocus_core.io.safe_files import read_head
+from defocus_core.reports.inspection.depth_evidence import evidence_of, may_be_depth
 from defocus_core.reports.inspection.figures import (
     color_figures,
     depth_figures,
     ends_of,
     read_picture,
 )
+from defocus_core.reports.inspection.pair_evidence import evidence_of_pair
 from defocus_core.system.interrupts import put_off
 from defocus_core.system.memory import MB
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from defocus_core.io.images.describe import FileInfo, PartInfo
 
 # A file with more numbers, 256 MB as floats, is read into scratch files.
 _NUMBERS_IN_MEMORY = 2**26
@@ -52,13 +61,6 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     """
     with put_off():
         import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
-
-    from defocus_core.batch.elements.overscan import overscan_of
-    from defocus_core.io.array_files.containers import container_type
-    from defocus_core.io.images.describe import describe
-    from defocus_core.io.images.exr_channels import require_part
-    from defocus_core.io.safe_files import read_head
-    from defocus_core.reports.inspection.depth_evidence import evidence_of, may_be_depth
 
     info = describe(path)
     has_frames = container_type(read_head(path, 32)) != ""  # whose number --part is
@@ -112,9 +114,6 @@ def _too_large(info: FileInfo) -> str:
 
 def _samples_of(path: Path, part: PartInfo) -> dict[str, Any]:
     """The samples of a deep part of an EXR in figures; nothing of others."""
-    from defocus_core.io.exr.deep_samples import summary
-    from defocus_core.io.exr.header import read_headers
-
     if not part.deep or part.data_window is None:
         return {}
     found = summary(path, read_headers(path)[part.index])
@@ -161,8 +160,6 @@ def inspect_pairs(
     """
     from pathlib import Path
 
-    from defocus_core.reports.inspection.pair_evidence import evidence_of_pair
-
     orders = [records, records[::-1]] if len(records) == 2 else [[*records, *records]]
     resized = reading.resize_depth is not None
     pairs = [pair for pair in orders if len(pair) == 2 and _is_picture(*pair, resized=resized)]
@@ -192,8 +189,6 @@ def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any], *, resized: 
 
 def _why_no_color(info: FileInfo, reading: Reading) -> str:
     """Why a file has no colour to blur; empty if it has."""
-    from defocus_core.io.images.exr_channels import choose_color
-
     layer = reading.color_layer
     why, channels = _chosen(info, reading, partial(choose_color, layer=layer), named=layer)
     if why or channels is None:
@@ -204,10 +199,6 @@ def _why_no_color(info: FileInfo, reading: Reading) -> str:
 
 def _why_no_depth(info: FileInfo, reading: Reading) -> str:
     """Why a file has no depth; empty if it has."""
-    from defocus_core.io.array_files.containers import container_type
-    from defocus_core.io.images.exr_channels import choose_depth
-    from defocus_core.io.safe_files import read_head
-
     row = reading.row
     if row.rule == "radius":
         return "holds signed radii in px, which 'defocus render' takes as they are"
@@ -234,11 +225,6 @@ def _chosen(
     Raises:
         InputError: an EXR does not have the channels that the user has ``named``.
     """
-    from defocus_core.io.exr.header import is_exr, read_headers
-    from defocus_core.io.exr.views import in_view
-    from defocus_core.io.images.raster import choose_page
-    from defocus_core.io.safe_files import read_head
-
     try:
         if not is_exr(read_head(info.path)):
             return "", choose_page(info.path, info.parts, reading.part).channels
@@ -253,10 +239,6 @@ def _chosen(
 
 def _maps(info: FileInfo, keeping: Keeping) -> list[dict[str, Any]]:
     """The maps that ``defocus render`` wrote, and the range of their finite values."""
-    import numpy as np
-
-    from defocus_core.io.exr.reading import read_parts
-
     is_map = any(name in NO_DEPTH for part in info.parts for name, _ in part.channels)
     if not is_map or info.path.suffix.lower() != ".exr":  # an array may be called disparity, too
         return []

@@ -6,20 +6,19 @@ neither changes what is rendered. Only strong evidence is told.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from defocus_core.io.arrays import IN_MEMORY
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.batch.elements.alpha import element_depth
+from defocus_core.batch.jobs.job import Reading
+from defocus_core.io.arrays import IN_MEMORY, Keeping
+from defocus_core.io.depth_formats.depth import read_depth
 from defocus_core.io.images.color import read_color
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from defocus_core.batch.jobs.job import Reading
-    from defocus_core.io.arrays import Keeping
-
     Floats = NDArray[np.float32]
 
 _WINDOW = 2048  # px, side of the middle of the picture that is measured
@@ -58,11 +57,6 @@ def evidence_of_pair(
     Raises:
         InputError: a file cannot be read.
     """
-    import numpy as np
-
-    from defocus_core.batch.elements.alpha import element_depth
-    from defocus_core.io.depth_formats.depth import read_depth
-
     image = read_color(
         color, layer=reading.color_layer, part=None, view=reading.view, keeping=keeping
     )
@@ -95,8 +89,6 @@ def _middle(length: int) -> slice:
 
 def _blurred(seen: Floats, disparity: Floats) -> str:
     """A sentence if edges are wide at one range of depths, or at all; else empty."""
-    import numpy as np
-
     fine, coarse = (_gradient(_smoothed(seen, scale)) for scale in (_FINE, _COARSE))
     is_edge = _is_crest(fine) & (fine > _LEAST_STEP)
     # An edge of standard deviation s, smoothed by a, has a gradient that goes with 1/√(s² + a²).
@@ -126,8 +118,6 @@ def _blurred(seen: Floats, disparity: Floats) -> str:
 
 def _misplaced(seen: Floats, disparity: Floats) -> str:
     """A sentence if the edges of depth lie on edges of colour elsewhere or mirrored; else empty."""
-    import numpy as np
-
     gradient = _gradient(_smoothed(seen, _FINE))
     strength = np.minimum(gradient, np.percentile(gradient, 95))
     strength = strength - strength.mean()
@@ -158,8 +148,6 @@ def _best_place(
         The score without a shift (the best within a px), the best shift (right, down) in px, and
         its score.
     """
-    import numpy as np
-
     spectrum = np.conj(np.fft.rfft2(jumps)) * np.fft.rfft2(strength)
     tried = np.roll(np.fft.irfft2(spectrum, strength.shape), (reach, reach), (0, 1))
     tried = tried[: 2 * reach + 1, : 2 * reach + 1]
@@ -171,8 +159,6 @@ def _best_place(
 
 def _jumps(disparity: Floats) -> Floats:
     """Where depth has a step, 1 at the nearer side of it."""
-    import numpy as np
-
     jumps = np.zeros(disparity.shape, np.float32)
     for one, other in (
         (np.s_[:, 1:], np.s_[:, :-1]),
@@ -186,8 +172,6 @@ def _jumps(disparity: Floats) -> Floats:
 
 def _smoothed(image: Floats, scale: float) -> Floats:
     """An image smoothed by a Gaussian of a standard deviation in px; edges are continued."""
-    import numpy as np
-
     reach = int(3 * scale)
     weights = np.exp(-0.5 * np.square(np.arange(-reach, reach + 1) / scale)).astype(np.float32)
     weights /= weights.sum()
@@ -202,8 +186,6 @@ def _smoothed(image: Floats, scale: float) -> Floats:
 
 def _gradient(image: Floats) -> Floats:
     """Length of the gradient of an image, per px."""
-    import numpy as np
-
     down, right = np.gradient(image)
     length: Floats = np.hypot(down, right)
     return length
@@ -211,8 +193,6 @@ def _gradient(image: Floats) -> Floats:
 
 def _is_crest(gradient: Floats) -> NDArray[np.bool_]:
     """Where a gradient is not less than that of both neighbours in a row or in a column."""
-    import numpy as np
-
     crest = np.zeros(gradient.shape, bool)
     middle = gradient[1:-1, 1:-1]
     in_row = (middle >= gradient[1:-1, :-2]) & (middle >= gradient[1:-1, 2:])

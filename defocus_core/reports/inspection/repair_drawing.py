@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.batch.depth.focusing import focused
+from defocus_core.batch.depth.radii import radii_of
+from defocus_core.batch.depth.repair_words import repair_record, repair_words
+from defocus_core.batch.elements.reading import read
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.sources import to_array
 from defocus_core.errors import UsageProblem
-from defocus_core.io.arrays import Keeping
+from defocus_core.io.arrays import bands
+from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color_space import quantised
+from defocus_core.io.images.encode import display_encoded, write_samples
+
+# Brightness of the grey picture below the false colours; px of radius from which these are full.
+_DIMMED, _FULL = 0.5, 2.0
+NEAR, FAR = (1.0, 0.55, 0.0), (0.25, 0.6, 1.0)  # sRGB
 
 
 def check_preview(path: Path, files: Sequence[Path], lens: Lens | None) -> None:
@@ -36,13 +51,13 @@ def check_preview(path: Path, files: Sequence[Path], lens: Lens | None) -> None:
 def draw_repair(pairs: Sequence[dict[str, Any]], reading: Reading, lens: Lens, path: Path) -> None:
     """Draw the repair of the one picture, and add it to its record.
 
+    Beside the picture stands what `defocus render` would do to it: orange made nearer, blue made
+    farther; colour is full from 2 px of radius on.
+
     Raises:
         InputError: a file cannot be read, or the drawing not be written.
         UsageProblem: the files are no picture.
     """
-    from defocus_core.batch.depth.repair_words import repair_record, repair_words
-    from defocus_core.batch.rendering.repair_preview import repaired_picture, write_repair_preview
-
     if not pairs:
         problem, remedy = "needs a colour and a depth file of one size", "name the two files"
         raise UsageProblem(
@@ -50,7 +65,26 @@ def draw_repair(pairs: Sequence[dict[str, Any]], reading: Reading, lens: Lens, p
         )
     (pair,) = pairs
     picture = Picture(Path(pair["color"]).stem, Path(pair["color"]), Path(pair["depth"]))
-    drawn = repaired_picture(picture, reading, lens, Keeping(scratch=False))
-    write_repair_preview(path, drawn)
-    pair["repair"], pair["depth_repair"] = repair_words(drawn.repair), repair_record(drawn.repair)
+    color, depth = read(picture, reading, lens_focal=lens.foclen / lens.sensor_width)
+    radii = radii_of(focused(lens, depth), depth)
+    repaired, repair = radii.repaired(color, reading)
+    height, width = radii.px.shape
+    write_samples(path, (height, 2 * width), _strips(color, radii.px, repaired), "png", {})
+    pair["repair"], pair["depth_repair"] = repair_words(repair), repair_record(repair)
     pair["preview"] = str(path)
+
+
+def _strips(color: Color, given: Any, repaired: Any) -> Iterator[NDArray[Any]]:
+    """Rows of the picture and its repair, from the radii [H, W] px before and after it."""
+    channels = color.channels
+    planes = color.planes[: len(channels)]
+    for rows in bands(given.shape):
+        pixels = np.stack([plane[rows] for plane in planes], -1).astype(np.float32)
+        shown, _, _ = display_encoded(pixels, channels, 8, keep_alpha=False)
+        shown = np.broadcast_to(shown[..., :3], (*shown.shape[:2], 3))
+        grey = _DIMMED * shown.mean(axis=2, dtype=np.float32)[:, :, None] / 255
+        change = (to_array(repaired[rows]) - given[rows])[:, :, None]
+        amount = np.sqrt(np.minimum(np.abs(change) / _FULL, 1))
+        hue = np.where(change < 0, np.array(NEAR, np.float32), np.array(FAR, np.float32))
+        mixed = grey + amount * (hue - grey)
+        yield np.concatenate([shown, quantised(mixed.astype(np.float32), 8)], 1)

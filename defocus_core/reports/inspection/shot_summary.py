@@ -10,6 +10,7 @@ from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.quantities import length_text
+from defocus_core.io.images.describe import describe
 from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
 from defocus_core.reports.inspection.inspection import inspect
 
@@ -48,8 +49,6 @@ def _summary(
     reading: Reading,
     lens_of: Callable[[int, Path], Lens | None],
 ) -> dict[str, Any]:
-    from defocus_core.io.images.describe import describe
-
     by_size: dict[tuple[int, int], list[int]] = {}
     for number, path in files.items():
         info = describe(path)

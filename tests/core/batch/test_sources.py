@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,17 @@ import torch
 from elsewhere import NAME, elsewhere, here, there
 from torch import Tensor
 
-from defocus_core.batch.sources import to_array, to_device, windows
+from defocus_core.batch.sources import (
+    chosen,
+    layer_windows,
+    lone_window,
+    plus,
+    to_array,
+    to_device,
+    transposed,
+    windows,
+)
+from defocus_core.io.arrays import computed, stacked, times
 
 VALUES = np.arange(12, dtype=np.float32).reshape(3, 4)
 
@@ -29,6 +40,34 @@ def test_windows_are_read_onto_the_device() -> None:
     with elsewhere():
         seen = windows([VALUES, 2 * VALUES], NAME)[..., 1:, 2:]
     assert np.array_equal(here(seen), np.stack([VALUES, 2 * VALUES])[:, 1:, 2:])
+
+
+CUTS = (
+    (..., slice(1, 3), slice(0, 2)),
+    (slice(1, 2), slice(None)),
+    slice(0, 2),
+)
+
+
+@pytest.mark.parametrize("cut", CUTS, ids=str)
+def test_windows_of_what_is_computed_are_those_of_the_whole(cut: Any) -> None:
+    planes = [VALUES, VALUES**2, -VALUES]
+    image = windows(planes, "cpu")
+    whole, inner = torch.from_numpy(np.stack(planes)), cut if isinstance(cut, tuple) else (cut,)
+    inner = (..., *(each for each in inner if each is not ...), *[slice(None)] * (len(inner) < 2))
+    pairs = {
+        "some": (chosen(image, [2, 0]), whole[[2, 0]]),
+        "farther": (plus(image, 2.5), whole + 2.5),
+        "turned": (transposed(image), whole.mT),
+        "layers": (layer_windows([lone_window(p, "cpu") for p in planes]), whole),
+    }
+    for name, (lazy, held) in pairs.items():
+        assert tuple(lazy.shape) == tuple(held.shape), name
+        assert torch.equal(lazy[cut], held[inner]), name
+    rows = inner[1]
+    assert np.array_equal(stacked(planes)[rows], np.stack(planes, 2)[rows])
+    assert np.array_equal(times(VALUES, 2, 1)[cut], (2 * VALUES + 1)[cut])
+    assert np.array_equal(computed(np.maximum, *planes[1:])[cut], np.maximum(*planes[1:])[cut])
 
 
 @contextmanager

@@ -62,10 +62,10 @@ def test_pixels_that_are_not_selected_change_nothing() -> None:
     a, b = scene(), spoiled()
     selected = np.zeros((HEIGHT, WIDTH), bool)
     selected[20:60, 10:80] = True
-    within = measure(pixels(a, b, selected), over=0.01, ssim=False)
+    within = measure(pixels(a, b, selected), over=0.01, asked=())
     elsewhere = np.where(selected[..., None], b, 100.0)
-    assert measure(pixels(a, elsewhere, selected), over=0.01, ssim=False) == within
-    cut = measure(pixels(a[20:60, 10:80], b[20:60, 10:80]), over=0.01, ssim=False)
+    assert measure(pixels(a, elsewhere, selected), over=0.01, asked=()) == within
+    cut = measure(pixels(a[20:60, 10:80], b[20:60, 10:80]), over=0.01, asked=())
     assert within == pytest.approx(cut, rel=1e-7)
 
 
@@ -74,8 +74,8 @@ def test_nan_is_left_out_of_the_numbers() -> None:
     hole = np.ones((HEIGHT, WIDTH), bool)
     hole[30, 40] = False
     punched = np.where(hole[..., None], b, np.nan).astype(np.float32)
-    numbers = measure(pixels(a, punched), over=0.01, ssim=False)
-    assert numbers == measure(pixels(a, b, hole), over=0.01, ssim=False)
+    numbers = measure(pixels(a, punched), over=0.01, asked=())
+    assert numbers == measure(pixels(a, b, hole), over=0.01, asked=())
     assert all(math.isfinite(value) for value in numbers.values())
 
 

@@ -116,8 +116,8 @@ def test_no_thin_lines_show_what_lies_far_behind(quality: str) -> None:
     radius = (0.07 * (x - 60) + 0.03 * (y[:, None] - 40)).clamp(min=-3)
     radius = in_levels(radius, 14)
     image = torch.zeros(3, *SIZE)
-    squares = torch.linspace(29, 30, 10 * SIZE[1] // 4, dtype=torch.float64).reshape(10, -1)
-    radius[:40], image[:, :40] = squares.repeat_interleave(4, 0).repeat_interleave(4, 1), 1.0
+    squares = torch.linspace(29, 30, 10 * SIZE[1] // 8, dtype=torch.float64).reshape(10, -1)
+    radius[:40], image[:, :40] = squares.repeat_interleave(4, 0).repeat_interleave(8, 1), 1.0
     radius[:, :20], image[..., :20] = 30.0, 1.0
     assert seen(radius)
     found = render(image, radius.float(), quality=quality).render[:, 56:-4, 36:-8]

@@ -315,7 +315,7 @@ function paint() {
   gl.uniform1f(at("gain"), 2 ** view.stops);
   gl.uniform1f(at("full"), fullNow());
   gl.drawArrays(gl.TRIANGLES, 0, 3);
-  canvas.dataset.drawn = [first, second].every(layer => !layer.values || textures.get(layer.values.payload).made) ? view.item : "";
+  canvas.dataset.drawn = [first, second].every(layer => !layer.values || textures.get(layer.values.payload)?.made) ? view.item : "";
 }
 
 const ofPair = () => view.first === "a" && view.second === "b";
@@ -427,7 +427,7 @@ function show(number, quietly) {
 
 // Number of the item; if names end in digits, as those of frames do, the number of the frame.
 function position() {
-  const frame = /(\d+)(?:\.\w+)?$/.exec(item().name);
+  const frame = /(\d+)(?:\.[a-z]\w*)?$/i.exec(item().name);
   const place = `${view.order.indexOf(view.item) + 1} of ${view.order.length}`;
   $("position").textContent = frame ? `${place} · frame ${frame[1]}` : place;
 }

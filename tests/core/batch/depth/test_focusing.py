@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from command_line import color_exr, depth_exr, header, ramp, refused, run
 
-from defocus_core.batch.depth.focusing import focused, radius_map, signed_radius
+from defocus_core.batch.depth.focusing import focused
+from defocus_core.batch.depth.radii import radii_of, signed_radius
 from defocus_core.batch.jobs.random_lenses import drawn_lens
 from defocus_core.batch.lenses.lens import Draw, Lens
 from defocus_core.errors import InputError, Rejected
@@ -119,4 +120,4 @@ def test_a_focus_that_is_no_percentile_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("focus", [50.000001, 50.00001])
 def test_a_focus_hardly_beyond_the_focal_length_is_refused(focus: float) -> None:
     with pytest.raises(InputError, match=r"blurred by .* hardly beyond the focal length; give"):
-        radius_map(replace(LENS, foc_dist=focus), depth_of(np.full((2, 300), 5.0)), IN_MEMORY)
+        radii_of(replace(LENS, foc_dist=focus), depth_of(np.full((2, 300), 5.0)), IN_MEMORY)

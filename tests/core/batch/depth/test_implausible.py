@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from defocus_core.batch.depth.focusing import radius_map
 from defocus_core.batch.depth.implausible import implausible
+from defocus_core.batch.depth.radii import radii_of
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.io.arrays import IN_MEMORY
 from defocus_core.io.depth_formats.depth import Depth
@@ -23,7 +23,7 @@ def warnings(
     metres: Any, lens: Lens = LENS, *, path: str = "depth.exr", declared: bool = False, **more: str
 ) -> tuple[str, ...]:
     depth = Depth(np.asarray(metres, np.float32), Path(path), more.get("channel", "Z"), "")
-    radius, ends = radius_map(lens, depth, IN_MEMORY)
+    radius, ends, *_ = radii_of(lens, depth, IN_MEMORY)
     return implausible(depth, radius, ends, lens, declared=declared)
 
 

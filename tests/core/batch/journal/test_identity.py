@@ -15,6 +15,7 @@ from defocus_core.batch.jobs.job import FrameLens, Job, Machine, Outputs, Pictur
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.plain_values import plain, typed
 from defocus_core.batch.lenses.lens import Draw, Lens
+from defocus_core.errors import Place
 from defocus_core.renderer_version import RENDERER_VERSION
 
 PICTURE = Picture("a", Path("in/a.exr"), Path("in/z.exr"))
@@ -33,7 +34,7 @@ def test_where_and_by_whom_it_is_done_is_no_part_of_a_job() -> None:
         picture=replace(PICTURE, color=Path("/far/a.exr"), depth=Path("/far/z.exr")),
         outputs=Outputs(Path("/elsewhere"), overwrite=True),
         machine=Machine(device="cpu", threads=8),
-        lens=replace(JOB.lens, focus_source="lens.toml: "),
+        lens=replace(JOB.lens, focus_source=Place("lens.toml")),
     )
     assert identity.recipe(elsewhere) == identity.recipe(JOB)
 

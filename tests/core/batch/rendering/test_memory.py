@@ -201,7 +201,7 @@ def test_what_must_be_decoded_at_once_and_does_not_fit_is_refused(
 ) -> None:
     monkeypatch.setattr(memory_budget, "_sizes", lambda job: (900.0, 700.0))
     monkeypatch.setattr(memory_budget, "capacity_mb", lambda machine: 800.0)
-    monkeypatch.setattr("defocus_core.batch.rendering.job_steps.capacity_mb", lambda machine: 800.0)
+    monkeypatch.setattr("defocus_core.batch.rendering.inputs.capacity_mb", lambda machine: 800.0)
     ran = render(*frames(tmp_path, "png"), "-o", tmp_path / "out")
     refused(ran, 3, "c.png", "868 MB to decode, 800 MB are left", "save it as EXR")
 

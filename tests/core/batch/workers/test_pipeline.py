@@ -7,7 +7,6 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -38,17 +37,16 @@ class Steps:
 
     def read(self, job: Job) -> Any:
         self.step("read", job)
-        failed = {"status": "failed"} if self.fails == ("read", job.sample_id) else None
-        return SimpleNamespace(job=job, result=failed)
+        return {"status": "failed"} if self.fails == ("read", job.sample_id) else "inputs"
 
-    def compute(self, ready: Any, progress: Any) -> Any:
-        self.step("compute", ready.job)
-        if self.fails == ("compute", ready.job.sample_id):
+    def compute(self, job: Job, inputs: Any, progress: Any) -> Any:
+        self.step("compute", job)
+        if self.fails == ("compute", job.sample_id):
             return {"status": "failed"}
-        return job_result.Computed(ready, None, 0.0)  # type: ignore[arg-type]
+        return job
 
-    def write(self, computed: job_result.Computed) -> Any:
-        self.step("write", computed.ready.job)
+    def write(self, made: Job) -> Any:
+        self.step("write", made)
         return {"status": "ok"}
 
     def at(self, event: str, name: str) -> int:
@@ -152,9 +150,15 @@ def test_jobs_of_one_picture_are_decoded_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from defocus_core.batch.rendering import job_steps
+    from defocus_core.batch.rendering.inputs import Inputs
 
     decoded: list[str] = []
-    monkeypatch.setattr(job_steps, "load_inputs", lambda job: decoded.append(job.picture.stem))
+
+    def load(job: Job) -> Any:
+        decoded.append(job.picture.stem)
+        return Inputs(*[None] * 3)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(job_steps, "load_inputs", load)
     reader = job_result.Reader()
     for name in "aaabba":
         picture = Picture(name, tmp_path / name, tmp_path / name)

@@ -23,7 +23,7 @@ FAR, NEAR = 4.0, -7.0
 def tensor_of(image: Tensor, radius: Tensor, middle: tuple[Axis, Axis] = MIDDLE) -> Tensor:
     """The structure tensor [3, h, w] at a quarter of the resolution of a picture."""
     picture = torch.cat([image, radius[None]])
-    quarter = coarser(structure(coarser(pixels_of(picture, radius, middle))))
+    quarter = coarser(structure(coarser(pixels_of([picture], radius, middle))))
     return quarter.first.values[-3:].reshape(3, *quarter.size)
 
 

@@ -20,7 +20,7 @@ def levels(
 ) -> list[PyramidLevel]:
     """A picture and its radii, halved some times."""
     size = (radius.shape[0], radius.shape[1])
-    found = [pixels_of(torch.cat([image, radius[None]]), radius, axes(size), weight)]
+    found = [pixels_of([image, radius[None]], radius, axes(size), weight)]
     for _ in range(count):
         found.append(coarser(found[-1]))
     return found

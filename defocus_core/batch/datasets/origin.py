@@ -1,0 +1,100 @@
+"""Where a data set comes from: ``[dataset]`` of its jobs file, and the file itself, kept in OUT.
+
+``OUT/jobs.toml`` is the jobs file under a line that says so, or ``OUT/jobs.json`` the tables of a
+batch from Python. Card and index take title, licence, source and citation from it.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from defocus_core.batch.jobs.toml_file import LARGEST_FILE, Table
+from defocus_core.errors import InputError, reason
+from defocus_core.io.below import Folder, open_plain
+from defocus_core.io.safe_files import written_whole
+from defocus_core.system.log import note
+
+KEPT = "jobs.toml"
+_KEPT_TABLES = "jobs.json"
+_MARK = b"# The jobs file of this batch, kept by defocus; it is replaced by that of the next run.\n"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What a set says of itself; empty where it says nothing."""
+
+    title: str = ""
+    licence: str = ""
+    source: str = ""
+    citation: str = ""
+
+    @property
+    def said(self) -> dict[str, str]:
+        """What is not empty, by key."""
+        return {key: text for key, text in asdict(self).items() if text}
+
+
+KEYS = tuple(asdict(Origin()))
+
+
+def read_origin(table: Table) -> Origin:
+    """The origin in ``[dataset]``.
+
+    Raises:
+        UsageProblem: a key is unknown, or its value is no text.
+    """
+    table.refuse_unknown(KEYS)
+    return Origin(**{key: text for key in KEYS if (text := table.text(key)) is not None})
+
+
+def keep(out: Path, jobs: Path | Mapping[str, Any]) -> None:
+    """Keep a jobs file, or the tables of one, in an OUT that exists.
+
+    Raises:
+        InputError: it cannot be read or written.
+    """
+    if not out.is_dir():  # there was nothing to do
+        return
+    if isinstance(jobs, Mapping):
+        name, data = _KEPT_TABLES, json.dumps(jobs, indent=1, default=str).encode() + b"\n"
+    else:
+        name, data = KEPT, _MARK + _bytes(jobs).removeprefix(_MARK)
+    before = _kept(out, KEPT)
+    if name == KEPT and before is not None and not before.startswith(_MARK):
+        if not (out / KEPT).samefile(jobs):  # type: ignore[arg-type]
+            note(f"{out / KEPT}: is not of this batch, and stays; the jobs file is not kept")
+        return
+    if _kept(out, name) != data:
+        with written_whole(out / name, out) as file:
+            file.write(data)
+
+
+def origin_of(out: Path) -> Origin:
+    """The origin that the jobs file kept in OUT tells of; an empty one if there is none."""
+    with suppress(ValueError, TypeError, AttributeError, RecursionError):
+        for name, loads in ((KEPT, tomllib.loads), (_KEPT_TABLES, json.loads)):
+            if (data := _kept(out, name)) is not None:
+                said = loads(data.decode()).get("dataset", {})
+                return Origin(**{key: str(said[key]) for key in KEYS if key in said})
+    return Origin()
+
+
+def _kept(out: Path, name: str) -> bytes | None:
+    with suppress(OSError), Folder(out).open(name) as file:
+        return file.read(LARGEST_FILE)
+    return None
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        with open_plain(path) as file:
+            return file.read(LARGEST_FILE)
+    except OSError as error:
+        problem = f"cannot be read: {reason(error)}"
+        raise InputError("unreadable", problem, "check the file", path=path) from None

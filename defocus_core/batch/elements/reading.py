@@ -1,0 +1,98 @@
+"""Colour and depth of a picture, decoded: of one size, with a depth where there is something."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from defocus_core.batch.depth.resizing import of_size
+from defocus_core.batch.elements.alpha import element_depth
+from defocus_core.batch.elements.overscan import overscan_of
+from defocus_core.batch.jobs.job import Picture, Reading
+from defocus_core.errors import InputError
+from defocus_core.io.array_files.containers import container_type
+from defocus_core.io.arrays import IN_MEMORY, Keeping
+from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
+from defocus_core.io.exr.views import require_view
+from defocus_core.io.exr.windows import Overscan
+from defocus_core.io.images.color import read_color, require_finite
+from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.describe import describe
+from defocus_core.io.images.exr_channels import require_part
+from defocus_core.io.safe_files import read_head
+
+
+def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None]:
+    """The part to read in the colour and in the depth file; None where there is only one.
+
+    Raises:
+        InputError: neither file has such a part.
+    """
+    if reading.part is None:
+        return None, None
+    if container_type(read_head(picture.depth, 32)):  # which has frames
+        return reading.part if len(describe(picture.color).parts) > 1 else None, reading.part
+    paths = (picture.color, picture.depth)
+    color, depth = (len(describe(path).parts) for path in paths)
+    if picture.color == picture.depth or max(color, depth) == 1:
+        require_part(picture.color, reading.part, color)
+    return reading.part if color > 1 else None, reading.part if depth > 1 else None
+
+
+def read(
+    picture: Picture,
+    reading: Reading,
+    keeping: Keeping = IN_MEMORY,
+    lens_focal: float | None = None,
+    most: Overscan | None = None,
+) -> tuple[Color, Depth]:
+    """Colour and depth of the same size, whose pixels are all valid.
+
+    Args:
+        picture: where they are.
+        reading: options that say how to read them.
+        keeping: whether they go to memory or to scratch files.
+        lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
+        most: the most pixels beyond the picture shown that are read; None for no limit.
+
+    Raises:
+        InputError: a file cannot be used.
+        UsageProblem: the options make no sense for it.
+    """
+    shared = picture.color == picture.depth
+    parts = parts_of(picture, reading)
+    require_view((picture.color, picture.depth), reading.view)
+    overscan = overscan_of(picture, reading, parts)
+    overscan = overscan if most is None else overscan.within(most)
+    color = read_color(
+        picture.color,
+        layer=reading.color_layer,
+        part=parts[0],
+        view=reading.view,
+        keeping=keeping,
+        overscan=overscan,
+        blur_channels=reading.blur_channels,
+    )
+    depth = read_depth(
+        picture.depth,
+        replace(reading, part=parts[1]),
+        keeping=keeping,
+        size=color.size,
+        lens_focal=lens_focal,
+        overscan=overscan,
+        alpha=color.alpha,
+    )
+    radial = (reading.geometry or reading.row.geometry) == "radial"
+    if radial and color.pixel_aspect != 1:
+        problem = "holds distances to the point, and the pixels of the colour are not square"
+        raise InputError(
+            "not-square", problem, "convert it to depth along the axis", path=picture.depth
+        )
+    if shared and len(color.channels) == 1 and not color.extras:
+        problem = f"has {depth.channel} alone, which is not both colour and depth"
+        raise InputError(
+            "no-depth", problem, "give the depth file as a second argument", path=picture.color
+        )
+    depth = element_depth(of_size(depth, color, reading, keeping), color, keeping)
+    require_valid(depth)
+    require_finite(color)
+    return color, depth

@@ -1,0 +1,178 @@
+"""The inputs of a job, decoded: its picture, what lies behind or below it, its layers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from defocus_core.batch.depth.radii import Radii, radii_of
+from defocus_core.batch.elements.deep import layers_of_scene
+from defocus_core.batch.elements.layers import Layers
+from defocus_core.batch.elements.plate import Plate, nothing_of, read_over
+from defocus_core.batch.elements.reading import parts_of, read
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.rendering.memory_budget import Holding, capacity_mb, holding
+from defocus_core.errors import InputError, TooLarge, UsageProblem
+from defocus_core.io.arrays import computed
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.images.color_planes import Color
+
+
+class SceneRadii(NamedTuple):
+    """The radii of all that a lens sees.
+
+    Attributes:
+        own: of the picture, or of the element over a plate.
+        plate: of the plate.
+        hidden: of the hidden layer.
+        layers: of each layer of a deep picture.
+        shown: [H, W] px of what is in front: of the plate where the element has nothing.
+        ends: the least and the greatest of those shown.
+    """
+
+    own: Radii
+    plate: Radii | None
+    hidden: Radii | None
+    layers: tuple[Radii, ...]
+    shown: Any
+    ends: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The decoded inputs of a job; jobs of one picture share them.
+
+    Attributes:
+        holding: memory of the picture.
+        color: of the picture.
+        depth: of the picture.
+        hidden: colour and depth of the hidden layer, if there is one and it is needed.
+        plate: the plate that it lies over, if it is an element.
+        layers: of a deep picture that is rendered.
+        stamps: of the files, by role.
+        seconds: that decoding took.
+    """
+
+    holding: Holding
+    color: Color
+    depth: Depth
+    hidden: tuple[Color, Depth] | None = None
+    plate: Plate | None = None
+    layers: Layers | None = None
+    stamps: Mapping[str, Any] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    @property
+    def is_layered(self) -> bool:
+        """Whether it is rendered as layers, whose depth is not repaired."""
+        return self.plate is not None or self.layers is not None
+
+    @property
+    def nothing(self) -> Any:
+        """Where an element holds nothing, bool [H, W]; None if nowhere."""
+        return self.depth.nothing if self.plate is None else nothing_of(self.depth, self.plate)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the files hold and the renderer ignores."""
+        behind = () if self.hidden is None else self.hidden[0].warnings
+        hidden_warnings = (f"hidden: {warning}" for warning in behind)
+        plate = () if self.plate is None else self.plate.warnings
+        return *self.color.warnings, *self.depth.warnings, *hidden_warnings, *plate
+
+    def radii(self, lens: Lens) -> SceneRadii:
+        """The radii of all of it through a lens with its focus distance.
+
+        Raises:
+            InputError: a depth is so near, or the focus, that no frame would hold the blur.
+            UsageProblem: there is no such lens, or its blur is beyond all numbers.
+        """
+        keeping, nothing = self.holding.keeping, self.depth.nothing
+        own = radii_of(lens, self.depth, keeping)
+        plate = None if self.plate is None else radii_of(lens, self.plate.depth, keeping)
+        hidden = None if self.hidden is None else radii_of(lens, self.hidden[1], keeping)
+        depths = () if self.layers is None else self.layers.depths
+        layers = tuple(radii_of(lens, depth, keeping) for depth in depths)
+        if plate is None:
+            return SceneRadii(own, None, hidden, layers, own.px, own.ends)
+        ends = min(own.ends[0], plate.ends[0]), max(own.ends[1], plate.ends[1])
+        shown = own.px
+        if nothing is not None:
+            shown = computed(lambda a, n, b: np.where(n, b, a), own.px, nothing, plate.px)
+        return SceneRadii(own, plate, hidden, layers, shown, ends)
+
+
+def load_inputs(job: Job) -> Inputs:
+    """Decode the picture of a job, and what lies behind it if that is wanted and there.
+
+    Raises:
+        InputError: an input cannot be used.
+        UsageProblem: the options make no sense for it.
+    """
+    if job.reading.blur_channels and job.outputs.format != "exr":
+        problem = f"has no effect in {job.outputs.format}, which holds the picture alone"
+        raise UsageProblem("idle-option", problem, "use ‹format› exr", field="blur-channels")
+    picture, held, left = job.picture, holding(job), capacity_mb(job.machine)
+    if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
+        problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
+        raise TooLarge(
+            "out-of-memory", problem, "save it as EXR, or allow more ‹memory›", path=picture.color
+        )
+    if picture.over is not None:
+        return _over_plate(job, held)
+    color, depth = read(picture, job.reading, held.keeping, job.lens_focal)
+    if not job.outputs.need_rendering:
+        return Inputs(held, color, depth)
+    if (inputs := _with_layers(job, Inputs(held, color, depth))).layers is not None:
+        return inputs
+    if picture.hidden is None:
+        return Inputs(held, color, depth)
+    behind, behind_depth = read(picture.hidden, job.reading, held.keeping, job.lens_focal)
+    if behind.shape != color.shape:
+        size, wanted = (
+            f"{width}x{height} px of {channels} channels"
+            for height, width, channels in (behind.shape, color.shape)
+        )
+        problem = f"is {size} but the picture is {wanted}"
+        raise InputError(
+            "wrong-size", problem, "give ‹hidden› of the same kind", path=picture.hidden.color
+        )
+    return Inputs(held, color, depth, (behind, behind_depth))
+
+
+def _over_plate(job: Job, held: Holding) -> Inputs:
+    """An element and the plate that it lies over, decoded.
+
+    Raises:
+        InputError: an input cannot be used.
+        UsageProblem: a hidden layer is given, too.
+    """
+    if job.picture.hidden is not None:
+        raise UsageProblem(
+            "contradiction", "stands beside ‹over›", "the plate is what lies behind", field="hidden"
+        )
+    color, depth, plate = read_over(job.picture, job.reading, held.keeping, job.lens_focal)
+    inputs = Inputs(held, color, depth, plate=plate)
+    return _with_layers(job, inputs) if job.outputs.need_rendering else inputs
+
+
+def _with_layers(job: Job, inputs: Inputs) -> Inputs:
+    """A picture with its samples if it is deep or has a holdout."""
+    picture = job.picture
+    layers = layers_of_scene(
+        picture,
+        job.reading,
+        parts_of(picture, job.reading)[0],
+        (inputs.color, inputs.depth),
+        inputs.plate,
+        inputs.holding.keeping,
+        job.lens_focal,
+    )
+    if layers is None:
+        return inputs
+    note = f"{inputs.color.note}, {layers.words}"
+    return replace(inputs, color=replace(inputs.color, note=note), layers=layers)

@@ -1,0 +1,258 @@
+"""Differences that are known by where they lie or how they look: seams, halos, noise, codecs."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from defocus_core.compare.findings.evidence import (
+    Evidence,
+    Explanation,
+    unexplained,
+)
+from defocus_core.compare.findings.filters import alike, noise_like, smooth
+from defocus_core.compare.findings.finding import Finding
+from defocus_core.system.text import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+_PERIODS = (8, 16, 32, 64, 128, 256, 512, 1024)  # px of tiles
+_WIDTHS = (1, 2, 4, 8, 16)  # px of a seam
+_LENGTH = 4.0  # of a halo, in widths of it
+_SEAM_LEFT, _GAIN_LEFT, _HALO_LEFT, _SPARK_LEFT, _CODEC_LEFT = 0.4, 0.3, 0.4, 0.3, 0.75
+_FEW = 1e-3  # share of the pixels that fireflies are at most
+_SEGMENT = 16  # px along a line that are taken together, so that noise averages out
+_SPARK = 0.1  # least difference of a firefly
+_DCT = 8  # px of the blocks of JPEG and of DWAA
+_Y = (0.299, 0.587, 0.114)  # of JPEG
+_NOISE_LEFT = 0.6
+_WITHOUT_MEAN = 0.3  # greatest mean of noise, by its root mean square
+_LEAST_CHANGED = 0.02  # share of pixels that differ, below which there is no noise
+
+
+def explanations(evidence: Evidence) -> Iterator[Explanation]:
+    """All that might be, the simplest first."""
+    difference = _difference(evidence)
+    yield from _fireflies(difference)
+    yield from _seams(evidence, difference)
+    if evidence.pixels.color:
+        yield from _gains_of_tiles(evidence)
+        yield from _halo(evidence, difference[evidence.frame])
+        yield from _compressed(evidence)
+    yield from _noise(evidence, difference[evidence.frame])
+
+
+def _difference(evidence: Evidence) -> NDArray[Any]:
+    """B − A on the scale of differences, the mean of the channels, of the whole picture [H, W]."""
+    total = np.zeros(evidence.size, np.float32)
+    rows, columns = np.nonzero(evidence.pixels.greatest)
+    a, b = (evidence.scaled(evidence.at(side, rows, columns)).mean(axis=0) for side in ("a", "b"))
+    total[rows, columns] = b - a
+    return total
+
+
+def _fireflies(difference: NDArray[Any]) -> Iterator[Explanation]:
+    """A few pixels apart from each other hold the difference."""
+    power = np.square(difference, dtype="f8")
+    most = max(1, int(_FEW * power.size))
+    sparks = power > max(_SPARK**2, 0.01 * float(power.max()))
+    number = int(np.count_nonzero(sparks))
+    if not 0 < number <= most:
+        return
+    beside = np.zeros_like(sparks)
+    beside[1:] |= sparks[:-1]
+    beside[:, 1:] |= sparks[:, :-1]
+    if np.count_nonzero(sparks & beside) > number // 3:
+        return
+    left = math.sqrt(max(0.0, 1 - float(power[sparks].sum()) / float(power.sum())))
+    bright = np.count_nonzero(difference[sparks] > 0) > number / 2
+    name = "fireflies" if bright else "dropped pixels"
+    finding = Finding(name, f"{name}: {counted(number, 'pixel')}", {"pixels": number})
+    yield Explanation(finding, left, _SPARK_LEFT, -0.05)
+
+
+def _seams(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation]:
+    """The difference lies on lines that are the side of a tile apart."""
+    profiles = [_profile(difference), _profile(difference.T)]  # of columns and of rows
+    total = sum(float(profile.mean()) for profile in profiles)
+    if not total:
+        return
+    shown = (slice(0, 2048), slice(0, 2048))
+    for period in sorted({*_PERIODS, *map(_spacing, profiles)} - {0}):
+        if 1.5 * period > max(difference.shape):
+            return
+        for wide in (w for w in _WIDTHS if 4 * w <= period):
+            phases = [_phase(profile, period, wide) for profile in profiles]
+            lines = [
+                (np.arange(len(p)) - phase) % period < wide
+                for p, phase in zip(profiles, phases, strict=True)
+            ]
+            sides = list(zip(profiles, lines, strict=True))
+            outside = sum(float(np.where(line, 0, p).mean()) for p, line in sides) / total
+            if max(float((p[line] > 0).mean()) for p, line in sides) < 0.6 or outside > 0.2:
+                continue
+            near = lines[1][:, None] | lines[0]
+            rest = np.where(near, np.float32(0), difference)[shown]
+            pairs = [(v[:, :-1], v[:, 1:]) for v in (difference[shown], rest)]
+            left = unexplained(pairs[0], pairs[1], evidence.step)
+            left = max(math.sqrt(outside), left if math.isfinite(left) else 0.0)
+            starts = {(phase + wide // 2) % period for phase in phases}
+            at = f"at multiples of {period} px"
+            if starts != {0}:
+                at = f"every {period} px from {', '.join(map(str, sorted(starts)))}"
+            finding = Finding("seams", f"seams {at}", {"period": period, "width": wide})
+            yield Explanation(finding, left, _SEAM_LEFT, 0.01 * wide + 0.4 / period - 0.05)
+
+
+def _profile(difference: NDArray[Any]) -> NDArray[Any]:
+    """How far the difference of each column exceeds that of most, less noise."""
+    means = np.add.reduceat(difference, np.arange(0, len(difference), _SEGMENT), axis=0) / _SEGMENT
+    power = np.square(means).mean(axis=0, dtype="f8")
+    beyond: NDArray[Any] = np.maximum(power - 2.5 * np.median(power), 0)
+    return beyond
+
+
+def _spacing(profile: NDArray[Any]) -> int:
+    """The distance of the lines of a profile, if all that stand out are as far apart; else 0."""
+    lines = np.flatnonzero(profile > 0.3 * profile.max())
+    starts = lines[np.diff(lines, prepend=-9) > 4]
+    gaps = np.diff(starts)
+    return int(gaps[0]) if len(gaps) > 1 and np.ptp(gaps) == 0 and gaps[0] > 4 else 0
+
+
+def _phase(profile: NDArray[Any], period: int, wide: int) -> int:
+    """The first column or row, within a period, of the lines where a profile is greatest."""
+    folded = np.bincount(np.arange(len(profile)) % period, profile, period)
+    sums = np.sum([np.roll(folded, -k) for k in range(wide)], axis=0)
+    middle = (period - wide // 2) % period
+    best = int(np.argmax(sums))
+    return middle if sums[middle] > 0.98 * sums[best] else best
+
+
+def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
+    """Each tile is a multiple of A of its own, and it is tiles: another grid explains less."""
+    height, width = evidence.size
+    rows, columns = evidence.places
+    a, b = evidence.sampled
+    light, aim = evidence.light(a), evidence.light(b)
+    slope = 1 / np.maximum(np.abs(light), 0.003) ** 0.58
+    weights = slope * slope * evidence.fits * evidence.steady
+
+    def left(side: int, offset: int) -> float:
+        tiles = (rows + offset) // side * (width // side + 2) + (columns + offset) // side
+        tops, squares = (
+            np.bincount(tiles, (weights * light * other).sum(axis=0)) for other in (aim, light)
+        )
+        gains = (tops / np.where(squares > 0, squares, 1.0))[tiles]
+        return evidence.left(evidence.stored(light * gains), evidence.steady & (gains > 0))
+
+    for side in _PERIODS[2:]:
+        if 1.5 * side > max(height, width):
+            return
+        on_grid = left(side, 0)
+        if on_grid < _GAIN_LEFT and on_grid < 0.6 * left(side, side // 2):
+            text = f"seams at multiples of {side} px: each tile has another exposure"
+            finding = Finding("seams", text, {"period": side})
+            yield Explanation(finding, on_grid, _GAIN_LEFT, 0.02 + 0.5 / side)
+
+
+def _halo(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation]:
+    """The difference is a thin band of one sign."""
+    size = np.abs(difference)
+    noise = 1.48 * float(np.median(size))
+    band = size > max(0.15 * float(np.quantile(size, 0.999)), 4 * noise, 2 * evidence.step)
+    inner = _eroded(band)
+    area, border = int(band.sum()), int((band & ~inner).sum())
+    if not 16 < area < 0.3 * band.size:
+        return
+    wide = 2 * area / border
+    thick = _eroded(_eroded(_eroded(inner)))
+    squares = np.square(difference[band], dtype="f8")
+    one_sign = abs(float((squares * np.sign(difference[band])).sum()) / float(squares.sum()))
+    moved = [np.roll(band, step, axis) for axis in (0, 1) for step in (-1, 1)]
+    neighbours = np.sum(moved, axis=0)
+    alone = float((neighbours[band] < 2).mean())
+    if area < _LENGTH * wide * wide or thick.sum() > 0.1 * area or one_sign < 0.8 or alone > 0.3:
+        return
+    rest = np.where(band, np.float32(0), difference)
+    pairs = [(v[:, :-1], v[:, 1:]) for v in (difference, rest)]
+    left = unexplained(pairs[0], pairs[1], max(evidence.step, noise))
+    brighter = "brighter" if float(difference[band].sum()) > 0 else "darker"
+    text = f"halo of {round(wide)} px, {brighter}"
+    yield Explanation(Finding("halo", text, {"width": wide}), left, _HALO_LEFT, 0.1)
+
+
+def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Pixels whose four neighbours are true, too."""
+    inner = mask.copy()
+    inner[1:] &= mask[:-1]
+    inner[:-1] &= mask[1:]
+    inner[:, 1:] &= mask[:, :-1]
+    inner[:, :-1] &= mask[:, 1:]
+    return inner
+
+
+def _compressed(evidence: Evidence) -> Iterator[Explanation]:
+    """In blocks of 8 px, frequencies of B are those of A rounded to steps (ITU-T T.81)."""
+    rows, columns = evidence.frame
+    luma = []
+    for side in ("a", "b"):
+        values = evidence.scaled(evidence.at(side, rows, columns)).astype("f8")
+        weights = np.array(_Y if len(values) == 3 else [1 / len(values)] * len(values))
+        luma.append(np.tensordot(weights, values, 1))
+
+    def left(offset: int) -> float:
+        starts = [(-cut.start + offset) % _DCT for cut in (rows, columns)]
+        a, b = (_frequencies(side[starts[0] :, starts[1] :]) for side in luma)
+        turn = np.arange(len(a)) % 2 == 0
+        steps = np.geomspace(0.25 / 255, 1.5, 60)
+        errors = [np.square(b[turn] - step * np.rint(a[turn] / step)).sum(axis=0) for step in steps]
+        chosen = steps[np.argmin(np.stack(errors), axis=0)]
+        rest = b[~turn] - chosen * np.rint(a[~turn] / chosen)
+        whole = float(np.square(b[~turn] - a[~turn]).sum())
+        return math.sqrt(float(np.square(rest).sum()) / whole) if whole else math.inf
+
+    if min(luma[0].shape) < 6 * _DCT:
+        return
+    on_grid = left(0)
+    if on_grid < _CODEC_LEFT and on_grid < 0.9 * left(_DCT // 2):
+        text = "compressed with losses: in blocks of 8 px, as JPEG and DWAA do"
+        yield Explanation(Finding("compressed with losses", text), on_grid, _CODEC_LEFT, 0.1)
+
+
+def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
+    """The discrete cosine transform of each block [n, 8, 8] of values [h, w]."""
+    k = np.arange(_DCT)
+    basis = np.cos(np.pi / _DCT * np.outer(k, k + 0.5)) * math.sqrt(2 / _DCT)
+    basis[0] /= math.sqrt(2)
+    down, across = (n // _DCT for n in values.shape)
+    cut = values[: down * _DCT, : across * _DCT]
+    blocks = cut.reshape(down, _DCT, across, _DCT).transpose(0, 2, 1, 3).reshape(-1, _DCT, _DCT)
+    transformed: NDArray[Any] = basis @ blocks @ basis.T
+    return transformed
+
+
+def _noise(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation]:
+    """The difference has no mean, and nothing in common with its neighbours or with A."""
+    power = float(np.square(difference, dtype="f8").mean())
+    if np.count_nonzero(difference) < _LEAST_CHANGED * difference.size or not power:
+        return
+    if abs(float(difference.mean(dtype="f8"))) > _WITHOUT_MEAN * math.sqrt(power):
+        return
+    light = evidence.scaled_light(evidence.framed[0]).astype("f8")
+    detail = light - smooth(light, 1.5)
+    if not noise_like(difference) or abs(alike(difference, detail)) > 0.35:
+        return
+    shared = max(
+        abs(alike(difference[:, 1:], difference[:, :-1])),
+        abs(alike(difference[1:], difference[:-1])),
+    )
+    planes = [each[evidence.frame] for each in evidence.pixels.differences]
+    level = math.sqrt(float(np.mean([np.square(p).mean() for p in planes if p.any()])))
+    finding = Finding("noise", f"noise of about {level:.2g}", {"rms": level})
+    yield Explanation(finding, math.sqrt(shared), _NOISE_LEFT, 0.4)

@@ -1,0 +1,196 @@
+"""Why a blur is not what two pictures differ by: nothing explains them, or something else does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import avg_pool2d, interpolate
+
+from defocus_core.fitting.pictures import Scale, offset_of, shifted
+from defocus_core.fitting.residual import Optics, Residual
+from defocus_core.fitting.unknowns import MOST_SHIFT, Candidate
+
+_WIDTH = 480  # px, of the pictures that are judged
+_SMALL = 48  # px, of pictures whose blur hardly shows
+_EXPLAINED = 0.5  # least share of the difference that a lens explains
+_ALIKE = 0.5  # least correlation of pictures of one scene
+_AS_SHARP = 1.02  # times the detail of the sharp picture: the other one is sharper
+_MORE = 0.6  # of the error, that is left by what explains more
+_CLOSER = 0.85  # of the error of the sharp picture, that a shift leaves
+_MOVED = 0.4  # px, the least shift that is proposed
+_CHANGED = 0.02  # the least change of exposure or of gamma that is proposed
+_LEAST = 1e-6  # mean square of compressed light, that is no difference
+
+
+class Refusal(NamedTuple):
+    """Why a blur is not what two pictures differ by.
+
+    Attributes:
+        code: A word of `defocus_core.errors.CODES`.
+        problem: In words, without a full stop.
+        remedy: What to do about it; options stand in angle quotes.
+    """
+
+    code: str
+    problem: str
+    remedy: str
+
+
+class JudgedPair(NamedTuple):
+    """What a blur makes, what is seen and what is sharp, in compressed light, [C, H, W]."""
+
+    made: Tensor
+    seen: Tensor
+    sharp: Tensor
+    weight: Tensor  # [1, H, W]
+
+    @classmethod
+    def of(cls, residual: Residual, point: Candidate, optics: Optics) -> JudgedPair:
+        """That of a point; of a pair its mean."""
+        scale = residual.scale(_WIDTH)
+        made, weight = residual.made(point, optics, scale)
+        still = residual.made(_unblurred(point, scale), optics, scale)[0]
+        seen = torch.stack(scale.seen)
+        made, seen, still = (residual.compressed(each.mean(0)) for each in (made, seen, still))
+        return cls(made, seen, still, weight.amin(0))
+
+    def error(self, made: Tensor) -> float:
+        """The mean square of what a picture differs from what is seen."""
+        total = self.weight.sum().clamp_min(1e-9) * len(made)
+        return float(((made - self.seen) ** 2 * self.weight).sum() / total)
+
+    @property
+    def explained(self) -> float:
+        """The share of the difference between the pictures that the blur explains."""
+        before = self.error(self.sharp)
+        return 1 - self.error(self.made) / before if before > _LEAST else 0.0
+
+
+def _unblurred(point: Candidate, scale: Scale) -> Candidate:
+    """A point of the same pictures without blur."""
+    least = 1e-9 / max(float(scale.disparity.abs().max()), 1e-9)
+    return Candidate(least, 0.0, gamma=point.gamma, across=point.across, down=point.down)
+
+
+def refusals_of(evidence: JudgedPair, options: dict[str, bool]) -> Iterator[Refusal]:
+    """Why a point is not the lens of two pictures, the plainest reason alone.
+
+    Args:
+        evidence: Of the point.
+        options: Whether a shift, an exposure and a gamma were sought.
+    """
+    if evidence.error(evidence.sharp) <= _LEAST:
+        yield Refusal(
+            "not-explained",
+            "the pictures do not differ: nothing is blurred",
+            "give a picture that is",
+        )
+        return
+    of_small = _small_correlation(evidence)
+    cause = _other_cause(evidence, options) if of_small >= _ALIKE else None
+    alike = min(of_small, _correlation(evidence))
+    if cause is not None:
+        yield cause
+    elif alike < _ALIKE:
+        problem = f"the pictures do not show one scene: correlation {alike:.2f}"
+        yield Refusal("not-one-scene", problem, "give a pair of one scene, as the camera saw it")
+    elif evidence.explained < _EXPLAINED:
+        share = max(evidence.explained, 0.0)
+        problem = f"a blur explains {share:.0%} of what the pictures differ by"
+        remedy = "see ‹shift›, ‹exposure› and ‹gamma›, or take it as it is by ‹accept›"
+        yield Refusal("not-explained", problem, remedy)
+
+
+def _other_cause(evidence: JudgedPair, options: dict[str, bool]) -> Refusal | None:
+    """What explains more than a blur, if something does."""
+    if _detail(evidence.seen) > _AS_SHARP * _detail(evidence.sharp):
+        problem = "BLURRED is sharper than SHARP"
+        return Refusal("swapped", problem, "give them in the order SHARP DEPTH BLURRED")
+    if not options["shift"]:
+        for image, left in ((evidence.sharp, _CLOSER), (evidence.made, _MORE)):
+            across, down = _offset(image, evidence.seen)
+            there = evidence.error(shifted(image[None], across, down)[0])
+            if math.hypot(across, down) > _MOVED and there < left * evidence.error(image):
+                problem = (
+                    f"a shift of ({across:.1f}, {down:.1f}) px explains more than a blur alone"
+                )
+                return Refusal("other-cause", problem, "add ‹shift›")
+    return _other_curve(evidence, options)
+
+
+def _other_curve(evidence: JudgedPair, options: dict[str, bool]) -> Refusal | None:
+    """The exposure or the gamma that explains more than a blur, if one does."""
+    before, (factor, _, scaled), (_, power, curved) = _curves(evidence)
+    scaled = min(before, scaled)
+    if not options["gamma"] and abs(power - 1) > _CHANGED and curved < _MORE * scaled:
+        problem = f"a gamma of {power:.2f} explains more than a blur alone"
+        return Refusal("other-cause", problem, "add ‹gamma›")
+    if not options["exposure"] and abs(factor - 1) > _CHANGED and scaled < _MORE * before:
+        problem = f"an exposure of {factor:.2f} times explains more than a blur alone"
+        return Refusal("other-cause", problem, "add ‹exposure›")
+    return None
+
+
+def _small(image: Tensor) -> Tensor:
+    """A picture [C, h, w] in which a blur hardly shows."""
+    height = max(8, round(_SMALL * image.shape[1] / image.shape[2]))
+    return interpolate(image[None], (height, _SMALL), mode="area")[0]
+
+
+def _curves(
+    evidence: JudgedPair,
+) -> tuple[float, tuple[float, float, float], tuple[float, float, float]]:
+    """The error of small pictures; then factor, power and error by a factor, and by both."""
+    made, seen, weight = (_small(x) for x in (evidence.made, evidence.seen, evidence.weight))
+    x, y = ((c / (1 - c).clamp_min(1e-6)).clamp_min(1e-4).log().double() for c in (made, seen))
+    w = (weight * made * (1 - made)).double()  # where compressed light changes most
+    mean_x, mean_y = ((w * each).sum() / w.sum().clamp_min(1e-12) for each in (x, y))
+    slope = (w * (x - mean_x) * (y - mean_y)).sum() / (w * (x - mean_x) ** 2).sum().clamp_min(1e-12)
+
+    def error(light: Tensor) -> float:
+        return float((weight * (torch.sigmoid(light) - seen) ** 2).sum())
+
+    lines = [(float((mean_y - k * mean_x).exp()), float(k)) for k in (1.0, slope)]
+    fits = [(a, k, error(k * x + math.log(a))) for a, k in lines]
+    return error(x), fits[0], fits[1]
+
+
+def _offset(image: Tensor, seen: Tensor) -> tuple[float, float]:
+    """The shift in px from a picture to another: whole px, then parts of them."""
+    across, down = offset_of(image, seen, int(MOST_SHIFT))
+    near = shifted(image[None], across, down)[0]
+    slopes = torch.stack(torch.gradient(near, dim=(2, 1)))  # [2, C, H, W], along x and y
+    border = int(MOST_SHIFT)
+    inner = (..., slice(border, -border), slice(border, -border))
+    slopes, away = slopes[inner].flatten(1).double(), (near - seen)[inner].flatten()
+    normal = slopes @ slopes.T + 1e-12 * torch.eye(2, dtype=torch.float64)
+    step = torch.linalg.solve(normal, slopes @ away.double()).clamp(-1, 1)
+    return across + float(step[0]), down + float(step[1])
+
+
+def _detail(image: Tensor) -> float:
+    """The mean square of differences of pixels, without the noise of single ones."""
+    smooth = avg_pool2d(image[None], 2)[0]
+    return float((smooth.diff(dim=1) ** 2).mean() + (smooth.diff(dim=2) ** 2).mean())
+
+
+def _small_correlation(evidence: JudgedPair) -> float:
+    """That of the sharp picture and of what is seen, so small that a blur hardly shows."""
+    pair = (_small(image) for image in (evidence.sharp, evidence.seen))
+    sharp, seen = (image - image.mean() for image in pair)
+    return float((sharp * seen).sum() / (sharp.norm() * seen.norm()).clamp_min(1e-12))
+
+
+def _correlation(evidence: JudgedPair) -> float:
+    """That of what a blur makes and what is seen, without what is wider than a sixteenth."""
+    side = max(3, evidence.made.shape[2] // 16) | 1
+    rest = []
+    for image in (evidence.made, evidence.seen):
+        wide = avg_pool2d(image[None], side, 1, side // 2, count_include_pad=False)[0]
+        rest.append((image - wide) * evidence.weight.sqrt())
+    norm = (rest[0].norm() * rest[1].norm()).clamp_min(1e-12)
+    return float((rest[0] * rest[1]).sum() / norm)

@@ -1,0 +1,123 @@
+"""A blur in pixels: the radius is linear in the numbers of the depth file, which need no metres."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from command_line import LENS, color_exr, pair, ramp, read_exr, run, texture, write_exr
+from image_files import save
+
+from defocus_core import radius_from_relative_disparity, run_batch, samples
+
+NUMBERS = np.random.default_rng(2).uniform(-3, 9, (16, 24)).astype(np.float32)
+
+
+def depth(path: Path, numbers: Any = NUMBERS) -> Path:
+    return write_exr(path, Z=np.asarray(numbers, np.float32))
+
+
+def radius(folder: Path, numbers: Any, *options: str | Path) -> Any:
+    color = color_exr(folder / "rgb.exr")
+    z = depth(folder / "z.exr", numbers)
+    ran = run("render", color, z, *options, "--outputs", "coc", "-o", folder / "out", "--overwrite")
+    assert ran.code == 0, ran.err
+    return read_exr(folder / "out" / "coc" / "rgb.exr")["coc"]
+
+
+def test_the_radius_is_linear_in_the_numbers(tmp_path: Path) -> None:
+    found = radius(tmp_path, NUMBERS, "--blur", "8px", "--focus-value", "2")
+    wanted = 8 * (2 - NUMBERS) / np.abs(2 - NUMBERS).max()
+    np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
+    assert np.abs(found).max() == pytest.approx(8)
+    law = radius_from_relative_disparity(torch.from_numpy(NUMBERS), 2.0, 8.0)
+    np.testing.assert_allclose(found, law, atol=1e-5)
+
+
+def test_scale_and_offset_of_the_numbers_change_nothing(tmp_path: Path) -> None:
+    options = ("--blur", "8px", "--focus-at", "5,3")
+    own = radius(tmp_path, NUMBERS, *options)
+    assert own[3, 5] == 0
+    np.testing.assert_allclose(radius(tmp_path, 4 * NUMBERS + 20, *options), own, atol=1e-5)
+    inverted = radius(tmp_path, -NUMBERS, *options, "--invert")
+    np.testing.assert_allclose(inverted, own, atol=1e-5)
+
+
+def test_a_grey_picture_is_all_that_it_takes(tmp_path: Path) -> None:
+    grey = np.round(np.tile(np.linspace(0, 255, 24), (16, 1)))[..., None].astype(np.uint8)
+    rgb = save(tmp_path / "rgb.png", (texture() * 255).astype(np.uint8))
+    z = save(tmp_path / "z.png", np.repeat(grey, 3, 2))
+    ran = run(
+        "render", rgb, z, "--blur", "6px", "--focus-value", "0", "-o", tmp_path / "o", "--json"
+    )
+    (told,) = ran.json["pictures"]
+    assert (ran.code, told["coc_px"]) == (0, [-6.0, 0.0])
+    assert not told["warnings"]
+    assert "coc" in run("info", z, "--blur", "6px", "--focus-value", "0").out.lower()
+
+
+def test_no_radius_is_larger_than_the_clamp(tmp_path: Path) -> None:
+    free = radius(tmp_path, NUMBERS, "--blur", "8px", "--focus-value", "2")
+    color, z = tmp_path / "rgb.exr", tmp_path / "z.exr"
+    lens = ("--focal-length", "50mm", "--fnumber", "1.4", "--focus", "2m")
+    for own, numbers in (((), NUMBERS), (lens, ramp())):
+        options = own or ("--blur", "8px", "--focus-value", "2")
+        whole = radius(tmp_path, numbers, *options)
+        limit = float(np.abs(whole).max()) / 2
+        clamped = radius(tmp_path, numbers, *options, "--clamp-blur", f"{limit}px")
+        np.testing.assert_allclose(clamped, np.clip(whole, -limit, limit), rtol=1e-6)
+    count = int((np.abs(free) > 4).sum())
+    depth(z)
+    options = ("--blur", "8px", "--focus-value", "2", "--clamp-blur", "4px", "-o", tmp_path / "b")
+    ran = run("render", color, z, *options)
+    assert f"radius of {count} pixels clamped to 4 px" in ran.err
+
+
+def test_blur_is_swept_and_drawn_in_jobs_files(tmp_path: Path) -> None:
+    color, z = pair(tmp_path)
+    depth(z)
+    tables: dict[str, Any] = {
+        "inputs": {"color": str(color), "depth": str(z)},
+        "reading": {"invert": True},
+        "lens": {"focus-value": 2},
+        "sweep": {"blur": ["3px", "5px"]},
+        "outputs": {"kinds": ["coc"]},
+    }
+    run_batch(tables, tmp_path / "out")
+    found = {sample.sample_id: sample for sample in samples(tmp_path / "out")}
+    assert sorted(found) == ["a_blur3px", "a_blur5px"]
+    assert max(map(abs, found["a_blur5px"].coc_px)) == pytest.approx(5)
+    assert found["a_blur5px"].record["lens"]["blur"] == 5
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (["--blur", "8px"], "add --focus-at X,Y or --focus-value NUMBER"),
+        (["--blur", "8px", "--focus-value", "2", "--fnumber", "2"], "--fnumber: changes nothing"),
+        (["--blur", "8px", "--focus-value", "2", "--depth-range", "1m", "2m"], "--depth-range"),
+        (["--blur", "8px", "--focus-value", "2", "--radial"], "--radial"),
+        (["--blur", "8px", "--focus-value", "2", "--focus-at", "1,1"], "contradicts"),
+        (["--blur", "8px", "--focus-at", "99,1"], "lies outside"),
+        (["--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "--invert"], "--blur 40px"),
+        ([*LENS, "--focus-value", "2"], "--blur 40px"),
+    ],
+)
+def test_what_contradicts_a_blur_in_pixels_is_refused(
+    options: list[str], problem: str, tmp_path: Path
+) -> None:
+    color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr")
+    ran = run("render", color, z, *options, "-o", tmp_path / "out")
+    assert ran.code == 2, ran.err
+    assert problem in ran.err
+    assert ran.err.count("\n") == 1
+
+
+def test_a_depth_that_is_in_focus_everywhere_is_refused(tmp_path: Path) -> None:
+    color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr", np.full((16, 24), 4))
+    ran = run("render", color, z, "--blur", "8px", "--focus-at", "1,1", "-o", tmp_path / "out")
+    assert ran.code == 3
+    assert "the number 4 everywhere, which is in focus" in ran.err

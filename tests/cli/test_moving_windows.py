@@ -1,0 +1,58 @@
+"""Frames of one display window are one shot, wherever the data window of each lies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import read_exr, run
+from image_files import box, write_window
+
+HEIGHT, WIDTH, SIDE = 40, 64, 16
+LENS = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "3m", "--sensor-width", "24mm")
+
+
+def frame(number: int) -> dict[str, Any]:
+    """A square element that moves to the right, with noise in its depth and its motion."""
+    rng = np.random.default_rng(number)
+    planes = {
+        name: np.zeros((HEIGHT, WIDTH), np.float32)
+        for name in (*"RGBAZ", "m.X", "m.Y", "m.Z", "m.W")
+    }
+    inside = np.s_[12 : 12 + SIDE, 8 + 6 * number : 8 + 6 * number + SIDE]
+    for k, name in enumerate("RGB"):
+        planes[name][inside] = np.random.default_rng(k).random((SIDE, SIDE))
+    planes["A"][inside] = 1
+    planes["Z"][inside] = 2 + 0.02 * rng.standard_normal((SIDE, SIDE))
+    planes["m.X"][inside] = planes["m.Z"][inside] = 6
+    return planes
+
+
+def shot(folder: Path, *, whole: bool) -> str:
+    folder.mkdir()
+    for number in range(3):
+        planes, left = frame(number), 8 + 6 * number
+        data = (0, 0, WIDTH - 1, HEIGHT - 1) if whole else (left - 2, 10, left + SIDE + 1, 29)
+        cut = np.s_[data[1] : data[3] + 1, data[0] : data[2] + 1]
+        pieces = {name: np.ascontiguousarray(plane[cut]) for name, plane in planes.items()}
+        path = folder / f"a.{number:04}.exr"
+        write_window(path, pieces, box(*data), box(0, 0, WIDTH - 1, HEIGHT - 1))
+    return str(folder / "a.####.exr")
+
+
+@pytest.mark.parametrize("more", [[], ["--no-steady"], ["--motion", "m"]])
+def test_moving_data_windows_change_nothing(more: list[str], tmp_path: Path) -> None:
+    shots = {name: shot(tmp_path / name, whole=name == "whole") for name in ("whole", "moving")}
+    found = {}
+    for name, pattern in shots.items():
+        out = tmp_path / f"{name}.out"
+        ran = run("render", pattern, pattern, *LENS, *more, "-o", out, "--exr-type", "float")
+        assert ran.code == 0, ran.err
+        found[name] = [read_exr(out / "render" / f"a.{n:04}.exr") for n in range(3)]
+    for whole, moving in zip(found["whole"], found["moving"], strict=True):
+        for name in "RGBA":
+            shown = moving[name]
+            assert shown.shape == whole[name].shape
+            np.testing.assert_allclose(shown, whole[name], atol=2e-3)

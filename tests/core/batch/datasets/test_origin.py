@@ -1,0 +1,81 @@
+"""A set says where it comes from: title, licence, source, citation, and its jobs file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from command_line import pair, run
+
+from defocus_core import DefocusError, run_batch, samples
+from defocus_core.batch.datasets.origin import Origin, keep, origin_of
+
+ABOUT = {
+    "title": "Blurred | *cups*",
+    "licence": "CC-BY-4.0",
+    "source": "cups.org",
+    "citation": "C.",
+}
+
+
+def tables(folder: Path, **about: str) -> dict[str, Any]:
+    color, depth = pair(folder)
+    return {
+        "inputs": {"color": str(color), "depth": str(depth)},
+        "lens": {"focal-length": "50mm", "fnumber": 2, "focus": "2m"},
+        "outputs": {"kinds": ["coc"]},
+        "dataset": about,
+    }
+
+
+def as_toml(values: dict[str, Any]) -> str:
+    lines = []
+    for name, table in values.items():
+        lines += [f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("by", ["file", "tables"])
+def test_card_and_index_have_what_the_jobs_file_says(by: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    if by == "file":
+        text = as_toml(tables(tmp_path, **ABOUT))
+        (tmp_path / "set.toml").write_text(text)
+        assert run("batch", tmp_path / "set.toml", "-o", out, "--processes", "1").code == 0
+        assert (out / "jobs.toml").read_text().endswith(text)
+        (tmp_path / "set.toml").unlink()
+        assert run("batch", out / "jobs.toml", "-o", out, "--processes", "1").code == 0  # again
+        assert run("merge", out).code == 0
+    else:
+        run_batch(tables(tmp_path, **ABOUT), out)
+    (sample,) = samples(out)
+    assert (sample.record["licence"], sample.record["source"]) == ("CC-BY-4.0", "cups.org")
+    card = (out / "card.md").read_text()
+    for told in ("# Blurred    cups", 'license: "CC-BY-4.0"', "Source: cups.org", "\nC.\n"):
+        assert told in card
+    assert json.loads((out / "card.json").read_text())["origin"] == ABOUT
+
+
+def test_without_a_word_there_is_none(tmp_path: Path) -> None:
+    run_batch(tables(tmp_path), tmp_path / "out")
+    (sample,) = samples(tmp_path / "out")
+    assert sample.record["licence"] is None
+    assert "license:" not in (tmp_path / "out" / "card.md").read_text()
+
+
+def test_an_unknown_word_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DefocusError) as caught:
+        run_batch(tables(tmp_path, license="MIT"), tmp_path / "out")
+    assert caught.value.code == "unknown-name"
+    assert "licence" in caught.value.remedy
+
+
+def test_a_file_of_others_stays(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "a.toml").write_text("[dataset]\ntitle = 'a'\n")
+    (tmp_path / "jobs.toml").write_text("mine")
+    keep(tmp_path, tmp_path / "a.toml")
+    assert (tmp_path / "jobs.toml").read_text() == "mine"
+    assert "not of this batch" in caplog.text
+    assert origin_of(tmp_path) == Origin()

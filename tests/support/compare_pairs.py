@@ -1,0 +1,493 @@
+"""Pairs of renders: faults of many kinds with the names that are right, and pairs that are benign.
+
+Each is made from a sample scene that is rendered small. The seed chooses amounts, sides and places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+import torch
+from image_files import save
+from planted_faults import write_planes
+
+from defocus_core import Aperture, render
+from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
+
+Pixels = np.ndarray[Any, Any]
+FOLDER = Path(__file__).parents[2] / "sample_scenes"
+_GREATEST = 11.0  # px of the largest radius in a picture of 480 px
+_REC2020 = np.float32(
+    [[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]]
+)
+
+
+@dataclass(frozen=True)
+class Source:
+    """A scene: its sharp picture [H, W, 3], signed radius [H, W] px and disparity 0…1 [H, W]."""
+
+    image: Pixels
+    radius: Pixels
+    near: Pixels
+
+    def rendered(
+        self, scale: float = 1.0, shift: float = 0.0, move: float = 0.0, **how: Any
+    ) -> Pixels:
+        """The picture by radii × scale + shift, its near parts moved by ``move`` px."""
+        image, radius = self.image, self.radius
+        if move:
+            rows, columns = np.indices(radius.shape)
+            x = (columns + np.rint(move * (self.near - 0.3)).astype(int)).clip(
+                0, len(radius[0]) - 1
+            )
+            image, radius = image[rows, x], radius[rows, x]
+        return _render(image, radius * scale + shift, **how)
+
+    def half(self, nearest: bool) -> Pixels:
+        """The picture rendered at half of the size, and enlarged again."""
+        height, width = (side // 2 * 2 for side in self.radius.shape)
+        blocks = self.image[:height, :width].reshape(height // 2, 2, width // 2, 2, 3)
+        small = _render(blocks.mean(axis=(1, 3)), self.radius[:height:2, :width:2] / 2)
+        large = np.kron(small, np.ones((2, 2, 1), np.float32)) if nearest else _doubled(small)
+        pad = [(0, full - len_) for full, len_ in zip(self.radius.shape, large.shape, strict=False)]
+        return np.pad(large, [*pad, (0, 0)], mode="edge")
+
+
+def _render(image: Pixels, radius: Pixels, view: str = "render", **how: Any) -> Pixels:
+    picture = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))
+    views = render(
+        picture,
+        torch.from_numpy(radius.astype(np.float32)),
+        left_right=view != "render",
+        quality="draft" if min(radius.shape) > 200 else "standard",
+        depth_repair="off",
+        **how,
+    )
+    return np.ascontiguousarray(getattr(views, view).numpy().transpose(1, 2, 0))
+
+
+def _doubled(small: Pixels) -> Pixels:
+    """Twice the size, bilinear."""
+    for axis in (0, 1):
+        pad = [(1, 1) if axis == each else (0, 0) for each in range(3)]
+        padded = np.pad(small, pad, mode="edge")
+        before, here, after = (
+            padded.take(range(k, k + small.shape[axis]), axis=axis) for k in range(3)
+        )
+        pair = np.stack([0.75 * here + 0.25 * before, 0.75 * here + 0.25 * after], axis=axis + 1)
+        shape = [side * (2 if each == axis else 1) for each, side in enumerate(small.shape)]
+        small = pair.reshape(shape)
+    return small.astype(np.float32)
+
+
+@cache
+def source(name: str, step: int = 2) -> Source:
+    """A sample scene, each side divided by ``step``, with lights of 8 and a half."""
+    image, depth = (
+        oiio.ImageBuf(str(FOLDER / name / file)).get_pixels(oiio.FLOAT)
+        for file in ("rgb.exr", "depth.exr")
+    )
+    depth = depth[::step, ::step, 0]
+    height, width = depth.shape
+    image = np.minimum(image[: height * step, : width * step], 8.0)
+    blocks = image.reshape(height, step, width, step, 3).mean(axis=(1, 3)).astype(np.float32)
+    rng = np.random.default_rng(len(name))
+    for _ in range(8):
+        y, x = rng.integers(4, height - 4), rng.integers(4, width - 4)
+        blocks[y : y + 2, x : x + 2] = rng.uniform(2, 8.5) * np.float32([1, 0.9, 0.7])
+    near = 1.0 / depth
+    focus = np.median(near)
+    radius = focus - near
+    radius *= _GREATEST / step / np.abs(radius).max()
+    span = near.max() - near.min()
+    return Source(blocks, radius.astype(np.float32), (near - near.min()) / span)
+
+
+@dataclass
+class Maker:
+    """What changes a picture ``a`` [H, W, 3] of light may look at."""
+
+    source: Source
+    a: Pixels
+    rng: np.random.Generator
+
+    @property
+    def size(self) -> tuple[int, int]:
+        return self.a.shape[0], self.a.shape[1]
+
+
+Change = Callable[[Maker], Pixels]
+
+
+def blurred(image: Pixels, kernel: Pixels) -> Pixels:
+    """Each channel through a kernel [k, k] of odd side."""
+    reach = len(kernel) // 2
+    padded = np.pad(image, ((reach, reach), (reach, reach), (0, 0)), mode="edge")
+    height, width = image.shape[:2]
+    steps = [(y, x) for y, x in np.ndindex(*kernel.shape) if kernel[y, x]]
+    total = sum(kernel[y, x] * padded[y : y + height, x : x + width] for y, x in steps)
+    return np.asarray(total, np.float32)
+
+
+def _warped(m: Maker, degrees: float = 0.0, scale: float = 1.0, dx: float = 0.0) -> Pixels:
+    """Turned and enlarged around the middle, bicubic by Catmull-Rom."""
+    height, width = m.size
+    y, x = np.mgrid[0:height, 0:width] - np.float64([[[height - 1]], [[width - 1]]]) / 2
+    c, s = np.cos(np.radians(degrees)) / scale, np.sin(np.radians(degrees)) / scale
+    row = (c * y + s * x) + (height - 1) / 2
+    column = (c * x - s * y) + (width - 1) / 2 - dx
+    total = np.zeros_like(m.a)
+    for k in range(-1, 3):
+        for j in range(-1, 3):
+            top, left = np.floor(row) + k, np.floor(column) + j
+            weight = _cubic(np.abs(row - top)) * _cubic(np.abs(column - left))
+            pixel = m.a[top.clip(0, height - 1).astype(int), left.clip(0, width - 1).astype(int)]
+            total += weight[..., None].astype(np.float32) * pixel
+    return total
+
+
+def _cubic(t: Pixels) -> Pixels:
+    return np.where(t <= 1, (1.5 * t - 2.5) * t * t + 1, ((-0.5 * t + 2.5) * t - 4) * t + 2)
+
+
+def _tones(curve: Callable[[Pixels], Pixels]) -> Change:
+    """A curve of the sRGB-encoded values below 1; light beyond keeps its distance to white."""
+
+    def change(m: Maker) -> Pixels:
+        shown = curve(linear_to_srgb(m.a.clip(0, 1)))
+        return (srgb_to_linear(shown.clip(0, 1)) + np.maximum(m.a - 1, 0)).astype(np.float32)
+
+    return change
+
+
+def _vignette(m: Maker) -> Pixels:
+    height, width = m.size
+    y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
+    return m.a * np.float32(1 - 0.12 * (x * x + y * y))[..., None]
+
+
+def _saturated(amount: float) -> Change:
+    def change(m: Maker) -> Pixels:
+        luma = m.a @ np.float32([0.2126, 0.7152, 0.0722])
+        return np.maximum(luma[..., None] + np.float32(amount) * (m.a - luma[..., None]), 0)
+
+    return change
+
+
+def _tile_gains(side: int) -> Change:
+    def change(m: Maker) -> Pixels:
+        gains = m.rng.uniform(0.985, 1.015, (20, 20))
+        rows, columns = (np.arange(n) // side for n in m.size)
+        return m.a * np.float32(gains[rows][:, columns])[..., None]
+
+    return change
+
+
+def _seams(period: int, wide: int, gain: float) -> Change:
+    def change(m: Maker) -> Pixels:
+        b = m.a.copy()
+        for axis, length in enumerate(m.size):
+            near = (np.arange(length) + wide // 2) % period < wide
+            near[: period // 2] = False
+            index = (near,) if axis == 0 else (slice(None), near)
+            b[index] *= np.float32(gain)
+        return b
+
+    return change
+
+
+def _tiles_exchanged(m: Maker) -> Pixels:
+    b, side = m.a.copy(), 32
+    b[side : 2 * side, :side], b[:side, 2 * side : 3 * side] = (
+        m.a[:side, 2 * side : 3 * side],
+        m.a[side : 2 * side, :side],
+    )
+    return b
+
+
+def _fields_exchanged(m: Maker) -> Pixels:
+    rows = np.arange(len(m.a)) ^ 1
+    return m.a[rows.clip(0, len(m.a) - 1)]
+
+
+def _halo(reach: int, gain: float) -> Change:
+    """Light of another strength on the far side of silhouettes."""
+
+    def change(m: Maker) -> Pixels:
+        near = m.source.near > 0.5 * (m.source.near.max() + np.median(m.source.near))
+        wide = (
+            blurred(near[..., None].astype(np.float32), np.ones((2 * reach + 1,) * 2))[..., 0] > 0
+        )
+        return m.a * np.where(wide & ~near, np.float32(gain), np.float32(1))[..., None]
+
+    return change
+
+
+def _fireflies(m: Maker) -> Pixels:
+    b = m.a.copy()
+    for _ in range(7):
+        b[m.rng.integers(0, len(b)), m.rng.integers(0, b.shape[1])] += m.rng.uniform(3, 30)
+    return b
+
+
+def _patch(value: float, side: int = 16) -> Change:
+    def change(m: Maker) -> Pixels:
+        b = m.a.copy()
+        b[20 : 20 + side, 40 : 40 + side] = value
+        return b
+
+    return change
+
+
+def _noise(sigma: float) -> Change:
+    return lambda m: (m.a + sigma * m.rng.standard_normal(m.a.shape)).astype(np.float32)
+
+
+def _motion(reach: int, slanted: bool = False) -> Change:
+    kernel = np.eye(2 * reach + 1) if slanted else np.zeros((2 * reach + 1,) * 2)
+    kernel[reach] += not slanted
+    return lambda m: blurred(m.a, np.float32(kernel / kernel.sum()))
+
+
+def _sharpened(m: Maker) -> Pixels:
+    return m.a + np.float32(0.6) * (m.a - blurred(m.a, np.ones((3, 3), np.float32) / 9))
+
+
+def _quantised(levels: int) -> Change:
+    return lambda m: np.round(m.a * levels) / np.float32(levels)
+
+
+def _quantised_srgb(m: Maker) -> Pixels:
+    return srgb_to_linear(np.rint(linear_to_srgb(m.a.clip(0, 1)) * 255) / 255).astype(np.float32)
+
+
+def _s_curve(v: Pixels) -> Pixels:
+    return v + np.float32(0.5) * v * (1 - v) * (v - np.float32(0.5))
+
+
+def _roll(dy: int, dx: int) -> Change:
+    return lambda m: np.roll(m.a, (dy, dx), axis=(0, 1))
+
+
+# Kind, right names, change of light. Kinds with a name that holds another word are in brackets.
+_COC, _LIGHT = ("another CoC",), ("another exposure",)
+CHANGES: dict[str, tuple[tuple[str, ...], Change]] = {
+    "f-number + 2 %": (_COC, lambda m: m.source.rendered(1 / 1.02)),
+    "f-number - 2 %": (_COC, lambda m: m.source.rendered(1 / 0.98)),
+    "f-number + 20 %": (_COC, lambda m: m.source.rendered(1 / 1.2)),
+    "focus moved": (_COC, lambda m: m.source.rendered(shift=0.6)),
+    "radii doubled": (_COC, lambda m: m.source.rendered(2.0)),
+    "half resolution": (("lower resolution",), lambda m: m.source.half(nearest=False)),
+    "half resolution, nearest": (("lower resolution",), lambda m: m.source.half(nearest=True)),
+    "left": (
+        ("another view or frame", "left and right swapped"),
+        lambda m: m.source.rendered(view="left"),
+    ),
+    "another frame": (("another view or frame",), lambda m: m.source.rendered(move=6.0)),
+    "frame of a slow move": (("another view or frame",), lambda m: m.source.rendered(move=-3.0)),
+    "motion blur": (("motion blur",), _motion(4)),
+    "slanted motion blur": (("motion blur",), _motion(3, slanted=True)),
+    "moved while open": (
+        ("motion blur", "another view or frame"),
+        lambda m: sum(m.source.rendered(move=float(v)) for v in range(-4, 5)) / np.float32(9),
+    ),
+    "five blades": (
+        ("another bokeh shape",),
+        lambda m: m.source.rendered(aperture=Aperture(blades=5)),
+    ),
+    "six blades turned": (
+        ("another bokeh shape",),
+        lambda m: m.source.rendered(aperture=Aperture(blades=6, rotation=15.0)),
+    ),
+    "shifted": (("shifted",), _roll(0, 1)),
+    "shifted far": (("shifted",), _roll(5, -9)),
+    "shifted by a part": (("shifted",), lambda m: _warped(m, dx=0.4)),
+    "turned a little": (("rotated",), lambda m: _warped(m, degrees=0.5)),
+    "enlarged a little": (("scaled",), lambda m: _warped(m, scale=1.01)),
+    "mirrored": (("flipped",), lambda m: m.a[:, ::-1]),
+    "turned": (("rotated",), lambda m: m.a[::-1, ::-1]),
+    "fields exchanged": (("fields exchanged",), _fields_exchanged),
+    "tiles exchanged": (("tiles exchanged",), _tiles_exchanged),
+    "halves exchanged": (("left and right swapped",), lambda m: np.roll(m.a, m.size[1] // 2, 1)),
+    "tint of 1 %": (_LIGHT, lambda m: m.a * np.float32([1.01, 1, 0.99])),
+    "green tint": (_LIGHT, lambda m: m.a * np.float32([1, 1.03, 1])),
+    "a tenth of a stop": (_LIGHT, lambda m: m.a * np.float32(2**0.1)),
+    "gamma 2 %": (("another gamma",), lambda m: m.a ** np.float32(1.02)),
+    "encoded twice": (("another gamma",), lambda m: linear_to_srgb(m.a)),
+    "tone curve": (("another tone curve",), _tones(_s_curve)),
+    "filmic": (("another tone curve",), lambda m: m.a / (1 + m.a * np.float32(0.3))),
+    "contrast": (("another contrast",), _tones(lambda v: 0.5 + 1.08 * (v - 0.5))),
+    "raised blacks": (("raised blacks",), lambda m: m.a + np.float32(0.01)),
+    "veiled": (("raised blacks",), lambda m: m.a * np.float32(0.97) + np.float32(0.03)),
+    "vignette": (("vignette",), _vignette),
+    "less saturated": (("another saturation",), _saturated(0.9)),
+    "more saturated": (("another saturation",), _saturated(1.15)),
+    "primaries": (("other primaries",), lambda m: m.a @ _REC2020.T),
+    "clipped": (("clipped at 1",), lambda m: np.minimum(m.a, 1)),
+    "BGR": (("channels swapped",), lambda m: m.a[..., ::-1]),
+    "8 bits, sRGB": (("quantised to 8 bits",), _quantised_srgb),
+    "8 bits": (("quantised to 8 bits",), _quantised(255)),
+    "6 bits": (("quantised to 6 bits",), _quantised(63)),
+    "sign": (("sign reversed",), lambda m: -m.a),
+    "black": (("empty",), lambda m: 0 * m.a),
+    "a black tile": (("empty",), _patch(0.0, 32)),
+    "lines between tiles": (("seams",), _seams(32, 1, 0.97)),
+    "bands between tiles": (("seams",), _seams(64, 4, 1.03)),
+    "gain of tiles": (("seams",), _tile_gains(32)),
+    "bright halo": (("halo",), _halo(3, 1.3)),
+    "dark halo": (("halo",), _halo(2, 0.8)),
+    "fireflies": (("fireflies",), _fireflies),
+    "NaN": (("NaN",), _patch(np.nan, 4)),
+    "Inf": (("Inf",), _patch(np.inf, 3)),
+    "noise": (("noise",), _noise(0.01)),
+    "weak noise": (("noise",), _noise(0.004)),
+    "sharpened": (("sharpened",), _sharpened),
+    "blurred": (_COC, lambda m: blurred(m.a, np.ones((3, 3), np.float32) / 9)),
+    "cut": (("crop", "empty"), lambda m: np.pad(m.a[9:-9, 5:-5], ((9, 9), (5, 5), (0, 0)))),
+}
+# What is also done to pictures of 8 bits, sRGB-encoded, and to those with noise of ±2/255.
+OF_INTEGERS = (
+    *("shifted", "turned a little", "a tenth of a stop", "tone curve", "vignette", "raised blacks"),
+    *("less saturated", "primaries", "half resolution", "f-number + 20 %", "lines between tiles"),
+    *("motion blur", "encoded twice", "BGR", "another frame", "left", "enlarged a little"),
+    *("five blades", "fields exchanged", "tiles exchanged", "bright halo", "green tint"),
+)
+
+
+def _exr(path: Path, image: Pixels, alpha: Pixels | None = None, dtype: Any = np.float16) -> Path:
+    planes = {name: image[..., k].astype(dtype) for k, name in enumerate("RGB")}
+    if alpha is not None:
+        planes["A"] = alpha.astype(dtype)
+    return write_planes(path, planes)
+
+
+def _eight(image: Pixels) -> Pixels:
+    return np.rint(linear_to_srgb(image.clip(0, 1)) * 255).astype(np.uint8)
+
+
+def _jpeg(folder: Path, image: Pixels, quality: int) -> Pixels:
+    """Samples of 8 bits as a JPEG of that quality has them."""
+    file = save(
+        folder / "lossy.jpg",
+        image,
+        Compression=f"jpeg:{quality}",
+        jpeg__subsampling="4:4:4" if quality > 80 else "4:2:0",
+    )
+    return oiio.ImageBuf(str(file)).get_pixels(oiio.UINT8)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two files; ``right`` names of what happened, none if nothing that matters did."""
+
+    kind: str
+    right: tuple[str, ...]
+    a: Path
+    b: Path
+
+
+def _lossy(folder: Path, m: Maker, a: Path, png: Path) -> list[Pair]:
+    """Pairs of lossy codecs, alone and after something else."""
+    pairs = []
+    jpeg = ("compressed with losses",)
+    shown = _eight(m.a)
+    for quality, right in ((60, jpeg), (75, jpeg)):
+        b = save(folder / f"jpeg{quality}.png", _jpeg(folder, shown, quality))
+        pairs.append(Pair(f"JPEG of {quality}", right, png, b))
+    for kind in ("a tenth of a stop", "shifted", "less saturated"):
+        right, change = CHANGES[kind]
+        b = save(folder / f"jpeg {kind}.png", _jpeg(folder, _eight(change(m)), 90))
+        pairs.append(Pair(f"{kind}, then JPEG", right, png, b))
+    header = {"dwaCompressionLevel": 400.0}
+    planes = {n: m.a[..., k].astype(np.float16) for k, n in enumerate("RGB")}
+    b = write_planes(folder / "dwaa400.exr", planes, OpenEXR.DWAA_COMPRESSION, **header)
+    pairs.append(Pair("DWAA of 400", jpeg, a, b))
+    return pairs
+
+
+def _with_alpha(folder: Path, m: Maker) -> list[Pair]:
+    """A picture that is transparent at a soft disc, divided and multiplied by its alpha."""
+    y, x = np.mgrid[-1 : 1 : m.size[0] * 1j, -1 : 1 : m.size[1] * 1j]
+    alpha = np.clip(6 * (0.8 - np.hypot(x, y)), 0, 1).astype(np.float32)
+    light = m.a * alpha[..., None]
+    a = _exr(folder / "rgba.exr", light, alpha)
+    divided = np.where(alpha[..., None] > 0, light / np.maximum(alpha, 1e-6)[..., None], 0)
+    changed = {"un-premultiplied": divided, "premultiplied twice": light * alpha[..., None]}
+    pairs = [
+        Pair(kind, ("premultiplication",), a, _exr(folder / f"{kind}.exr", image, alpha))
+        for kind, image in changed.items()
+    ]
+    return [*pairs, Pair("no alpha", ("missing channel",), a, _exr(folder / "rgb.exr", light))]
+
+
+def faults(folder: Path, name: str, seed: int = 0, step: int = 2, only: Any = None) -> list[Pair]:
+    """Pairs with a fault each, of one scene."""
+    scene = source(name, step)
+    m = Maker(
+        scene, scene.rendered().astype(np.float16).astype(np.float32), np.random.default_rng(seed)
+    )
+    a, png = _exr(folder / "a.exr", m.a), save(folder / "a.png", _eight(m.a))
+    pairs = []
+    for kind, (right, change) in CHANGES.items():
+        if only is not None and kind not in only:
+            continue
+        b = change(m)
+        pairs.append(Pair(kind, right, a, _exr(folder / f"{kind}.exr", b)))
+        if kind in OF_INTEGERS:
+            file = save(folder / f"{kind}.png", _eight(b))
+            pairs.append(Pair(f"{kind}, 8 bits", right, png, file))
+            noise = m.rng.uniform(-2.5, 2.5, b.shape)
+            noisy = np.clip(np.rint(_eight(b) + noise), 0, 255).astype(np.uint8)
+            pairs.append(Pair(f"{kind}, ±2", right, png, save(folder / f"{kind} 2.png", noisy)))
+    if only is None:
+        pairs += [*_lossy(folder, m, a, png), *_with_alpha(folder, m)]
+    return pairs
+
+
+def benign(folder: Path, name: str, seed: int = 0, step: int = 2) -> list[Pair]:
+    """Pairs whose differences do not matter, of one scene."""
+    scene, rng = source(name, step), np.random.default_rng(seed)
+    light = scene.rendered()
+    half = light.astype(np.float16)
+    a, full = _exr(folder / "a.exr", half), _exr(folder / "f.exr", light, dtype=np.float32)
+    png = save(folder / "a.png", _eight(light))
+    flips = (half.view(np.int16) + (rng.random(half.shape) < 0.1)).view(np.float16)
+    images = {
+        "last bits": (full, light * (1 + rng.uniform(-2e-6, 2e-6, light.shape)), np.float32),
+        "last bits, absolute": (full, light + rng.uniform(-2e-5, 2e-5, light.shape), np.float32),
+        "rounded to half": (full, half, np.float16),
+        "last bit of half": (a, flips, np.float16),
+        "threads": (full, scene.rendered(threads=2), np.float32),
+        "tiles": (full, scene.rendered(tile=64), np.float32),
+        "float of half": (a, half, np.float32),
+        "minus zero": (a, np.where(half == 0, np.float16(-0.0), half), np.float16),
+    }
+    pairs = [
+        Pair(kind, (), one, _exr(folder / f"{kind}.exr", b, dtype=dtype))
+        for kind, (one, b, dtype) in images.items()
+    ]
+    planes = {n: half[..., k] for k, n in enumerate("RGB")}
+    for codec in ("NO", "RLE", "ZIPS", "PIZ", "PXR24", "DWAA"):
+        compression = getattr(OpenEXR, f"{codec}_COMPRESSION")
+        b = write_planes(folder / f"{codec}.exr", planes, compression)
+        pairs.append(Pair(codec, (), a, b))
+    described = write_planes(folder / "described.exr", planes, comments="another day")
+    shown = _eight(light)
+    tiff = save(folder / "b.tif", shown, Compression="lzw")
+    deep = save(folder / "16.png", shown.astype(np.uint16) * 257)
+    jpeg = save(folder / "jpeg95.png", _jpeg(folder, shown, 97))
+    steps = (rng.random(shown.shape) < 0.02).astype(np.uint8)
+    step_png = save(folder / "steps.png", np.minimum(shown, 254) + steps)
+    pairs += [
+        Pair("metadata", (), a, described),
+        *(Pair(kind, (), png, b) for kind, b in (("TIFF", tiff), ("16 bits", deep))),
+        *(Pair(kind, (), png, b) for kind, b in (("JPEG of 97", jpeg), ("last step", step_png))),
+    ]
+    return pairs
