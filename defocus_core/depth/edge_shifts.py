@@ -10,6 +10,7 @@ needs more evidence.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import torch
@@ -163,35 +164,40 @@ def _evidence_of_some(
     """
     every = bands(signed_radius)
 
-    def window(first: int, end: int) -> tuple[Tensor, Tensor]:
-        rows = slice(max(first, 0), end)
-        return signed_radius[rows].detach(), pixels[..., rows, :].detach()
+    def radii_of(first: int, end: int) -> tuple[Tensor, int]:
+        """Radii of the rows of a window, and the first of these rows."""
+        return signed_radius[max(first, 0) : end].detach(), max(first, 0)
 
-    def silhouette(rows: tuple[int, int]) -> tuple[Tensor, Tensor]:
-        """The pixels [n, 2] of a silhouette in a band of rows, and their hashes [n]."""
-        above = max(rows[0] - 1, 0)
-        radii, colors = window(above, rows[1] + 1)
+    def silhouette(rows: tuple[int, int]) -> Tensor:
+        """The pixels [n, 2] of a silhouette in a band of rows."""
+        radii, above = radii_of(rows[0] - 1, rows[1] + 1)
         at = places_of(edges_of(radii, step, scale)[rows[0] - above : rows[1] - above])
-        hashes = _hashes(at + at.new_tensor([rows[0] - above, 0]), radii, colors)
-        return at + at.new_tensor([rows[0], 0]), hashes
+        return at + at.new_tensor([rows[0], 0])
 
     found = list(threaded(silhouette, every, threads))
-    hashes = torch.cat([own for _, own in found])
-    most = min(_EXAMINED / max(len(hashes), 1), 1.0)
-    if 2 * int((hashes < most).sum()) < min(_EXAMINED, len(hashes)):
-        most = 1.0  # too much is alike
+    edges = sum(map(len, found))
 
-    def evidence_of(number: int) -> Evidence:
-        (at, own), (first, end) = found[number], every[number]
-        at = at[own < most]
+    def evidence_of(number: int, most: float) -> Evidence:
+        at, (first, end) = found[number], every[number]
         if not len(at):
-            return Evidence(hashes.new_zeros(0, 2 * FARTHEST + 1), hashes.new_zeros(0, 1))
-        radii, colors = window(first - REACH, end + REACH)
-        at = at - at.new_tensor([max(first - REACH, 0), 0])
+            nothing = torch.zeros(0, 2 * FARTHEST + 1, dtype=torch.float64, device=at.device)
+            return Evidence(nothing, nothing[:, :1])
+        radii, above = radii_of(first - REACH, end + REACH)
+        colors = pixels[..., above : end + REACH, :].detach()
+        at = at - at.new_tensor([above, 0])
+        at = at[_hashes(at, radii, colors) < most]
         return _evidence(silhouette_at(at, radii), radii, colors, along=False)
 
-    evidence = threaded(evidence_of, range(len(every)), threads)
-    return Evidence(*map(torch.cat, zip(*evidence, strict=True))), most
+    def of_all(most: float) -> Evidence:
+        parts = threaded(partial(evidence_of, most=most), range(len(every)), threads)
+        return Evidence(*map(torch.cat, zip(*parts, strict=True)))
+
+    most = min(_EXAMINED / max(edges, 1), 1.0)
+    evidence = of_all(most)
+    if 2 * len(evidence.share) < min(_EXAMINED, edges):
+        most = 1.0  # too much is alike
+        evidence = of_all(most)
+    return evidence, most
 
 
 def _hashes(at: Tensor, radii: Tensor, pixels: Tensor) -> Tensor:

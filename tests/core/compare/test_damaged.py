@@ -7,6 +7,7 @@ from typing import Any
 
 import fuzzing
 import numpy as np
+import OpenEXR
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 
@@ -17,6 +18,7 @@ from defocus_core.compare.thresholds import Rules
 from defocus_core.io.safe_files import quiet
 
 SEED, CASES = 20, 3000
+DEEP = b"\x02\x08\0\0"  # flags of a deep OpenEXR file
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +36,8 @@ def decoded(path: Path) -> list[Any]:
     """All images of a file, decoded without the code under test."""
     if path.suffix == ".npy":
         return [np.load(path)]
+    if path.read_bytes()[4:8] == DEEP:  # OpenImageIO may crash
+        return [np.stack(OpenEXR.File(str(path)).parts[0].channels["Z"].pixels.ravel())]
     config = oiio.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     with quiet():
@@ -75,5 +79,4 @@ def test_a_file_that_was_cut_off_is_unreadable(
 def test_each_sound_file_is_the_same_as_itself(sound: tuple[Path, dict[str, bytes]]) -> None:
     folder, files = sound
     for name in files:
-        expected = UNREADABLE if name == "deep.exr" else "same"
-        assert status(folder / name, folder / name) == expected
+        assert status(folder / name, folder / name) == "same", name
