@@ -48,7 +48,7 @@ _SPREAD = 0.15
 _GRAINS = 1 << 8
 # Weight of rarity, and its grain, so coarse that few pixels more or less change nothing; share of a
 # displacement's votes that count for those a px beside it.
-_RARITY, _COARSE, _BESIDE = 1.0, 0.05, 0.25
+_RARITY, _COARSE, _BESIDE = 1.2, 0.05, 0.25
 # Displacement in px that is expected before colours are known; votes for it, and as a share of all;
 # rounds in which votes are counted.
 _BEFORE, _FEW, _FEW_SHARE, _MAXIMIZATIONS = 3.0, 10.0, 0.02, 3
