@@ -70,7 +70,7 @@ _HALF = 0.4937
 _PROFILES, _BYTES_EACH = 1 << 12, 1 << 14
 
 
-class Evidence(NamedTuple):
+class ShiftEvidence(NamedTuple):
     """What colours say of the displacements of a silhouette, averaged along it.
 
     Attributes:
@@ -126,7 +126,7 @@ def measured_shifts(
     return EdgeShifts(step, median, tuple(_rarity(votes).tolist()))
 
 
-def _votes(found: Evidence) -> Tensor:
+def _votes(found: ShiftEvidence) -> Tensor:
     """How many pixels of silhouettes [2 * FARTHEST + 1] have each displacement.
 
     By expectation and maximization: a pixel whose colours say little votes as the others do.
@@ -156,7 +156,7 @@ def _evidence_of_some(
     step: float,
     threads: int,
     scale: DistanceScale | None,
-) -> tuple[Evidence, float]:
+) -> tuple[ShiftEvidence, float]:
     """The evidence of single profiles across silhouettes, and the share of them that it is of.
 
     Of many pixels those are examined that a hash of what is around them chooses: the same ones
@@ -177,20 +177,20 @@ def _evidence_of_some(
     found = list(threaded(silhouette, every, threads))
     edges = sum(map(len, found))
 
-    def evidence_of(number: int, most: float) -> Evidence:
+    def evidence_of(number: int, most: float) -> ShiftEvidence:
         at, (first, end) = found[number], every[number]
         if not len(at):
             nothing = torch.zeros(0, 2 * FARTHEST + 1, dtype=torch.float64, device=at.device)
-            return Evidence(nothing, nothing[:, :1])
+            return ShiftEvidence(nothing, nothing[:, :1])
         radii, above = radii_of(first - REACH, end + REACH)
         colors = pixels[..., above : end + REACH, :].detach()
         at = at - at.new_tensor([above, 0])
         at = at[_hashes(at, radii, colors) < most]
         return _evidence(silhouette_at(at, radii), radii, colors, along=False)
 
-    def of_all(most: float) -> Evidence:
+    def of_all(most: float) -> ShiftEvidence:
         parts = threaded(partial(evidence_of, most=most), range(len(every)), threads)
-        return Evidence(*map(torch.cat, zip(*parts, strict=True)))
+        return ShiftEvidence(*map(torch.cat, zip(*parts, strict=True)))
 
     most = min(_EXAMINED / max(edges, 1), 1.0)
     evidence = of_all(most)
@@ -256,7 +256,7 @@ def with_shifted_edges(
 
 def _evidence(
     silhouette: Silhouette, radii: Tensor, pixels: Tensor, *, along: bool = True
-) -> Evidence:
+) -> ShiftEvidence:
     """The evidence of colours [C, H, W] at pixels of radii [H, W], averaged along a silhouette.
 
     Args:
@@ -279,14 +279,14 @@ def _evidence(
     )
     seen = torch.cat([each.is_seen for each in profiles]).to(costs.dtype)[:, None]
     if beside is None:
-        return Evidence(costs, seen)
+        return ShiftEvidence(costs, seen)
     both = _averaged(torch.cat([seen * costs, seen], 1), beside, _ROUNDS)
     weighted, share = both[:, :-1], both[:, -1:]
-    return Evidence(weighted / share.clamp(min=1e-6) * (share / _ENOUGH).clamp(max=1), share)
+    return ShiftEvidence(weighted / share.clamp(min=1e-6) * (share / _ENOUGH).clamp(max=1), share)
 
 
 def _smooth_shifts(
-    silhouette: Silhouette, radii: Tensor, found: Evidence, rarity: Tensor
+    silhouette: Silhouette, radii: Tensor, found: ShiftEvidence, rarity: Tensor
 ) -> Tensor:
     """The displacement [n] in px of each pixel of a silhouette, smooth along it.
 
