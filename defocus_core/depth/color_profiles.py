@@ -1,8 +1,8 @@
 """Profiles of colour across silhouettes of depth, and the displacement that they show.
 
-Deep in both surfaces their colours are known; between them lies the place where the likeness to one
-ends and the likeness to the other begins. Each displacement costs the pixels that it would leave on
-the wrong side.
+Some px within both surfaces their colours are known, as normal distributions along the silhouette;
+between them lies the place where colours of one end and those of the other begin. Each displacement
+costs the pixels that it would leave on the wrong side.
 """
 
 from __future__ import annotations
@@ -16,17 +16,20 @@ from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.tensors.neighbourhoods import halfway, squares_around
 from defocus_core.tensors.sparse_masks import exceeding
 
-# Greatest displacement in px; depth in px at which the colour of a surface is sampled at most.
-FARTHEST, _DEEPEST = 12, 15
+# Greatest displacement in px; greatest depth in px from which on the colours of a surface are
+# sampled, and over how many px.
+FARTHEST, _DEEPEST, _SPAN = 8, 6, 5
 # Reach of a profile across a silhouette, in px to both sides.
-REACH = 2 * _DEEPEST - 2
+REACH = 12
 # Half width in px of the square around a pixel in which the normal is found, and its deviation.
 NORMAL, _NORMAL_DEVIATION = 3, 1.5
-# Least deviation of the colours of a surface, as a share of the difference of both surfaces.
-_DEVIATION = 0.2
-# Difference of colours, as a share of their sum, from which a profile counts, and counts in full;
-# cost in px at which it counts 1/e, and greatest cost of a displacement, as a multiple of this.
-_CONTRAST, _FULL, _DOUBT, _MOST = 0.05, 0.2, 1.5, 4
+# Light beyond which sums of it would be infinite.
+_BRIGHTEST = 1e30
+# Least deviation of the colours of a surface, as a share of their mean.
+_DEVIATION = 0.04
+# Logarithm of the density of colours of neither surface; difference of logarithms that is sure; and
+# greatest cost of a displacement in px.
+_OF_NONE, _SURE, _MOST = -4.0, 4.0, 6.0
 
 
 class Silhouette(NamedTuple):
@@ -80,61 +83,109 @@ def silhouette_at(at: Tensor, radii: Tensor) -> Silhouette:
     return Silhouette(at, far, normal / normal.norm(dim=0).clamp(min=1e-6))
 
 
-def displacement_costs(
-    silhouette: Silhouette, radii: Tensor, pixels: Tensor
-) -> tuple[Tensor, Tensor]:
-    """The cost in px [n, 2 * FARTHEST + 1] of each displacement, and the trust [n] in them."""
+class Profiles(NamedTuple):
+    """Lines of pixels across silhouettes, from REACH px within the nearer surface to REACH beyond.
+
+    Attributes:
+        places: [n, 2 * REACH + 1] numbers of pixels.
+        inwards: [n] number of px that go on without a gap within the nearer surface.
+        outwards: [n] number of px that go on without a gap beyond it.
+    """
+
+    places: Tensor
+    inwards: Tensor
+    outwards: Tensor
+
+    @property
+    def is_seen(self) -> Tensor:
+        """[n] bool, whether both surfaces are seen beside the silhouette."""
+        return (self.inwards >= 2) & (self.outwards >= 2)
+
+    def depths(self) -> tuple[Tensor, Tensor]:
+        """Px [n] to the nearer and the farther surface, where their colours are sampled."""
+        # the middle of a thin surface is as deep as one can get
+        near, far = (
+            (count.double() / 2).clamp(max=_DEEPEST) for count in (self.inwards, self.outwards)
+        )
+        return near, far
+
+
+def profiles_of(silhouette: Silhouette, radii: Tensor) -> Profiles:
+    """The profiles across a silhouette of radii [H, W]."""
     at, far, normal = silhouette
     (H, W), flat = radii.shape, radii.flatten()
-    along = torch.arange(-REACH, REACH + 1, device=at.device).to(normal.dtype)
-    # from the pixel on, so that it rounds alike anywhere in a frame
-    y, x = (at[:, d, None] + (normal[d, :, None] * along).round().long() for d in (0, 1))
+    y, x = (at[:, d, None] + (normal[d, :, None] * _along(at)).round().long() for d in (0, 1))
     inside = (y >= 0) & (y <= H - 1) & (x >= 0) & (x <= W - 1)
-    place = y.clamp(0, H - 1) * W + x.clamp(0, W - 1)
-    border = halfway(flat[at[:, 0] * W + at[:, 1]], flat[far])[:, None]
-    is_near = flat[place] < border
+    index = y.clamp(0, H - 1) * W + x.clamp(0, W - 1)
+    is_near = flat[index] < halfway(flat[at[:, 0] * W + at[:, 1]], flat[far])[:, None]
     inwards = (is_near & inside)[:, : REACH + 1].flip(1).long().cumprod(1).sum(1)
     outwards = (~is_near & inside)[:, REACH + 1 :].long().cumprod(1).sum(1)
-    # the middle of a thin surface is as deep as one can get
-    near_depth, far_depth = (
-        (count.to(normal.dtype) / 2).clamp(max=_DEEPEST) for count in (inwards, outwards)
-    )
-    dtype = torch.float64  # whatever the precision of a picture, its edges are the same
-    color = pixels.flatten(1)[:, place].to(dtype).nan_to_num().clamp(min=0)
-    # squares of the brightest light would be infinite
-    color /= color.amax((0, 2), keepdim=True).clamp(min=torch.finfo(dtype).tiny)
+    return Profiles(index, inwards, outwards)
 
-    def of_surface(first: Tensor, last: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean colour [C, n] and variance [n] from one place on the profile to another."""
-        within = ((along >= first[:, None]) & (along <= last[:, None])).to(dtype)
-        count = within.sum(1).clamp(min=1)
-        mean = (color * within).sum(2) / count
-        return mean, ((color - mean[:, :, None]).square().sum(0) * within).sum(1) / count
 
-    near, near_variance = of_surface(-near_depth - 1.5, 1.5 - near_depth)
-    beyond, far_variance = of_surface(far_depth - 1, far_depth + 2)
-    apart, least = (near - beyond).square().sum(0), torch.finfo(dtype).tiny
+def color_moments(profiles: Profiles, pixels: Tensor) -> Tensor:
+    """Sums over the samples of both surfaces, [n, 2 * (1 + C + C²)]: of 1, colour, and products.
 
-    def likeness(mean: Tensor, variance: Tensor) -> Tensor:
-        distance = (color - mean[:, :, None]).square().sum(0)
-        spread_of = (variance + _DEVIATION**2 * apart).clamp(min=least)
-        return torch.exp(distance / (-2 * spread_of[:, None]))
+    Averaged along a silhouette they say how the colours of both surfaces are distributed there.
+    """
+    color, along = _colors(pixels, profiles.places), _along(pixels)  # [C, n, 2 * REACH + 1]
+    moments = []
+    counts = (profiles.inwards, profiles.outwards)
+    for side, depth, count in zip((-1, 1), profiles.depths(), counts, strict=True):
+        deepest = torch.minimum(depth + _SPAN, torch.maximum(count - 1.0, depth))
+        within = (side * along >= depth[:, None] - 0.5) & (side * along <= deepest[:, None] + 0.5)
+        samples = color * within
+        products = torch.einsum("cnt,dnt->ncd", samples, color).flatten(1)
+        moments += [within.double().sum(1, keepdim=True), samples.sum(2).T, products]
+    return torch.cat(moments, 1)
 
-    trusts = [apart / (apart + 4 * v).clamp(min=least) for v in (near_variance, far_variance)]
-    whole = (trusts[0] + trusts[1]).clamp(min=1e-6)
-    to_near = trusts[0][:, None] * likeness(near, near_variance)
-    to_far = trusts[1][:, None] * (1 - likeness(beyond, far_variance))
-    nearness = (to_near + to_far) / whole[:, None]  # [n, 2 * REACH + 1] of each px, in [0, 1]
-    valid = ((along >= -near_depth[:, None]) & (along <= far_depth[:, None] + 0.5)).to(dtype)
-    # to the near side of the edge what is unlike costs, on the far side what is like
-    below = (valid * (1 - 2 * nearness)).cumsum(1) + (valid * nearness).sum(1, keepdim=True)
-    costs = below[:, REACH - FARTHEST : REACH + FARTHEST + 1].flip(1)
-    by = torch.arange(-FARTHEST, FARTHEST + 1, device=at.device)
+
+def displacement_costs(profiles: Profiles, moments: Tensor, pixels: Tensor) -> Tensor:
+    """The cost in px [n, 2 * FARTHEST + 1] of each displacement, 0 for the best one.
+
+    Each pixel that a displacement leaves on the wrong side costs up to 1, by how much more likely
+    its colour is on the other side; where the colours of both surfaces are alike, nothing.
+
+    Args:
+        profiles: Across silhouettes.
+        moments: From `color_moments`, averaged along the silhouettes.
+        pixels: [C, H, W] linear.
+    """
+    color, along, C = _colors(pixels, profiles.places), _along(pixels), len(pixels)
+    sides = torch.split(moments, 1 + C + C * C, 1)
+    means = [side[:, 1 : 1 + C] / side[:, :1].clamp(min=1e-9) for side in sides]
+    scale = ((means[0] + means[1]) / 2).amax(1).clamp(min=torch.finfo(color.dtype).tiny ** 0.25)
+    likely = []
+    for side, mean in zip(sides, means, strict=True):
+        square = side[:, 1 + C :].view(-1, C, C) / side[:, :1, None].clamp(min=1e-9)
+        spread = square - mean[:, :, None] * mean[:, None, :]
+        spread = spread / scale.square()[:, None, None]
+        spread = spread + _DEVIATION**2 * torch.eye(C, dtype=color.dtype, device=color.device)
+        root = torch.linalg.cholesky_ex(spread).L
+        off = (color.transpose(0, 1) - mean[:, :, None]) / scale[:, None, None]  # [n, C, ...]
+        off = torch.linalg.solve_triangular(root, off, upper=False)
+        volume = root.diagonal(dim1=1, dim2=2).log().sum(1, keepdim=True)
+        likely.append(off.square().sum(1) / -2 - volume)
+    of_none = color.new_tensor(_OF_NONE)
+    nearer = torch.logaddexp(likely[0], of_none) - torch.logaddexp(likely[1], of_none)
+    near_depth, far_depth = profiles.depths()
+    valid = (along >= -near_depth[:, None]) & (along <= far_depth[:, None] + 0.5)
+    nearer = (nearer / _SURE).nan_to_num().clamp(-1, 1) * valid  # [n, 2 * REACH + 1] of each px
+    costs = -nearer.cumsum(1)[:, REACH - FARTHEST : REACH + FARTHEST + 1].flip(1)
+    by = torch.arange(-FARTHEST, FARTHEST + 1, device=costs.device)
     possible = (by <= near_depth[:, None]) & (-by <= far_depth[:, None])
-    costs = torch.where(possible, costs.clamp(max=_MOST * _DOUBT), _MOST * _DOUBT)
-    total = (near + beyond).sum(0).clamp(min=least)
-    contrast = (near - beyond).abs().sum(0) / total * torch.maximum(*trusts)
-    trust = ((contrast - _CONTRAST) / (_FULL - _CONTRAST)).clamp(0, 1)
-    lowest = costs.amin(1)
-    clear = (lowest < 2 * _DOUBT) & (inwards >= 2) & (outwards >= 2)
-    return costs, trust * torch.exp(lowest / -_DOUBT) * clear
+    costs = costs - torch.where(possible, costs, torch.inf).amin(1, keepdim=True)
+    return torch.where(possible, costs.clamp(max=_MOST), _MOST)
+
+
+def _along(like: Tensor) -> Tensor:
+    """Px [2 * REACH + 1] from a silhouette to the pixels of a profile."""
+    return torch.arange(-REACH, REACH + 1, device=like.device, dtype=torch.float64)
+
+
+def _colors(pixels: Tensor, index: Tensor) -> Tensor:
+    """Square roots of colours [C, ...] of pixels, in double precision.
+
+    Whatever the precision of a picture, its edges are the same.
+    """
+    return pixels.flatten(1)[:, index].double().nan_to_num().clamp(0, _BRIGHTEST).sqrt()

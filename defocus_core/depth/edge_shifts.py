@@ -15,14 +15,17 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import embedding_bag
 
 from defocus_core.depth.color_profiles import (
     FARTHEST,
     NORMAL,
     REACH,
     Silhouette,
+    color_moments,
     displacement_costs,
     edges_of,
+    profiles_of,
     silhouette_at,
 )
 from defocus_core.depth.distance_scale import DistanceScale
@@ -35,8 +38,9 @@ from defocus_core.tensors.threads import threaded
 
 # Share of profiles that count from which evidence counts in full.
 _ENOUGH = 0.1
-# Rounds in which costs, and then displacements, are averaged over 5×5 px of a silhouette.
-_ROUNDS, _SMOOTHING = 20, 8
+# Rounds in which distributions of colours, costs, and then displacements, are averaged over 5×5 px
+# of a silhouette.
+_ROUNDS_OF_COLOR, _ROUNDS, _SMOOTHING = 10, 10, 3
 # Cost in px beyond the least at which a displacement counts 1 / e: between two that are as likely
 # lies their mean, so that an edge does not jump from one to the other.
 _SPREAD = 0.15
@@ -44,20 +48,38 @@ _SPREAD = 0.15
 _GRAINS = 1 << 8
 # Weight of rarity, and its grain, so coarse that few pixels more or less change nothing; share of a
 # displacement's votes that count for those a px beside it.
-_RARITY, _COARSE, _BESIDE = 1.6, 0.2, 0.25
+_RARITY, _COARSE, _BESIDE = 1.2, 0.05, 0.25
+# Displacement in px that is expected before colours are known; votes for it, and as a share of all;
+# rounds in which votes are counted.
+_BEFORE, _FEW, _FEW_SHARE, _MAXIMIZATIONS = 3.0, 10.0, 0.02, 3
+# Px of radius by which a surface is more blurred; standard deviation of a displacement in px that
+# is none, what is in doubt at most, and how much of this is given to the more blurred surface.
+_BLURRED, _SURELY, _IN_DOUBT, _OF_DOUBT = 6.0, 0.7, 4.0, 1.0
 # Pixels of silhouettes that are examined for the displacements of the picture; factors of a hash.
 _EXAMINED, _FACTORS = 1 << 12, (0x9E3779B97F4A7C1, 0x2545F4914F6CDD1D)
 # Least step of an edge: in px, and as a multiple of the slope of a ramp.
 _LEAST_STEP, _STEP = 0.3, 1.5
 # A picture of hard edges is shifted if so many profiles count, if the median displacement is so
 # many px, and if such a share of the votes lie within a px of it.
-_VOTES, _BIASED, _AGREED = 400, 0.75, 0.6
+_VOTES, _BIASED, _AGREED = 100, 0.75, 0.6
 # Px around a pixel that decide what it becomes.
-AROUND = REACH + NORMAL + 2 * (_ROUNDS + _SMOOTHING) + FARTHEST + 2
+AROUND = REACH + NORMAL + 2 * (_ROUNDS_OF_COLOR + _ROUNDS + _SMOOTHING) + FARTHEST + 2
 # Half a px, so that averages of whole displacements are no ties.
 _HALF = 0.4937
 # Profiles examined at once on a CPU, and bytes that each takes elsewhere: bounds memory.
 _PROFILES, _BYTES_EACH = 1 << 12, 1 << 14
+
+
+class ShiftEvidence(NamedTuple):
+    """What colours say of the displacements of a silhouette, averaged along it.
+
+    Attributes:
+        costs: [n, 2 * FARTHEST + 1] px, of each displacement.
+        share: [n, 1], of the profiles around that show both surfaces.
+    """
+
+    costs: Tensor
+    share: Tensor
 
 
 class EdgeShifts(NamedTuple):
@@ -93,29 +115,49 @@ def measured_shifts(
     """
     ends = torch.stack([ends_of(band) for band in banded(signed_radius)])
     least, most = torch.stack([ends[:, 0].amin(), ends[:, 1].amax()]).tolist()
-    slope = slope_of_soft_edges(least, most, signed_radius.shape)
-    step = max(_LEAST_STEP, _STEP * slope)
-    votes = _votes(signed_radius, pixels, step, threads, scale)
-    if float(votes.sum()) <= (0 if soft else _VOTES):
+    step = max(_LEAST_STEP, _STEP * slope_of_soft_edges(least, most, signed_radius.shape))
+    found, of_all = _evidence_of_some(signed_radius, pixels, step, threads, scale)
+    if float(found.share.sum()) <= (0 if soft else _VOTES * of_all):
         return None
+    votes = _votes(found)
     median, agreed = _median(votes)
     if not soft and (abs(median) < _BIASED or agreed < _AGREED):
         return None
-    share = (votes + 1) / (votes + 1).sum()
-    share = (1 - 2 * _BESIDE) * share + _BESIDE * (share.roll(1) + share.roll(-1))
+    return EdgeShifts(step, median, tuple(_rarity(votes).tolist()))
+
+
+def _votes(found: ShiftEvidence) -> Tensor:
+    """How many pixels of silhouettes [2 * FARTHEST + 1] have each displacement.
+
+    By expectation and maximization: a pixel whose colours say little votes as the others do.
+    """
+    by = torch.arange(-FARTHEST, FARTHEST + 1, device=found.costs.device)
+    before = torch.exp(by.abs().double() / -_BEFORE)
+    before = before * (_FEW + _FEW_SHARE * found.share.sum()) / before.sum()
+    votes = before
+    for _ in range(_MAXIMIZATIONS):
+        likely = ((found.costs + _rarity(votes)) / -_SPREAD).softmax(1)
+        votes = before + (likely * found.share).sum(0)
+    return votes
+
+
+def _rarity(votes: Tensor) -> Tensor:
+    """The cost in px [2 * FARTHEST + 1] of each displacement, by its votes."""
+    share = votes / votes.sum()
+    ends = torch.cat([share[:1], share, share[-1:]])
+    share = (1 - 2 * _BESIDE) * share + _BESIDE * (ends[:-2] + ends[2:])
     rarity = -_RARITY * (share + 0.01).log()
-    rarity = ((rarity - rarity.amin()) / _COARSE).round() * _COARSE
-    return EdgeShifts(step, median, tuple(rarity.tolist()))
+    return ((rarity - rarity.amin()) / _COARSE).round() * _COARSE
 
 
-def _votes(
+def _evidence_of_some(
     signed_radius: Pixels,
     pixels: Pixels,
     step: float,
     threads: int,
     scale: DistanceScale | None,
-) -> Tensor:
-    """The trust [2 * FARTHEST + 1] in each displacement, over the silhouettes of a picture.
+) -> tuple[ShiftEvidence, float]:
+    """The evidence of single profiles across silhouettes, and the share of them that it is of.
 
     Of many pixels those are examined that a hash of what is around them chooses: the same ones
     wherever they lie in the frame.
@@ -135,28 +177,27 @@ def _votes(
     found = list(threaded(silhouette, every, threads))
     edges = sum(map(len, found))
 
-    def votes_of(number: int, most: float) -> tuple[Tensor, int]:
-        """The trust in each displacement, and the number of pixels examined."""
-        at, device = found[number], signed_radius.device
-        votes = torch.zeros(2 * FARTHEST + 1, dtype=torch.float64, device=device)
+    def evidence_of(number: int, most: float) -> ShiftEvidence:
+        at, (first, end) = found[number], every[number]
         if not len(at):
-            return votes, 0
-        first, end = every[number]
+            nothing = torch.zeros(0, 2 * FARTHEST + 1, dtype=torch.float64, device=at.device)
+            return ShiftEvidence(nothing, nothing[:, :1])
         radii, above = radii_of(first - REACH, end + REACH)
         colors = pixels[..., above : end + REACH, :].detach()
         at = at - at.new_tensor([above, 0])
         at = at[_hashes(at, radii, colors) < most]
-        for chunk in torch.split(at, _profiles(radii)):
-            costs, trust = displacement_costs(silhouette_at(chunk, radii), radii, colors)
-            votes.index_add_(0, costs.argmin(1), trust.double())
-        return votes, len(at)
+        return _evidence(silhouette_at(at, radii), radii, colors, along=False)
+
+    def of_all(most: float) -> ShiftEvidence:
+        parts = threaded(partial(evidence_of, most=most), range(len(every)), threads)
+        return ShiftEvidence(*map(torch.cat, zip(*parts, strict=True)))
 
     most = min(_EXAMINED / max(edges, 1), 1.0)
-    of_bands = list(threaded(partial(votes_of, most=most), range(len(every)), threads))
-    if 2 * sum(examined for _, examined in of_bands) < min(_EXAMINED, edges):
+    evidence = of_all(most)
+    if 2 * len(evidence.share) < min(_EXAMINED, edges):
         most = 1.0  # too much is alike
-        of_bands = list(threaded(partial(votes_of, most=most), range(len(every)), threads))
-    return torch.stack([votes for votes, _ in of_bands]).sum(0) / most
+        evidence = of_all(most)
+    return evidence, most
 
 
 def _hashes(at: Tensor, radii: Tensor, pixels: Tensor) -> Tensor:
@@ -193,13 +234,8 @@ def with_shifted_edges(
     if not len(at):
         return signed_radius
     silhouette = silhouette_at(at, radii)
-    parts = (
-        torch.split(x, _profiles(radii), d) for x, d in zip(silhouette, (0, 0, 1), strict=True)
-    )
-    chunks = map(Silhouette._make, zip(*parts, strict=True))
-    found = [displacement_costs(chunk, radii, pixels.detach()) for chunk in chunks]
-    costs, trust = map(torch.cat, zip(*found, strict=True))
-    shift = _smooth_shifts(at, costs, trust, costs.new_tensor(shifts.rarity), (H, W))
+    found = _evidence(silhouette, radii, pixels.detach())
+    shift = _smooth_shifts(silhouette, radii, found, found.costs.new_tensor(shifts.rarity))
     flat, taken = radii.flatten(), signed_radius.flatten()
     near, far = at[:, 0] * W + at[:, 1], silhouette.far
     order = torch.arange(len(at), device=at.device)
@@ -218,36 +254,75 @@ def with_shifted_edges(
     return taken.index_copy(0, index, taken[torch.where(moves, source, index)]).reshape(H, W)
 
 
+def _evidence(
+    silhouette: Silhouette, radii: Tensor, pixels: Tensor, *, along: bool = True
+) -> ShiftEvidence:
+    """The evidence of colours [C, H, W] at pixels of radii [H, W], averaged along a silhouette.
+
+    Args:
+        silhouette: The pixels.
+        radii: [H, W] px.
+        pixels: [C, H, W] linear.
+        along: Whether it is averaged; else that of each pixel's own profile.
+    """
+    step, beside = _profiles(radii), _beside(silhouette.at, radii) if along else None
+    parts = (torch.split(x, step, d) for x, d in zip(silhouette, (0, 0, 1), strict=True))
+    profiles = [profiles_of(Silhouette(*part), radii) for part in zip(*parts, strict=True)]
+    moments = torch.cat([color_moments(each, pixels) for each in profiles])
+    if beside is not None:
+        moments = _averaged(moments, beside, _ROUNDS_OF_COLOR)
+    costs = torch.cat(
+        [
+            displacement_costs(*each, pixels)
+            for each in zip(profiles, torch.split(moments, step), strict=True)
+        ]
+    )
+    seen = torch.cat([each.is_seen for each in profiles]).to(costs.dtype)[:, None]
+    if beside is None:
+        return ShiftEvidence(costs, seen)
+    both = _averaged(torch.cat([seen * costs, seen], 1), beside, _ROUNDS)
+    weighted, share = both[:, :-1], both[:, -1:]
+    return ShiftEvidence(weighted / share.clamp(min=1e-6) * (share / _ENOUGH).clamp(max=1), share)
+
+
 def _smooth_shifts(
-    at: Tensor, costs: Tensor, trust: Tensor, rarity: Tensor, size: tuple[int, int]
+    silhouette: Silhouette, radii: Tensor, found: ShiftEvidence, rarity: Tensor
 ) -> Tensor:
-    """The displacement [n] in px of each pixel of a silhouette, smooth along it."""
-    n, (H, W) = len(at), size
+    """The displacement [n] in px of each pixel of a silhouette, smooth along it.
+
+    Where it is uncertain, a nearer surface that is more blurred than the farther one gets the
+    pixels in doubt: what is left behind of it would be a sharp line.
+    """
+    W, flat = radii.shape[1], radii.flatten()
+    by = torch.arange(-FARTHEST, FARTHEST + 1, device=rarity.device).to(rarity.dtype)
+    likely = ((found.costs + rarity) / -_SPREAD).softmax(1)
+    shift = (likely * by).sum(1, keepdim=True)
+    doubt = (likely * (by - shift).square()).sum(1, keepdim=True).sqrt()
+    near, far = flat[silhouette.at[:, 0] * W + silhouette.at[:, 1]], flat[silhouette.far]
+    more_blurred = ((near.abs() - far.abs()).double()[:, None] / _BLURRED).clamp(0, 1)
+    shift = shift - _OF_DOUBT * more_blurred * (doubt - _SURELY).clamp(0, _IN_DOUBT)
+    shift = _averaged(shift, _beside(silhouette.at, radii), _SMOOTHING)[:, 0]
+    return (shift.clamp(-FARTHEST, FARTHEST) * _GRAINS).round() / _GRAINS
+
+
+def _beside(at: Tensor, radii: Tensor) -> Tensor:
+    """The places [n, K] in `at` of the pixels of a silhouette within 5×5 px; n for none."""
+    n, (H, W) = len(at), radii.shape
     number = torch.full((H * W,), n, device=at.device)
     number[at[:, 0] * W + at[:, 1]] = torch.arange(n, device=at.device)
-    beside = number[squares_around(at, size, 2).flatten(1)]  # [n, 25], n where there is none
-    beside = beside.sort(1).values
-    beside = beside[:, : int((beside < n).sum(1).amax())]
+    beside = number[squares_around(at, (H, W), 2).flatten(1)].sort(1).values
+    return beside[:, : int((beside < n).sum(1).amax()) if n else 0]
 
-    def averaged(values: Tensor, rounds: int) -> Tensor:
-        """Values [n, K] averaged over the silhouette."""
-        nothing = values.new_zeros(1, values.shape[1])
-        count = (beside < n).sum(1, keepdim=True)
-        for _ in range(rounds):
-            padded = torch.cat([values, nothing])
-            total = torch.zeros_like(values)
-            for k in range(beside.shape[1]):
-                total += padded.index_select(0, beside[:, k])
-            values = total / count
-        return values
 
-    both = averaged(torch.cat([trust[:, None] * costs, trust[:, None]], 1), _ROUNDS)
-    weighted, share = both[:, :-1], both[:, -1:]
-    evidence = weighted / share.clamp(min=1e-6) * (share / _ENOUGH).clamp(max=1)
-    displacement = torch.arange(-FARTHEST, FARTHEST + 1, device=at.device).to(costs.dtype)
-    likely = ((evidence + rarity) / -_SPREAD).softmax(1)
-    shift = (likely * displacement).sum(1, keepdim=True)
-    return (averaged(shift, _SMOOTHING)[:, 0] * _GRAINS).round() / _GRAINS
+def _averaged(values: Tensor, beside: Tensor, rounds: int) -> Tensor:
+    """Values [n, K] averaged over 5×5 px of a silhouette, in some rounds."""
+    n = len(values)
+    values = torch.cat([values, values.new_zeros(1, values.shape[1])]).float()
+    beside = torch.cat([beside, beside.new_full((1, beside.shape[1]), n)])
+    count = (beside < n).sum(1, keepdim=True).clamp(min=1)
+    for _ in range(rounds):
+        values = embedding_bag(beside, values, mode="sum") / count
+    return values[:n].double()
 
 
 def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:

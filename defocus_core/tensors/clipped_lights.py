@@ -4,7 +4,8 @@ White of 8 bits is the end of the scale, not a measure: a lamp a hundred times a
 is stored as hardly more, and its blur would be a grey disc. Blobs near the end of the scale are
 made brighter by a gain, all channels alike, so that their hue stays. What tells a lamp from a
 surface just beyond white: a lamp is small; its light is beyond white in all channels, so that it
-has no colour left, or it is very small; and its surroundings are darker.
+has no colour left, or it is very small; and its surroundings are darker. What is in focus makes no
+disc: it is left as it is.
 
 A blob depends on the level from which on pixels count. Each level of brightness adds its own share
 of the gain, by the blobs of that level, so that the light is continuous in the threshold.
@@ -38,6 +39,8 @@ _HUE = (0.6, 0.9)
 # share of the width to each side, so many px at least.
 _COLORED_BESIDE, _WHITE_BESIDE = (0.3, 0.6), (0.6, 0.9)
 _AROUND, _LEAST_AROUND = 0.012, 4
+# Radius in px up to which a blob is in focus, and from which on it gets all of its light.
+_BLURRED = (1.0, 3.0)
 # Levels of brightness at which blobs are found, the closer the brighter.
 _LEVELS = (0.0, 0.3, 0.5, 0.65, 0.75, 0.82, 0.88, 0.91, 0.94, 0.97, 1.0)
 # Cells across the surroundings to a side.
@@ -49,7 +52,12 @@ _COUNTED = 0.05
 
 
 def with_lights(
-    image: Pixels, threshold: Scalar, gain: Scalar, *, colors: int | None = None
+    image: Pixels,
+    threshold: Scalar,
+    gain: Scalar,
+    *,
+    colors: int | None = None,
+    signed_radius: Pixels | None = None,
 ) -> Pixels:
     """A picture whose clipped lights have the light they may have had.
 
@@ -58,6 +66,7 @@ def with_lights(
         threshold: The brightness, of the brightest channel, at which the gain begins, below 1.
         gain: The factor at the end of the scale, 1 or more.
         colors: How many channels are colours, the first ones; None for all.
+        signed_radius: [H, W] px; blobs that are in focus are left alone. None if all are blurred.
 
     Returns:
         [C, H, W], a tensor if the image is one. Gradients flow to a tensor, threshold and gain.
@@ -65,7 +74,7 @@ def with_lights(
     Raises:
         ValueError: If an argument is not one of the above.
     """
-    return ClippedLights(image, threshold, gain, colors=colors).added
+    return ClippedLights(image, threshold, gain, colors=colors, signed_radius=signed_radius).added
 
 
 class ClippedLights:
@@ -78,7 +87,13 @@ class ClippedLights:
     """
 
     def __init__(
-        self, image: Pixels, threshold: Scalar, gain: Scalar, *, colors: int | None = None
+        self,
+        image: Pixels,
+        threshold: Scalar,
+        gain: Scalar,
+        *,
+        colors: int | None = None,
+        signed_radius: Pixels | None = None,
     ) -> None:
         """Find the blobs; arguments are those of `with_lights`.
 
@@ -96,7 +111,7 @@ class ClippedLights:
         self.added, self.count = image, 0
         if self.measured:
             return
-        levels, self.count = _found(image, least, count)
+        levels, self.count = _found(image, signed_radius, least, count)
         lit = _Lit(image, threshold, gain, count, levels)
         self.added = lit.at_once(1) if isinstance(image, Tensor) else lit
 
@@ -117,56 +132,64 @@ class _BlobLevel(NamedTuple):
     share: Tensor
 
 
-def _found(image: Pixels, threshold: float, colors: int) -> tuple[list[_BlobLevel], int]:
+def _found(
+    image: Pixels, signed_radius: Pixels | None, threshold: float, colors: int
+) -> tuple[list[_BlobLevel], int]:
     """The blobs of each level from the threshold on, and the number of lights."""
     size = image.shape[-2], image.shape[-1]
     pairs = [pair for pair in pairwise(_LEVELS) if pair[1] > threshold]
     around = max(_LEAST_AROUND, round(_AROUND * size[1]))
-    found: list[list[tuple[Runs, Tensor, Tensor]]] = [[] for _ in pairs]
+    found: list[list[tuple[Runs, Tensor]]] = [[] for _ in pairs]
     for first, end in bands(image):
         top = max(first - around, 0)
         light = image[..., top : min(end + around, size[0]), :].detach()[:colors]
         bright, least = light.amax(0), light[:, first - top : end - top].amin(0)
+        blur = torch.full_like(least, _BLURRED[1])
+        if signed_radius is not None:
+            blur = signed_radius[first:end].detach().abs().to(least)
         for level, (low, _) in zip(found, pairs, strict=True):
-            level.append(_band(bright, least, (first, end), top, low, around))
+            level.append(_band(bright, (least, blur), (first, end), top, low, around))
     levels = []
     for level, (low, high) in zip(found, pairs, strict=True):
-        runs, leasts, besides = zip(*level, strict=True)
+        runs, values = zip(*level, strict=True)
         joined = Runs.joined([*runs])
-        beside = torch.cat(besides) / max(low, _LEVELS[1])
-        levels.append(
-            _BlobLevel(low, high, joined, _shares(joined, torch.cat(leasts), beside, size))
-        )
+        shares = _shares(joined, torch.cat(values, 1), max(low, _LEVELS[1]), size)
+        levels.append(_BlobLevel(low, high, joined, shares))
     return levels, _count(levels, threshold, size[1])
 
 
 def _band(
-    bright: Tensor, least: Tensor, rows: tuple[int, int], top: int, level: float, around: int
-) -> tuple[Runs, Tensor, Tensor]:
-    """The runs of a band that are brighter than a level, their least channel and surroundings.
+    bright: Tensor,
+    summed: tuple[Tensor, Tensor],
+    rows: tuple[int, int],
+    top: int,
+    level: float,
+    around: int,
+) -> tuple[Runs, Tensor]:
+    """The runs of a band that are brighter than a level, and sums over each of them.
 
     Args:
         bright: [h, W] the brightest channel of the band, and of rows around it.
-        least: [h, W] the least channel of the band.
+        summed: [h, W] the least channel of the band, and the radius of its blur in px.
         rows: First row of the band, and its end.
         top: Row of the first row of `bright`.
         level: The level.
         around: Px to each side that are the surroundings.
 
     Returns:
-        The runs; of each the sum of its least channel, and its surroundings times its area.
+        The runs; of each [3, n] the sums, and its surroundings times its area.
     """
     runs = Runs.of(bright[rows[0] - top : rows[1] - top] > level, rows[0])
     if not len(runs.row):
-        return runs, bright.new_zeros(0).double(), bright.new_zeros(0).double()
-    sums = pad(least.flatten().cumsum(0, dtype=torch.float64), (1, 0))
+        return runs, bright.new_zeros(3, 0).double()
+    sums = pad(torch.stack(summed).flatten(1).cumsum(1, dtype=torch.float64), (1, 0))
     start = (runs.row - rows[0]) * bright.shape[1]
-    total = sums[start + runs.end] - sums[start + runs.first]
+    least, blur = sums[:, start + runs.end] - sums[:, start + runs.first]
     cell = max(1, around // _CELLS)
     beside = _beside(bright, level, cell, around // cell)
     row = (runs.row - top) // cell
     ends = (beside[row, column // cell] for column in (runs.first, runs.end - 1))
-    return runs, total, sum(ends) / 2 * runs.area
+    return runs, torch.stack([least, blur, sum(ends) / 2 * runs.area])
 
 
 def _beside(bright: Tensor, level: float, cell: int, around: int) -> Tensor:
@@ -187,19 +210,19 @@ def _beside(bright: Tensor, level: float, cell: int, around: int) -> Tensor:
     return torch.where(share > 0.5, light / share.clamp(min=0.5), level)
 
 
-def _shares(runs: Runs, least: Tensor, beside: Tensor, size: tuple[int, int]) -> Tensor:
+def _shares(runs: Runs, sums: Tensor, level: float, size: tuple[int, int]) -> Tensor:
     """The share of the gain that each run gets, by its blob.
 
     Args:
         runs: The runs.
-        least: [n] sum of the least channel of each run.
-        beside: [n] brightness of its surroundings, as a share of its own, times its area.
+        sums: [3, n] of its least channel, of its blur, and of its surroundings.
+        level: Of the runs.
         size: (height, width) of the frame.
     """
     blob = runs.blobs(size[1])
-    values = torch.stack([runs.area.double(), least, beside])
-    totals = values.new_zeros(3, int(blob.max()) + 1 if len(blob) else 0)
-    area, least, beside = totals.index_add(1, blob, values)
+    values = torch.cat([runs.area.double()[None], sums])
+    totals = values.new_zeros(4, int(blob.max()) + 1 if len(blob) else 0)
+    area, least, blur, beside = totals.index_add(1, blob, values)
     white = _step(least / area, *_HUE)
     across = math.sqrt(size[0] * size[1])
     colored, bleached = (
@@ -207,8 +230,8 @@ def _shares(runs: Runs, least: Tensor, beside: Tensor, size: tuple[int, int]) ->
         for shares in (_COLORED, _WHITE)
     )
     small = 1 - _step(area.sqrt(), *_between(colored, bleached, white))
-    apart = 1 - _step(beside / area, *_between(_COLORED_BESIDE, _WHITE_BESIDE, white))
-    return (small * apart)[blob]
+    apart = 1 - _step(beside / (area * level), *_between(_COLORED_BESIDE, _WHITE_BESIDE, white))
+    return (small * apart * _step(blur / area, *_BLURRED))[blob]
 
 
 def _between(colored: Sequence[float], white: Sequence[float], share: Tensor) -> list[Tensor]:

@@ -11,11 +11,14 @@ if TYPE_CHECKING:
     from defocus_core.tensors.source import Pixels
 
 
-def lit(pictures: Sequence[Pixels], colors: int, lens: Lens) -> tuple[list[Pixels], int | None]:
+def lit(
+    pictures: Sequence[Pixels], radii: Sequence[Pixels], colors: int, lens: Lens
+) -> tuple[list[Pixels], int | None]:
     """Pictures of one scene with the light of their lamps, if the lens asks for it.
 
     Args:
         pictures: each [C, H, W], of linear light.
+        radii: of each [H, W] px, signed: what is in focus stays as it is.
         colors: how many of their channels are colours, the first ones.
         lens: the lens.
 
@@ -27,7 +30,10 @@ def lit(pictures: Sequence[Pixels], colors: int, lens: Lens) -> tuple[list[Pixel
 
     if lens.highlights is None:
         return [*pictures], None
-    found = [ClippedLights(picture, *lens.highlights, colors=colors) for picture in pictures]
+    found = [
+        ClippedLights(picture, *lens.highlights, colors=colors, signed_radius=radius)
+        for picture, radius in zip(pictures, radii, strict=True)
+    ]
     if any(lights.measured for lights in found):
         return [*pictures], 0
     return [lights.added for lights in found], sum(lights.count for lights in found)

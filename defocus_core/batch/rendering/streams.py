@@ -197,7 +197,8 @@ class Streams:
         """The picture, with the light of its lamps."""
         color = self._inputs.color
         picture = windows(color.planes, self.made.device)
-        (image,), self.lights = lit([picture], len(color.light), self.made.lens)
+        radii = [lone_window(times(self._own.px, self._longer), self.made.device)]
+        (image,), self.lights = lit([picture], radii, len(color.light), self.made.lens)
         return image
 
     @cached_property
@@ -215,13 +216,17 @@ class Streams:
             known = layered(lights, layers, px, device)
             if known.deepest == 1 and not known.open:
                 return None
-            lights, self.lights = lit(lights, layers.colors, lens)
+            blurred = [lone_window(each, device) for each in px]
+            lights, self.lights = lit(lights, blurred, layers.colors, lens)
             return known._replace(colors=layer_windows(lights)), None
         if inputs.plate is None or radii.plate is None:
             return None
         pictures = (inputs.color, inputs.plate.color)
         lights = [windows((*c.light, *c.planes[len(c.channels) :]), device) for c in pictures]
-        lights, self.lights = lit(lights, len(inputs.color.light), lens)
+        blurred = [
+            lone_window(times(each.px, self._longer), device) for each in (radii.own, radii.plate)
+        ]
+        lights, self.lights = lit(lights, blurred, len(inputs.color.light), lens)
         # each is repaired alone, as `render` would
         own, repair = self._repair(radii.own, inputs.color)
         plate, _ = self._repair(radii.plate, inputs.plate.color)

@@ -7,6 +7,7 @@ everything. So the light of such a pixel is taken out of the layers and drawn as
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -20,6 +21,9 @@ from defocus_core.tensors.tiling import BLOCK
 # A highlight is brighter than this many times the brightest of all but one pixel in 200.
 _BRIGHTER = 2.0
 _ORDINARY = 0.995
+# Discs as large as so many frames, all together, are drawn one by one at most, brightest first; but
+# all that are so many times as bright as this pixel, for their rounding noise would be seen.
+_FRAMES, _ALWAYS = 8.0, 100.0
 
 
 class Highlights(NamedTuple):
@@ -36,19 +40,24 @@ class Highlights(NamedTuple):
     signed_radius: Tensor
 
 
-def threshold(brightness: Ranks, most: float) -> float:
+def threshold(brightness: Ranks, most: float, radius: float) -> float:
     """The brightness above which a pixel is a highlight.
 
     Args:
         brightness: The brightness of all pixels of the frame.
         most: The greatest brightness.
+        radius: The greatest radius of blur in px.
     """
     most = max(most, 0.0)  # negative light is never a highlight, nor twice as much of it a bound
     rank = max(1, int(_ORDINARY * brightness.total))
     if brightness.about(rank)[0] >= most / _BRIGHTER:
         return most
     ordinary = max(brightness.exactly(rank), 0.0)
-    return most if ordinary >= most / _BRIGHTER else _BRIGHTER * ordinary
+    if ordinary >= most / _BRIGHTER:
+        return most
+    drawn = max(1, int(_FRAMES * brightness.total / (math.pi * max(radius, 1.0) ** 2)))
+    beyond = brightness.about(max(1, brightness.total - drawn))[1]
+    return max(_BRIGHTER * ordinary, min(beyond, _ALWAYS * ordinary, most))
 
 
 def reached_by(farthest: int) -> int:

@@ -194,7 +194,7 @@ def _content(
     depth: tuple[bool, bool],
 ) -> Content:
     """What a picture holds; `depth` says whether it had few levels, and uncertain edges."""
-    limit = threshold(survey.brightness, survey.brightest)
+    limit = threshold(survey.brightness, survey.brightest, max(-survey.least, survey.most))
     return Content(
         ends=all_ends or (survey.least, survey.most),
         edges=edges,

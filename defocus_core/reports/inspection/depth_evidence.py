@@ -61,6 +61,18 @@ def may_be_depth(info: FileInfo) -> bool:
     return is_exr(head) or arrays or _has_gdepth(info.path)
 
 
+def is_grey_in_color(info: FileInfo, reading: DepthReading) -> bool:
+    """Whether a picture of 8 bits and several channels is as grey as one of a single channel."""
+    channels = info.parts[0].channels
+    if len(channels) < 3 or channels[0][1] != "uint8" or reading.depth_format is not None:
+        return False
+    try:  # stops at the first pixel of a colour
+        read_numbers(info.path, replace(reading, depth_scale=1.0), IN_MEMORY, None)
+    except DefocusError:
+        return False
+    return True
+
+
 def _has_gdepth(path: Path) -> bool:
     head = read_head(path, _XMP_BYTES)
     return is_jpeg(head) and b"GDepth:" in head

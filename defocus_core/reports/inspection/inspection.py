@@ -25,7 +25,11 @@ from defocus_core.io.images.describe import FileInfo, PartInfo, describe
 from defocus_core.io.images.exr_channels import NO_DEPTH, choose_color, choose_depth, require_part
 from defocus_core.io.images.raster import choose_page
 from defocus_core.io.safe_files import read_head
-from defocus_core.reports.inspection.depth_evidence import evidence_of, may_be_depth
+from defocus_core.reports.inspection.depth_evidence import (
+    evidence_of,
+    is_grey_in_color,
+    may_be_depth,
+)
 from defocus_core.reports.inspection.figures import (
     color_figures,
     depth_figures,
@@ -68,7 +72,8 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
         require_part(path, reading.part, len(info.parts))
     too_large = _too_large(info)
     color_note = too_large or _why_no_color(info, reading)
-    depth_note = too_large or _why_no_depth(info, reading)
+    grey = not too_large and is_grey_in_color(info, reading)
+    depth_note = too_large or _why_no_depth(info, reading, grey=grey)
     keeping = _keeping(info)
     picture, color, depth, overscan = None, None, None, NO_OVERSCAN
     if not color_note and not depth_note and info.parts[0].display_window:
@@ -84,7 +89,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
                 raise
             depth_note = _clause(error)  # a picture without depth, or arrays to choose from
     maps = _maps(info, keeping)
-    depth_like = may_be_depth(info) or (depth is not None and reading.says_scale)
+    depth_like = grey or may_be_depth(info) or (depth is not None and reading.says_scale)
     return {
         "file": str(path),
         "size": [info.width, info.height],
@@ -197,8 +202,8 @@ def _why_no_color(info: FileInfo, reading: Reading) -> str:
     return "" if {"R", "G", "B"} <= names or "Y" in names else "has no colour channels"
 
 
-def _why_no_depth(info: FileInfo, reading: Reading) -> str:
-    """Why a file has no depth; empty if it has."""
+def _why_no_depth(info: FileInfo, reading: Reading, *, grey: bool) -> str:
+    """Why a file has no depth, which a `grey` one may have in equal channels; empty if it has."""
     row = reading.row
     if row.rule == "radius":
         return "holds signed radii in px, which 'defocus render' takes as they are"
@@ -210,7 +215,7 @@ def _why_no_depth(info: FileInfo, reading: Reading) -> str:
         return why
     if reading.says_scale or container_type(read_head(info.path, 32)):
         return ""  # who decodes it says it better
-    if len(channels) != 1:
+    if len(channels) != 1 and not grey:
         return f"has {len(channels)} channels, and depth is one"
     return "has 8 bits, too few for depth" if channels[0][1] == "uint8" else ""
 

@@ -10,9 +10,10 @@ from torch import Tensor
 from torch.nn.functional import max_pool2d
 
 from defocus_core import render
+from defocus_core.depth.color_profiles import FARTHEST
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.edge_shifts import AROUND as AROUND_SHIFTS
-from defocus_core.depth.edge_shifts import measured_shifts, with_shifted_edges
+from defocus_core.depth.edge_shifts import EdgeShifts, measured_shifts, with_shifted_edges
 from defocus_core.depth.soft_edges import (
     hard_steps,
     slope_of_soft_edges,
@@ -254,3 +255,22 @@ def test_texture_moves_an_edge_by_little(shift: int) -> None:
     found = with_hard_edges(soft_depth(7, shift), two_colors(texture=0.4))
     misplaced = int((found != hard_depth()).sum()) / SIZE[0]
     assert misplaced < 2
+
+
+@pytest.mark.parametrize("by", [2.0, 4.0])
+def test_an_edge_that_wanders_comes_to_where_the_colours_change(by: float) -> None:
+    shifts = (by * torch.sin(torch.arange(SIZE[0]) / 9)).round().int().tolist()
+    radius = torch.stack([soft_depth(7, shift)[0] for shift in shifts])
+    found = with_hard_edges(radius, two_colors(texture=0.4))
+    before = int((without_ramps(radius) != hard_depth()).sum())
+    assert int((found != hard_depth()).sum()) < 0.4 * before
+
+
+@pytest.mark.parametrize(("near", "far", "by"), [(-20.0, 0.0, 3), (0.0, 20.0, 0)])
+def test_doubt_goes_to_a_nearer_surface_that_is_more_blurred(
+    near: float, far: float, by: int
+) -> None:
+    """What is left of it beyond its edge would be a sharp line."""
+    doubt = EdgeShifts(0.3, 0.0, (0.0,) * (2 * FARTHEST + 1))
+    found = with_shifted_edges(hard_depth(near, far), two_colors(contrast=0.0), doubt)
+    assert torch.equal(found, soft_depth(1, by, near, far))

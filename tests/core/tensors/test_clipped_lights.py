@@ -112,3 +112,14 @@ def test_lights_that_make_no_sense_are_refused() -> None:
         with_lights(street(), 1.0, 2.0)
     with pytest.raises(ValueError, match="gain must be"):
         with_lights(street(), 0.8, 0.5)
+
+
+def test_what_is_in_focus_is_left_alone() -> None:
+    image, blurred = street(), torch.full((120, 400), -5.0)
+    every = ClippedLights(image, *AUTO_LIGHTS)
+    assert torch.equal(ClippedLights(image, *AUTO_LIGHTS, signed_radius=blurred).added, every.added)
+    blurred[:40] = 0.3
+    partly = ClippedLights(image, *AUTO_LIGHTS, signed_radius=blurred)
+    assert torch.equal(partly.added[:, :40], image[:, :40])
+    assert torch.equal(partly.added[:, 40:], every.added[:, 40:])
+    assert partly.count == every.count - 1

@@ -10,10 +10,11 @@ from torch import Tensor
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import FULL, LEFT, RIGHT, Part
 from defocus_core.renderer.compositing.bokeh_discs import draw
-from defocus_core.renderer.compositing.highlights import Highlights
+from defocus_core.renderer.compositing.highlights import Highlights, threshold
 from defocus_core.renderer.compositing.screens import Occluder
 from defocus_core.renderer.layers.ladder import position
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.order_statistics import Ranks, counted
 
 RADII = tuple(float(r) for r in range(-12, 31, 2))
 H, W = 61, 83
@@ -236,3 +237,20 @@ def test_the_shadow_of_a_slanted_wire_has_no_saw_teeth() -> None:
     )
     width = (1 - seen / torch.where(clear > 0, clear, 1.0))[:, 25:60].sum(1)[4:-4]
     assert width.std() < 0.12 * width.mean()
+
+
+@pytest.mark.parametrize(
+    ("count", "radius", "alone"), [(50, 60.0, True), (500, 60.0, False), (500, 10.0, True)]
+)
+def test_discs_are_drawn_one_by_one_as_long_as_all_of_them_are_few_frames(
+    count: int, radius: float, alone: bool
+) -> None:
+    light = torch.full((400, 500), 0.5)
+    brightness = light.flatten()
+
+    def limit(most: float) -> float:
+        brightness[:count] = most
+        return threshold(Ranks(counted(light), lambda: [light], light.dtype), most, radius)
+
+    assert (limit(16.0) < 16.0) == alone
+    assert limit(1600.0) < 1600.0, "the rounding noise of their transforms would be seen"

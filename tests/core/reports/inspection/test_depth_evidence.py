@@ -104,6 +104,17 @@ def test_8_bits_are_relative_and_few(tmp_path: Path) -> None:
     assert evidence(path, *said) == "warning: 8 bits hold 256 levels, which show as steps of blur"
 
 
+def test_a_grey_picture_in_three_channels_is_told_what_one_channel_is(tmp_path: Path) -> None:
+    one = png(tmp_path / "one.png", ramp() * 50, np.uint8)
+    grey = np.repeat((ramp() * 50)[..., None], 3, 2)
+    three = png(tmp_path / "three.png", grey, np.uint8)
+    assert evidence(three) == evidence(one) != ""
+    notes = [run("info", "--json", path).json["files"][0]["depth_note"] for path in (one, three)]
+    assert notes[0] == notes[1]
+    grey[-1, -1, 2] += 1
+    assert evidence(png(tmp_path / "colored.png", grey, np.uint8)) == ""
+
+
 def test_depth_that_was_enlarged_by_averages_is_told_from_hard_edges(tmp_path: Path) -> None:
     small = np.where(np.random.default_rng(0).random((40, 40)) > 0.8, 1.0, 5.0)
     hard = np.kron(small, np.ones((4, 4)))
