@@ -16,7 +16,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.tensors.sparse_masks import exceeding, numbers_of
+from defocus_core.tensors.device_plan import launches_cost
+from defocus_core.tensors.neighbourhoods import ends_of
+from defocus_core.tensors.sparse_masks import exceeding, taken, tally
 
 # Greatest step in px between neighbours of one surface, and the least share of such neighbours.
 _STEP, _TOGETHER = 2.513, 0.5
@@ -45,7 +47,7 @@ _HALF = [
 _OUTSIDE = 1e18
 
 
-def scatter_counts(steps: list[Tensor], rows: tuple[int, int], steepest: float) -> Tensor:
+def scatter_counts(steps: list[Tensor], rows: tuple[int, int]) -> Tensor:
     """Histogram of scatter in rows of a frame: [_INTERVALS + 3].
 
     How many pixels have a far neighbour; how many are as near as the mean of both neighbours along
@@ -56,7 +58,6 @@ def scatter_counts(steps: list[Tensor], rows: tuple[int, int], steepest: float) 
         steps: Differences in px of each pixel and the next of a band [h, W], down and across; the
             band has the counted rows and at least the rows of the frame beside them.
         rows: The counted rows of the band, [first, end); the ends of a frame have no scatter.
-        steepest: Px that no step exceeds.
     """
     down, across = steps
     first, end = max(rows[0], 1), max(min(rows[1], len(across) - 1), 1)
@@ -70,18 +71,22 @@ def scatter_counts(steps: list[Tensor], rows: tuple[int, int], steepest: float) 
     )
     beyond = exceeding(before * -after, 0.0)
     apart = torch.zeros((), dtype=torch.long, device=before.device)
-    if steepest > _STEP:
+    if launches_cost(before.device) or _is_steep(before) or _is_steep(after):
         far = exceeding(torch.maximum(before.abs(), after.abs()), _STEP)
         apart, beyond = torch.count_nonzero(far), beyond & ~far
-    at = numbers_of(beyond)
-    off = (after[at] - before[at]).abs_() / 2
+    off = taken(after - before, beyond).abs_() / 2
     ends = _interval_ends().to(off)
-    counts = torch.bincount(torch.bucketize(off, ends, right=True), minlength=len(ends) + 1)
+    counts = tally(torch.bucketize(off, ends, right=True), len(ends) + 1)
     counts[0] += beyond.numel() - len(off) - apart
     return torch.cat([apart[None], counts])
 
 
-def noise_from(counts: Tensor) -> float | None:
+def _is_steep(steps: Tensor) -> bool:
+    """Whether any of the steps in px is one between surfaces."""
+    return steps.numel() > 0 and float(ends_of(steps).abs().amax()) > _STEP
+
+
+def noise_from(counts: list[int]) -> float | None:
     """The standard deviation in px of the noise of a frame; None if there is none.
 
     Scatter over much of a frame is taken for noise, whatever it is: relief as fine as noise would
@@ -90,7 +95,7 @@ def noise_from(counts: Tensor) -> float | None:
     Args:
         counts: The sum of `scatter_counts` over all rows of the frame.
     """
-    apart, alike, *noisy = counts.tolist()
+    apart, alike, *noisy = counts
     together = alike + sum(noisy)
     if together <= _TOGETHER * (apart + together) or sum(noisy) <= _SHARE * together:
         return None

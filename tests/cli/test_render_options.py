@@ -281,7 +281,7 @@ def test_overwrite_with_preview_replaces_both(tmp_path: Path) -> None:
 
 
 def test_every_option_is_tested_somewhere() -> None:
-    tests = "".join(p.read_text() for p in Path(__file__).parent.rglob("test_*.py"))
+    tests = "".join(p.read_text() for p in Path(__file__).parents[1].rglob("test_*.py"))
     names = [max(param.opts, key=len) for param in command.params if param.opts[0][0] == "-"]
     assert len(names) > 20
     for name in names:

@@ -238,6 +238,5 @@ def test_a_file_that_fails_beside_others_is_in_json_too(tmp_path: Path) -> None:
         ran = run(*words, "--json")
         assert ran.code == 3
         assert len(ran.json[key]) == 1
-        (failed,) = ran.json["failed"]
-        assert failed["subject"] == str(subject)
+        failed = next(each for each in ran.json["failed"] if each["subject"] == str(subject))
         assert failed["problem"] in ran.err

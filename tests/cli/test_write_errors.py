@@ -24,7 +24,6 @@ from command_line import (
 )
 
 from defocus_core.batch.rendering import delivery, job_steps
-from defocus_core.io.exr import writing
 from defocus_core.system.interrupts import put_off
 
 
@@ -130,7 +129,7 @@ def test_a_file_that_another_worker_wrote_meanwhile_stays(
         other.replace(out / "render" / "color.exr")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(writing, "write_exr", full)
+    monkeypatch.setattr(delivery, "write_exr", full)
     refused(render(color, depth, "-o", out, "--outputs", "render,coc"), 3, "No space left")
     assert (out / "render" / "color.exr").read_text() == "theirs"
 

@@ -139,6 +139,7 @@ def accept(store: Store, jobs: Sequence[Job], root: Path, records: Sequence[Comp
     try:
         shutil.rmtree(aside, ignore_errors=True)
         for record in changed:
+            Folder(store.folder).path(record.name)  # refused before anything is replaced
             if record.status != MISSING:
                 path = aside / record.name
                 with Folder(root).open(record.name) as source, written_whole(path, aside) as file:
