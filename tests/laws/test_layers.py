@@ -8,6 +8,7 @@ from torch import Tensor
 from torch.autograd import gradcheck
 
 from defocus_core import render, render_layers
+from defocus_core.evaluation.launches import Launches
 
 SIZE = (72, 84)
 
@@ -252,3 +253,14 @@ def test_layers_of_one_sample_a_pixel_are_one_picture(is_open: bool) -> None:
     together = render_layers(whole[0], whole[1], whole[2][None], left_right=True)
     for one, other in zip(apart.images, together.images, strict=True):
         assert torch.equal(one, other)
+
+
+def test_work_grows_with_the_number_of_layers_and_not_with_its_square() -> None:
+    launches = []
+    for count in (40, 80):
+        color, depth = torch.rand(count, 3, 8, 8), torch.linspace(-5, 5, count)
+        with Launches("cpu") as counts:
+            radius = depth.view(-1, 1, 1).expand(-1, 8, 8)
+            render_layers(0.1 * color, radius, torch.full_like(radius, 0.1))
+        launches.append(counts.launches)
+    assert launches[1] < 2 * launches[0]

@@ -128,8 +128,8 @@ def _acquired(path: Path, say: Say) -> SoftFileLease:
     lease, touched = _lease(path), _touched(path)
     before = _holder(lease)
 
-    def is_touched() -> bool:
-        return _touched(path) not in (None, touched)
+    def is_touched() -> bool:  # a lock that is just being made names its holder a moment later
+        return _touched(path) not in (None, touched) and _holder(lease) is not None
 
     try:
         try:

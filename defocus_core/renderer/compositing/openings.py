@@ -60,9 +60,10 @@ class Openings(NamedTuple):
 
 def _reach_of_edges(opaque: Tensor) -> Tensor:
     """How far the blur [h, w] px of samples reaches that do not go on in all pixels beside."""
-    around = pad(opaque[None], (1, 1, 1, 1), mode="replicate")[0]
+    opaque = opaque[(opaque < torch.inf).flatten(1).any(1)]  # each is compared with each
+    around = pad(opaque[:, None], (1, 1, 1, 1), mode="replicate")[:, 0]
     height, width = opaque.shape[1:]
-    reach = torch.zeros_like(opaque[0])
+    reach = opaque.new_zeros(opaque.shape[1:])
     for radius in opaque:
         ends = torch.zeros_like(radius, dtype=torch.bool)
         for y, x in ((0, 1), (2, 1), (1, 0), (1, 2)):

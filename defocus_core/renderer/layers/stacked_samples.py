@@ -28,6 +28,8 @@ _LEAST = 1e-7
 # Samples of one pixel are of one surface if their radii differ by less than half of this step, in
 # px and as a share of the radius, and of two from the whole step on: no layer tells them apart.
 _NEAR, _FAR = 1.0, 0.1
+# Pixels of nearer samples that are compared with a sample at once; bounds memory.
+_PIXELS_AT_ONCE = 1 << 20
 # Share of a pixel up to which an opaque sample may leave it clear.
 _CLEAR = 0.01
 # Samples that fewer than one in so many pixels have are listed.
@@ -199,12 +201,14 @@ class SampleStack(NamedTuple):
 
     def _behind(self, k: int) -> Tensor:
         """The share [h, w] of sample k that nearer surfaces hide, but not its own surface."""
-        own = torch.ones_like(self.through[0])
-        for j in range(k):
-            nearer, radius = self.signed_radius[j], self.signed_radius[k]
+        own, radius = torch.ones_like(self.through[0]), self.signed_radius[k]
+        at_once = max(1, _PIXELS_AT_ONCE // own.numel())
+        for first in range(0, k, at_once):
+            some = slice(first, min(first + at_once, k))
+            nearer = self.signed_radius[some]
             step = _NEAR + _FAR * torch.maximum(nearer.abs(), radius.abs())
             apart = (2 * (radius - nearer) / step - 1).clamp(0, 1)
-            own = own * (1 - self.color[j, -1] * (1 - apart))
+            own = own * (1 - self.color[some, -1] * (1 - apart)).prod(0)
         return (own - self.through[k]).clamp(min=0)
 
     def _weighted(self, weights: Tensor) -> Sampled:

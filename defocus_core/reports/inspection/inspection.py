@@ -44,7 +44,7 @@ from defocus_core.system.memory import MB
 _NUMBERS_IN_MEMORY = 2**26
 # Most MB of samples of an interlaced PNG or a JPEG, of which a decoder may hold two copies.
 _MOST_AT_ONCE = 512
-_BYTES = {"uint8": 1, "uint16": 2, "half": 2}
+_BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float64": 8}
 
 
 def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> dict[str, Any]:
@@ -88,8 +88,10 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
             if color is None and not has_frames:
                 raise
             depth_note = _clause(error)  # a picture without depth, or arrays to choose from
-    maps = _maps(info, keeping)
-    depth_like = grey or may_be_depth(info) or (depth is not None and reading.says_scale)
+    maps = [] if too_large else _maps(info, keeping)
+    depth_like = ((grey or may_be_depth(info)) and not too_large) or (
+        depth is not None and reading.says_scale
+    )
     return {
         "file": str(path),
         "size": [info.width, info.height],

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -174,6 +175,23 @@ def test_an_empty_lock_is_refused_with_the_remedy(tmp_path: Path) -> None:
     assert holder(tmp_path) is None
     with pytest.raises(InputError, match=r"names no holder; if nobody writes .*, remove it"):
         try_lock(tmp_path)
+
+
+def test_a_lock_that_is_just_being_made_is_waited_for(tmp_path: Path) -> None:
+    """Of two commands that begin at once, one sees the other's lock before it is signed."""
+    path = lock_path(tmp_path)
+    path.touch()
+
+    def made_and_given_back() -> None:
+        time.sleep(0.2)
+        os.utime(path, ns=(1, 1))
+        time.sleep(0.3)
+        path.unlink()
+
+    other = threading.Thread(target=made_and_given_back)
+    other.start()
+    assert try_lock(tmp_path) == []
+    other.join()
 
 
 def test_shards_of_one_division_go_together_and_with_nothing_else(tmp_path: Path) -> None:

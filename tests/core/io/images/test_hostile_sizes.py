@@ -71,3 +71,15 @@ def test_info_decodes_no_more_at_once_than_it_may(
     ran = run("info", path)
     assert ran.code == 0
     assert "no colour: takes 0 MB to decode; save it as EXR, or not interlaced" in ran.out
+
+
+def test_info_decodes_no_array_larger_than_it_may(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor to look for evidence of its format: 3 GB of a file of 3 MB."""
+    np.savez_compressed(tmp_path / "a.npz", depth=np.zeros((40, 50)))
+    monkeypatch.setattr(inspection, "_MOST_AT_ONCE", 0.001)
+    monkeypatch.setattr(np.lib.format, "read_array", None)
+    ran = run("info", tmp_path / "a.npz")
+    assert ran.code == 0
+    assert "no depth: takes 0 MB to decode" in ran.out
