@@ -86,7 +86,7 @@ def rendered_regions(
         if part is None:
             return _copied(frame, grid, pixels)
         tiles: list[Views] = []
-        with unrecorded():
+        with unrecorded(signed_radius.device):
             region = (
                 Region(frame, part, pixels, signed_radius, hidden, backdrop)
                 if layered is None
