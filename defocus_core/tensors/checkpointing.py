@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from typing import TypeVar, cast
 
 import torch
@@ -56,4 +56,6 @@ def unrecorded(device: torch.device) -> AbstractContextManager[None]:
 
     Tensors computed within can take no part in a later backward pass; results are joined outside.
     """
-    return torch.inference_mode(device.type == "cpu" and not torch.is_grad_enabled())
+    if torch.is_grad_enabled() or device.type != "cpu":
+        return nullcontext()
+    return torch.inference_mode()
