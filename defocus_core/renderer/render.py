@@ -23,6 +23,7 @@ from defocus_core.renderer.engine.shared_fill import FillOfColors
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.renderer.inpainting.known_layer import Behind
 from defocus_core.renderer.layers.stacked_samples import Layered
+from defocus_core.tensors.checkpointing import recorded_for
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.torch_modes import own_modes
 from defocus_core.tensors.validation import check_image, dense, described, numbers
@@ -150,7 +151,7 @@ def _rendered(
     fill: FillOfColors | None = None,
 ) -> Views:
     """One picture, or one channel of it, whose radii may be repaired already."""
-    with own_modes(pixels.device):
+    with own_modes(pixels.device), recorded_for(pixels, radius, settings, known):
         picture = FramedPicture(pixels, radius, settings, known, repair=repair, fill=fill)
         return assembled(picture.frame, pixels, picture.parts(progress=progress))
 
@@ -214,7 +215,7 @@ def render_layers(
     )
     _check_layers(colors, signed_radius, coverage)
     layered = Layered.of(colors, signed_radius, coverage)
-    with own_modes(colors.device):
+    with own_modes(colors.device), recorded_for(colors, signed_radius, coverage, settings):
         if layered.deepest == 1 and not layered.open:
             pixels, radius = layered.picture(alpha=False), layered.nearest()
             assert isinstance(pixels, Tensor), "layers in memory make a picture in memory"

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from typing import TypeVar, cast
 
 import torch
+from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
 from defocus_core.tensors.torch_modes import own_modes
@@ -34,9 +35,27 @@ def recomputed(work: Callable[[T], R]) -> Callable[[T], R]:
     return again
 
 
-def unrecorded() -> AbstractContextManager[None]:
-    """Inference mode unless gradients are enabled: faster than without gradients alone.
+def recorded_for(*given: object) -> AbstractContextManager[None]:
+    """Gradients, if the caller has enabled them and any of some tensors or options needs one."""
+    return torch.set_grad_enabled(torch.is_grad_enabled() and any(map(learns, given)))
+
+
+def learns(given: object) -> bool:
+    """Whether a tensor needs a gradient, or one in a tuple, or an attribute of an object."""
+    if isinstance(given, Tensor):
+        return given.requires_grad
+    if isinstance(given, tuple | list):
+        return any(map(learns, given))
+    return any(map(learns, getattr(given, "__dict__", {}).values()))
+
+
+def unrecorded(device: torch.device) -> AbstractContextManager[None]:
+    """Inference mode on a CPU unless gradients are enabled: faster than without gradients alone.
+
+    Elsewhere tensors may be of classes that are no part of torch, which inference mode refuses.
 
     Tensors computed within can take no part in a later backward pass; results are joined outside.
     """
-    return torch.inference_mode(not torch.is_grad_enabled())
+    if torch.is_grad_enabled() or device.type != "cpu":
+        return nullcontext()
+    return torch.inference_mode()

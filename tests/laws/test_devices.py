@@ -295,7 +295,8 @@ def test_a_picture_takes_few_launches(device: Device, kind: str, most: int, wait
     counted: list[Launches] = []
     for size, both in ((SIZE, False), (SIZE, True), ((2 * SIZE[0], 2 * SIZE[1]), False)):
         image, radius = map(device.there, scene(kind, size))
-        with torch.no_grad(), device.known(), Launches(device.name) as counts:
+        # gradients are enabled, but nothing needs one
+        with device.known(), Launches(device.name) as counts:
             render(image, radius, left_right=both)
         counted.append(counts)
     one, pair, larger = (counts.launches for counts in counted)

@@ -107,13 +107,11 @@ class TransformWindow:
         missing = [number for number, slope in slopes.items() if slope not in cached[number]]
         at_once = launches_cost(self.like.device)
         for numbers in [missing] if missing and at_once else [[number] for number in missing]:
-            kernels = [
-                kernel.add(x, alpha=slopes[number][0]).add_(y, alpha=slopes[number][1])
-                for number, (kernel, x, y) in zip(
-                    numbers, self._kernels(numbers, leaning=True), strict=True
-                )
-            ]
-            spectra = kernel_spectra(torch.stack(kernels), size).unsqueeze(-3)
+            versions = torch.stack(self._kernels(numbers, leaning=True), 1)
+            leans = versions.new_tensor([slopes[number] for number in numbers])
+            x, y = leans.T[..., None, None, None]
+            tilted = versions[0].addcmul(versions[1], x).addcmul(versions[2], y)
+            spectra = kernel_spectra(tilted, size).unsqueeze(-3)
             for number, spectrum in zip(numbers, spectra.unbind(), strict=True):
                 if len(cached[number]) >= _PLANES:
                     cached[number].clear()

@@ -86,7 +86,7 @@ def rendered_regions(
         if part is None:
             return _copied(frame, grid, pixels)
         tiles: list[Views] = []
-        with unrecorded():
+        with unrecorded(signed_radius.device):
             region = (
                 Region(frame, part, pixels, signed_radius, hidden, backdrop)
                 if layered is None
@@ -180,15 +180,15 @@ def blurred_part(frame: SharedFrame, grid: Grid, signed_radius: Pixels) -> Grid 
         return grid
     around = grid.box.grown(frame.margin, frame.box)
     radii = around.of(signed_radius).detach()
-    found = torch.stack([_reached(frame, around, radii, dim) for dim in (0, 1)]).tolist()
+    found = _reached(frame, around, radii).tolist()
     if any(first > last for first, last in found):
         return None
     spans = (Span(first // BLOCK * BLOCK, (last // BLOCK + 1) * BLOCK) for first, last in found)
     return grid.within(Box.over(*spans))
 
 
-def _reached(frame: SharedFrame, around: Box, radii: Tensor, dim: int) -> Tensor:
-    """The first and the last [2] pixel along an axis that blurred light reaches.
+def _reached(frame: SharedFrame, around: Box, radii: Tensor) -> Tensor:
+    """The first and the last row, and column, that blurred light reaches: [2, 2].
 
     The first one is greater if none is reached.
 
@@ -196,13 +196,15 @@ def _reached(frame: SharedFrame, around: Box, radii: Tensor, dim: int) -> Tensor
         frame: The frame of the picture.
         around: A part of the frame.
         radii: [h, w] px of the part.
-        dim: The axis: 0 for rows.
     """
-    least, most = radii.amin(1 - dim), radii.amax(1 - dim)
+    least, most = (torch.cat([end(1), end(0)]) for end in (radii.amin, radii.amax))
     blurred, reach = (least < -SHARP) | (most > SHARP), _reach(frame, least, most)
-    at = torch.arange(around[dim], around[dim] + len(least), device=radii.device)
-    first = torch.where(blurred, at - reach, _NOWHERE).amin()
-    return torch.stack([first, torch.where(blurred, at + reach, -_NOWHERE).amax()])
+    lines = [torch.arange(side.first, side.end, device=radii.device) for side in around.sides]
+    at, sizes = torch.cat(lines), [len(line) for line in lines]
+    first = torch.split(torch.where(blurred, at - reach, _NOWHERE), sizes)
+    last = torch.split(torch.where(blurred, at + reach, -_NOWHERE), sizes)
+    pairs = zip(first, last, strict=True)
+    return torch.stack([torch.stack([one.amin(), other.amax()]) for one, other in pairs])
 
 
 def _reach(frame: SharedFrame, least: Tensor, most: Tensor) -> Tensor | int:

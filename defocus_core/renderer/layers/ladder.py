@@ -195,4 +195,4 @@ def _sharp(whole: _QuadraticPiece) -> list[_QuadraticPiece]:
 
 def membership(places: Tensor, slices: Tensor) -> Tensor:
     """Shares [K, H, W] of pixels of places [H, W] in slices [K]; over all slices they sum to 1."""
-    return (places - slices[:, None, None]).abs_().neg_().add_(1).clamp_(min=0)
+    return (1 - (places - slices[:, None, None]).abs_()).clamp_(min=0)

@@ -190,9 +190,9 @@ class Surface:
         ends = lit.seen_from(window).sides
         below, beside = window.height - ends[0].end, window.width - ends[1].end
         if below > 0:
-            shares[:, -below:] = 0
+            shares[:, -below:].zero_()
         if beside > 0:
-            shares[..., -beside:] = 0
+            shares[..., -beside:].zero_()
         return shares
 
     def shares(self, rungs: range, box: Box) -> Tensor:
