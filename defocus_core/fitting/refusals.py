@@ -16,7 +16,7 @@ from defocus_core.fitting.unknowns import MOST_SHIFT, Candidate
 
 _WIDTH = 480  # px, of the pictures that are judged
 _SMALL = 48  # px, of pictures whose blur hardly shows
-_EXPLAINED = 0.5  # least share of the difference that a lens explains
+_EXPLAINED = 1 / 3  # least share of the difference that a lens explains, before much noise
 _ALIKE = 0.5  # least correlation of pictures of one scene
 _AS_SHARP = 1.02  # times the detail of the sharp picture: the other one is sharper
 _MORE = 0.6  # of the error, that is left by what explains more

@@ -143,6 +143,7 @@ class Search:
         if self._focus is not None or self._strength is not None:
             return found
         scale = self.residual.scale(MIDDLE)
+        blur = [unknown for unknown in self._free if unknown.name in ("strength", "focus")]
         ends = scale.disparity.flatten().quantile(torch.tensor([_RARE, 1 - _RARE])).tolist()
         for _ in range(_TIMES):
             point, ends = found.point, sorted(ends, key=lambda d: abs(found.point.focus - d))
@@ -155,9 +156,9 @@ class Search:
             )
             tried = [self._at(each, found.optics, scale) for each in pivoted]
             best = min(tried, key=lambda each: each.error, default=found)
-            if best.error >= _BETTER * found.error:
+            if not best.error < _BETTER * found.error:
                 return found
-            found = self._descended(best, MIDDLE, self._free)
+            found = self._descended(best, MIDDLE, blur)
         return found
 
     def _moved(

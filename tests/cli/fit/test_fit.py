@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from command_line import read_exr, run, write_exr
 
-LENS = ("--focal-length", "50mm", "--fnumber", "2.8", "--focus", "1.6m", "--blades", "0")
+LENS = ("--focal-length", "50mm", "--fnumber", "1.4", "--focus", "1.6m", "--blades", "0")
 
 
 @pytest.fixture
 def pair(tmp_path: Path) -> tuple[Path, Path, Path]:
     """A sharp picture, its depth, and the picture through a lens."""
     random = np.random.default_rng(1)
-    coarse = random.random((15, 20, 3)).repeat(8, 0).repeat(8, 1)
-    light = (0.5 * coarse + 0.5 * random.random((120, 160, 3))).astype(np.float32)
-    depth = np.linspace(4, 1.2, 120, dtype=np.float32)[:, None].repeat(160, 1)
-    depth[30:60, 50:110] = 1.0
+    coarse = random.random((9, 12, 3)).repeat(8, 0).repeat(8, 1)
+    light = (0.5 * coarse + 0.5 * random.random((72, 96, 3))).astype(np.float32)
+    depth = np.linspace(4, 1.2, 72, dtype=np.float32)[:, None].repeat(96, 1)
+    depth[18:36, 30:66] = 1.0
     sharp, z = tmp_path / "a.exr", tmp_path / "z.exr"
     write_exr(sharp, **{name: light[..., i] for i, name in enumerate("RGB")})
     write_exr(z, Z=depth)
@@ -34,7 +34,7 @@ def test_the_lens_file_renders_the_picture_again(pair: tuple[Path, Path, Path]) 
     ran = run("fit", *pair, "-o", folder / "lens.toml", "--focal-length", "50mm")
     assert ran.code == 0, ran.err
     lens = tomllib.loads((folder / "lens.toml").read_text())
-    assert lens["fnumber"] == pytest.approx(2.8, rel=0.03)
+    assert lens["fnumber"] == pytest.approx(1.4, rel=0.03)
     words = ("--lens", folder / "lens.toml", "-o", folder / "again", "--exr-type", "float")
     assert run("render", *pair[:2], *words).code == 0
     again, seen = (read_exr(path) for path in (folder / "again" / "render" / "a.exr", pair[2]))
@@ -49,7 +49,7 @@ def test_it_tells_the_lens_in_words_and_in_json(pair: tuple[Path, Path, Path]) -
     (record,) = json.loads(run("fit", *pair, "--json", "--sensor-width", "24mm").out)["pairs"]
     assert record["focus_m"] == pytest.approx(1.6, rel=0.02)
     # the same px of blur on a smaller sensor are a smaller circle
-    assert record["fnumber"] == pytest.approx(2.8 * 36 / 24, rel=0.03)
+    assert record["fnumber"] == pytest.approx(1.4 * 36 / 24, rel=0.03)
     assert record["psnr"]["all"] > 40
 
 
@@ -59,12 +59,13 @@ def test_folders_are_fitted_picture_by_picture(pair: tuple[Path, Path, Path]) ->
         (folder / name).mkdir()
         path.rename(folder / name / "a.exr")
     places = [folder / name for name in ("sharp", "depth", "blurred")]
-    assert run("fit", *places, "-o", folder / "lenses").code == 0
-    assert (folder / "lenses" / "a.toml").exists()
+    (folder / "lenses").mkdir()
+    (folder / "lenses" / "a.toml").touch()
     again = run("fit", *places, "-o", folder / "lenses")
     assert again.code == 3
     assert "--overwrite" in again.err
     assert run("fit", *places, "-o", folder / "lenses", "--overwrite").code == 0
+    assert "fnumber" in (folder / "lenses" / "a.toml").read_text()
 
 
 def test_exposure_right_and_blades_change_what_is_found(pair: tuple[Path, Path, Path]) -> None:
@@ -79,7 +80,39 @@ def test_exposure_right_and_blades_change_what_is_found(pair: tuple[Path, Path, 
     assert made.code == 0, made.err
     left, right = (folder / "dp" / side / "a.exr" for side in ("left", "right"))
     (record,) = json.loads(run("fit", *pair[:2], left, "--right", right, "--json").out)["pairs"]
-    assert record["fnumber"] == pytest.approx(2.8, rel=0.03)
+    assert record["fnumber"] == pytest.approx(1.4, rel=0.03)
+
+
+def test_the_sensor_of_a_pair_is_written_for_render(pair: tuple[Path, Path, Path]) -> None:
+    folder = pair[0].parent
+    sensor = ("--dp-model", "smooth", "--dp-crosstalk", "0.2", "--outputs", "left,right")
+    made = run("render", *pair[:2], *LENS, *sensor, "-o", folder / "dp", "--exr-type", "float")
+    assert made.code == 0, made.err
+    left, right = (folder / "dp" / side / "a.exr" for side in ("left", "right"))
+    known = ("--focus", "1.6m", "--fnumber", "1.4", "--dual-pixel")
+    ran = run("fit", *pair[:2], left, "--right", right, *known, "-o", folder / "dp.toml")
+    assert "photodiodes smooth, crosstalk 0.2" in ran.out
+    lens = tomllib.loads((folder / "dp.toml").read_text())
+    assert lens["dp-crosstalk"] == pytest.approx(0.2, abs=0.01)
+    assert (lens["fnumber"], lens["focus"]) == (pytest.approx(1.4), "1.6m")
+    asked = ("--lens", folder / "dp.toml", "--outputs", "left", "--exr-type", "float")
+    assert run("render", *pair[:2], *asked, "-o", folder / "dp2").code == 0
+    again, seen = (read_exr(path) for path in (folder / "dp2" / "left" / "a.exr", left))
+    assert max(float(np.abs(again[c] - seen[c]).mean()) for c in "RGB") < 1e-3
+
+
+def test_a_lens_that_explains_nothing_is_written_only_if_it_is_accepted(
+    pair: tuple[Path, Path, Path],
+) -> None:
+    sharp, depth, seen = pair
+    place = sharp.parent / "no.toml"
+    asked = ("fit", seen, depth, sharp, "-o", place)
+    ran = run(*asked)
+    assert ran.code == 1
+    assert "give them in the order SHARP DEPTH BLURRED" in ran.err
+    assert not place.exists()
+    assert run(*asked, "--accept").code == 0
+    assert place.exists()
 
 
 def test_gamma_shift_and_rotation_are_found_if_asked_for(pair: tuple[Path, Path, Path]) -> None:
@@ -89,13 +122,13 @@ def test_gamma_shift_and_rotation_are_found_if_asked_for(pair: tuple[Path, Path,
     write_exr(folder / "b.exr", **{c: v[3:-5, 6:-2] ** power for c, v in seen.items()})
     write_exr(folder / "d.exr", Z=read_exr(pair[1])["Z"][4:-4, 4:-4])
     files = [folder / f"{name}.exr" for name in "sdb"]
-    width = ("--sensor-width", "34.2mm")  # of the 152 px that are left of 160
+    width = ("--sensor-width", "33mm")  # of the 88 px that are left of 96
     ran = run("fit", *files, "--json", "--gamma", "--shift", *width)
     assert ran.code == 0, ran.err
     (record,) = json.loads(ran.out)["pairs"]
     assert record["gamma"] == pytest.approx(1.4, rel=0.03)
     assert record["shift_px"] == pytest.approx([-2, 1], abs=0.1)
-    assert record["fnumber"] == pytest.approx(2.8, rel=0.03)
+    assert record["fnumber"] == pytest.approx(1.4, rel=0.03)
     shown = run("fit", *files, "--gamma", "--shift").out
     assert "gamma 1." in shown
     assert "px to the right" in shown
@@ -118,7 +151,7 @@ def test_blades_are_written_with_their_rotation(pair: tuple[Path, Path, Path]) -
     for pixels in light.values():
         pixels[20::32, 16::32] = 8.0  # lights show the pupil
     write_exr(folder / "l.exr", **light)
-    words = ("--focal-length", "50mm", "--fnumber", "1.4", "--focus", "1.6m", "--blades", "6")
+    words = ("--focal-length", "50mm", "--fnumber", "0.7", "--focus", "1.6m", "--blades", "6")
     made = run(
         *("render", folder / "l.exr", pair[1], *words, "--blade-rotation", "20"),
         *("-o", folder / "hex", "--exr-type", "float"),
@@ -130,7 +163,7 @@ def test_blades_are_written_with_their_rotation(pair: tuple[Path, Path, Path]) -
     lens = tomllib.loads((folder / "hex.toml").read_text())
     assert lens["blades"] == 6
     assert lens["blade-rotation"] == pytest.approx(20, abs=3)
-    assert lens["fnumber"] == pytest.approx(1.4, rel=0.03)
+    assert lens["fnumber"] == pytest.approx(0.7, rel=0.03)
 
 
 @pytest.mark.parametrize(

@@ -6,13 +6,13 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core import Aperture, fit, render
+from defocus_core import Aperture, DualPixel, fit, render
 from defocus_core.fitting.pictures import shifted
 
 STRENGTH, FOCUS = 14.0, 0.45  # px for a disparity of 1; disparity
 
 
-def scene(side: int = 160) -> tuple[Tensor, Tensor]:
+def scene(side: int = 96) -> tuple[Tensor, Tensor]:
     """Textured slopes and a card: light [3, H, W] and disparity [H, W]."""
     generator = torch.Generator().manual_seed(3)
     fine = torch.rand(3, side, side, generator=generator)
@@ -64,6 +64,43 @@ def test_left_and_right_tell_the_blur_too() -> None:
     assert found.focus == pytest.approx(FOCUS, abs=0.01)
 
 
+def test_the_photodiodes_and_their_sides_are_found_with_the_lens() -> None:
+    image, disparity = scene()
+    sensor = DualPixel("smooth", 0.1)
+    views = render(image, STRENGTH * (FOCUS - disparity), left_right=True, dual_pixel=sensor)
+    choices = [DualPixel(), DualPixel("smooth")]
+    found = fit(image, disparity, (views.right, views.left), dual_pixels=choices, crosstalk=True)
+    assert found.dual_pixel is not None
+    assert found.dual_pixel.model == "smooth"
+    assert found.dual_pixel.crosstalk == pytest.approx(0.1, abs=0.01)
+    assert found.crosstalk_error < 0.02
+    assert found.exchanged
+    assert any("left and right are exchanged" in doubt for doubt in found.doubts)
+    assert found.strength == pytest.approx(STRENGTH, rel=0.01)
+
+
+def test_a_plane_whose_focus_is_known_tells_its_sensor_and_its_shading() -> None:
+    image, _ = scene()
+    plane, sensor = torch.full((96, 96), 0.2), DualPixel(crosstalk=0.2)
+    views = render(image, STRENGTH * (FOCUS - plane), left_right=True, dual_pixel=sensor)
+    darker = torch.linspace(1.1, 0.9, 96)
+    found = fit(
+        image,
+        plane,
+        (views.left * darker, views.right * 0.9),
+        focus=FOCUS,
+        crosstalk=True,
+        side_shading=True,
+    )
+    assert found.focus == FOCUS
+    assert found.strength == pytest.approx(STRENGTH, rel=0.01)
+    assert found.dual_pixel is not None
+    assert found.dual_pixel.crosstalk == pytest.approx(0.2, abs=0.01)
+    assert found.shading[0] == pytest.approx((1.0, -0.1, 0.0), abs=0.01)
+    assert found.shading[1] == pytest.approx((0.9, 0.0, 0.0), abs=0.01)
+    assert not found.refusals
+
+
 def test_the_pupil_is_chosen_that_explains_the_picture() -> None:
     image, disparity = scene()
     image[:, 20::32, 16::32] = 8.0  # lights show it
@@ -94,7 +131,7 @@ def test_the_power_is_found_by_which_pictures_are_light(power: float) -> None:
 
 
 def test_a_shift_between_the_pictures_is_found() -> None:
-    image, disparity = scene(200)
+    image, disparity = scene(120)
     seen = blurred(image, disparity)
     moved = fit(image[:, 4:-4, 4:-4], disparity[4:-4, 4:-4], seen[:, 2:-6, 7:-1], shift=True)
     assert moved.shift == pytest.approx((-3.0, 2.0), abs=0.1)
@@ -114,7 +151,7 @@ def test_a_shift_by_parts_of_a_px_moves_a_wave_by_them() -> None:
 
 def test_lights_that_are_clipped_do_not_mislead() -> None:
     """A light of 60 spreads as a disc, of which the clipped light of 1 explains nothing."""
-    image, disparity = scene()
+    image, disparity = scene(144)
     image = 0.7 * image
     image[:, 10::20, 10::20] = 60.0
     seen = blurred(image, disparity).clamp(max=1)
