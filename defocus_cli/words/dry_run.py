@@ -126,12 +126,13 @@ def _end(unusable: Sequence[DefocusError], usable: int, what: str) -> None:
 
 
 def _seconds(todo: Sequence[Job], whole: Mapping[str, Any]) -> float:
-    """Of one process: decoding overlaps with rendering, but takes the cores that it needs.
+    """Of one process: reading and writing overlap with rendering, but take cores that it needs.
 
     Lenses share the picture that they take.
     """
     share = len({(job.picture, job.reading) for job in todo}) / len(todo)
-    return float(whole["render_seconds"] + share * whole["read_seconds"])
+    others = sum(whole[f"{step}_seconds"] for step in ("prepare", "render", "write"))
+    return float(others + share * whole["read_seconds"])
 
 
 def _bytes(plan: Plan, samples: Sequence[Forecast]) -> float:
