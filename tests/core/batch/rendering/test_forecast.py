@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from command_line import color_exr, depth_exr
 
-from defocus_core import read_depth
+from defocus_core import read_color, read_depth, write_image
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.rendering import delivery, forecast, job_steps
@@ -29,7 +29,7 @@ KINDS = {
     "dual pixel as PNG": {"outputs": replace(PHOTO, kinds=ALL)},
     "maps alone": {"outputs": Outputs(Path(), kinds=("coc", "disparity"))},
     "soft depth": {"soft": True},
-    "lights": {"lens": replace(LENS, highlights=(0.9, 16.0))},
+    "lights": {"lens": replace(LENS, highlights=(0.9, 16.0)), "clipped": True},
     "a cat's eye of blades": {"lens": replace(LENS, blades=6, cat_eye=(1.05, 1.5))},
     "axial colour": {"lens": replace(LENS, axial_color=(0.1, 0.1))},
     "quad pixel": {"outputs": Outputs(Path(), kinds=("left", "right", "up", "down"))},
@@ -40,6 +40,7 @@ def job_of(
     folder: Path,
     *,
     soft: bool = False,
+    clipped: bool = False,
     lens: Lens = LENS,
     outputs: Outputs = Outputs(Path()),  # noqa: B008
     machine: Machine = Machine(),  # noqa: B008
@@ -49,7 +50,11 @@ def job_of(
         metres = read_depth(depth).metres
         wide = sum(np.roll(1 / metres, (y, x), (0, 1)) for y in (-1, 0, 1) for x in (-1, 0, 1))
         depth = depth_exr(folder / "soft.exr", (9 / wide).astype(np.float32))
-    picture = Picture("a", SCENE / "rgb.exr", depth)
+    color = SCENE / "rgb.exr"
+    if clipped:
+        write_image(folder / "clipped.png", 4 * read_color(color).pixels)
+        color = folder / "clipped.png"
+    picture = Picture("a", color, depth)
     return Job(picture, lens, Reading(), replace(outputs, root=folder), machine)
 
 
