@@ -45,7 +45,7 @@ class ShotLenses:
 
     Attributes:
         flags: options of the command line, parsed.
-        file: a lens file, if there is one.
+        file: a lens file, if there is one, or a folder of one for each picture.
         radii: the depth files hold radii, so that a lens is the shape of its opening alone.
         animation: options with keys.
         metadata: whether options are taken from the metadata of each colour file.
@@ -75,9 +75,14 @@ class ShotLenses:
             InputError: the lens file cannot be read.
             UsageProblem: an option is missing, or a value makes no sense.
         """
-        if self.animation.keys or self.metadata:
+        if self.animation.keys or self.metadata or self._is_folder:
             return None
         return make_lens(self.flags, self.file, radii=self.radii)
+
+    @property
+    def _is_folder(self) -> bool:
+        """Whether each picture has a lens file of its name, as a fit of many writes them."""
+        return self.file is not None and self.file.is_dir()
 
     def of(self, picture: Picture) -> tuple[Lens, dict[str, OptionFromMetadata]]:
         """The lens of a picture, and the options that its metadata decided.
@@ -92,7 +97,10 @@ class ShotLenses:
         values = {name: parsed(name, text) for name, text in base.items()}
         flags = merged(values, self.flags)
         lacking = picture.color if self.metadata else None
-        lens = make_lens(flags, self.file, radii=self.radii, lacking=lacking)
+        file = self.file
+        if self._is_folder and file is not None:
+            file = file / f"{picture.stem}.toml"
+        lens = make_lens(flags, file, radii=self.radii, lacking=lacking)
         used = {name: each for name, each in taken.items() if base.get(name) == each.text}
         return lens, {name: each for name, each in used.items() if name not in self.flags}
 
@@ -123,7 +131,7 @@ class ShotLenses:
 
     def _focal_length(self, text: str, picture: Picture) -> str:
         """The focal length of a vertical field of view, on the sensor of the picture's shape."""
-        stored = {} if self.file is None else read_lens_file(self.file)
+        stored = {} if self.file is None or self._is_folder else read_lens_file(self.file)
         width = self.flags.get("sensor-width") or parsed(
             "sensor-width", stored.get("sensor-width", f"{Lens.sensor_width}mm")
         )
