@@ -7,7 +7,7 @@ Keys win over metadata, and metadata over the lens file.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -100,6 +100,8 @@ class ShotLenses:
         file = self.file
         if self._is_folder and file is not None:
             file = file / f"{picture.stem}.toml"
+        stored = {} if file is None else read_lens_file(file)
+        _require_sensor(picture, taken, {*self.flags, *stored, *self.animation.keys})
         lens = make_lens(flags, file, radii=self.radii, lacking=lacking)
         used = {name: each for name, each in taken.items() if base.get(name) == each.text}
         return lens, {name: each for name, each in used.items() if name not in self.flags}
@@ -138,6 +140,21 @@ class ShotLenses:
         size = describe(picture.color)
         height = width * size.height / size.width
         return f"{height / 2 / math.tan(math.radians(field_of_view(text) / 2)):.9g}mm"
+
+
+def _require_sensor(
+    picture: Picture, taken: Mapping[str, OptionFromMetadata], known: Collection[str]
+) -> None:
+    """Refuse a focal length of metadata that do not say the sensor, which decides the blur.
+
+    Raises:
+        UsageProblem: nothing else says it, either.
+    """
+    is_said = "sensor-width" in taken or not {"sensor-width", "focal-length"}.isdisjoint(known)
+    if "focal-length" in taken and not is_said:
+        problem = f"is missing, and not in {picture.color} either"
+        remedy = "add ‹sensor-width› 36mm, or what the camera has"
+        raise UsageProblem("missing-option", problem, remedy, field="sensor-width")
 
 
 def _with_alternatives(name: str) -> set[str]:
@@ -190,7 +207,8 @@ def animated(
     lenses = ShotLenses(width, None, plan.radii, animation, metadata, metres)
     with_options = []
     for entry in entries:
-        texts = lenses.texts(entry.picture)[0]
+        texts, taken = lenses.texts(entry.picture)
+        _require_sensor(entry.picture, taken, {*plan.options, *plan.taken, *entry.options})
         if metadata:  # what the file says holds
             said = {same for n in plan.options for same in _with_alternatives(n)}
             texts = {n: t for n, t in texts.items() if n in animation.keys or n not in said}
