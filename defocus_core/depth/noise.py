@@ -16,8 +16,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.neighbourhoods import ends_of
-from defocus_core.tensors.sparse_masks import exceeding, numbers_of
+from defocus_core.tensors.sparse_masks import exceeding, taken, tally
 
 # Greatest step in px between neighbours of one surface, and the least share of such neighbours.
 _STEP, _TOGETHER = 2.513, 0.5
@@ -63,7 +64,7 @@ def scatter_counts(steps: list[Tensor], rows: tuple[int, int]) -> Tensor:
     )
 
 
-def noise_from(counts: Tensor) -> float | None:
+def noise_from(counts: list[int]) -> float | None:
     """The standard deviation in px of the noise of a frame; None if there is none.
 
     Scatter over much of a frame is taken for noise, whatever it is: relief as fine as noise would
@@ -72,7 +73,7 @@ def noise_from(counts: Tensor) -> float | None:
     Args:
         counts: The sum of `scatter_counts` over all rows of the frame.
     """
-    apart, alike, *noisy = counts.tolist()
+    apart, alike, *noisy = counts
     together = alike + sum(noisy)
     if together <= _TOGETHER * (apart + together) or sum(noisy) <= _SHARE * together:
         return None
@@ -99,14 +100,13 @@ def _scatter(step: Tensor, dim: int) -> Tensor:
     before, after = step.narrow(dim, 0, n), step.narrow(dim, min(1, step.shape[dim]), n)
     beyond = exceeding(before * -after, 0.0)
     apart = torch.zeros((), dtype=torch.long, device=step.device)
-    if beyond.numel() and float(ends_of(step).abs().amax()) > _STEP:
+    if launches_cost(step.device) or (beyond.numel() and float(ends_of(step).abs().amax()) > _STEP):
         far = exceeding(step.abs(), _STEP)
         either = far.narrow(dim, 0, n) | far.narrow(dim, 1, n)
         apart, beyond = torch.count_nonzero(either), beyond & ~either
-    at = numbers_of(beyond)
-    off = (after - before).flatten()[at].abs_() / 2
+    off = taken(after - before, beyond).abs_() / 2
     ends = _interval_ends().to(off)
-    counts = torch.bincount(torch.bucketize(off, ends, right=True), minlength=len(ends) + 1)
+    counts = tally(torch.bucketize(off, ends, right=True), len(ends) + 1)
     counts[0] += beyond.numel() - len(off) - apart
     return torch.cat([apart[None], counts])
 
