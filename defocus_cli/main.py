@@ -124,7 +124,7 @@ def cli(ctx: click.Context) -> None:
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command line ``args`` (default: the process's own) and return the exit code."""
     args = list(sys.argv[1:] if args is None else args)
-    Due.json = "--json" in args
+    Due.json, Due.quiet = "--json" in args, False
     log_to_stderr()
     try:
         with terminations():
@@ -138,8 +138,8 @@ def main(args: Sequence[str] | None = None) -> int:
         return _fail(str(error), exit_code_of(error), error.code)
     except click.ClickException as error:
         return _fail(error_line(error), error.exit_code)
-    except SystemExit:  # click's answer to a broken pipe
-        return 141  # as if by SIGPIPE, which Python ignores: others say nothing either
+    except SystemExit as ended:  # click's answer to a broken pipe, or to a shell that completes
+        return 0 if ended.code == 0 else 141  # as if by SIGPIPE, which Python ignores
     except OSError as error:
         return _fail(system_error_line(error), 3)
     except Exception as error:

@@ -28,6 +28,7 @@ FILES_AND_WORDS = {
 # warns, and draws them as DeepLens does.
 TORCH_EXCEPTIONS = {
     "defocus_core/optics/point_spread.py": {"warnings"},
+    "defocus_core/renderer/defocus_lens.py": {"warnings"},
     "defocus_core/optics/psf_map_drawing.py": {"matplotlib"},
 }
 LONGEST_FUNCTION = 60  # lines, those of its docstring too

@@ -51,8 +51,7 @@ def write_named_blocks(text: str, folder: Path) -> None:
     for _, content in blocks(text):
         named = re.match(r"# (\w+\.\w+)\n", content)
         if named:
-            body = content[named.end() :] if named[1].endswith(".csv") else content
-            (folder / named[1]).write_text(body)
+            (folder / named[1]).write_text(content)
 
 
 @pytest.fixture
@@ -123,6 +122,17 @@ def test_the_commands_of_a_document_run_one_after_another(
     write_named_blocks(text, desk)
     for words in commands(text):
         carry_out(words, monkeypatch)
+
+
+def test_a_set_to_train_on_takes_a_dozen_lines() -> None:
+    text = DOCUMENTS["python"].read_text()
+    training = text[text.index("## Training") : text.index("Shards are read")]
+    (jobs, script), words = (content.splitlines() for _, content in blocks(training)), training
+    scenes = [folder for folder in SCENES if (ROOT / "sample_scenes" / folder).is_dir()]
+    assert 32 * len(scenes) == 160
+    assert "n = 32" in training
+    assert len(jobs) + len(commands(words)) <= 12
+    assert len([line for line in script if line]) <= 12
 
 
 @pytest.mark.parametrize("name", ["README", "python", "look", "fit"])

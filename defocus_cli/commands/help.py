@@ -8,7 +8,7 @@ import click
 
 from defocus_cli.options.types import GroupedCommand
 from defocus_cli.words import console
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import UsageProblem, did_you_mean
 
 TOPICS = {
     "conventions": "the formula, signs, units, kinds of output, colour, files",
@@ -41,7 +41,8 @@ def command(topic: str | None) -> None:
             console.stdout(f"{name:<13}{subject}")
         return
     if topic not in TOPICS:
-        remedy = f"topics are {', '.join(TOPICS)}; for a command, add --help to it"
+        others = f"topics are {', '.join(TOPICS)}; for a command, add --help to it"
+        remedy = did_you_mean(topic, tuple(TOPICS), others)
         raise UsageProblem("unknown-name", "no such topic", remedy, path=topic)
     # Without a terminal, click prints the text as it is.
     click.echo_via_pager(text(topic).removesuffix("\n"))

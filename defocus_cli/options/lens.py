@@ -38,7 +38,8 @@ class LensFile(FilePath):
 def _lens_file_option() -> Decorator:
     text = (
         'File of lens options, like focal-length = "50mm", or @NAME of one that ships '
-        "('defocus lenses'); what is given beside it wins."
+        "('defocus lenses'); what is given beside it wins. For 'render', also a folder of a file "
+        "for each picture, as 'defocus fit' writes it."
     )
     kind = LensFile()
     return grouped_option("Lens", "--lens", "lens_file", type=kind, metavar="FILE.toml", help=text)

@@ -23,6 +23,7 @@ from defocus_cli.options.types import (
     grouped_option,
     names_of,
 )
+from defocus_cli.words.console import Due
 from defocus_core.allowed_values import LEAST_TILE, QUALITIES
 from defocus_core.batch.jobs.job import DEVICES, Machine, Outputs
 from defocus_core.batch.jobs.naming import FIELDS
@@ -327,9 +328,20 @@ def json_option(command: Command) -> Command:
 
 
 def verbose_option(command: Command) -> Command:
-    """Hand a command ``verbose``."""
+    """Hand a command ``verbose``; with ``--quiet`` it says warnings and errors alone."""
+
+    def be_quiet(ctx: click.Context, _: click.Parameter, value: bool) -> None:
+        if value and ctx.params.get("verbose"):
+            raise UsageProblem("contradiction", "stands beside -v", "keep one", field="quiet")
+        Due.quiet = value
+
+    text = "Say nothing but warnings and errors."
+    quiet = grouped_option(
+        "Options", "-q", "--quiet", is_flag=True, expose_value=False, callback=be_quiet, help=text
+    )
     text = "Say more, on stderr."
-    return grouped_option("Options", "-v", "--verbose", is_flag=True, help=text)(command)
+    verbose = grouped_option("Options", "-v", "--verbose", is_flag=True, is_eager=True, help=text)
+    return verbose(quiet(command))
 
 
 def stats_option(command: Command) -> Command:

@@ -96,6 +96,7 @@ def bar(unit: str, total: int | None = None) -> tqdm[Any]:
     from tqdm import tqdm
 
     watched = sys.stderr is not None and sys.stderr.isatty()  # None: closed by whoever started us
+    watched = watched and not console.Due.quiet
     return tqdm(total=total, unit=unit, file=sys.stderr, leave=False, disable=not watched)
 
 

@@ -17,8 +17,10 @@ from defocus_core.system.text import version
 
 
 def stderr(line: str) -> None:
-    """One line on stderr, above the progress bar if there is one."""
+    """One line on stderr, above the progress bar if there is one; if quiet, only of trouble."""
     line = with_dashes(printable(line))
+    if Due.quiet and not (line.startswith("defocus: ") or "warning: " in line):
+        return
     # A closed stderr is no reason to lose the picture.
     with spoken(), suppress(OSError):
         if "tqdm" in sys.modules and sys.stderr is not None:
@@ -53,9 +55,10 @@ def stdout(line: str) -> None:
 
 
 class Due:
-    """Whether the command that runs has yet to print a JSON document."""
+    """Whether the command that runs has yet to print a JSON document, and says only trouble."""
 
     json = False
+    quiet = False
 
 
 def print_json(**document: Any) -> None:

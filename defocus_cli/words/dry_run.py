@@ -12,6 +12,7 @@ from defocus_cli.words.endings import SomeFailed
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.rendering import forecast
 from defocus_core.batch.rendering.forecast import Forecast
+from defocus_core.batch.rendering.memory_budget import refuse_small
 from defocus_core.batch.workers.plan import Plan
 from defocus_core.errors import DefocusError, Rejected
 from defocus_core.system.text import counted, duration
@@ -94,6 +95,8 @@ def _forecasts(
     """Forecasts by number, and the errors of the other jobs, said or, of a lone job, raised."""
     if not todo:
         return {}, []
+    if alone:
+        refuse_small(todo[0])
     samples, unusable = forecast.forecasts(todo)
     if alone and unusable:
         raise unusable[0]
@@ -126,12 +129,13 @@ def _end(unusable: Sequence[DefocusError], usable: int, what: str) -> None:
 
 
 def _seconds(todo: Sequence[Job], whole: Mapping[str, Any]) -> float:
-    """Of one process: decoding overlaps with rendering, but takes the cores that it needs.
+    """Of one process: reading and writing overlap with rendering, but take cores that it needs.
 
     Lenses share the picture that they take.
     """
     share = len({(job.picture, job.reading) for job in todo}) / len(todo)
-    return float(whole["render_seconds"] + share * whole["read_seconds"])
+    others = sum(whole[f"{step}_seconds"] for step in ("prepare", "render", "write"))
+    return float(others + share * whole["read_seconds"])
 
 
 def _bytes(plan: Plan, samples: Sequence[Forecast]) -> float:

@@ -41,6 +41,8 @@ _FIXED, _OF_THREAD = 10e6, 24e6
 _COPIES, _HIDDEN_COPIES, _VIEW_COPIES = 9, 3, 3
 # Copies of a region of each layer, of all windows that are sorted and sliced.
 _COPIES_OF_LAYER = 8
+# Work of slices by a pupil that changes over the frame, as a multiple of that of one pupil.
+_FIELD = 3.0
 # Work of layers as a multiple of that of their picture in focus.
 _LAYERED = 3.0
 _STRIP = 1 << 20  # pixels of the radii to read at once
@@ -76,11 +78,12 @@ def cost(stream: Stream) -> Cost:
     around = sum(_around(frame, grid).area for grid in grids)
     full_size = 1.0 if frame.quality.hidden_halvings else _AT_FULL_SIZE
     pixels = stream.size[0] * stream.size[1]
+    sliced = _SLICED if frame.settings.field is None else _SLICED * _FIELD
     work = (
         pixels * frame.views
         + _COMPUTED * (1.4 if frame.settings.left_right else 1.0) * around
         + _ENLARGED * pixels * stream.at_half_size
-        + _SLICED * (1 + len(frame.division.parts) / 4) * _samples_sliced(frame, tiles, plan)
+        + sliced * (1 + len(frame.division.parts) / 4) * _samples_sliced(frame, tiles, plan)
         + _BEHIND * full_size * edges * max(map(abs, frame.content.ends))
     )
     if stream.layered is not None and stream.layered.deepest > 1:

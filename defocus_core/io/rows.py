@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from io import TextIOWrapper
 from itertools import count
 from pathlib import Path
@@ -48,7 +48,7 @@ def read_rows(file: Path, what: str, example: str) -> Iterator[Row]:
 def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
     reader = csv.reader(opened, strict=True)
     try:
-        keys = [key.strip() for key in next(reader, [])]
+        keys = [key.strip() for key in next(filter(_says, reader), [])]
         if not keys:
             raise InputError(
                 "empty", "is empty", "begin it with a line like color,depth", path=file
@@ -57,7 +57,7 @@ def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
             problem = f"names '{twice[0]}' twice"
             remedy = "remove one of the columns"
             raise InputError("duplicate", problem, remedy, path=file, field="line 1")
-        for cells in reader:
+        for cells in filter(_says, reader):
             values = [cell.strip() for cell in cells]
             if any(values) and len(values) != len(keys):
                 problem = f"has {len(values)} cells, but the header names {len(keys)}"
@@ -69,6 +69,11 @@ def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
     except csv.Error as error:
         problem = f"is not CSV: {reason(error)}"
         raise _malformed(file, reader.line_num, problem, "mend that line") from None
+
+
+def _says(cells: Sequence[str]) -> bool:
+    """Whether a line is no comment, which begins with # and holds one cell."""
+    return not (len(cells) == 1 and cells[0].lstrip().startswith("#"))
 
 
 def _json_rows(file: Path, opened: TextIO, example: str) -> Iterator[Row]:

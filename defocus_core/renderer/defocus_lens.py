@@ -7,16 +7,36 @@ mm, positive; `render_rgbd_dp` takes negative ones, too. The response does not v
 
 from __future__ import annotations
 
+import warnings
+from typing import Any
+
 from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.point_spread import PsfLens
 from defocus_core.renderer.render import render
-from defocus_core.tensors.validation import depth_maps, floating
+from defocus_core.tensors.validation import depth_maps, described, floating
 
 
 class DefocusLens(PsfLens):
     """A thin lens that draws the blur of points and renders images with their depth."""
+
+    def __init__(self, *args: Any, aperture: Aperture | None = None, **kwargs: Any) -> None:
+        """Describe lens and sensor.
+
+        Args:
+            args: As for `ThinLens`.
+            aperture: The opening of all that is rendered; None for the psf_type of each call.
+            kwargs: As for `ThinLens`.
+
+        Raises:
+            ValueError: As `ThinLens`, or aperture is none.
+        """
+        super().__init__(*args, **kwargs)
+        if not isinstance(aperture, Aperture | None):
+            problem = f"aperture must be an Aperture, got {described(aperture)}"
+            raise ValueError(f"{problem}; a picture of it is Aperture(image=…)")
+        self.aperture = aperture
 
     def render_rgbd(
         self,
@@ -47,7 +67,7 @@ class DefocusLens(PsfLens):
         return render(
             img_obj,
             self._image_radius(img_obj, depth_map),
-            aperture=Aperture(psf_type=psf_type),
+            aperture=self._opening(psf_type),
             num_layers=num_layers,
             psf_ks=psf_ks,
             infinity=self.radius_at_infinity(),
@@ -82,7 +102,7 @@ class DefocusLens(PsfLens):
         rendering = render(
             rgb_img,
             self._image_radius(rgb_img, depth, either_sign=True),
-            aperture=Aperture(psf_type=psf_type),
+            aperture=self._opening(psf_type),
             left_right=True,
             num_layers=num_layers,
             psf_ks=psf_ks,
@@ -93,11 +113,23 @@ class DefocusLens(PsfLens):
         assert rendering.right is not None
         return rendering.left, rendering.right
 
+    def _opening(self, psf_type: str) -> Aperture:
+        if self.aperture is None:
+            return Aperture(psf_type=psf_type)
+        if psf_type != "pillbox":
+            problem = f"psf_type must be left out beside the aperture of the lens, got {psf_type!r}"
+            raise ValueError(f"{problem}; give Aperture(psf_type=…)")
+        return self.aperture
+
     def _image_radius(self, image: Tensor, depth: Tensor, *, either_sign: bool = False) -> Tensor:
         """Signed radii [B, 1, H, W] of a depth map, once image and map are known to agree."""
         planes = depth_maps(image, depth, floating(self.dtype), image.device)
         if either_sign and bool((planes < 0).all()):
             planes = -planes
+        finite = planes.detach()[planes.isfinite()]
+        if len(finite) and float(finite.max()) <= float(self.foclen):
+            problem = f"depth of at most {float(finite.max()):g} mm is within the focal length"
+            warnings.warn(f"{problem}; are these metres?", UserWarning, stacklevel=3)
         height, width = planes.shape[1:]
         radius = self.signed_radius(planes[:, None])  # which looks at the sensor, too
         if width > self.sensor_res[0] or height > self.sensor_res[1]:

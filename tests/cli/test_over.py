@@ -264,3 +264,12 @@ def test_what_makes_no_scene_is_refused(change: str, tmp_path: Path) -> None:
         return
     ran = run("render", ball, "-o", tmp_path / "o", *LENS, "1m", "--over", below, *more)
     refused(ran, code, words)
+
+
+def test_a_plate_of_other_primaries_is_refused(tmp_path: Path) -> None:
+    ball, _, _, _ = scene(tmp_path, 0.8, 1.5)
+    ap1 = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)
+    planes = smooth(2) | {"Z": np.full(SIZE, 1.5, np.float32)}
+    plate = write(tmp_path / "acescg.exr", planes, chromaticities=ap1)
+    ran = run("render", ball, "-o", tmp_path / "out", *LENS, "1m", "--over", plate)
+    refused(ran, 3, "acescg.exr", "primaries ACES AP1 but the element Rec. 709")

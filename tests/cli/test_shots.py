@@ -143,6 +143,8 @@ def test_the_lens_comes_from_metadata_and_what_is_missing_is_asked_for(tmp_path:
         depth_exr(depth.with_name(f"z.000{frame}.exr"))
     words = ("render", tmp_path / "rgb.#.exr", tmp_path / "z.#.exr", "--lens-from-metadata")
     words = tuple(str(word).replace(".#.", ".####.") for word in words)
+    refused(run(*words, "-o", tmp_path / "out"), 2, "--sensor-width", "add --sensor-width 36mm")
+    words = (*words, "--sensor-width", "36mm")
     ran = run(*words, "-o", tmp_path / "out", "-v")
     assert ran.code == 0, ran.err
     assert "focus 1.5m (focus)" in ran.err
@@ -207,6 +209,8 @@ def test_metadata_serve_a_jobs_file(tmp_path: Path) -> None:
     jobs = tmp_path / "jobs.toml"
     text = '[inputs]\ncolor = "a.exr"\ndepth = "z.exr"\n[lens]\nlens-from-metadata = true\n'
     jobs.write_text(text)
+    refused(run("batch", jobs, "-o", tmp_path / "out"), 2, "sensor-width")
+    jobs.write_text(text + 'sensor-width = "36mm"\n')
     ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1", "-v")
     assert ran.code == 0, ran.err
     assert "50mm f/2, focus 2m" in ran.err

@@ -173,7 +173,9 @@ def test_a_picture_is_written_and_read_again(
 
 
 def test_what_a_file_cannot_hold_is_said(tmp_path: Path) -> None:
-    assert write_image(tmp_path / "a.png", np.full((2, 3), 1.5)) == ["6 pixels above 1 clipped"]
+    assert write_image(tmp_path / "a.png", np.full((2, 3), 1.5)) == [
+        "6 pixels brighter than white shown as white"
+    ]
 
 
 def test_arrays_and_options_that_make_no_picture_are_refused(tmp_path: Path) -> None:

@@ -27,30 +27,36 @@ _MARK = b"# The jobs file of this batch, kept by defocus; it is replaced by that
 
 @dataclass(frozen=True)
 class Origin:
-    """What a set says of itself; empty where it says nothing."""
+    """What a set says of itself, empty where it says nothing.
+
+    ``shuffle`` is the seed of the order of its samples in shards, None where they are sorted.
+    """
 
     title: str = ""
     licence: str = ""
     source: str = ""
     citation: str = ""
+    shuffle: int | None = None
 
     @property
     def said(self) -> dict[str, str]:
-        """What is not empty, by key."""
-        return {key: text for key, text in asdict(self).items() if text}
+        """The texts that are not empty, by key."""
+        return {key: text for key in _TEXTS if (text := getattr(self, key))}
 
 
 KEYS = tuple(asdict(Origin()))
+_TEXTS = KEYS[:-1]
 
 
 def read_origin(table: Table) -> Origin:
     """The origin in ``[dataset]``.
 
     Raises:
-        UsageProblem: a key is unknown, or its value is no text.
+        UsageProblem: a key is unknown, or its value is no text, of shuffle no whole number.
     """
     table.refuse_unknown(KEYS)
-    return Origin(**{key: text for key in KEYS if (text := table.text(key)) is not None})
+    texts = {key: text for key in _TEXTS if (text := table.text(key)) is not None}
+    return Origin(**texts, shuffle=table.whole("shuffle", 0))
 
 
 def keep(out: Path, jobs: Path | Mapping[str, Any]) -> None:
@@ -81,7 +87,8 @@ def origin_of(out: Path) -> Origin:
         for name, loads in ((KEPT, tomllib.loads), (_KEPT_TABLES, json.loads)):
             if (data := _kept(out, name)) is not None:
                 said = loads(data.decode()).get("dataset", {})
-                return Origin(**{key: str(said[key]) for key in KEYS if key in said})
+                texts = {key: str(said[key]) for key in _TEXTS if key in said}
+                return Origin(**texts, shuffle=said.get("shuffle"))
     return Origin()
 
 

@@ -4,7 +4,8 @@ Of a dataset with splits each has shards of its own, ``trainset-000000.tar``, â€
 ``<key>.<kind>.<ext>`` for each of its outputs, and ``<key>.json``, its line of the index. The key
 is the sample_id with _ for each dot, as readers of such tars cut at the first one. The same samples
 make the same bytes. ``shards.json`` beside them lists the shards, and the size they were packed
-for; a shard that is as listed is not packed again.
+for; a shard that is as listed is not packed again. Samples are sorted by name, or shuffled by the
+seed ``shuffle`` of ``[dataset]``.
 """
 
 from __future__ import annotations
@@ -131,8 +132,12 @@ def listed(out: Path) -> Listing | None:
 
 
 def _samples(out: Path, records: Iterable[Record]) -> Iterator[ShardSample]:
-    entries = list(sample_index.entries(records, origin_of(out)))
-    for entry, key in zip(entries, _keys([entry["sample_id"] for entry in entries]), strict=True):
+    origin = origin_of(out)
+    entries = list(sample_index.entries(records, origin))
+    named = list(zip(entries, _keys([entry["sample_id"] for entry in entries]), strict=True))
+    if origin.shuffle is not None:
+        named.sort(key=lambda each: blake2b(f"{origin.shuffle} {each[1]}".encode()).digest())
+    for entry, key in named:
         members = [
             Member(f"{key}.{kind}{Path(path).suffix}", _size(out, path), path)
             for kind, path in entry["outputs"].items()

@@ -8,6 +8,7 @@ pair up, whatever else their names are.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +29,8 @@ DEPTH_SUFFIXES = PHOTO_SUFFIXES | {
     *(".dsp5", ".mat", ".heic", ".heif"),
 }
 SCENE_SUFFIXES = frozenset({".exr"})  # of files that hold colour and depth
+
+_NUMBER = re.compile(r"\d{2,}")
 
 Others = Mapping[str, tuple[Path, Path | None]]  # colour and depth of what belongs to a picture
 
@@ -73,6 +76,8 @@ def find_pictures(
         raise UsageProblem(
             "idle-option", problem, "give patterns like 'shot.####.exr'", path=frames.source
         )
+    if depth is not None:
+        _refuse_frames(color, depth)
     with_text = all(texts_before(path) == texts_before(color) for path in paths)
     colors, pictures = _paired(color, depth, patterns_in, with_text)
     for role, (other_color, other_depth) in others.items():
@@ -86,6 +91,19 @@ def find_pictures(
             other: dict[str, Any] = {role: found[name]}
             pictures[name] = replace(picture, **other)
     return list(pictures.values())
+
+
+def _refuse_frames(color: Path, depth: Path) -> None:
+    """Refuse two frames that a shell made of a pattern, as colour and depth.
+
+    Raises:
+        UsageProblem: they are.
+    """
+    names = [_NUMBER.sub("#", path.name) for path in (color, depth)]
+    if color != depth and color.parent == depth.parent and names[0] == names[1]:
+        problem = f"looks like the next frame of {color.name}, not its depth"
+        remedy = f"quote a pattern, like '{names[0].replace('#', '####', 1)}'"
+        raise UsageProblem("contradiction", problem, remedy, path=depth)
 
 
 def whole_shot(

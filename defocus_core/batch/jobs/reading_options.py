@@ -348,7 +348,7 @@ def lens_file_reading(file: Path | None) -> dict[str, Any]:
         InputError: the file cannot be read as TOML.
         UsageProblem: a value makes no sense.
     """
-    if file is None:
+    if file is None or file.is_dir():  # of a folder of lens files
         return {}
     remedy = 'give a TOML file, with lines like focal-length = "50mm"'
     stored = read_toml(file, what="lens file", remedy=remedy)

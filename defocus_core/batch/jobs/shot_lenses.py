@@ -7,7 +7,7 @@ Keys win over metadata, and metadata over the lens file.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -45,7 +45,7 @@ class ShotLenses:
 
     Attributes:
         flags: options of the command line, parsed.
-        file: a lens file, if there is one.
+        file: a lens file, if there is one, or a folder of one for each picture.
         radii: the depth files hold radii, so that a lens is the shape of its opening alone.
         animation: options with keys.
         metadata: whether options are taken from the metadata of each colour file.
@@ -75,9 +75,14 @@ class ShotLenses:
             InputError: the lens file cannot be read.
             UsageProblem: an option is missing, or a value makes no sense.
         """
-        if self.animation.keys or self.metadata:
+        if self.animation.keys or self.metadata or self._is_folder:
             return None
         return make_lens(self.flags, self.file, radii=self.radii)
+
+    @property
+    def _is_folder(self) -> bool:
+        """Whether each picture has a lens file of its name, as a fit of many writes them."""
+        return self.file is not None and self.file.is_dir()
 
     def of(self, picture: Picture) -> tuple[Lens, dict[str, OptionFromMetadata]]:
         """The lens of a picture, and the options that its metadata decided.
@@ -92,7 +97,12 @@ class ShotLenses:
         values = {name: parsed(name, text) for name, text in base.items()}
         flags = merged(values, self.flags)
         lacking = picture.color if self.metadata else None
-        lens = make_lens(flags, self.file, radii=self.radii, lacking=lacking)
+        file = self.file
+        if self._is_folder and file is not None:
+            file = file / f"{picture.stem}.toml"
+        stored = {} if file is None else read_lens_file(file)
+        _require_sensor(picture, taken, {*self.flags, *stored, *self.animation.keys})
+        lens = make_lens(flags, file, radii=self.radii, lacking=lacking)
         used = {name: each for name, each in taken.items() if base.get(name) == each.text}
         return lens, {name: each for name, each in used.items() if name not in self.flags}
 
@@ -123,13 +133,28 @@ class ShotLenses:
 
     def _focal_length(self, text: str, picture: Picture) -> str:
         """The focal length of a vertical field of view, on the sensor of the picture's shape."""
-        stored = {} if self.file is None else read_lens_file(self.file)
+        stored = {} if self.file is None or self._is_folder else read_lens_file(self.file)
         width = self.flags.get("sensor-width") or parsed(
             "sensor-width", stored.get("sensor-width", f"{Lens.sensor_width}mm")
         )
         size = describe(picture.color)
         height = width * size.height / size.width
         return f"{height / 2 / math.tan(math.radians(field_of_view(text) / 2)):.9g}mm"
+
+
+def _require_sensor(
+    picture: Picture, taken: Mapping[str, OptionFromMetadata], known: Collection[str]
+) -> None:
+    """Refuse a focal length of metadata that do not say the sensor, which decides the blur.
+
+    Raises:
+        UsageProblem: nothing else says it, either.
+    """
+    is_said = "sensor-width" in taken or not {"sensor-width", "focal-length"}.isdisjoint(known)
+    if "focal-length" in taken and not is_said:
+        problem = f"is missing, and not in {picture.color} either"
+        remedy = "add ‹sensor-width› 36mm, or what the camera has"
+        raise UsageProblem("missing-option", problem, remedy, field="sensor-width")
 
 
 def _with_alternatives(name: str) -> set[str]:
@@ -182,7 +207,8 @@ def animated(
     lenses = ShotLenses(width, None, plan.radii, animation, metadata, metres)
     with_options = []
     for entry in entries:
-        texts = lenses.texts(entry.picture)[0]
+        texts, taken = lenses.texts(entry.picture)
+        _require_sensor(entry.picture, taken, {*plan.options, *plan.taken, *entry.options})
         if metadata:  # what the file says holds
             said = {same for n in plan.options for same in _with_alternatives(n)}
             texts = {n: t for n, t in texts.items() if n in animation.keys or n not in said}

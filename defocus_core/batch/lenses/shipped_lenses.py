@@ -43,9 +43,12 @@ def lens_path(path: Path, where: Place) -> Path:
     Raises:
         UsageProblem: no lens of that name ships; the error names ``where`` it stands.
     """
-    if not str(path).startswith(MARK):
-        return path
     known = {lens.name: lens.path for lens in shipped_lenses()}
+    if not str(path).startswith(MARK):
+        if not path.exists() and f"{MARK}{path}" in known:
+            problem, remedy = f"no file {path}", f"did you mean {MARK}{path}?"
+            raise UsageProblem("unknown-name", problem, remedy, path=where)
+        return path
     if str(path) in known:
         return known[str(path)]
     remedy = did_you_mean(str(path), tuple(known), "see 'defocus lenses'")

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.batch.depth.repair_words import repair_record, repair_words
-from defocus_core.batch.jobs.job import Job
-from defocus_core.batch.rendering import job_steps
+from defocus_core.batch.jobs.job import Job, Outputs
+from defocus_core.batch.rendering import delivery, job_steps
 from defocus_core.batch.rendering.colors_apart import renderings
-from defocus_core.batch.rendering.memory_budget import base_mb, regions_at_once
+from defocus_core.batch.rendering.memory_budget import base_mb, image_type, regions_at_once
+from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.batch.rendering.streams import Streams
 from defocus_core.errors import DefocusError
 from defocus_core.io.arrays import scratch_folder
@@ -43,7 +49,9 @@ class Forecast:
         read_seconds: time to decode the inputs, measured.
         cost: the work, and the steps of the last rendering; None if only maps are written, which
             needs no rendering.
+        prepare_seconds: time before rendering, measured: repair of depth, search of lights.
         seconds: time to render, right within a factor of two.
+        write_seconds: time to write, measured on a picture of the same outputs.
         peak_mb: upper bound of the memory of the process, or of the GPU.
         scratch_mb: size of its arrays in scratch files; 0 if they are held in memory.
         renderings: how many times it is rendered, for colours apart, and for up and down.
@@ -56,7 +64,9 @@ class Forecast:
     repair: DepthRepair | None
     read_seconds: float
     cost: Cost | None
+    prepare_seconds: float
     seconds: float
+    write_seconds: float
     peak_mb: float
     scratch_mb: float
     renderings: int = 1
@@ -102,20 +112,22 @@ def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusErr
         rate = work_per_second(device, jobs[0].machine.threads)
     count = min(len(jobs), MOST_READ)
     by_number, unusable = {}, []
+    written: dict[Outputs, float] = {}
     for number in (k * (len(jobs) - 1) // max(count - 1, 1) for k in range(count)):
         try:
-            by_number[number] = _forecast(jobs[number], device, rate)
+            by_number[number] = _forecast(jobs[number], device, rate, written)
         except DefocusError as error:
             unusable.append(error)
     return by_number, unusable
 
 
-def _forecast(job: Job, device: str, rate: float) -> Forecast:
+def _forecast(job: Job, device: str, rate: float, written: dict[Outputs, float]) -> Forecast:
+    """The forecast of a job; ``written`` has seconds to write a pixel of outputs, or gets them."""
     from defocus_core.evaluation.cost import cost
 
     start = time.perf_counter()
     inputs = job_steps.load_inputs(job)
-    read_seconds = time.perf_counter() - start
+    read_seconds, start = time.perf_counter() - start, time.perf_counter()
     made, held = job_steps.prepare(job, inputs), inputs.holding
     peak = base_mb() + held.files_mb if device == "cpu" else 0.0
     work, most, renders, last = 0.0, 0.0, 1, None
@@ -128,6 +140,9 @@ def _forecast(job: Job, device: str, rate: float) -> Forecast:
             work += last.work
             most = max(most, regions_at_once(job, stream, held, device)[1])
         made, last = replace(made, repair=stream.repair), last and last._replace(work=work)
+    prepare_seconds = time.perf_counter() - start
+    if job.outputs not in written:
+        written[job.outputs] = _write_seconds(made) / math.prod(made.size)
     return Forecast(
         size=made.size,
         coc_px=made.radii.ends,
@@ -136,11 +151,30 @@ def _forecast(job: Job, device: str, rate: float) -> Forecast:
         repair=made.repair,
         read_seconds=read_seconds,
         cost=last,
+        prepare_seconds=prepare_seconds,
         seconds=work / rate if work else 0.0,
+        write_seconds=written[job.outputs] * math.prod(made.size),
         peak_mb=peak + most,
         scratch_mb=held.arrays_mb if held.scratch else 0.0,
         renderings=renders,
     )
+
+
+def _write_seconds(made: Rendered) -> float:
+    """Time to write the outputs of a job, with the picture in focus in place of what is blurred."""
+    outputs, color = made.job.outputs, made.inputs.color
+    dtype = image_type(made.job)
+    sharp = [np.asarray(plane[:]).astype(dtype) for plane in color.planes]
+    images = {
+        kind.name: tuple(sharp * len(kind.rendered_as) if kind.image else sharp[:1])
+        for kind in outputs.rows
+        if kind.rendered
+    }
+    with TemporaryDirectory(dir=scratch_folder()) as folder:
+        job = replace(made.job, outputs=replace(outputs, root=Path(folder)))
+        start = time.perf_counter()
+        delivery.write(replace(made, job=job, images=images))
+        return time.perf_counter() - start
 
 
 def record(forecast: Forecast) -> dict[str, Any]:
@@ -149,7 +183,9 @@ def record(forecast: Forecast) -> dict[str, Any]:
         "size": list(forecast.size),
         "coc_px": list(forecast.coc_px),
         "read_seconds": forecast.read_seconds,
+        "prepare_seconds": forecast.prepare_seconds,
         "render_seconds": forecast.seconds,
+        "write_seconds": forecast.write_seconds,
         "peak_mb": forecast.peak_mb,
         "color_note": forecast.color_note,
         "depth_note": forecast.depth_note,
@@ -178,9 +214,11 @@ def line(forecast: Forecast) -> str:
     note = repair_words(forecast.repair)
     repair_note = f"; depth: {note}" if note else ""
     times = f"{forecast.renderings} renderings of " if forecast.renderings > 1 else ""
+    rendering = duration(forecast.prepare_seconds + forecast.seconds)
+    seconds = f"{rendering}, {duration(forecast.write_seconds)} to write"
     return (
         f"{start}{times}{cost.slices} slices, {cost.slice_tiles_seen} of {cost.slice_tiles} steps "
-        f"of slice x tile ({share:.0f} %) and what is hidden; about {duration(forecast.seconds)}, "
+        f"of slice x tile ({share:.0f} %) and what is hidden; about {seconds}, "
         f"at most {forecast.peak_mb:.0f} MB{scratch}{repair_note}"
     )
 
@@ -192,7 +230,9 @@ def total(samples: Sequence[Forecast], jobs: int) -> dict[str, Any]:
         "pictures": jobs,
         "pictures_read": len(samples),
         "read_seconds": share * sum(each.read_seconds for each in samples),
+        "prepare_seconds": share * sum(each.prepare_seconds for each in samples),
         "render_seconds": share * sum(each.seconds for each in samples),
+        "write_seconds": share * sum(each.write_seconds for each in samples),
         "peak_mb": max(each.peak_mb for each in samples),
     }
 
@@ -200,8 +240,10 @@ def total(samples: Sequence[Forecast], jobs: int) -> dict[str, Any]:
 def total_line(samples: Sequence[Forecast], jobs: int) -> str:
     """Totals of all jobs, in words."""
     every = total(samples, jobs)
+    rendering = duration(every["prepare_seconds"] + every["render_seconds"])
     few = f", from {len(samples)} of them" if len(samples) < jobs else ""
     return (
-        f"{jobs} pictures: about {duration(every['render_seconds'])} to render and "
-        f"{duration(every['read_seconds'])} to read{few}; {every['peak_mb']:.0f} MB"
+        f"{jobs} pictures: about {rendering} to render, "
+        f"{duration(every['read_seconds'])} to read and {duration(every['write_seconds'])} to "
+        f"write{few}; {every['peak_mb']:.0f} MB"
     )

@@ -20,6 +20,7 @@ from defocus_core.batch.journal import identity, run_file
 from defocus_core.batch.journal.journal import Journal, Record, input_path, journal_path, read_all
 from defocus_core.batch.journal.lock import Check, LockLost, locked
 from defocus_core.batch.journal.run_file import RunPlan
+from defocus_core.batch.rendering.memory_budget import refuse_small
 from defocus_core.batch.workers.job_result import BESIDE
 from defocus_core.batch.workers.output_checks import (
     refuse_misplaced,
@@ -88,6 +89,7 @@ def write_alone(job: Job, execute: Execute, listener: Listener) -> Summary:
     """
     refuse_misplaced([job])
     refuse_unknown([job], known=())
+    refuse_small(job)
     out, summary = job.outputs.root, Summary(1, 0, 1)
 
     def done(_: int, record: Record) -> None:
@@ -142,6 +144,8 @@ def _carried_out(
         if not plan.unknown and not execution.again:
             path.unlink(missing_ok=True)
         return summary
+    if len(plan.todo) == 1:
+        refuse_small(plan.todo[0][0])
     others = _others_left(plan, out) if execution.again else []
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
         RunPlan(_now(), plan.files + others, sorted(plan.unknown)).write(path)

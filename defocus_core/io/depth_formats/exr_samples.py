@@ -25,6 +25,8 @@ from defocus_core.io.images.exr_channels import (
     choose_depth,
 )
 
+_CAMERA = "worldToCamera"  # OpenEXR's attribute: of points as rows, from the world to the camera
+
 
 def exr_samples(
     path: Path, reading: DepthReading, keeping: Keeping, overscan: Overscan = NO_OVERSCAN
@@ -35,6 +37,8 @@ def exr_samples(
         InputError: the file cannot be read, or has no depth channel or several.
     """
     headers = in_view(path, read_headers(path), reading.view)
+    if (position := _position(headers, reading.depth_channel)) is not None:
+        return _along_axis(path, headers, position, keeping, overscan)
     chosen = choose_depth_channel(path, headers, reading)
     header = chosen.header
     alpha = _alpha(chosen) if reading.row.alpha else None
@@ -59,6 +63,62 @@ def exr_samples(
         ", ".join(filter(None, words)),
         channel=chosen.name,
         nothing=None if transparency is None else transparency[:] == 0,
+        within=window.cut(header.data),
+        data_window="" if header.data.covers(window) else str(header.data),
+    )
+
+
+def _position(
+    headers: Sequence[Header], named: str | None
+) -> tuple[Header, tuple[str, ...]] | None:
+    """The part and the three channels of a position in the world, if a layer of them is named."""
+    for header in headers if named else ():
+        plain = {channel.plain: channel.name for channel in header.channels}
+        for axes in ("XYZ", "xyz", "RGB"):
+            names = [f"{named}.{axis}" for axis in axes]
+            if all(name in plain for name in names):
+                return header, tuple(plain[name] for name in names)
+    return None
+
+
+def _along_axis(
+    path: Path,
+    headers: Sequence[Header],
+    position: tuple[Header, tuple[str, ...]],
+    keeping: Keeping,
+    overscan: Overscan,
+) -> DepthNumbers:
+    """Depth of positions in the world, by the camera of the header; infinite where all are 0.
+
+    What is seen lies before the camera, whichever way its axis is counted.
+
+    Raises:
+        InputError: the header has no camera.
+    """
+    header, names = position
+    camera = header.attributes.get(_CAMERA)
+    if camera is None or camera.kind != "m44f":
+        problem = f"has positions in the world, but no {_CAMERA} in its header"
+        remedy = "write that attribute, or render a pass of depth"
+        raise InputError("no-depth", problem, remedy, path=path)
+    matrix = np.frombuffer(camera.value, "<f4").reshape(4, 4).astype(np.float64)
+
+    def wanted(other: Header, name: str) -> bool:
+        return other.index == header.index and name in names
+
+    planes = read_parts(path, tuple(headers), keeping, wanted, overscan)[header.index].channels
+    points = [np.asarray(planes[name][:], np.float64) for name in names]
+    along = sum(p * m for p, m in zip(points, matrix[:3, 2], strict=True)) + matrix[3, 2]
+    nothing = np.logical_and.reduce([p == 0 for p in points])
+    along *= np.sign(np.median(along[~nothing])) if not nothing.all() else 1.0
+    along[nothing] = np.inf
+    words = f"EXR position {names[0].rpartition('.')[0]}, along the axis of {_CAMERA}"
+    window = header.display.grown(overscan)
+    return DepthNumbers(
+        along.astype(np.float32),
+        "EXR",
+        ", ".join(filter(None, (words, header.cut_note(overscan)))),
+        channel=names[0],
         within=window.cut(header.data),
         data_window="" if header.data.covers(window) else str(header.data),
     )

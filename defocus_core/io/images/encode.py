@@ -148,9 +148,9 @@ def _write_display(
     if channels[-1] == "A" and not keep_alpha:
         warnings.append("alpha left out, colour shown over black")
     if above:
-        warnings.append(f"{counted(above, 'pixel')} above 1 clipped")
+        warnings.append(f"{counted(above, 'pixel')} brighter than white shown as white")
     if below:
-        warnings.append(f"{counted(below, 'pixel')} below 0 clipped")
+        warnings.append(f"{counted(below, 'pixel')} below black shown as black")
     return warnings
 
 

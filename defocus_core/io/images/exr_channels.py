@@ -118,6 +118,9 @@ def choose_depth(
         likely = [c for c in every if re.search(r"depth|dist|mist|(^|[._])p?z", c.name.lower())]
         names = _labels(every)
         proposed = [names[every.index(c)] for c in likely] or ["NAME"]
+        layer, _, axis = proposed[0].rpartition(".")
+        if axis.lower() == "z" and {f"{layer}.X", f"{layer}.x"} & {*names}:  # of a position
+            proposed = [layer]
         remedy = f"if one of them is the depth, say ‹depth-channel› {proposed[0]}"
         raise NoDepthChannel("no-depth", problem, remedy, path=path)
     return _only(path, candidates, "depth channel", "‹depth-channel›")

@@ -19,6 +19,7 @@ from defocus_core.system.text import counted
 MISSING = ("error", "skip")
 KEYS = "keys"  # the word for the frames that have keys
 _FIELD = re.compile(r"#+|%0?\d*d")
+_RANGE = re.compile(r"\d+-\d+(x\d+)?[#@]")  # as some programs write the frames of a pattern
 _DIGITS = 18  # of a frame
 _MAX_FRAMES = 2**20  # from the first to the last, where files alone say which are wanted
 _EXAMPLE = "write them like 1001-1240, 1001-1240x2 or 1001,1005-1010"
@@ -123,6 +124,8 @@ def frames_of(pattern: Path) -> dict[int, Path]:
         if negative := _negative(pattern):
             return dict(sorted(negative.items()))
         remedy = "check the path; each # stands for a digit, and %04d is ####"
+        if _RANGE.search(pattern.name):
+            remedy = "write 'shot.####.exr', and the range as ‹frames› 1001-1005"
         raise InputError("not-found", "matches no file", remedy, path=pattern) from None
 
 

@@ -12,6 +12,7 @@ from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.frame_grid import FrameGrid
 from defocus_core.optics.pupil_field import PupilField
+from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.renderer.layers.quality import find
 from defocus_core.tensors.tiling import BLOCK
 from defocus_core.tensors.validation import described, flag, number, whole
@@ -49,7 +50,10 @@ class Settings:
         """Check each option; whole numbers of other types become int."""
         if not isinstance(self.aperture, Aperture):
             problem = f"aperture must be an Aperture, got {described(self.aperture)}"
-            raise ValueError(f"{problem}; Aperture() is round")
+            remedy = "Aperture() is round"
+            if isinstance(self.aperture, PupilImage | PupilField):
+                remedy = "give Aperture(image=…)"
+            raise ValueError(f"{problem}; {remedy}")
         if not isinstance(self.dual_pixel, DualPixel):
             problem = f"dual_pixel must be a DualPixel, got {described(self.dual_pixel)}"
             raise ValueError(f"{problem}; DualPixel() has ideal halves")

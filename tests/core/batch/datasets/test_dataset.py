@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import random
 import shutil
+import subprocess
+import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import pytest
 from command_line import header, read_exr
-from jobs_files import INPUTS, LENS, SAMPLE, jobs, pictures
+from jobs_files import INPUTS, LENS, SAMPLE, jobs, jobs_file, pictures
 
 from defocus_cli.words import batch as batch_report
 from defocus_core import run_batch
 from defocus_core.batch.datasets import sample_index, tar_shards
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Record, read_all
 from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.journal.plain_values import plain, typed
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers import pipeline, run
+from defocus_core.errors import InputError
 
 DRAFT = '[machine]\nquality = "draft"\n'
 
@@ -170,3 +176,31 @@ def outputs(out: Path) -> dict[str, Any]:
         name: (record["lens"], {k: v["blake2b"] for k, v in record["outputs"].items()})
         for name, record in sorted(live.items())
     }
+
+
+@pytest.mark.bench
+def test_each_sample_that_is_read_is_true_after_kills(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    moments, killed = random.Random(9), 0
+    seeds = itertools.count(1)
+    while killed < 20:
+        text = LENS + SAMPLE.replace("seed = 7", f"seed = {next(seeds)}") + DRAFT
+        words = ["batch", str(jobs_file(tmp_path, text, inputs=INPUTS)), "-o"]
+        command = [sys.executable, "-m", "defocus_cli", *words, str(tmp_path / "out")]
+        process = subprocess.Popen([*command, "--processes", "1"], stderr=subprocess.DEVNULL)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(moments.uniform(1, 8))
+        killed += process.poll() is None
+        process.kill()
+        process.wait()
+        require_true(tmp_path / "out")
+
+
+def require_true(out: Path) -> None:
+    """Each sample of the index, if there is one, has the files and the lens that it tells of."""
+    with suppress(InputError):
+        for sample in samples(out):
+            for kind, hashed in sample.record["outputs_blake2b"].items():
+                assert identity.stamp(sample.files[kind])["blake2b"] == hashed
+            told = header(sample.files["coc"])
+            assert told["defocus:fnumber"] == f"{sample.lens.fnum:.9g}"

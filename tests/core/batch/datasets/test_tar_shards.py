@@ -138,3 +138,14 @@ def test_webdataset_would_find_the_samples(tmp_path: Path) -> None:
                 "coc.exr",
                 "json",
             }
+
+
+def test_the_order_is_shuffled_by_a_seed_if_asked(tmp_path: Path) -> None:
+    sorted_names = [name for tar in packed(tmp_path, 12) for name in names(tar)]
+    orders = []
+    for seed in (1, 1, 2):
+        (tmp_path / "jobs.toml").write_text(f"[dataset]\nshuffle = {seed}\n")
+        orders.append([name for tar in packed(tmp_path, 12) for name in names(tar)])
+    assert orders[0] == orders[1] != orders[2]
+    assert orders[0] != sorted_names
+    assert sorted(orders[0]) == sorted(orders[2]) == sorted(sorted_names)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from command_line import write_exr
 from depth_files import matlab, npy, pfm, png
+from elements import write
 from image_files import save
 from optional_libraries import HDF5_MAGIC, HEIC_MAGIC, with_heic
 from refusals import refuses
@@ -300,3 +301,26 @@ def test_a_scale_means_nothing_where_the_file_says_it(
     (tmp_path / "a.heic").write_bytes(HEIC_MAGIC)
     with refuses("idle-option", field="depth-scale"):
         read(tmp_path / "a.heic", depth_format="apple-heic", depth_scale=2.0)
+
+
+@pytest.mark.parametrize("axis", [1.0, -1.0])
+def test_positions_in_the_world_are_depth_by_the_camera_of_the_header(
+    axis: float, tmp_path: Path
+) -> None:
+    turn, place = math.radians(30), np.array([1.0, 2.0, 3.0])
+    sine, cosine = math.sin(turn), math.cos(turn)
+    rotation = np.array([[cosine, 0, axis * sine], [0, 1, 0], [-sine, 0, axis * cosine]])
+    camera = np.eye(4, dtype=np.float32)
+    camera[:3, :3], camera[3, :3] = rotation, -place @ rotation
+    seen = np.random.default_rng(0).uniform(1, 5, (4, 6, 3)) * [1, 1, axis]
+    world = (seen @ np.linalg.inv(rotation) + place).astype(np.float32)
+    world[0, 0] = 0
+    planes = {f"P.{name}": np.ascontiguousarray(world[..., k]) for k, name in enumerate("XYZ")}
+    path = write(tmp_path / "a.exr", planes, worldToCamera=camera)
+    metres = read(path, depth_channel="P").metres
+    np.testing.assert_allclose(metres.ravel()[1:], abs(seen[..., 2]).ravel()[1:], rtol=1e-5)
+    assert metres[0, 0] == np.inf
+    with refuses("no-depth", "‹depth-channel› P"):
+        read(path)
+    with refuses("no-depth", "worldToCamera"):
+        read(write(tmp_path / "b.exr", planes), depth_channel="P")

@@ -120,7 +120,7 @@ def test_clipped_highlights_are_counted(tmp_path: Path) -> None:
     pixels[2, 3] = 7
     pixels[2, 4] = 1.0000002  # white, as blur returns it
     (warning,) = write_image(tmp_path / "a.png", pixels, "RGB", attributes={})
-    assert warning == "1 pixel above 1 clipped"
+    assert warning == "1 pixel brighter than white shown as white"
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
@@ -129,7 +129,7 @@ def test_clipped_negative_colours_are_counted(suffix: str, tmp_path: Path) -> No
     pixels[2, 3:5, 1] = -0.2
     pixels[2, 5] = -1e-7  # black, as blur returns it
     (warning,) = write_image(tmp_path / f"a{suffix}", pixels, "RGB", attributes={})
-    assert warning == "2 pixels below 0 clipped"
+    assert warning == "2 pixels below black shown as black"
 
 
 def test_the_same_picture_makes_the_same_bytes(tmp_path: Path) -> None:
