@@ -274,7 +274,6 @@ def test_renders_by_another_fnumber_have_another_coc(name: str, tmp_path: Path) 
     files = [tmp_path / fnumber / "render" / "rgb.exr" for fnumber in ("2", "2.4")]
     (finding,) = compared(*files).findings
     assert finding.name == "another CoC"
-    assert "headers" not in finding.text
     assert finding.values["blurred_less"] > 2 * finding.values["blurred_more"]
 
 
@@ -286,5 +285,5 @@ def test_a_blur_that_keeps_what_is_sharp_is_another_coc(a: Path, tmp_path: Path)
     a = write_planes(tmp_path / "one.exr", planes(one))
     b = write_planes(tmp_path / "other.exr", planes(other))
     assert [f.text for f in compared(a, b).findings] == [
-        "another CoC: blurred more in places, less in others"
+        "another CoC or bokeh shape: blurred more in places, less in others"
     ]
