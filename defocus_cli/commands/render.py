@@ -17,6 +17,7 @@ from defocus_cli.words import console
 from defocus_cli.words import dry_run as dry_runs
 from defocus_core.batch.datasets import update
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.batch.jobs.naming import of_views
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.jobs.pairing import find_pictures, whole_shot
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
@@ -24,6 +25,7 @@ from defocus_core.batch.jobs.shots import with_shot
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.plan import Execution, make_plan
+from defocus_core.errors import UsageProblem
 from defocus_core.reports.contact_sheet import kind_of_sheet, write_contact_sheet
 
 _KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
@@ -35,7 +37,8 @@ COLOR is an EXR that holds both, or a directory of such. Patterns like 'shot.###
 
 OUT/journal.jsonl says what was done. Given again, the command does what is left: pictures whose
 inputs, options and outputs are as they were are not rendered again. Files that the journal does
-not know are refused.
+not know, and pictures that another lens took, are not replaced: give another OUT or --name.
+--view left,right renders each view, with the view in the name.
 
 \b
 Kinds:
@@ -61,6 +64,7 @@ Examples:
 @shot_lens_options(required=True)
 @shot_options
 @shared.output_options
+@shared.name_option
 @shared.hidden_option
 @shared.over_options
 @shared.holdout_option
@@ -81,6 +85,7 @@ def command(
     lenses: ShotLenses,
     shot: ShotOptions,
     outputs: Outputs,
+    name: str | None,
     hidden: tuple[Path, Path] | None,
     over: tuple[Path, Path | None] | None,
     holdout: tuple[Path, None] | None,
@@ -103,11 +108,15 @@ def command(
     every = whole_shot(color, depth, others)
     moving = "focus-at" in lenses.animation.keys
     jobs = with_shot(jobs, every, lambda p, _: lenses.of(p)[0], shot.together, moving=moving)
-    execution = functools.partial(Execution, read_inputs=check_inputs == "hash")
+    jobs = of_views(jobs, name)
+    if outputs.file and (len(jobs) > 1 or name is not None or shot.contact is not None):
+        problem = "is one file, which neither holds several pictures nor takes another name"
+        raise UsageProblem("contradiction", problem, "name a directory", path=jobs[0].written[0])
+    hashed = check_inputs == "hash"
+    execution = functools.partial(Execution, read_inputs=hashed, keep_lenses=True)
     if dry_run:
-        dry_runs.report_pictures(
-            jobs, make_plan(jobs, outputs.root, execution(pipeline.execute)), as_json=as_json
-        )
+        plan = make_plan(jobs, outputs.root, execution(pipeline.execute))
+        dry_runs.report_pictures(jobs, plan, as_json=as_json)
         return
     if shot.contact is not None:
         kind_of_sheet(jobs)
@@ -118,8 +127,11 @@ def command(
     else:
         with batch_report.tile_bar() as tile_count:
             alone = pipeline.execute_alone(tile_count)
-            summary = run.carry_out(jobs, outputs.root, execution(alone), report)
-    if summary.statuses["ok"]:
+            if outputs.file:
+                summary = run.write_alone(jobs[0], alone, report)
+            else:
+                summary = run.carry_out(jobs, outputs.root, execution(alone), report)
+    if summary.statuses["ok"] and not outputs.file:
         update.refresh(outputs.root, {job.sample_id for job in jobs}, summary.withdrawn)
     if shot.contact is not None and (sheet := write_contact_sheet(jobs, shot.contact)):
         console.stderr(f"contact sheet -> {sheet}")

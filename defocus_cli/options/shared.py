@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,15 @@ from defocus_cli.options.types import (
 )
 from defocus_core.allowed_values import LEAST_TILE, QUALITIES
 from defocus_core.batch.jobs.job import DEVICES, Machine, Outputs
-from defocus_core.batch.jobs.output_kinds import KINDS, MAP_FORMATS, MAPS, in_one_file
+from defocus_core.batch.jobs.naming import FIELDS
+from defocus_core.batch.jobs.output_kinds import (
+    KINDS,
+    MAP_FORMATS,
+    MAPS,
+    format_of_file,
+    in_one_file,
+    is_picture_name,
+)
 from defocus_core.batch.lenses.quantities import byte_count, pixel_count
 from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.system.process import cores
@@ -99,7 +108,8 @@ def output_options(command: Command) -> Command:
                 type=FilePath(),
                 required=True,
                 metavar="OUT",
-                help="Directory to write to.",
+                help="Directory to write to; or a file like picture.png, for one picture of one "
+                "kind alone, without a journal.",
             ),
             option(
                 "--outputs",
@@ -113,20 +123,27 @@ def output_options(command: Command) -> Command:
             option(
                 "--format",
                 type=Format(),
-                default="exr",
-                show_default=True,
-                help=f"Type of the images; maps ({', '.join(MAPS)}) are always float.",
+                help=f"Type of the images; maps ({', '.join(MAPS)}) are always float.  "
+                "[default: exr, or that of the file -o]",
             ),
             option(
                 "--map-format",
                 type=click.Choice(MAP_FORMATS),
-                default="exr",
-                show_default=True,
-                help="Type of the maps: EXR, or float TIFF, which image libraries read, too.",
+                help="Type of the maps: EXR, or float TIFF, which image libraries read, too.  "
+                "[default: exr]",
             ),
             *_encoding_options(),
         ],
     )(command)
+
+
+def name_option(command: Command) -> Command:
+    """Hand a command ``name``: the template of the names of pictures, or None."""
+    text = (
+        "Names of the pictures, like '{stem}_{focus}', of "
+        f"{', '.join(FIELDS)}.  [default: {{stem}}, and {{stem}}_{{view}} of several views]"
+    )
+    return grouped_option("Output", "--name", metavar="TEMPLATE", help=text)(command)
 
 
 def _encoding_options() -> list[Decorator]:
@@ -165,11 +182,16 @@ def _encoding_options() -> list[Decorator]:
 
 
 def _outputs(
-    *, exr_type: str | None, jpeg_quality: int | None, multiview: bool, **others: Any
+    *,
+    exr_type: str | None,
+    jpeg_quality: int | None,
+    multiview: bool,
+    **others: Any,
 ) -> Outputs:
-    outputs = Outputs(**others)
+    kinds = others.pop("kinds")
     if multiview:
-        outputs = replace(outputs, kinds=in_one_file(outputs.kinds, CALLER.at("multiview")))
+        kinds = in_one_file(kinds, CALLER.at("multiview"))
+    outputs = _in_file(Outputs(kinds=kinds, **_given(others)), others)
     for option, value, kind in (
         ("exr-type", exr_type, "exr"),
         ("jpeg-quality", jpeg_quality, "jpg"),
@@ -179,11 +201,35 @@ def _outputs(
             raise UsageProblem(
                 "idle-option", problem, f"leave it out, or use --format {kind}", field=option
             )
-    return replace(
-        outputs,
-        exr_type=exr_type or outputs.exr_type,
-        jpeg_quality=jpeg_quality or outputs.jpeg_quality,
-    )
+    return replace(outputs, **_given({"exr_type": exr_type, "jpeg_quality": jpeg_quality}))
+
+
+def _given(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def _in_file(outputs: Outputs, given: Mapping[str, Any]) -> Outputs:
+    """The outputs, of one file if -o names one."""
+    path = outputs.root
+    if not is_picture_name(path.suffix) or path.is_dir():
+        return outputs
+    if outputs.preview:
+        remedy = "leave it out, or name a directory"
+        raise UsageProblem("contradiction", f"stands beside -o {path}", remedy, field="preview")
+    if len(outputs.kinds) > 1:
+        remedy = "name one kind, or a directory"
+        raise UsageProblem(
+            "contradiction", f"are several, -o {path} is one", remedy, field="outputs"
+        )
+    kind = outputs.rows[0]
+    field = "format" if kind.image else "map_format"
+    format = format_of_file(kind, path.suffix, given[field])
+    if format is None:
+        asked = f" as {given[field]}" if given[field] else ""
+        problem = f"cannot hold {kind.name}{asked}"
+        raise UsageProblem("wrong-type", problem, "give it another suffix", path=path)
+    outputs = replace(outputs, root=path.parent, file=path.name)
+    return replace(outputs, format=format) if kind.image else replace(outputs, map_format=format)
 
 
 def machine_options(command: Command) -> Command:

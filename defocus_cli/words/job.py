@@ -145,6 +145,8 @@ def done_before_line(job: Job) -> str:
 
 def _written_words(job: Job) -> str:
     """The files of a job, those of one name together, like ``out/{left,right}/a.exr``."""
+    if job.outputs.file:
+        return str(job.written[0])
     folders: dict[str, list[str]] = {}
     for path in job.written:
         folders.setdefault(path.name, []).append(path.parent.name)

@@ -21,7 +21,7 @@ from defocus_core.tensors.neighbourhoods import (
     halfway,
     squares_around,
 )
-from defocus_core.tensors.sparse_masks import exceeding, places_of
+from defocus_core.tensors.sparse_masks import exceeding, numbers_of, places_of
 
 # Range of radius in px, within 3 px of each other, that matters.
 _MATTERS = 1.013
@@ -58,11 +58,28 @@ def averages(
         rows: The counted rows of the band, [first, end).
         infinity: Signed radius in px of what is infinitely far; None if that is not known.
     """
-    down, across = (_along(band, size, dim, rows, infinity) for dim, size in enumerate(sizes))
-    return down + across
+    counts = band.new_zeros((2, 4), dtype=torch.float64)
+    long = [dim for dim in (0, 1) if band.shape[dim] > 2 * _BESIDE]
+    ranges, inner = [], []
+    for dim in long:
+        n = band.shape[dim] - 2 * _BESIDE
+        ranges.append((band.narrow(dim, 2 * _BESIDE, n) - band.narrow(dim, 0, n)).abs_())
+        inner.append(sizes[dim].narrow(dim, 1, band.shape[dim] - 3))  # steps between two others
+    if not long:
+        return counts
+    radii = _around(band, dict(zip(long, ranges, strict=True)), rows, _BESIDE, 2 * _BESIDE + 1)
+    steps = _around(band, dict(zip(long, inner, strict=True)), rows, 1, 4)
+    for of_quantity, limit in zip(counts, (math.inf, infinity), strict=True):
+        if limit is not None:
+            before, step, after = _as_averaged(steps, limit).diff(dim=1).abs().unbind(1)
+            hard = (torch.maximum(before, after) < _LEVEL * step).sum()
+            place, average, wide = _on_edges(_as_averaged(radii, limit))
+            sums = average.sum(), (place * average).sum(), wide.sum(), hard
+            of_quantity.copy_(torch.stack(sums))
+    return counts
 
 
-def averaged_from(counts: Tensor, infinity: float | None, soft: int) -> float | None:
+def averaged_from(counts: list[list[float]], infinity: float | None, soft: int) -> float | None:
     """The quantity that was averaged on the edges of a frame.
 
     Args:
@@ -73,14 +90,12 @@ def averaged_from(counts: Tensor, infinity: float | None, soft: int) -> float | 
     Returns:
         `infinity` for distance, math.inf for disparity, None if edges are mostly hard or soft.
     """
-    most, _, wide, _ = max(counts.tolist())
+    most, _, wide, _ = max(counts)
     if most <= max(_WIDER * wide, _LEAST, _SOFTER * soft):
         return None
     off_middle = [
         (abs(place / count - 0.5), limit)
-        for (count, place, _, hard), limit in zip(
-            counts.tolist(), (math.inf, infinity), strict=True
-        )
+        for (count, place, _, hard), limit in zip(counts, (math.inf, infinity), strict=True)
         if count > _EACH * hard
     ]
     return min(off_middle, key=lambda candidate: candidate[0])[1] if off_middle else None
@@ -158,46 +173,34 @@ def _going_on(values: Tensor) -> Tensor:
     return values
 
 
-def _along(
-    band: Tensor, size: Tensor, dim: int, rows: tuple[int, int], infinity: float | None
-) -> Tensor:
-    """The counts [2, 4] of `averages` along an axis, from steps of a size along it."""
-    counts = band.new_zeros((2, 4), dtype=torch.float64)
-    n = band.shape[dim] - 2 * _BESIDE
-    if n < 1:
-        return counts
-    range_of_seven = band.narrow(dim, 2 * _BESIDE, n) - band.narrow(dim, 0, n)
-    radii = _around(band, range_of_seven.abs_(), dim, rows, _BESIDE, 2 * _BESIDE + 1)
-    inner = size.narrow(dim, 1, band.shape[dim] - 3)  # steps between two others
-    steps = _around(band, inner, dim, rows, 1, 4)
-    for of_quantity, limit in zip(counts, (math.inf, infinity), strict=True):
-        if limit is not None:
-            before, step, after = _as_averaged(steps, limit).diff(dim=1).abs().unbind(1)
-            hard = (torch.maximum(before, after) < _LEVEL * step).sum()
-            place, average, wide = _on_edges(_as_averaged(radii, limit))
-            sums = average.sum(), (place * average).sum(), wide.sum(), hard
-            of_quantity.copy_(torch.stack(sums))
-    return counts
-
-
 def _around(
-    band: Tensor, ranges: Tensor, dim: int, rows: tuple[int, int], before: int, width: int
+    band: Tensor, ranges: dict[int, Tensor], rows: tuple[int, int], before: int, width: int
 ) -> Tensor:
-    """The radii [m, width] along an axis around the pixels of a band whose range matters.
+    """The radii [m, width] along both axes around the pixels of a band whose range matters.
 
     Args:
         band: [h, W] px.
-        ranges: [h, W] px, along the axis only of pixels that have so many around.
-        dim: The axis.
+        ranges: [h, W] px by axis, along it only of pixels that have so many around.
         rows: The rows of the band whose pixels count, [first, end).
         before: Px before each pixel that belong to it.
         width: Px that belong to it.
     """
-    shift = before if dim == 0 else 0
-    first = max(rows[0] - shift, 0)
-    at = places_of(exceeding(ranges[first : max(rows[1] - shift, first)], _MATTERS))
-    start = (at[:, 0] + first) * band.shape[1] + at[:, 1]
-    along = torch.arange(width, device=band.device) * (band.shape[1] if dim == 0 else 1)
+    W, masks, begins = band.shape[1], [], []
+    for dim, values in ranges.items():
+        shift = before if dim == 0 else 0
+        begins.append(max(rows[0] - shift, 0))
+        own = values[begins[-1] : max(rows[1] - shift, begins[-1])]
+        masks.append(exceeding(own, _MATTERS))
+    number = numbers_of(torch.cat([mask.flatten() for mask in masks]))
+    start, stride, passed = torch.zeros_like(number), torch.ones_like(number), 0
+    for dim, mask, begin in zip(ranges, masks, begins, strict=True):
+        own = number - passed
+        row = own.div(mask.shape[1], rounding_mode="floor")
+        at = own + row * (W - mask.shape[1]) + begin * W
+        start = torch.where(own >= 0, at, start)
+        stride = torch.where(own >= 0, W if dim == 0 else 1, stride)
+        passed += mask.numel()
+    along = torch.arange(width, device=band.device) * stride[:, None]
     return band.contiguous().flatten()[start[:, None] + along]
 
 

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.tensors.neighbourhoods import halfway, squares_around
-from defocus_core.tensors.sparse_masks import exceeding, places_of
+from defocus_core.tensors.sparse_masks import exceeding
 
 # Greatest displacement in px; depth in px at which the colour of a surface is sampled at most.
 FARTHEST, _DEEPEST = 12, 15
@@ -48,13 +48,12 @@ def edges_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Tensor:
 
     Given a scale of distance, so is the distance: few levels of distance are many px of radius.
     """
-    edges = torch.zeros(radii.numel(), dtype=torch.bool, device=radii.device)
-    for dim, stride in ((0, radii.shape[1]), (1, 1)):
+    edges = torch.zeros(radii.shape, dtype=torch.bool, device=radii.device)
+    for dim in (0, 1):
         rise = _rise(radii, dim, scale)
-        row, column = places_of(exceeding(rise.abs(), step)).unbind(1)
-        farther = rise[row, column] < 0  # the pixel itself, not the next one
-        edges[row * radii.shape[1] + column + stride * farther] = True
-    return edges.view(radii.shape)
+        edges.narrow(dim, 0, rise.shape[dim]).logical_or_(exceeding(rise, step))
+        edges.narrow(dim, 1, rise.shape[dim]).logical_or_(exceeding(-rise, step))
+    return edges
 
 
 def _rise(radii: Tensor, dim: int, scale: DistanceScale | None) -> Tensor:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import islice
 from typing import NamedTuple
 
 import torch
@@ -12,7 +13,7 @@ from defocus_core.depth.antialiased import averaged_from, averages
 from defocus_core.depth.distance_scale import DistanceScale, distance_scale
 from defocus_core.depth.edge_shifts import EdgeShifts
 from defocus_core.depth.noise import noise_from, scatter_counts
-from defocus_core.depth.quantised import Levels, are_few, levels_of
+from defocus_core.depth.quantised import are_few, steps_of
 from defocus_core.depth.soft_edges import (
     FOOT_SHARE,
     LEAST,
@@ -23,6 +24,7 @@ from defocus_core.depth.soft_edges import (
     softness,
     steepness,
 )
+from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.neighbourhoods import ends_of, extreme_around
 from defocus_core.tensors.source import Pixels, bands
 from defocus_core.tensors.threads import threaded
@@ -49,7 +51,7 @@ class _BandEvidence(NamedTuple):
         ends: [2] least and greatest radius in px.
         softest: Slope in px per px of the steepest soft edge.
         ramps: Number of pixels on steep ramps, wide or not.
-        levels: Of depth.
+        steps: [2, 4], from `steps_of`.
         averages: [2, 4], from `averages`.
     """
 
@@ -57,7 +59,7 @@ class _BandEvidence(NamedTuple):
     ends: Tensor
     softest: Tensor
     ramps: Tensor
-    levels: Levels
+    steps: Tensor
     averages: Tensor
 
 
@@ -111,11 +113,25 @@ def diagnosed(
         return _evidence(signed_radius, rows, dtype, infinity)
 
     of_bands = list(threaded(evidence, bands(signed_radius), threads))
+    found = _fetched(of_bands)
     if noise is None:
-        noise = noise_from(torch.stack([band.scatter for band in of_bands]).sum(0))
+        noise = noise_from([round(count) for count in found["scatter"]])
         if noise is not None:
             return DepthRepair(noise=noise)
-    return _repair(signed_radius, of_bands, infinity)._replace(noise=noise)
+    return _repair(signed_radius, found, infinity)._replace(noise=noise)
+
+
+def _fetched(of_bands: list[_BandEvidence]) -> dict[str, list[float]]:
+    """The evidence of all bands together, brought to the host at once."""
+    together = {}
+    for name, parts in zip(_BandEvidence._fields, zip(*of_bands, strict=True), strict=True):
+        every = torch.stack(parts).reshape(len(parts), -1).double()
+        if name == "ends":
+            together[name] = torch.stack([every[:, 0].amin(), every[:, 1].amax()])
+        else:
+            together[name] = every.amax(0) if name == "softest" else every.sum(0)
+    values = iter(torch.cat(list(together.values())).tolist())
+    return {name: list(islice(values, len(each))) for name, each in together.items()}
 
 
 def _evidence(
@@ -133,25 +149,23 @@ def _evidence(
     softest, averaged = ends.new_zeros(()), ends.new_zeros((2, 4), dtype=torch.float64)
     ramps = torch.zeros((), dtype=torch.long, device=r.device)
     if steepest > LEAST:
-        if any(are_steeper(step, dim, LEAST) for dim, step in enumerate(steps)):
+        if launches_cost(r.device) or any(
+            are_steeper(step, dim, LEAST) for dim, step in enumerate(steps)
+        ):
             slope = steepness(around)
             softest = softness(slope)[slice(*band)].amax()
             ramps = (slope[slice(*band)] > STEEP).sum()
         averaged = averages(around, sizes, band, infinity)
     scatter = scatter_counts(steps, band)
-    levels = levels_of(r, [size[slice(*band)] for size in sizes])
-    return _BandEvidence(scatter, ends, softest, ramps, levels, averaged)
+    counts = steps_of([size[slice(*band)] for size in sizes])
+    return _BandEvidence(scatter, ends, softest, ramps, counts, averaged)
 
 
 def _repair(
-    signed_radius: Pixels, of_bands: list[_BandEvidence], infinity: float | None
+    signed_radius: Pixels, found: dict[str, list[float]], infinity: float | None
 ) -> DepthRepair:
     """The repair that the evidence of all bands asks for."""
-    ends = torch.stack([band.ends for band in of_bands])
-    softest = torch.stack([band.softest for band in of_bands]).amax()
-    ramps = torch.stack([band.ramps for band in of_bands]).sum()
-    found = torch.stack([ends[:, 0].amin(), ends[:, 1].amax(), softest]).double()
-    least, most, softest, ramps = torch.cat([found, ramps[None].double()]).tolist()
+    least, most, softest, ramps = *found["ends"], *found["softest"], *found["ramps"]
     if not (math.isfinite(least) and math.isfinite(most)):
         return DepthRepair()  # a picture of such depth is refused
     slope = slope_of_soft_edges(least, most, signed_radius.shape)
@@ -160,13 +174,13 @@ def _repair(
         soft, width, scale = _soft_edges(
             signed_radius, slope, distance_scale(least, most, infinity)
         )
-    averaged = torch.stack([band.averages for band in of_bands]).sum(0)
+    averaged, steps = ([each[:4], each[4:]] for each in (found["averages"], found["steps"]))
     antialiased = averaged_from(averaged, infinity, soft)
     return DepthRepair(
         antialiased=antialiased,
         ramps=softest > STEEP or _has_ramps(signed_radius, int(ramps)),
         soft_edges=slope if soft and antialiased is None else None,
-        quantised=are_few([band.levels for band in of_bands]),
+        quantised=are_few(steps, signed_radius),
         edge_width=width if soft and antialiased is None else None,
         ramps_of=scale if antialiased is None else None,
     )

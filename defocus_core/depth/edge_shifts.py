@@ -10,6 +10,7 @@ needs more evidence.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import NamedTuple
 
 import torch
@@ -121,37 +122,41 @@ def _votes(
     """
     every = bands(signed_radius)
 
-    def window(first: int, end: int) -> tuple[Tensor, Tensor]:
-        rows = slice(max(first, 0), end)
-        return signed_radius[rows].detach(), pixels[..., rows, :].detach()
+    def radii_of(first: int, end: int) -> tuple[Tensor, int]:
+        """Radii of the rows of a window, and the first of these rows."""
+        return signed_radius[max(first, 0) : end].detach(), max(first, 0)
 
-    def silhouette(rows: tuple[int, int]) -> tuple[Tensor, Tensor]:
-        """The pixels [n, 2] of a silhouette in a band of rows, and their hashes [n]."""
-        above = max(rows[0] - 1, 0)
-        radii, colors = window(above, rows[1] + 1)
+    def silhouette(rows: tuple[int, int]) -> Tensor:
+        """The pixels [n, 2] of a silhouette in a band of rows."""
+        radii, above = radii_of(rows[0] - 1, rows[1] + 1)
         at = places_of(edges_of(radii, step, scale)[rows[0] - above : rows[1] - above])
-        hashes = _hashes(at + at.new_tensor([rows[0] - above, 0]), radii, colors)
-        return at + at.new_tensor([rows[0], 0]), hashes
+        return at + at.new_tensor([rows[0], 0])
 
     found = list(threaded(silhouette, every, threads))
-    hashes = torch.cat([own for _, own in found])
-    most = min(_EXAMINED / max(len(hashes), 1), 1.0)
-    if 2 * int((hashes < most).sum()) < min(_EXAMINED, len(hashes)):
+    edges = sum(map(len, found))
+
+    def votes_of(number: int, most: float) -> tuple[Tensor, int]:
+        """The trust in each displacement, and the number of pixels examined."""
+        at, device = found[number], signed_radius.device
+        votes = torch.zeros(2 * FARTHEST + 1, dtype=torch.float64, device=device)
+        if not len(at):
+            return votes, 0
+        first, end = every[number]
+        radii, above = radii_of(first - REACH, end + REACH)
+        colors = pixels[..., above : end + REACH, :].detach()
+        at = at - at.new_tensor([above, 0])
+        at = at[_hashes(at, radii, colors) < most]
+        for chunk in torch.split(at, _profiles(radii)):
+            costs, trust = displacement_costs(silhouette_at(chunk, radii), radii, colors)
+            votes.index_add_(0, costs.argmin(1), trust.double())
+        return votes, len(at)
+
+    most = min(_EXAMINED / max(edges, 1), 1.0)
+    of_bands = list(threaded(partial(votes_of, most=most), range(len(every)), threads))
+    if 2 * sum(examined for _, examined in of_bands) < min(_EXAMINED, edges):
         most = 1.0  # too much is alike
-
-    def votes_of(number: int) -> Tensor:
-        votes = hashes.new_zeros(2 * FARTHEST + 1)
-        (at, own), (first, end) = found[number], every[number]
-        if len(at := at[own < most]):
-            radii, colors = window(first - REACH, end + REACH)
-            for chunk in torch.split(
-                at - at.new_tensor([max(first - REACH, 0), 0]), _profiles(radii)
-            ):
-                costs, trust = displacement_costs(silhouette_at(chunk, radii), radii, colors)
-                votes.index_add_(0, costs.argmin(1), trust.double())
-        return votes
-
-    return torch.stack(list(threaded(votes_of, range(len(every)), threads))).sum(0) / most
+        of_bands = list(threaded(partial(votes_of, most=most), range(len(every)), threads))
+    return torch.stack([votes for votes, _ in of_bands]).sum(0) / most
 
 
 def _hashes(at: Tensor, radii: Tensor, pixels: Tensor) -> Tensor:

@@ -16,8 +16,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.neighbourhoods import ends_of
-from defocus_core.tensors.sparse_masks import exceeding, numbers_of
+from defocus_core.tensors.sparse_masks import exceeding, taken, tally
 
 # Greatest step in px between neighbours of one surface, and the least share of such neighbours.
 _STEP, _TOGETHER = 2.513, 0.5
@@ -49,6 +50,10 @@ _OUTSIDE = 1e18
 def scatter_counts(steps: list[Tensor], rows: tuple[int, int]) -> Tensor:
     """Histogram of scatter in rows of a frame: [_INTERVALS + 3].
 
+    How many pixels have a far neighbour; how many are as near as the mean of both neighbours along
+    an axis, or between both, as on slopes and on terraces; and the others by their distance from
+    that mean.
+
     Args:
         steps: Differences in px of each pixel and the next of a band [h, W], down and across; the
             band has the counted rows and at least the rows of the frame beside them.
@@ -57,13 +62,31 @@ def scatter_counts(steps: list[Tensor], rows: tuple[int, int]) -> Tensor:
     down, across = steps
     first, end = max(rows[0], 1), max(min(rows[1], len(across) - 1), 1)
     inner = (down[first - 1 : end, 1:-1], across[first:end])
-    return sum(
-        (_scatter(step, dim) for dim, step in enumerate(inner)),
-        down.new_zeros((), dtype=torch.long),
+    pairs = [
+        [step.narrow(dim, at, max(step.shape[dim] - 1, 0)) for at in (0, min(1, step.shape[dim]))]
+        for dim, step in enumerate(inner)
+    ]
+    before, after = (
+        torch.cat([step.flatten() for step in both]) for both in zip(*pairs, strict=True)
     )
+    beyond = exceeding(before * -after, 0.0)
+    apart = torch.zeros((), dtype=torch.long, device=before.device)
+    if launches_cost(before.device) or _is_steep(before) or _is_steep(after):
+        far = exceeding(torch.maximum(before.abs(), after.abs()), _STEP)
+        apart, beyond = torch.count_nonzero(far), beyond & ~far
+    off = taken(after - before, beyond).abs_() / 2
+    ends = _interval_ends().to(off)
+    counts = tally(torch.bucketize(off, ends, right=True), len(ends) + 1)
+    counts[0] += beyond.numel() - len(off) - apart
+    return torch.cat([apart[None], counts])
 
 
-def noise_from(counts: Tensor) -> float | None:
+def _is_steep(steps: Tensor) -> bool:
+    """Whether any of the steps in px is one between surfaces."""
+    return steps.numel() > 0 and float(ends_of(steps).abs().amax()) > _STEP
+
+
+def noise_from(counts: list[int]) -> float | None:
     """The standard deviation in px of the noise of a frame; None if there is none.
 
     Scatter over much of a frame is taken for noise, whatever it is: relief as fine as noise would
@@ -72,43 +95,18 @@ def noise_from(counts: Tensor) -> float | None:
     Args:
         counts: The sum of `scatter_counts` over all rows of the frame.
     """
-    apart, alike, *noisy = counts.tolist()
+    apart, alike, *noisy = counts
     together = alike + sum(noisy)
     if together <= _TOGETHER * (apart + together) or sum(noisy) <= _SHARE * together:
         return None
     half = sum(1 for count in accumulate(noisy) if 2 * count < sum(noisy))  # where the median is
+    half = min(half, _INTERVALS - 1)  # a distance of just _STEP, and NaN, are beyond the intervals
     ends = _interval_ends()
     return math.sqrt(float(ends[half]) * float(ends[half + 1])) / _MEDIAN
 
 
 def _interval_ends() -> Tensor:
     return torch.logspace(math.log10(_LEAST), math.log10(_STEP), _INTERVALS + 1)
-
-
-def _scatter(step: Tensor, dim: int) -> Tensor:
-    """Histogram of distances of pixels from the mean of both neighbours along an axis.
-
-    How many have a far neighbour; how many are as near as their mean, or between both, as on slopes
-    and on terraces; and the others by their distance.
-
-    Args:
-        step: [h, w] px, from each pixel to the next along the axis.
-        dim: The axis.
-    """
-    n = max(step.shape[dim] - 1, 0)
-    before, after = step.narrow(dim, 0, n), step.narrow(dim, min(1, step.shape[dim]), n)
-    beyond = exceeding(before * -after, 0.0)
-    apart = torch.zeros((), dtype=torch.long, device=step.device)
-    if beyond.numel() and float(ends_of(step).abs().amax()) > _STEP:
-        far = exceeding(step.abs(), _STEP)
-        either = far.narrow(dim, 0, n) | far.narrow(dim, 1, n)
-        apart, beyond = torch.count_nonzero(either), beyond & ~either
-    at = numbers_of(beyond)
-    off = (after - before).flatten()[at].abs_() / 2
-    ends = _interval_ends().to(off)
-    counts = torch.bincount(torch.bucketize(off, ends, right=True), minlength=len(ends) + 1)
-    counts[0] += beyond.numel() - len(off) - apart
-    return torch.cat([apart[None], counts])
 
 
 def without_noise(signed_radius: Tensor, noise: float) -> Tensor:

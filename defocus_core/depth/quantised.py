@@ -8,12 +8,11 @@ as far as one surface goes.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import torch
 from torch import Tensor
 
 from defocus_core.tensors.neighbourhoods import extreme_around, steps_beside
+from defocus_core.tensors.source import Pixels, bands
 from defocus_core.tensors.sparse_masks import exceeding, numbers_of
 
 # Diagnosis of quantised depth: the least share of equal neighbours; among unequal neighbours, the
@@ -30,55 +29,55 @@ _WIDE = 4
 AROUND = 2 * _WIDE + 2
 
 
-class Levels(NamedTuple):
-    """Evidence of levels in a part of a depth map.
-
-    Attributes:
-        steps: [2][4], along both axes the numbers of steps: all, zero, too small to matter, and too
-            small for an edge.
-        radii: [n] px, the different ones of pixels that equal the next ones: the levels, but not
-            averages of them on edges.
-    """
-
-    steps: list[list[int]]
-    radii: Tensor
-
-
-def levels_of(rows: Tensor, sizes: list[Tensor]) -> Levels:
-    """The evidence of levels in rows of a frame.
+def steps_of(sizes: list[Tensor]) -> Tensor:
+    """The numbers [2, 4] of steps: all, zero, too small to matter, and too small for an edge.
 
     Args:
-        rows: [n, W] px.
-        sizes: Of steps in px from each pixel to the next, down and across; down of one row less at
-            the end of a frame.
+        sizes: Of steps in px from each pixel of a part of a frame to the next, down and across.
     """
-    changes, larger = [], []
-    for size in reversed(sizes):
-        changes.append(size.bool())
-        masks = changes[-1], exceeding(size, _LEAST), exceeding(size, _MOST)
-        larger.append(torch.stack([torch.count_nonzero(mask) for mask in masks]))
-    steps = [
-        [size.numel(), *(size.numel() - count for count in counts)]
-        for size, counts in zip(reversed(sizes), torch.stack(larger).tolist(), strict=True)
+    larger = [
+        torch.count_nonzero(mask)
+        for size in sizes
+        for mask in (size.bool(), exceeding(size, _LEAST), exceeding(size, _MOST))
     ]
-    across, down = changes
-    goes_on = ~(across[: len(down)] | down[:, :-1])
-    begins = goes_on.clone()  # of equal ones in a row the first alone: to sort them takes long
-    begins[:, 1:] &= ~goes_on[:, :-1]
-    levels = torch.unique(rows[: len(down), :-1].flatten()[numbers_of(begins)])
-    return Levels(steps, levels)
+    counts = torch.tensor([size.numel() for size in sizes])[:, None].repeat(1, 4)
+    counts = counts.to(larger[0].device)
+    counts[:, 1:] -= torch.stack(larger).view(2, 3)
+    return counts
 
 
-def are_few(levels: list[Levels]) -> bool:
-    """Whether the depth of a frame has few levels, from the evidence of all of its parts."""
-    for axis in zip(*(part.steps for part in levels), strict=True):
-        count, same, least, small = (sum(numbers) for numbers in zip(*axis, strict=True))
+def are_few(steps: list[list[float]], signed_radius: Pixels) -> bool:
+    """Whether the depth of a frame has few levels.
+
+    Args:
+        steps: The sum of `steps_of` over all parts of the frame.
+        signed_radius: [H, W] px of the frame.
+    """
+    for count, same, least, small in steps:
         if same <= _ALIKE * count:
             return False
         if small - same <= _SMALL * (count - same) or small - least <= _MATTERS * (count - same):
             return False
-    different: Tensor = torch.unique(torch.cat([part.radii for part in levels]))
+    dtype = torch.promote_types(signed_radius.dtype, torch.float32)
+    parts = [
+        _levels(signed_radius[first : end + 1].detach().to(dtype))
+        for first, end in bands(signed_radius)
+    ]
+    different: Tensor = torch.unique(torch.cat(parts))
     return _FEW < len(different) <= _MANY
+
+
+def _levels(rows: Tensor) -> Tensor:
+    """The different radii [n] of pixels in rows [n + 1, W] that equal the next ones.
+
+    They are the levels, but not averages of them on edges.
+    """
+    across, down = rows.diff(dim=1)[:-1].bool(), rows.diff(dim=0)[:, :-1].bool()
+    goes_on = ~(across | down)
+    begins = goes_on.clone()  # of equal ones in a row the first alone: to sort them takes long
+    begins[:, 1:] &= ~goes_on[:, :-1]
+    levels: Tensor = torch.unique(rows[:-1, :-1].flatten()[numbers_of(begins)])
+    return levels
 
 
 def without_terraces(signed_radius: Tensor) -> Tensor:

@@ -165,7 +165,7 @@ def are_steeper(steps: Tensor, dim: int, slope: float) -> bool:
     if float((first * second).amax()) <= slope * slope:  # so one of each two is not steeper
         return False
     up, down = torch.minimum(first, second).amax(), torch.maximum(first, second).amin()
-    return max(float(up), -float(down)) > slope
+    return float(torch.maximum(up, -down)) > slope
 
 
 def steepness(signed_radius: Tensor) -> Tensor:

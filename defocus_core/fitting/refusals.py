@@ -124,7 +124,9 @@ def _other_cause(evidence: JudgedPair, options: dict[str, bool]) -> Refusal | No
 
 def _other_curve(evidence: JudgedPair, options: dict[str, bool]) -> Refusal | None:
     """The exposure or the gamma that explains more than a blur, if one does."""
-    before, (factor, _, scaled), (_, power, curved) = _curves(evidence)
+    images = evidence.made, evidence.sharp  # a wrong lens hides a curve that the sharp one shows
+    tried = (_curves(image, evidence.seen, evidence.weight) for image in images)
+    before, (factor, _, scaled), (_, power, curved) = min(tried, key=lambda each: each[2][2])
     scaled = min(before, scaled)
     if not options["gamma"] and abs(power - 1) > _CHANGED and curved < _MORE * scaled:
         problem = f"a gamma of {power:.2f} explains more than a blur alone"
@@ -142,10 +144,10 @@ def _small(image: Tensor) -> Tensor:
 
 
 def _curves(
-    evidence: JudgedPair,
+    made: Tensor, seen: Tensor, weight: Tensor
 ) -> tuple[float, tuple[float, float, float], tuple[float, float, float]]:
     """The error of small pictures; then factor, power and error by a factor, and by both."""
-    made, seen, weight = (_small(x) for x in (evidence.made, evidence.seen, evidence.weight))
+    made, seen, weight = (_small(each) for each in (made, seen, weight))
     x, y = ((c / (1 - c).clamp_min(1e-6)).clamp_min(1e-4).log().double() for c in (made, seen))
     w = (weight * made * (1 - made)).double()  # where compressed light changes most
     mean_x, mean_y = ((w * each).sum() / w.sum().clamp_min(1e-12) for each in (x, y))

@@ -17,9 +17,10 @@ from torch import Tensor
 
 from defocus_core.optics.cat_eye import Rim, fineness
 from defocus_core.optics.curved_blades import CurvedPolygon, inradius
+from defocus_core.optics.frame_grid import GridMix
 from defocus_core.optics.outline import Disc, Obstructed, Outline, Polygon, Squeezed
 from defocus_core.optics.parts import FULL, Part, area_of, gaussian, middles, parts_of, weight_of
-from defocus_core.optics.pupil_field import PupilMix, View
+from defocus_core.optics.pupil_field import PupilField, View
 from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.validation import described, number, whole
@@ -224,7 +225,9 @@ class Aperture:
     def _light(self, u: Tensor, r: Tensor, part: Part, view: View | None) -> Tensor:
         """Light between corners u [..., n] of pixels: [..., n - 1, n - 1], of any sum."""
         x, y = part.clamp(u, u)
-        outline = self._shaped(view.outline) if isinstance(view, PupilMix) else self.outline
+        outline, mix = self.outline, view if isinstance(view, GridMix) else None
+        if mix and isinstance(mix.field, PupilField):
+            outline = self._shaped(mix.field.mixed(mix.weights))
         light = outline.areas(x, y)
         # a grey pixel of a picture is no border
         areas = light if self.image is None else torch.full_like(light, torch.inf)
@@ -233,7 +236,7 @@ class Aperture:
         if not _is(self.spherical, 0.0):
             light = light * self._aberration(u, r)
         if part.is_uneven:
-            light = light * part.counted(u, self.narrowing)
+            light = light * part.counted(u, self.narrowing, mix)
         if not isinstance(view, Rim):
             return light
         return light * view.left_open(areas, x, y, self.narrowing)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -10,7 +10,7 @@ from torch import Tensor
 from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import LEFT, RIGHT, Part
-from defocus_core.optics.sensitivity import Sensitivity
+from defocus_core.optics.sensitivity import Sensitivity, SensitivityField
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.validation import described, number, one_of
 
@@ -63,6 +63,20 @@ class DualPixel:
             return _HALVES[DUAL_PIXEL_SENSORS.get(self.model, (self.model,))[0]]
         left, right = (Part(sensitivity=each) for each in self.measured)
         return left, right
+
+    @property
+    def field(self) -> SensitivityField | None:
+        """What makes the photodiodes change over the frame; None if they are the same."""
+        left = self.measured and self.measured[0]
+        return left if isinstance(left, SensitivityField) else None
+
+    def transposed(self) -> DualPixel:
+        """The photodiodes of a frame whose rows are columns."""
+        fields = [each for each in self.measured or () if isinstance(each, SensitivityField)]
+        if not fields:
+            return self
+        left, right = (each.transposed() for each in fields)
+        return replace(self, measured=(left, right))
 
     def kernels(self, aperture: Aperture, radius: Tensor, size: int) -> Tensor:
         """The blur of a point in the centre, left and right images: [..., 3, size, size].

@@ -1,35 +1,31 @@
 """A field of pupils: a picture of the pupil for each place of a grid over the frame.
 
-Kernels that were measured over the frame are such pictures. Between the places of the grid light is
-mixed, bilinear in the place; beyond the outer ones it stays.
+Kernels that were measured over the frame are such pictures.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from hashlib import blake2b
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from defocus_core.optics.cat_eye import Rim
+from defocus_core.optics.frame_grid import FrameGrid, GridMix
 from defocus_core.optics.outline import Outline
 from defocus_core.optics.pupil_image import PupilImage
-from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.validation import dense, described
 
 
-class PupilField(PupilImage):
+class PupilField(PupilImage, FrameGrid):
     """Pictures of the pupil as points beyond focus show it, over the frame.
 
-    The frame is divided into rows and columns of equal rectangles; each picture is the pupil as the
-    middle of its rectangle sees it. All have one middle, the centroid of their mean, and one
-    radius, the farthest that one of them reaches. As a picture it is their mean, each with light
-    of 1.
+    All have one middle, the centroid of their mean, and one radius, the farthest that one of them
+    reaches. As a picture it is their mean, each with light of 1.
     """
 
     def __init__(self, kernels: Tensor) -> None:
@@ -60,60 +56,13 @@ class PupilField(PupilImage):
         """The field of a frame with rows for columns."""
         return PupilField(self._kernels.transpose(0, 1).mT)
 
-    def view(self, x: Scalar, y: Scalar, frame: tuple[int, int]) -> PupilMix:
-        """The pupil that points of the frame see.
-
-        Args:
-            x: Place in px from the left border of the frame, a number or [n].
-            y: Place in px from the upper border.
-            frame: (height, width) of the frame in px.
-        """
-        down, across = (
-            self._tents(place, length, count)
-            for place, length, count in zip((y, x), frame, self.grid, strict=True)
-        )
-        return PupilMix(self, (down[..., :, None] * across[..., None, :]).flatten(-2))
-
-    def _tents(self, place: Scalar, length: int, count: int) -> Tensor:
-        """Weights [..., count] of the places of the grid along an axis."""
-        at = torch.as_tensor(place, dtype=torch.float64) * (count / length) - 0.5
-        number = torch.arange(count, dtype=at.dtype, device=at.device)
-        return (1 - (at.clamp(0, count - 1)[..., None] - number).abs()).clamp(min=0)
-
-
-class PupilMix(NamedTuple):
-    """The mix of pupils that points of the frame see.
-
-    Attributes:
-        field: The pupils.
-        weights: [G] or [n, G] the share of the light of each.
-    """
-
-    field: PupilField
-    weights: Tensor
-
-    @property
-    def outline(self) -> Outline:
-        """Their openings, mixed."""
-        return _Mixed(tuple(self.field.pupils), self.weights)
-
-    @property
-    def points(self) -> int:
-        """The number of points that see them."""
-        return math.prod(self.weights.shape[:-1])
-
-    @classmethod
-    def joined(cls, mixes: Sequence[PupilMix]) -> PupilMix:
-        """Mixes of one field as one, as so many points see it."""
-        return cls(mixes[0].field, torch.stack([mix.weights for mix in mixes]))
-
-    def of(self, which: Tensor | slice) -> PupilMix:
-        """The mix as the points of these indices see it."""
-        return self._replace(weights=self.weights[which])
+    def mixed(self, weights: Tensor) -> Outline:
+        """Their openings, mixed by weights [G] or [n, G]."""
+        return _Mixed(tuple(self.pupils), weights)
 
 
 # The pupil as points of the frame see it: clipped by a rim, or mixed.
-View = Rim | PupilMix
+View = Rim | GridMix
 
 
 def joined(views: Sequence[Any]) -> View:

@@ -74,6 +74,13 @@ class PupilImage(Outline):
             for at, lit in zip(middle, self._lit, strict=True)
         )
 
+    @property
+    def deviation(self) -> float:
+        """The standard deviation of its light along x, in px."""
+        light = self._sums[-1].diff()
+        away = torch.arange(len(light), dtype=light.dtype) + 0.5 - self._middle[0]
+        return float((light @ away**2 / light.sum()).sqrt())
+
     def about(self, middle: tuple[float, float], radius: float) -> None:
         """Let another place be the middle of the lens, and another radius its own."""
         self._middle, self._radius = middle, radius

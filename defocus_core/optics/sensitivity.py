@@ -8,15 +8,21 @@ falls to half of its greatest, and faint light has no share.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, pad
+from torch.nn.functional import pad
 
+from defocus_core.optics.frame_grid import FrameGrid
+from defocus_core.optics.outline import Disc
 from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.tensors.validation import dense, described
 
 # Shares of the greatest light of a measured kernel: of its noise at most, and of its border.
 _FAINT, _BORDER = 0.1, 0.5
+# Cells across a disc whose halves are compared, steps of a scale, and the widest, in radii.
+_CELLS, _SCALINGS, _WIDEST = 32, 4, 2.0
 
 
 class Sensitivity:
@@ -57,23 +63,120 @@ class Sensitivity:
         return torch.where(area > 0, share / torch.where(area > 0, area, 1.0), 0.0)
 
 
+class SensitivityField(Sensitivity, FrameGrid):
+    """Sensitivities of a photodiode over the frame; without a place, it is their mean."""
+
+    def __init__(self, places: Sequence[Sensitivity], grid: tuple[int, int]) -> None:
+        """Keep them.
+
+        Args:
+            places: By rows, of one photodiode.
+            grid: The rows and the columns.
+        """
+        self.is_left, self.places, self.grid = places[0].is_left, tuple(places), grid
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, SensitivityField):
+            return False
+        return (self.grid, self.places) == (other.grid, other.places)
+
+    def __hash__(self) -> int:
+        return hash((self.grid, self.places))
+
+    def transposed(self) -> SensitivityField:
+        """That of a frame whose rows are columns; each place is as it was."""
+        rows, columns = self.grid
+        order = (row * columns + column for column in range(columns) for row in range(rows))
+        return SensitivityField([self.places[index] for index in order], (columns, rows))
+
+    def between(self, x: Tensor, y: Tensor) -> Tensor:
+        """The mean of theirs."""
+        return torch.stack([place.between(x, y) for place in self.places]).mean(0)
+
+    def mixed(self, weights: Tensor, x: Tensor, y: Tensor) -> Tensor:
+        """As `between`, mixed by weights [G] or [v, G] of the places: for v points of the frame."""
+        points = weights.reshape(-1, len(self.places)).to(x.device)
+        x, y = (at.expand(len(points), at.shape[-1]) for at in (x, y))
+        total = x.new_zeros(len(points), y.shape[-1] - 1, x.shape[-1] - 1)
+        for place, weight in zip(self.places, points.unbind(1), strict=True):
+            which = weight.nonzero()[:, 0]
+            if len(which):
+                seen = place.between(x[which], y[which]) * weight[which, None, None]
+                total = total.index_add(0, which, seen)
+        return total if weights.dim() > 1 else total[0]
+
+
 def sensitivities(left: Tensor, right: Tensor) -> tuple[Sensitivity, Sensitivity]:
     """The sensitivities of two photodiodes whose kernels were measured.
 
+    Over the frame each place has a middle of its own, for kernels are seldom measured where the
+    pinhole sees the point. The lens has the radius of the narrowest kernel.
+
     Args:
-        left: [H, W], 0 or more: what the left one sees of a point beyond focus.
-        right: [H, W], the same of the right one, to the same scale.
+        left: [H, W], 0 or more: what the left one sees of a point beyond focus; or
+            [rows, columns, H, W], over the frame.
+        right: The same of the right one, to the same scale.
 
     Raises:
         ValueError: If they are no pictures of one size, or no light is in them, or if left does not
             lie to the left.
     """
     for name, kernel in (("left", left), ("right", right)):
-        if not (isinstance(kernel, Tensor) and kernel.dim() == 2 and kernel.shape == left.shape):
-            problem = f"{name} must be a tensor [H, W] like the other, got {described(kernel)}"
+        alike = isinstance(kernel, Tensor) and kernel.shape == left.shape
+        if not (alike and kernel.dim() in (2, 4) and kernel.numel()):
+            problem = (
+                f"{name} must be a tensor [H, W] or [rows, columns, H, W] like the other, got "
+                f"{described(kernel)}"
+            )
             raise ValueError(f"{problem}; measure both photodiodes of one point")
         dense(name, kernel)
     left, right = (kernel.detach().to("cpu", torch.float64) for kernel in (left, right))
+    size = left.shape[-2:]
+    pairs = zip(left.reshape(-1, *size), right.reshape(-1, *size), strict=True)
+    shares = [_share_of(*pair) for pair in pairs]
+    if len(shares) > 1:
+        _scale(shares)
+    first = [Sensitivity(share, whole, is_left=True) for share, whole, _ in shares]
+    second = [Sensitivity(1 - share, whole, is_left=False) for share, whole, _ in shares]
+    if left.dim() == 2:
+        return first[0], second[0]
+    grid = left.shape[0], left.shape[1]
+    return SensitivityField(first, grid), SensitivityField(second, grid)
+
+
+def _scale(shares: list[tuple[Tensor, PupilImage, float]]) -> None:
+    """Scale the pictures of all places, so that halves of a disc are as far apart as kernels are.
+
+    Off the axis blur is wide and soft: a share of such kernels changes too slowly over the lens.
+    """
+    share, narrowest, apart = min(shares, key=lambda place: place[1].deviation)
+    radius, ratio = narrowest.radius, apart / _disc_halves_apart(share, narrowest)
+    for share, whole, apart in shares:
+        whole.about(whole.middle, radius)
+        for _ in range(_SCALINGS):
+            wider = apart / ratio / _disc_halves_apart(share, whole)
+            whole.about(whole.middle, min(whole.radius * wider, _WIDEST * radius))
+
+
+def _disc_halves_apart(share: Tensor, whole: PupilImage) -> float:
+    """The distance of the centroids of left and right halves of a round lens, in its radii."""
+    ends = torch.linspace(-1, 1, _CELLS + 1, dtype=torch.float64)
+    light = Disc().areas(ends, ends)
+    left = light * Sensitivity(share, whole, is_left=True).between(ends, ends)
+    return _centroid(light - left) - _centroid(left)
+
+
+def _centroid(light: Tensor) -> float:
+    """The mean place of a picture [H, W] along x, from -1 to 1."""
+    at = torch.linspace(-1, 1, 2 * light.shape[1] + 1, dtype=light.dtype)[1::2]
+    return float(light.sum(0) @ at / light.sum())
+
+
+def _share_of(left: Tensor, right: Tensor) -> tuple[Tensor, PupilImage, float]:
+    """The share [H, W] of the left one of two kernels [H, W], and the picture of their light.
+
+    And the distance of their centroids, of any unit that is one for all pictures of a size.
+    """
     both = left + right
     PupilImage(both)  # refuses what is no picture
     if not bool((left >= 0).all() and (right >= 0).all()):
@@ -91,21 +194,23 @@ def sensitivities(left: Tensor, right: Tensor) -> tuple[Sensitivity, Sensitivity
     whole = PupilImage(both)
     border = PupilImage(torch.where(both >= _BORDER * both.max(), both, 0.0))
     whole.about(whole.middle, border.reach(whole.middle))
-    share = _filled(left, both)
-    return (
-        Sensitivity(share, whole, is_left=True),
-        Sensitivity(1 - share, whole, is_left=False),
-    )
+    return _filled(left, both), whole, _centroid(both - left) - _centroid(left)
 
 
 def _filled(part: Tensor, whole: Tensor) -> Tensor:
     """The share [H, W] that a part is of the whole; without light that of the light around."""
     share, lit, width = torch.zeros_like(whole), torch.zeros_like(whole, dtype=torch.bool), 1
+    bright = (whole > 0).to(whole)
     while not bool(lit.all()):
-        some, every = (
-            avg_pool2d(light[None, None], width, 1, width // 2)[0, 0] for light in (part, whole)
-        )
-        nearer = ~lit & (every > 0)
+        some, every, near = (_boxes(light, width // 2) for light in (part, whole, bright))
+        nearer = ~lit & (near > 0.5)
         share = torch.where(nearer, some / torch.where(nearer, every, 1.0), share)
         lit, width = lit | nearer, 2 * width + 1
     return share.clamp(0, 1)
+
+
+def _boxes(light: Tensor, reach: int) -> Tensor:
+    """The sum [H, W] of the square around each pixel, so many px to each side, by running sums."""
+    sums = pad(light, (reach + 1, reach, reach + 1, reach)).cumsum(0).cumsum(1)
+    rows = sums[2 * reach + 1 :] - sums[: -2 * reach - 1]
+    return rows[:, 2 * reach + 1 :] - rows[:, : -2 * reach - 1]

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from defocus_core.tensors.sparse_masks import tally
+
 _BITS = 16
 
 
@@ -36,7 +38,7 @@ def counted(values: Tensor, prefix: int = 0, level: int = 0) -> Tensor:
     digits = bits >> (whole - _BITS * (level + 1))
     if level:
         digits &= (1 << _BITS) - 1
-    return torch.bincount(digits, minlength=1 << (_BITS if level else _BITS - 1))
+    return tally(digits, 1 << (_BITS if level else _BITS - 1))
 
 
 @dataclass(frozen=True)

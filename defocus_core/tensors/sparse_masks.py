@@ -35,6 +35,25 @@ def numbers_of(mask: Tensor) -> Tensor:
     return torch.cat([numbers, torch.nonzero(flat[end:])[:, 0] + end])
 
 
+def taken(values: Tensor, mask: Tensor) -> Tensor:
+    """The values [n] of the pixels in a mask.
+
+    Elsewhere than on a CPU, where the host would wait for their number, those of all pixels, 0 for
+    the others.
+    """
+    if launches_cost(values.device):
+        return torch.where(mask, values, 0).flatten()
+    return values.flatten()[numbers_of(mask)]
+
+
+def tally(numbers: Tensor, kinds: int) -> Tensor:
+    """How often [kinds] each number from 0 occurs in [n]; waits for nothing."""
+    if not launches_cost(numbers.device):
+        return torch.bincount(numbers, minlength=kinds)
+    counts = torch.zeros(kinds, dtype=torch.long, device=numbers.device)
+    return counts.index_add_(0, numbers, torch.ones_like(numbers, dtype=torch.long))
+
+
 def places_of(mask: Tensor) -> Tensor:
     """The rows and columns [n, 2] of the pixels in a mask [H, W] bool."""
     number = numbers_of(mask)

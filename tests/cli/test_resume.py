@@ -174,10 +174,10 @@ def test_other_settings_redo_and_other_kinds_add(
     assert len(computed) == 6
     again(folders, out)
     assert len(computed) == 6, "both are known"
-    assert "done again" in again(folders, out, "--blades", "6").err
+    assert "done again" in again(folders, out, "--quality", "draft").err
     assert len(computed) == 9
     again(folders, out)
-    assert len(computed) == 12, "the files are those of the last lens"
+    assert len(computed) == 12, "the files are those of the last quality"
 
 
 def test_threads_and_device_are_no_settings(
@@ -404,7 +404,7 @@ def test_another_picture_of_the_same_name_is_refused(
     refused(render(*other, "-o", out), 3, *words)
     assert render(*other, "-o", out, "--overwrite").code == 0
     one[0].rename(tmp_path / "moved.exr")
-    assert render(*other, "-o", out, "--blades", "5").code == 0
+    assert render(*other, "-o", out, "--quality", "draft").code == 0
     assert computed == ["a", "a", "a"]
 
 
@@ -415,5 +415,5 @@ def test_a_preview_goes_with_the_picture_that_it_shows(
     again(folders, out, "--preview")
     assert all(map(Path.exists, previews))
     previews[1].write_bytes(b"somebody's own")
-    again(folders, out, "--fnumber", "4")
+    again(folders, out, "--quality", "draft")
     assert [path.exists() for path in previews] == [False, True, False]

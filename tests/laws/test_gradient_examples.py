@@ -29,7 +29,7 @@ def find_lens(
     log_fnum = torch.tensor(math.log(fnum), dtype=photo.dtype, requires_grad=True)
     unit = 1 / foc_dist  # a step changes both by some percent
     optimizer = torch.optim.Adam(
-        [{"params": [disparity], "lr": 0.03 * unit}, {"params": [log_fnum], "lr": 0.03}]
+        [{"params": [disparity], "lr": 0.05 * unit}, {"params": [log_fnum], "lr": 0.05}]
     )
     decay = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     for _ in range(steps):
@@ -91,7 +91,7 @@ def portrait_lens() -> DefocusLens:
 def test_a_lens_is_found_from_its_blur(foc_dist: float, fnum: float) -> None:
     sharp, depth = textured()[None], slanted_depth()
     photo = portrait_lens().render_rgbd(sharp, depth)
-    found = find_lens(sharp, depth, photo, portrait_lens(), foc_dist=foc_dist, fnum=fnum, steps=160)
+    found = find_lens(sharp, depth, photo, portrait_lens(), foc_dist=foc_dist, fnum=fnum, steps=90)
     assert found[0] == pytest.approx(1800.0, rel=0.01)
     assert found[1] == pytest.approx(1.2, rel=0.01)
 

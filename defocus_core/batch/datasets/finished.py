@@ -89,7 +89,7 @@ def _lens(entry: Mapping[str, Any], inputs: Mapping[str, str]) -> Lens:
     shape |= {
         name: row.parse(entry[name]) if row.separator else entry[name]
         for name, row in EFFECT_OPTIONS.items()
-        if name in entry
+        if entry.get(name) is not None
     }
     shape |= {name: Path(inputs[name]) for name in LENS_FILES if name in inputs}
     if entry["focal_length_mm"] is None:  # the radii came from a file

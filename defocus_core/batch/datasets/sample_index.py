@@ -193,7 +193,7 @@ def _lens(lens: Record) -> dict[str, Any]:
         "focus_percentile": lens.get("focus_percentile"),
         "blades": lens["blades"],
         "blade_rotation_deg": float(lens["blade_rotation_deg"]),
-        **{name: lens[name] for name in EFFECTS if name in lens},
+        **{name: lens.get(name, default) for name, default in EFFECTS.items()},
         "draw_seed": draw.get("seed"),
         "draw_index": draw.get("index"),
         "draw_attempt": draw.get("attempt"),

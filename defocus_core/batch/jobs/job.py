@@ -86,6 +86,7 @@ class Outputs:
     overwrite: bool = False
     map_format: str = "exr"  # or tiff, of float32, too
     keep_overscan: bool = False  # pixels beyond the display window are written, too
+    file: str = ""  # the name of the only file, in root itself; empty for folders of kinds
 
     @property
     def rows(self) -> list[Kind]:
@@ -97,8 +98,15 @@ class Outputs:
         """Whether a kind needs more than the signed radii."""
         return any(kind.rendered for kind in self.rows)
 
+    @property
+    def folders(self) -> tuple[Path, ...]:
+        """The folders that files are written to."""
+        return (self.root,) if self.file else tuple(self.root / kind for kind in self.kinds)
+
     def names(self, stem: str) -> dict[str, str]:
         """The files of one picture, relative to the root: of each kind, and of kind.preview."""
+        if self.file:
+            return {self.kinds[0]: self.file}
         names = {
             k.name: f"{k.name}/{stem}{k.suffix(self.format, self.map_format)}" for k in self.rows
         }

@@ -22,7 +22,7 @@ from typing import Any
 
 from defocus_core.batch.jobs.reading_options import READING_OPTIONS
 from defocus_core.batch.jobs.toml_file import read_toml, refuse_unknown
-from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.lenses.lens import EFFECTS, Lens
 from defocus_core.batch.lenses.parameters import (
     ALTERNATIVES,
     BESIDE_BLUR,
@@ -36,12 +36,15 @@ from defocus_core.errors import CALLER, Place, UsageProblem
 
 @lru_cache(maxsize=65536)
 def parsed(name: str, text: str) -> Any:
-    """The value of an option, in mm, degrees or plain numbers.
+    """The value of an option, in mm, degrees or plain numbers; off is that of a lens without it.
 
     Raises:
         QuantityError: the text makes no sense.
     """
-    return LENS_OPTIONS[name].parse(text)
+    row = LENS_OPTIONS[name]
+    if text.strip().lower() == "off" and row.field in EFFECTS and not row.never_off:
+        return EFFECTS[row.field]
+    return row.parse(text)
 
 
 def checked(name: str, value: object, where: Place) -> str:

@@ -142,6 +142,28 @@ MAP_FORMATS = ("exr", "tiff")
 FORMAT_ALIASES = {"jpeg": "jpg", "tif": "tiff"}
 
 
+def format_of_file(kind: Kind, suffix: str, given: str | None) -> str | None:
+    """The format of the one file of a kind, by its suffix; None if it cannot have that suffix.
+
+    Args:
+        kind: what it holds.
+        suffix: of the file, like .png.
+        given: the format that was asked for, None for any.
+    """
+    word = suffix.lower().removeprefix(".")
+    word = FORMAT_ALIASES.get(word, word)
+    named = [name for name, end in SUFFIXES.items() if end == SUFFIXES.get(word)]
+    known = ("exr",) if kind.views else (*SUFFIXES,) if kind.image else MAP_FORMATS
+    fitting = [name for name in named if name in known and given in (None, name)]
+    return fitting[0] if fitting else None
+
+
+def is_picture_name(suffix: str) -> bool:
+    """Whether a suffix is one of pictures that are written."""
+    word = suffix.lower().removeprefix(".")
+    return f".{word}" in SUFFIXES.values() or word in FORMAT_ALIASES
+
+
 def in_one_file(kinds: tuple[str, ...], where: Place) -> tuple[str, ...]:
     """The kinds of output with left and right in one file.
 

@@ -298,7 +298,8 @@ _ROWS = (
         name="view",
         parse=str,
         metavar="NAME",
-        help="View of an EXR of several cameras, like left.  [default: the file's first]",
+        help="View of an EXR of several cameras, like left; in ‹render› several, like left,right.  "
+        "[default: the file's first]",
     ),
     _choice(
         "unpremultiply-depth",

@@ -2,15 +2,61 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.jobs.output_kinds import PREVIEW
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Record, files_of, input_path, without_collections
 from defocus_core.errors import InputError
+
+# Fields of the template of a name that tell settings apart.
+_NAMED = {
+    **dict.fromkeys(("foc_dist", "focus_at", "focus_percentile", "focus_value"), "{focus}"),
+    "fnum": "{fnumber}",
+    "foclen": "{focal-length}",
+    "blur": "{blur}",
+    "view": "{view}",
+}
+
+
+def _lens_and_view(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """What a picture must share with the one that it replaces."""
+    lens, reading = settings.get("lens") or {}, settings.get("reading") or {}
+    return {**lens, "view": reading.get("view")}
+
+
+def _drawn_alike(record: Record, job: Job) -> bool:
+    """Whether a record is of a job but for the largest radius, and that has the same lens.
+
+    A smaller limit keeps a lens within it, as those drawn before were beyond the larger one; a
+    larger limit keeps the first lens of its draw.
+    """
+    lens = job.lens
+    others = (lens.sharp_range, lens.clamp_blur, lens.blur, job.shot)
+    if record["status"] != "ok" or job.picture.others or any(x is not None for x in others):
+        return False
+    before = record["settings"]["lens"].get("max_coc")
+    was = replace(job, lens=replace(lens, max_coc=before))
+    if before == lens.max_coc or identity.recipe(was) != record["recipe"]:
+        return False
+    limit = math.inf if lens.max_coc is None else lens.max_coc
+    is_first = not (record["lens"].get("draw") or {}).get("attempt")
+    is_smaller = limit < (math.inf if before is None else before)
+    return max(map(abs, record["coc_px"])) <= limit and (is_first or is_smaller)
+
+
+def _with_limit(record: Record, job: Job, recipe: str) -> Record:
+    """The record with the largest radius that a job allows."""
+    lens = {**record["lens"], "max_coc_px": job.lens.max_coc}
+    if job.lens.max_coc is None:
+        del lens["max_coc_px"]
+    settings, name = identity.settings(job), identity.name(recipe, record["inputs"])
+    return {**record, "recipe": recipe, "job": name, "settings": settings, "lens": lens}
 
 
 class Ledger:
@@ -60,8 +106,9 @@ class Ledger:
         """The record by which a job need not be done again; None if it has to be.
 
         That is an ``ok`` of the same recipe whose inputs and outputs are as they were, or a
-        rejection of the same recipe with the same inputs. If the inputs lie elsewhere by now, or
-        the sample is of another split, it is a new record that says so.
+        rejection of the same recipe with the same inputs. If the inputs lie elsewhere by now, the
+        sample is of another split, or another limit of its radii draws the same lens, it is a new
+        record that says so.
 
         Args:
             job: the job.
@@ -73,7 +120,9 @@ class Ledger:
         record = records[0] if records else None
         if record is None or any(other is not record for other in records):
             return None
-        if record["status"] == "failed" or record["recipe"] != recipe:
+        if record["status"] == "failed":
+            return None
+        if record["recipe"] != recipe and not _drawn_alike(record, job):
             return None
         moved = {}
         for role, path in job.files.items():
@@ -88,6 +137,8 @@ class Ledger:
                 moved[role] = {**stamp, "path": place}
         if record["status"] == "ok" and not self._in_place(record, planned):
             return None
+        if record["recipe"] != recipe:
+            record = _with_limit(record, job, recipe)
         if moved:
             record = {**record, "inputs": {**record["inputs"], **moved}}
         return record if record.get("split", "") == job.split else {**record, "split": job.split}
@@ -111,6 +162,27 @@ class Ledger:
                 if before.exists() and before.resolve() != job.picture.color.resolve():
                     problem = f"exists already, made of another picture, {before.resolve()}"
                     remedy = "choose another -o, or add ‹overwrite› to replace it"
+                    raise InputError("exists", problem, remedy, path=path)
+
+    def refuse_other_lenses(self, jobs: Iterable[Job]) -> None:
+        """Refuse to replace outputs that another lens took, or of another view.
+
+        Raises:
+            InputError: a job would.
+        """
+        for job in jobs:
+            now = _lens_and_view(identity.settings(job))
+            for name in () if job.outputs.overwrite else job.names.values():
+                path, record = self.out / name, self._last.get(name)
+                if record is None or record["status"] != "ok" or not path.exists():
+                    continue
+                changes = list(identity.changed_settings(_lens_and_view(record["settings"]), now))
+                if changes:
+                    words = ", ".join(f"{key} {was}, not {now}" for key, was, now in changes[:3])
+                    part = _NAMED.get(changes[0][0], "2")
+                    problem = f"exists already, taken otherwise: {words}"
+                    names = f"‹name› '{{stem}}_{part}'"
+                    remedy = f"choose another -o, {names}, or add ‹overwrite› to replace it"
                     raise InputError("exists", problem, remedy, path=path)
 
     def _own(self, record: Record) -> Record | None:

@@ -97,6 +97,7 @@ class LensParam(Param):
         bare_unit: unit of a key of a frame that is a number alone, where that is another.
         recorded_as: its key in records of any lens; empty where its field is recorded if it is on.
         file_field: the field that has the path, where the value may be a file.
+        never_off: it is no effect that a lens may be without.
     """
 
     tag: str
@@ -111,6 +112,7 @@ class LensParam(Param):
     bare_unit: str = ""
     recorded_as: str = ""
     file_field: str = ""
+    never_off: bool = False
 
     @property
     def is_ranged(self) -> bool:
@@ -256,6 +258,7 @@ _ROWS = (
     ),
     LensParam(
         name="blur",
+        never_off=True,
         parse=quantities.pixel_count,
         metavar="PX",
         help="Radius of the most blurred pixel, like 40px, instead of a lens: the depth is "
@@ -268,6 +271,7 @@ _ROWS = (
     ),
     LensParam(
         name="focus-value",
+        never_off=True,
         parse=quantities.number,
         metavar="NUMBER",
         help="The number of the depth file that is in focus, like 128; with ‹blur›.",
@@ -415,12 +419,13 @@ _ROWS = (
     ),
     LensParam(
         name="dp-model",
+        never_off=True,
         parse=quantities.dual_pixel((*DUAL_PIXEL_MODELS, *DUAL_PIXEL_SENSORS)),
         metavar="MODEL",
         help="Dual pixels: split, each photodiode sees half of the opening; smooth, all of it, "
         "less and less towards the other side; a sensor that was measured, @pixel4 or "
-        "@canon-dpp; or a file of kernels that were, like pair.npy. Split is ideal, a choice: on "
-        "real pairs it costs 3 to 8 dB.  [default: split]",
+        "@canon-dpp; or a file of kernels that were, like pair.npy or, over the frame, grid.npz. "
+        "Split is ideal, a choice: on real pairs it costs 3 to 8 dB.  [default: split]",
         tag="dp",
         example="smooth",
         file_field="dp_kernels",
@@ -457,6 +462,7 @@ _ROWS = (
     ),
     LensParam(
         name="noise-seed",
+        never_off=True,
         parse=quantities.seed,
         metavar="N",
         help="Number that decides the random numbers of the noise.  [default: 0]",

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from defocus_core.batch.jobs.output_kinds import DISPARITY_PER_RADIUS
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import InputError, UsageProblem, reason
+from defocus_core.io.array_files.containers import container_type, read_entries
 from defocus_core.io.array_files.float_maps import NPY_MAGIC, read_npy
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.color import read_color
@@ -122,11 +123,18 @@ def dual_pixel_of(lens: Lens) -> DualPixel:
 
     Raises:
         InputError: the file of their kernels cannot be used.
+        UsageProblem: it holds kernels over the frame, over which the opening changes, too.
     """
     from defocus_core.optics.dual_pixel import DualPixel
+    from defocus_core.optics.pupil_field import PupilField
 
     measured = None if lens.dp_kernels is None else measured_pair(lens.dp_kernels)
-    return DualPixel(lens.dp_model, lens.dp_crosstalk, measured)
+    sensor = DualPixel(lens.dp_model, lens.dp_crosstalk, measured)
+    if sensor.field and (lens.cat_eye or isinstance(aperture_of(lens).image, PupilField)):
+        problem = "has kernels over the frame, over which the opening changes, too"
+        remedy = "give kernels of one place, or leave out ‹cat-eye› and a field of ‹aperture-image›"
+        raise UsageProblem("contradiction", problem, remedy, field="dp-model")
+    return sensor
 
 
 def measured_pair(path: Path) -> tuple[Sensitivity, Sensitivity]:
@@ -165,30 +173,49 @@ def _stamp(path: Path) -> tuple[int, int] | None:
 
 @lru_cache(maxsize=16)
 def _pair(path: Path, _stamp: object) -> tuple[Sensitivity, Sensitivity]:
-    """What the left and the right photodiodes see, of an NPY file of their kernels.
+    """What the left and the right photodiodes see, of a file of their kernels.
 
     Raises:
-        InputError: the file cannot be read, or does not hold two kernels.
+        InputError: the file cannot be read, or does not hold kernels of both.
     """
     import torch
 
     from defocus_core.optics.sensitivity import sensitivities
 
-    values = np.array(read_npy(path, integers=True), "float64")
-    if values.ndim != 3 or len(values) != 2 or max(values.shape) > _MOST_SIDE:
-        shape = " × ".join(str(n) for n in values.shape)
-        problem = f"holds {shape} numbers, not two kernels"
-        raise InputError(
-            "wrong-size", problem, "save left and right as 2 × height × width", path=path
-        )
+    left, right = (torch.from_numpy(kernels) for kernels in _two_kernels(path))
     try:
-        left, right = torch.from_numpy(values)
         return sensitivities(left, right)
     except ValueError as error:
         problem = f"holds no kernels of two photodiodes: {reason(error)}"
         raise InputError(
             "malformed", problem, "measure both of a point beyond the focus", path=path
         ) from None
+
+
+def _two_kernels(path: Path) -> tuple[NDArray[Any], ...]:
+    """The kernels of left and right: [H, W] of an NPY file, also [rows, columns, H, W] of an NPZ.
+
+    Raises:
+        InputError: the file cannot be read, or does not hold kernels of both.
+    """
+    if container_type(read_head(path)) == "NPZ":
+        remedy = "save left and right, each rows × columns × height × width"
+        axes: tuple[int, ...] = (2, 4)
+        arrays = read_entries(path)
+        if missing := [side for side in ("left", "right") if side not in arrays]:
+            problem = f"holds {', '.join(arrays)}, but no {missing[0]}"
+            raise InputError("no-such-channel", problem, remedy, path=path)
+        kernels = [np.array(arrays[side].load(None), "float64") for side in ("left", "right")]
+    else:
+        remedy, axes = "save left and right as 2 × height × width", (2,)
+        kernels = list(np.atleast_1d(np.array(read_npy(path, integers=True), "float64")))
+    shapes = [each.shape for each in kernels]
+    fits = len(shapes) == 2 and shapes[0] == shapes[1] and len(shapes[0]) in axes
+    if not fits or math.prod(shapes[0][:-2]) > _MOST_KERNELS or max(shapes[0]) > _MOST_SIDE:
+        shown = " and ".join(" × ".join(map(str, shape)) for shape in dict.fromkeys(shapes))
+        problem = f"holds {len(shapes)} times {shown} numbers, which are not kernels of two"
+        raise InputError("wrong-size", problem, remedy, path=path)
+    return tuple(kernels)
 
 
 @lru_cache(maxsize=16)

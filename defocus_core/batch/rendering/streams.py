@@ -139,12 +139,12 @@ class Streams:
 
         made, job = self.made, self.made.job
         aperture, _ = aperture_in_pixels(made.lens, self._inputs.color.pixel_aspect, colors.color)
-        infinity = self._own.infinity
+        dual_pixel, infinity = dual_pixel_of(made.lens), self._own.infinity
         if infinity is not None:
             infinity = self._longer * (infinity + colors.offset)
         return Settings(
             aperture=aperture.transposed() if colors.turned else aperture,
-            dual_pixel=dual_pixel_of(made.lens),
+            dual_pixel=dual_pixel.transposed() if colors.turned else dual_pixel,
             cat_eye=cat_eye_of(made.lens, made.size),
             quality=made.quality,
             left_right=colors.turned or any(kind.halves for kind in job.outputs.rows),

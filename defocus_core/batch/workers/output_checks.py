@@ -47,10 +47,11 @@ def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
             if not overwrite and name not in known and os.path.lexists(path):
                 existing.append(path)
     if existing:
+        is_lone = bool(jobs[0].outputs.file)
         others = f" (and {len(existing) - 1} more)" if len(existing) > 1 else ""
         raise InputError(
             "exists",
-            f"exists already{others}, and the journal does not know it",
+            f"exists already{others}{'' if is_lone else ', and the journal does not know it'}",
             "move it away, choose another -o, or add ‹overwrite› to render all again",
             path=existing[0],
         )
@@ -77,9 +78,7 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
     named |= {Path(os.path.realpath(path)) for path in named if path.is_symlink()}
     places = {folder: folder.resolve() for folder in {path.parent for path in named}}
     own = {
-        (outputs.root / kind).resolve()
-        for outputs in {job.outputs for job in jobs}
-        for kind in outputs.kinds
+        folder.resolve() for outputs in {job.outputs for job in jobs} for folder in outputs.folders
     }
     inputs = {place / path.name for path in named if (place := places[path.parent]) in own}
     if not inputs:  # a batch has many outputs, and hardly ever such inputs
@@ -100,7 +99,7 @@ def refuse_unwritable(outputs: Outputs) -> None:
     Raises:
         InputError: a file is in the way, or the place is forbidden.
     """
-    for folder in (outputs.root, *(outputs.root / kind for kind in outputs.kinds)):
+    for folder in (outputs.root, *outputs.folders):
         if folder.is_symlink() and not folder.exists():
             raise missing(folder)
         if folder != outputs.root and folder.is_symlink():

@@ -30,6 +30,7 @@ class Execution:
         fail_fast: stop at the first job that fails.
         read_inputs: compare the bytes of inputs, not only their size and time.
         again: do jobs even if the journal has them as done.
+        keep_lenses: refuse to replace pictures of another lens or view.
         spread: over how many workers the jobs of one picture are to be spread.
     """
 
@@ -39,6 +40,7 @@ class Execution:
     fail_fast: bool = False
     read_inputs: bool = False
     again: bool = False
+    keep_lenses: bool = False
     spread: int = 1
 
 
@@ -94,6 +96,8 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
     moved = [record for _, record in settled if not ledger.has(record)]
     now = todo if execution.limit is None else todo[: execution.limit]
     ledger.refuse_other_pictures(job for job, _ in todo)
+    if execution.keep_lenses:
+        ledger.refuse_other_lenses(job for job, _ in todo)
     refuse_unknown([job for job, _ in todo], ledger.files | run_file.planned_files(out))
     planned = run_file.planned_files(out, execution.shard) - ledger.files
     unknown = {name for name in planned if (out / name).exists()}

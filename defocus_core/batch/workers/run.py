@@ -7,22 +7,26 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
 
 from defocus_core.batch.datasets import update
-from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.jobs.job import Job, Outputs
 from defocus_core.batch.journal import identity, run_file
 from defocus_core.batch.journal.journal import Journal, Record, input_path, journal_path, read_all
 from defocus_core.batch.journal.lock import Check, LockLost, locked
 from defocus_core.batch.journal.run_file import RunPlan
 from defocus_core.batch.workers.job_result import BESIDE
-from defocus_core.batch.workers.output_checks import refuse_unwritable
-from defocus_core.batch.workers.plan import Chunk, Execution, Plan, make_plan
+from defocus_core.batch.workers.output_checks import (
+    refuse_misplaced,
+    refuse_unknown,
+    refuse_unwritable,
+)
+from defocus_core.batch.workers.plan import Chunk, Execute, Execution, Plan, make_plan
 from defocus_core.errors import InputError, alike
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable
@@ -69,22 +73,48 @@ def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Li
         InputError: the journal, or an output that must not be touched, is in the way; or nothing
             more can be written.
     """
-    every = {job.outputs for job in jobs}
+    with (
+        _made({job.outputs for job in jobs}, out),
+        locked(out, execution.shard, say=note) as require_lock,
+    ):
+        return _carried_out(jobs, out, execution, listener, require_lock)
+
+
+def write_alone(job: Job, execute: Execute, listener: Listener) -> Summary:
+    """Do a job of one file, beside which no journal stands.
+
+    Raises:
+        InputError: the file, or another in its way, must not be touched.
+    """
+    refuse_misplaced([job])
+    refuse_unknown([job], known=())
+    out, summary = job.outputs.root, Summary(1, 0, 1)
+
+    def done(_: int, record: Record) -> None:
+        summary.left = 0
+        summary.statuses[record["status"]] += 1
+        beside = {key: record[key] for key in BESIDE if key in record}
+        listener.ended(job, {**completed(record, job, identity.recipe(job), out), **beside})
+
+    with _made({job.outputs}, out), Interrupts(patient=False) as interrupts:
+        execute(iter([[(0, job)]]), done, lambda: interrupts.asked)
+    summary.interrupted = interrupts.asked
+    return summary
+
+
+@contextmanager
+def _made(every: Collection[Outputs], out: Path) -> Iterator[None]:
+    """OUT exists in the block; folders that were not there, and are empty at its end, are not."""
     for outputs in every:
         refuse_unwritable(outputs)
-    folders = [
-        *{out / kind for outputs in every for kind in outputs.kinds},
-        out,
-        *out.absolute().parents,
-    ]
-    new = [folder for folder in folders if not folder.exists()]
+    folders = {folder for outputs in every for folder in outputs.folders} - {out}
+    new = [f for f in (*folders, out, *out.absolute().parents) if not f.exists()]
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise unwritable(out, error) from error
     try:
-        with locked(out, execution.shard, say=note) as require_lock:
-            return _carried_out(jobs, out, execution, listener, require_lock)
+        yield
     finally:
         for folder in new:
             with suppress(OSError):  # it holds a file, or does not exist

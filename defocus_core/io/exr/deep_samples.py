@@ -6,7 +6,7 @@ whose blur is the mean of theirs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,17 +14,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.errors import InputError, first_line
-from defocus_core.io.damage import damaged
-from defocus_core.io.exr.header import Channel, Header
-from defocus_core.io.exr.opening import opened
+from defocus_core.errors import InputError
+from defocus_core.io.exr.deep_chunks import Samples, decoded
+from defocus_core.io.exr.header import Header
 from defocus_core.io.exr.windows import Window
 
 HELD_BYTES = 1 << 27
 _held: dict[object, list[Strip]] = {}
 ALPHA, DEPTH, BACK = _OF_LAYERS = "A", "Z", "ZBack"
 FRONT = "ZFront"  # where a sample begins, beside its depth
-_ROWS, _PIXELS = 16, 1 << 16  # decoded at once
 _ROUNDING = 2e-3  # alpha beyond 1 by less is rounding of half
 
 
@@ -125,7 +123,8 @@ def strips(path: Path, header: Header, *, last: bool = False) -> Iterator[Strip]
     held = _held.pop(key, None)
     if held is None:
         held, size = [], 0
-        for strip in _decoded(path, header):
+        for samples in decoded(path, header):
+            strip = _strip(path, samples, header)
             size += strip.nbytes
             if not last and size <= HELD_BYTES:
                 held.append(strip)
@@ -145,54 +144,27 @@ def _version(path: Path) -> tuple[int, int]:
     return state.st_mtime_ns, state.st_size
 
 
-def _decoded(path: Path, header: Header) -> Iterator[Strip]:
-    """The samples of a deep part, decoded some rows at a time."""
-    with opened(path, header) as file:
-        spec, (x0, y0, x1, y1) = file.spec(), header.data
-        count, channels = spec.nchannels, {channel.name: channel for channel in header.channels}
-        step = spec.tile_height or max(_ROWS, _PIXELS // spec.width // _ROWS * _ROWS)
-        for top in range(y0, y1 + 1, step):
-            end = min(top + step, y1 + 1)
-            rows = (header.index, 0, top, end)
-            data = (
-                file.read_native_deep_tiles(header.index, 0, x0, x1 + 1, top, end, 0, 1, 0, count)
-                if spec.tile_width
-                else file.read_native_deep_scanlines(*rows, 0, 0, count)
-            )
-            if data is None or file.has_error:
-                raise damaged(path, first_line(path, file.geterror()))
-            window = Window(x0, top, x1, end - 1)
-            yield _strip(path, data, window, channels)
-
-
-def _strip(path: Path, data: Any, window: Window, channels: Mapping[str, Channel]) -> Strip:
+def _strip(path: Path, samples: Samples, header: Header) -> Strip:
     """Some decoded rows: their samples, sorted; of another view's channels nothing."""
-    size = window.width * window.height
-    counts = np.fromiter(map(data.samples, range(size)), np.int64, size)
-    pixel = np.repeat(np.arange(size, dtype=np.int32), counts)
-    rank = np.arange(len(pixel)) - np.repeat(np.cumsum(counts) - counts, counts)
-    pairs = list(zip(pixel.tolist(), rank.tolist(), strict=True))
-    rank = rank.astype(np.int32)
-    values: dict[str, NDArray[Any]] = {}
-    for index in range(data.channels):
-        channel = channels.get(data.channelname(index))
-        if channel is None:
-            continue
+    (x0, _, x1, _), pixel = header.data, samples.pixel.astype(np.int32)
+    window, values = Window(x0, samples.rows[0], x1, samples.rows[1]), {}
+    channels = {channel.name: channel for channel in header.channels}
+    for name, channel in channels.items():
+        numbers, plain = samples.values[name], channel.plain
         is_whole = channel.type == "uint"
-        value = data.deep_value_uint if is_whole else data.deep_value
-        numbers = (value(p, index, k) for p, k in pairs)
-        name = channel.plain if channel.plain in _OF_LAYERS else channel.name
-        values[name] = np.fromiter(numbers, "u4" if is_whole else "f4", len(pairs))
+        values[plain if plain in _OF_LAYERS else name] = numbers.astype("u4" if is_whole else "f4")
     _check_alpha(path, values)
     if BACK in values and DEPTH in values:
         values[FRONT] = values[DEPTH]
         values[DEPTH] = middle(values[DEPTH], values[BACK])
-    if DEPTH in values:
-        order = np.lexsort((np.nan_to_num(values[DEPTH], nan=np.inf, posinf=np.inf), pixel))
-        values = {name: each[order] for name, each in values.items()}
+    depth = np.nan_to_num(values.get(DEPTH, pixel[:0]), nan=np.inf, posinf=np.inf)
+    order = np.lexsort((depth, pixel)) if DEPTH in values else np.argsort(pixel, kind="stable")
+    pixel, values = pixel[order], {name: each[order] for name, each in values.items()}
+    counts = np.bincount(pixel, minlength=window.width * window.height)
+    rank = np.arange(len(pixel)) - np.repeat(np.cumsum(counts) - counts, counts)
     for name, channel in channels.items():  # of a view
         values[name] = values[channel.plain if channel.plain in _OF_LAYERS else name]
-    return Strip(window, pixel, rank, values)
+    return Strip(window, pixel, rank.astype(np.int32), values)
 
 
 def _check_alpha(path: Path, values: dict[str, NDArray[Any]]) -> None:

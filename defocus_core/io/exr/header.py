@@ -21,7 +21,7 @@ from defocus_core.io.safe_files import check_size, read_head
 MAGIC = b"\x76\x2f\x31\x01"
 PIXEL_TYPES = {0: "uint", 1: "half", 2: "float"}
 _BYTES = {"uint": 4, "half": 2, "float": 4}
-_LONG_NAMES, _DEEP, _MULTIPART = 0x400, 0x800, 0x1000
+_LONG_NAMES, _DEEP, MULTIPART = 0x400, 0x800, 0x1000
 _SHORT_NAME, _LONGEST_NAME = 31, 255
 # The attributes read here are tens of bytes, a channel list at most some thousand names.
 _LONGEST_VALUE = 2**24
@@ -187,18 +187,29 @@ def _text(file: BinaryIO) -> str:
     return text.decode()
 
 
-def _parts(file: BinaryIO) -> list[Header]:
+def raw_headers(file: BinaryIO) -> tuple[int, list[dict[str, Raw]]]:
+    """The flags of a file, and the attributes of each part; the table of its first part is next.
+
+    Raises:
+        ValueError: the file is damaged.
+    """
     (_, version) = struct.unpack("<4sI", file.read(8))
     if version & 0xFF != 2:
         raise ValueError(f"format version {version & 0xFF}, not 2")
-    headers: list[Header] = []
+    parts: list[dict[str, Raw]] = []
     while attributes := read_attributes(file):
-        headers.append(_header(len(headers), attributes, deep=bool(version & _DEEP)))
-        if not version & _MULTIPART:
+        parts.append(attributes)
+        if not version & MULTIPART:
             break
-    if not headers:
+    if not parts:
         raise ValueError("no parts")
-    return headers
+    return version, parts
+
+
+def _parts(file: BinaryIO) -> list[Header]:
+    version, parts = raw_headers(file)
+    deep = bool(version & _DEEP)
+    return [_header(index, attributes, deep=deep) for index, attributes in enumerate(parts)]
 
 
 def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
@@ -207,7 +218,7 @@ def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
     if missing:
         raise ValueError(f"no {min(missing)}")
     (aspect,) = struct.unpack("<f", values.get("pixelAspectRatio", struct.pack("<f", 1.0)))
-    channels = tuple(_channels(values["channels"]))
+    channels = tuple(channels_of(values["channels"]))
     return Header(
         index=index,
         name=values.get("name", b"").decode("utf-8", "replace"),
@@ -222,7 +233,12 @@ def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
     )
 
 
-def _channels(value: bytes) -> list[Channel]:
+def channels_of(value: bytes) -> list[Channel]:
+    """The channels of the attribute of that name.
+
+    Raises:
+        ValueError: it is damaged.
+    """
     channels = []
     while not value.startswith(b"\0"):
         name, end, value = value.partition(b"\0")

@@ -133,8 +133,9 @@ def frame_of(
 
 def _division(settings: Settings, quality: Quality) -> Division:
     """The parts of the aperture."""
-    count = quality.parts if settings.field is None else 1  # the rim would clip others away
     pair = settings.dual_pixel if settings.left_right else None
+    clipped = settings.field is not None and not (pair and pair.field)
+    count = 1 if clipped else quality.parts  # a rim would clip parts away
     return Division.of(settings.aperture, count, pair)
 
 

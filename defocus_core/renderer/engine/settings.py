@@ -10,6 +10,7 @@ from defocus_core.depth.repair_options import RepairOptions, repair_options
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.optics.frame_grid import FrameGrid
 from defocus_core.optics.pupil_field import PupilField
 from defocus_core.renderer.layers.quality import find
 from defocus_core.tensors.tiling import BLOCK
@@ -58,6 +59,9 @@ class Settings:
         if self.cat_eye and isinstance(self.aperture.image, PupilField):
             problem = "cat_eye must be None beside a field of pupils, whose kernels are clipped"
             raise ValueError(f"{problem} where they were measured; leave it out")
+        if self.dual_pixel.field and (self.cat_eye or isinstance(self.aperture.image, PupilField)):
+            problem = "dual_pixel must be the same all over the frame beside a cat_eye or a field"
+            raise ValueError(f"{problem} of pupils; give kernels of one place")
         find(self.quality)
         flag("left_right", self.left_right)
         repair_options(self.depth_repair, self.edge_width)
@@ -84,10 +88,12 @@ class Settings:
         return repair_options(self.depth_repair, self.edge_width)
 
     @property
-    def field(self) -> CatEye | PupilField | None:
-        """What makes the pupil change over the frame."""
+    def field(self) -> CatEye | FrameGrid | None:
+        """What makes the pupil or its halves change over the frame."""
         image = self.aperture.image
-        return image if isinstance(image, PupilField) else self.cat_eye
+        if isinstance(image, PupilField):
+            return image
+        return self.cat_eye or (self.dual_pixel.field if self.left_right else None)
 
     @property
     def by_scene(self) -> bool:

@@ -93,6 +93,11 @@ def test_a_noisy_part_of_a_frame_counts() -> None:
     assert noise_of(card() + noise) is None
 
 
+def test_noise_at_the_end_of_its_histogram_is_measured() -> None:
+    checkers = (torch.arange(SIZE[0])[:, None] + torch.arange(SIZE[1])) % 2 * torch.tensor(2.513)
+    assert noise_of(checkers) == pytest.approx(2.06, rel=0.01)
+
+
 def test_noise_goes_and_edges_stay() -> None:
     clean = card()
     found = without_noise(clean + scatter(0.3), 0.3) - clean

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import shutil
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -25,8 +26,8 @@ from defocus_core.batch.workers import pipeline, run
 DRAFT = '[machine]\nquality = "draft"\n'
 
 
-def carried_out(folder: Path, text: str) -> tuple[run.Summary, list[Record]]:
-    todo, out = jobs(folder, text + DRAFT, inputs=INPUTS), folder / "out"
+def carried_out(folder: Path, text: str, name: str = "out") -> tuple[run.Summary, list[Record]]:
+    todo, out = jobs(folder, text + DRAFT, inputs=INPUTS, out=name), folder / name
     execution = run.Execution(pipeline.execute)
     summary = run.carry_out(todo, out, execution, batch_report.BatchReport(each=False))
     return summary, Ledger(out, read_all(out)).live
@@ -127,3 +128,45 @@ def test_the_index_is_true_at_every_moment_of_a_run_that_changes_samples(tmp_pat
     run_until(seed=21, killed_after=0)
     assert true_samples() == 8
     assert (tmp_path / "out" / "card.json").exists()
+
+
+def test_effects_are_absent_where_the_draw_says_so(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    effects = "noise = 'choice(off, 4000:3)'\nobstruction = 'choice(off, 0.4)'\n"
+    effects += "cat-eye = 'choice(off, 1.05:1.5)'\n"
+    text = LENS + "fnumber = 2\nfocus = '2m'\n[sample]\nn = 8\nseed = 1\n" + effects
+    drawn = index(tmp_path, text)
+    lenses = [entry["lens"] for entry in drawn]
+    assert {lens["noise"] for lens in lenses} == {None, "4000:3"}
+    assert {lens["obstruction"] for lens in lenses} == {0.0, 0.4}
+    assert {lens["cat_eye"] for lens in lenses} == {None, "1.05:1.5"}
+    assert {lens["dp_model"] for lens in lenses} == {"split"}
+    assert {lens["noise_seed"] for lens in lenses} == {0}
+    assert len({(lens["noise"], lens["obstruction"]) for lens in lenses}) > 2
+    read = [sample.lens.noise for sample in samples(tmp_path / "out")]
+    assert read == [lens["noise"] and (4000.0, 3.0) for lens in lenses]
+
+
+def test_another_limit_redoes_what_it_draws_anew(tmp_path: Path) -> None:
+    pictures(tmp_path)
+    carried_out(tmp_path, LENS + SAMPLE)
+    for limit in ("0.2px", "9px", "0.3px"):
+        text = LENS + SAMPLE.replace("0.3px", limit)
+        before = outputs(tmp_path / "out")
+        summary, _ = carried_out(tmp_path, text)
+        shutil.rmtree(tmp_path / "fresh", ignore_errors=True)
+        carried_out(tmp_path, text, "fresh")
+        now = outputs(tmp_path / "out")
+        assert now == outputs(tmp_path / "fresh"), limit
+        same = sum(now[name][1] == before[name][1] for name in now)
+        assert 0 < summary.skipped <= same < 8
+        assert carried_out(tmp_path, text)[0].skipped == 8
+
+
+def outputs(out: Path) -> dict[str, Any]:
+    """Lens and hashes of each sample."""
+    live = {record["sample_id"]: record for record in Ledger(out, read_all(out)).live}
+    return {
+        name: (record["lens"], {k: v["blake2b"] for k, v in record["outputs"].items()})
+        for name, record in sorted(live.items())
+    }

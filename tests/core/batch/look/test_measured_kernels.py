@@ -81,6 +81,26 @@ def test_photodiodes_see_what_their_kernels_say(lights: tuple[Path, Path], tmp_p
     assert header(tmp_path / "o/left/a.exr")["defocus:dp_kernels"] == "pair.npy"
 
 
+def test_kernels_over_the_frame_split_each_light_as_at_its_place(
+    lights: tuple[Path, Path], tmp_path: Path
+) -> None:
+    left, right = pair()
+    near, grid = 0.45 * (left + right), tmp_path / "grid.npz"
+    np.savez(grid, left=[[left, near + 0.1 * left]], right=[[right, near + 0.1 * right]])
+    views = shown(tmp_path / "o", *lights, "--outputs", "left,right", "--dp-model", grid)
+    apart = [
+        np.abs(views["right"]["G"][:, side] - views["left"]["G"][:, side]).sum()
+        for side in (slice(36), slice(36, 72))
+    ]
+    assert apart[1] == pytest.approx(0.1 * apart[0], rel=0.1)
+    out = ("-o", tmp_path / "p", "--outputs", "left", *LENS, "--dp-model", grid)
+    refused(run("render", *lights, *out, "--cat-eye", "1.05:1.5"), 2, "--dp-model", "one place")
+    np.savez(grid, left=left[None, None], center=right[None, None])
+    refused(run("render", *lights, *out), 3, str(grid), "no right")
+    np.savez(grid, left=left[None, None], right=right[None, None, 1:])
+    refused(run("render", *lights, *out), 3, str(grid), "not kernels of two")
+
+
 def test_kernels_are_inputs_of_a_batch_and_are_found_again(
     lights: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -118,7 +138,7 @@ def test_kernels_are_inputs_of_a_batch_and_are_found_again(
     [
         ("--aperture-image", np.ones((2, 2, 3, 5, 5)), "no field of kernels"),
         ("--aperture-image", np.zeros((1, 2, 5, 5)), "black"),
-        ("--dp-model", np.ones((3, 5, 5)), "not two kernels"),
+        ("--dp-model", np.ones((3, 5, 5)), "not kernels of two"),
         ("--dp-model", np.ones((2, 5, 5)), "left must lie left"),
     ],
 )

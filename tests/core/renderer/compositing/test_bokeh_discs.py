@@ -1,6 +1,7 @@
 """Discs of highlights: the same as drawn pixel by pixel, clipped ray by ray."""
 
 import math
+from functools import cache
 
 import pytest
 import torch
@@ -17,7 +18,20 @@ from defocus_core.tensors.box import Box
 RADII = tuple(float(r) for r in range(-12, 31, 2))
 H, W = 61, 83
 WHOLE = Box(0, 0, H, W)
-Scene = tuple[list[list[float]], list[list[float]]]  # radii and places on the ladder
+
+
+class Scene:
+    """Radii of pixels, their places between slices, and which lie beside an edge of depth."""
+
+    def __init__(self, signed_radius: Tensor) -> None:
+        self.places = position(signed_radius, RADII).tolist()
+        self.radii = radii = signed_radius.tolist()
+        self.edges = [[beside_an_edge(y, x, radii) for x in range(W)] for y in range(H)]
+
+
+@cache
+def scene_of(background: float) -> Scene:
+    return Scene(surfaces(background))
 
 
 def surfaces(background: float) -> Tensor:
@@ -33,15 +47,12 @@ def lights(radii: Tensor, *, at: list[tuple[int, int]]) -> Highlights:
     return Highlights(torch.tensor(at), light * torch.arange(1, len(at) + 1)[:, None], radii)
 
 
-def pixel_by_pixel(
-    some: Highlights, signed_radius: Tensor, aperture: Aperture, part: Part
-) -> Tensor:
+def pixel_by_pixel(some: Highlights, scene: Scene, aperture: Aperture, part: Part) -> Tensor:
     """Each disc pixel: the kernel, times what no slice before it stops.
 
     Of a disc of few pixels that is the mean over the lens, for all of them.
     """
     picture = torch.zeros(3, H, W, dtype=torch.float64)
-    scene = (signed_radius.tolist(), position(signed_radius, RADII).tolist())
     for (row, column), light, r in zip(
         some.at.tolist(), some.light, some.signed_radius.tolist(), strict=True
     ):
@@ -52,26 +63,37 @@ def pixel_by_pixel(
         grid = [(k + 0.5) / 8 for k in range(-8, 8)]
         lens = [(y, x) for y in grid for x in grid if math.hypot(y, x) < 1]
         small = abs(r) < 2.013
-        at, spread = (row, column), [r - radius for radius in RADII]
+        at, spread = (row, column), tuple(r - radius for radius in RADII)
         clear = (come_through(at, limit, u, spread, scene, between=False) for u in lens)
         mean = sum(clear) / len(lens) if small else 1.0
-        for dy in range(-extent, extent + 1):
-            for dx in range(-extent, extent + 1):
-                y, x = row + dy, column + dx
-                if not (0 <= y < H and 0 <= x < W):
-                    continue
-                scale = [px / r for px in spread] if r else spread
-                u = (dy, dx)
-                free = mean if small else come_through(at, limit, u, scale, scene, between=True)
-                picture[:, y, x] += disc[dy + extent, dx + extent] * free * light
+        scale = tuple(px / r for px in spread) if r else spread
+        rows = range(max(-extent, -row), min(extent, H - 1 - row) + 1)
+        columns = range(max(-extent, -column), min(extent, W - 1 - column) + 1)
+        free = torch.tensor(
+            [
+                [
+                    mean if small else come_through(at, limit, (y, x), scale, scene, between=True)
+                    for x in columns
+                ]
+                for y in rows
+            ],
+            dtype=torch.float64,
+        )
+        down = slice(rows[0] + extent, rows[-1] + extent + 1)
+        across = slice(columns[0] + extent, columns[-1] + extent + 1)
+        shown = disc[down, across] * free * light[:, None, None]
+        picture[:, row + rows[0] : row + rows[-1] + 1][
+            ..., column + columns[0] : column + columns[-1] + 1
+        ] += shown
     return picture
 
 
+@cache
 def come_through(
     at: tuple[int, int],
     limit: float,
     away: tuple[float, float],
-    scale: list[float],
+    scale: tuple[float, ...],
     scene: Scene,
     *,
     between: bool,
@@ -85,7 +107,7 @@ def come_through(
         if radius < limit:
             far = [scale[k] * d for d in away]
             y, x = (_at(a, d) for a, d in zip(at, far, strict=True))
-            if not between or not beside_an_edge(y, x, scene[0]):
+            if not between or not scene.edges[min(max(y, 0), H - 1)][min(max(x, 0), W - 1)]:
                 free -= share_at(y, x, k, limit, scene)
                 continue
             down, across = (_ends(a + d) for a, d in zip(at, far, strict=True))
@@ -97,9 +119,8 @@ def come_through(
 
 def share_at(y: int, x: int, k: int, limit: float, scene: Scene) -> float:
     """The share of a pixel in slice k, if it is nearer than the limit."""
-    radii, places = scene
     y, x = min(max(y, 0), H - 1), min(max(x, 0), W - 1)
-    return max(0.0, 1 - abs(places[y][x] - k)) if radii[y][x] < limit else 0.0
+    return max(0.0, 1 - abs(scene.places[y][x] - k)) if scene.radii[y][x] < limit else 0.0
 
 
 def beside_an_edge(y: int, x: int, radii: list[list[float]]) -> bool:
@@ -145,7 +166,7 @@ def test_discs_are_those_drawn_pixel_by_pixel(radii: list[float], aperture: Aper
         scene = surfaces(background)
         parts = [FULL, LEFT, RIGHT]
         for part, found in zip(parts, drawn(some, scene, aperture, parts), strict=True):
-            wanted = pixel_by_pixel(some, scene, aperture, part)
+            wanted = pixel_by_pixel(some, scene_of(background), aperture, part)
             assert (found - wanted).abs().max() <= 1e-12 * wanted.abs().max()
 
 

@@ -1,0 +1,250 @@
+"""Chunks of a deep OpenEXR part: the samples of a row, or of the rows of a tile.
+
+By hand, because OpenImageIO gives samples to Python one by one, 5 µs each, and allocates what a
+file promises before it can be counted. Layout: openexr.com, "OpenEXR File Layout".
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.errors import InputError
+from defocus_core.io.damage import damaged
+from defocus_core.io.exr.header import MULTIPART, Channel, Header, Raw, channels_of, raw_headers
+
+# Samples of a strip of rows that are decoded at once, and the most of a row; px of a tile at most.
+_AT_ONCE, _MOST, _MOST_OF_TILE = 1 << 20, 1 << 23, 1 << 24
+# Decoded bytes of samples that any file may promise; beyond, how many for each byte of the file:
+# cards of one colour take 1 byte for 200, and a file made to fill the memory for 1000.
+_ANY, _RATIO = 1 << 26, 250
+_DTYPES = {"uint": "<u4", "half": "<f2", "float": "<f4"}
+_COMPRESSIONS = NONE, RLE, ZIPS = 0, 1, 2
+
+
+class Samples(NamedTuple):
+    """The samples of some rows of a part, in any order of the pixels.
+
+    Attributes:
+        rows: the first and the last row.
+        pixel: [N] number of the pixel of each sample, row by row.
+        values: [N] by name of the channel.
+    """
+
+    rows: tuple[int, int]
+    pixel: NDArray[np.int64]
+    values: dict[str, NDArray[np.generic]]
+
+
+class _Chunk(NamedTuple):
+    """A chunk as its header promises it: place in px, place in the file, bytes of both halves."""
+
+    y: int
+    x: int
+    at: int
+    table: int
+    packed: int
+    unpacked: int
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A deep part: where its rows lie, and how they are packed.
+
+    Attributes:
+        data: its data window: x0, y0, x1, y1.
+        tile: width and height of its tiles; of parts in scan lines, of a row.
+        is_tiled: whether it has tiles.
+        compression: of the file format.
+        channels: all, in the order of the file.
+        number: of the part, if there may be several.
+    """
+
+    data: tuple[int, int, int, int]
+    tile: tuple[int, int]
+    is_tiled: bool
+    compression: int
+    channels: tuple[Channel, ...]
+    number: int | None
+
+    @property
+    def across(self) -> int:
+        """Number of chunks side by side."""
+        return -(-(self.data[2] - self.data[0] + 1) // self.tile[0])
+
+    @property
+    def down(self) -> int:
+        """Number of chunks above each other."""
+        return -(-(self.data[3] - self.data[1] + 1) // self.tile[1])
+
+    @property
+    def sample_bytes(self) -> int:
+        """Decoded bytes of a sample."""
+        return sum(np.dtype(_DTYPES[channel.type]).itemsize for channel in self.channels)
+
+
+def decoded(path: Path, header: Header) -> Iterator[Samples]:
+    """The samples of a deep part, some rows at a time.
+
+    Raises:
+        InputError: the file is damaged, or promises more than it can hold.
+    """
+    try:
+        with path.open("rb") as file:
+            part, start = _part(file, header)
+            chunks = _chunks(file, part, start)
+            _check_promise(path, part, chunks)
+            for some in _strips(part, chunks):
+                yield _samples(file, part, some)
+    except (OSError, ValueError, KeyError, struct.error, zlib.error) as error:
+        raise damaged(path, str(error)) from error
+
+
+def _part(file: BinaryIO, header: Header) -> tuple[_Part, int]:
+    """The layout of a part, and where in the file its table of chunks begins."""
+    version, parts = raw_headers(file)
+    start = file.tell()
+    for before in parts[: header.index]:
+        start += 8 * _whole(before["chunkCount"])
+    attributes = parts[header.index]
+    x0, y0, x1, y1 = header.data
+    tile, is_tiled = (x1 - x0 + 1, 1), attributes["type"].value.startswith(b"deeptile")
+    if is_tiled:
+        tile = struct.unpack_from("<II", attributes["tiles"].value)
+    compression = attributes["compression"].value[0]
+    channels = tuple(channels_of(attributes["channels"].value))
+    if compression not in _COMPRESSIONS or any(channel.subsampled for channel in channels):
+        raise ValueError(f"deep samples of compression {compression}")
+    if not 0 < tile[0] * tile[1] <= max(_MOST_OF_TILE, x1 - x0 + 1):
+        raise ValueError(f"tiles of {tile[0]}×{tile[1]} px")
+    number = header.index if version & MULTIPART else None
+    return _Part((x0, y0, x1, y1), tile, is_tiled, compression, channels, number), start
+
+
+def _whole(raw: Raw) -> int:
+    return max(int(struct.unpack("<i", raw.value)[0]), 0)
+
+
+def _chunks(file: BinaryIO, part: _Part, start: int) -> list[_Chunk]:
+    """What the headers of all chunks promise, row by row; each chunk must lie where it says."""
+    count, size = part.across * part.down, file.seek(0, 2)
+    if start + 8 * count > size:
+        raise ValueError("it ends early")
+    file.seek(start)
+    offsets = struct.unpack(f"<{count}Q", file.read(8 * count))
+    own = "" if part.number is None else "i"
+    head = struct.Struct(f"<{own}{'4i' if part.is_tiled else 'i'}3Q")
+    found = []
+    for number, offset in enumerate(offsets):
+        file.seek(min(offset, size))
+        *place, table, packed, unpacked = head.unpack(file.read(head.size))
+        row, column = divmod(number, part.across)
+        due = [column, row, 0, 0] if part.is_tiled else [part.data[1] + row]
+        at = offset + head.size
+        if place != [*([] if part.number is None else [part.number]), *due]:
+            raise ValueError("a chunk is not where it should be")
+        if at + table + packed > size:
+            raise ValueError("it ends early")
+        y, x = row * part.tile[1], column * part.tile[0]
+        found.append(_Chunk(y, x, at, table, packed, unpacked))
+    return found
+
+
+def _check_promise(path: Path, part: _Part, chunks: Sequence[_Chunk]) -> None:
+    """Refuse samples that the file can hardly hold, before anything is allocated for them."""
+    promised, size = sum(chunk.unpacked for chunk in chunks), path.stat().st_size
+    of_row = max(
+        sum(chunk.unpacked for chunk in chunks[first : first + part.across])
+        for first in range(0, len(chunks), part.across)
+    )
+    samples = promised // part.sample_bytes
+    if promised > max(_ANY, _RATIO * size) or of_row > _MOST * part.sample_bytes:
+        problem = f"promises {samples} deep samples in {size} bytes"
+        remedy = "flatten it, or write it again"
+        raise InputError("too-large", problem, remedy, path=path)
+
+
+def _strips(part: _Part, chunks: Sequence[_Chunk]) -> Iterator[Sequence[_Chunk]]:
+    """Chunks of rows that follow each other, of so many pixels and samples as fit at once."""
+    first, each = 0, part.across
+    pixels = each * part.tile[0] * part.tile[1]
+    while first < len(chunks):
+        end, samples, seen = first, 0, 0
+        while end < len(chunks) and (end == first or samples + seen < _AT_ONCE):
+            row = chunks[end : end + each]
+            samples += sum(chunk.unpacked for chunk in row) // part.sample_bytes
+            seen, end = seen + pixels, end + each
+        yield chunks[first:end]
+        first = end
+
+
+def _samples(file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]) -> Samples:
+    """The samples of chunks that fill rows."""
+    x0, y0, x1, y1 = part.data
+    width, top = x1 - x0 + 1, chunks[0].y
+    pixels: list[NDArray[np.int64]] = []
+    values: dict[str, list[NDArray[np.generic]]] = {each.name: [] for each in part.channels}
+    for chunk in chunks:
+        rows = min(part.tile[1], y1 - y0 + 1 - chunk.y)
+        columns = min(part.tile[0], width - chunk.x)
+        file.seek(chunk.at)
+        table = _unpacked(file.read(chunk.table), 4 * rows * columns, part.compression)
+        ends = np.frombuffer(table, "<i4").reshape(rows, columns).astype(np.int64)
+        counts = np.diff(ends, axis=1, prepend=0)
+        if (counts < 0).any() or int(ends[:, -1].sum()) * part.sample_bytes != chunk.unpacked:
+            raise ValueError("its table of samples is wrong")
+        data = _unpacked(file.read(chunk.packed), chunk.unpacked, part.compression)
+        number = (np.arange(rows)[:, None] + chunk.y - top) * width + chunk.x + np.arange(columns)
+        pixels.append(np.repeat(number.ravel(), counts.ravel()))
+        at = 0
+        for of_row in ends[:, -1].tolist():
+            for channel in part.channels:
+                piece = np.frombuffer(data, _DTYPES[channel.type], of_row, at)
+                values[channel.name].append(piece)
+                at += piece.nbytes
+    last = chunks[-1].y + part.tile[1] - 1
+    return Samples(
+        (y0 + top, min(y0 + last, y1)),
+        np.concatenate(pixels),
+        {name: np.concatenate(pieces) for name, pieces in values.items()},
+    )
+
+
+def _unpacked(data: bytes, size: int, compression: int) -> bytes:
+    """So many bytes, from what they were packed to; as they are if packing made them no smaller."""
+    if compression == NONE or len(data) == size:
+        found = data
+    elif compression == RLE:
+        found = _ordered(_run_lengths(data, size))
+    else:
+        found = _ordered(zlib.decompressobj().decompress(data, size + 1)) if size else b""
+    if len(found) != size:
+        raise ValueError(f"{len(found)} bytes in place of {size}")
+    return found
+
+
+def _run_lengths(data: bytes, size: int) -> bytes:
+    """Runs: below 0, so many bytes as they are; else a byte once more than so many times."""
+    found, at = bytearray(), 0
+    while at < len(data) and len(found) <= size:
+        (count,) = struct.unpack_from("<b", data, at)
+        found += data[at + 1 : at + 1 - count] if count < 0 else data[at + 1 : at + 2] * (count + 1)
+        at += 1 - count if count < 0 else 2
+    return bytes(found)
+
+
+def _ordered(data: bytes) -> bytes:
+    """Bytes from differences of bytes whose even ones stand before the odd ones."""
+    steps = np.frombuffer(data, np.uint8).copy()
+    steps[1:] -= np.uint8(128)
+    bytes_ = np.cumsum(steps, dtype=np.uint8)
+    found, half = np.empty_like(bytes_), (len(bytes_) + 1) // 2
+    found[0::2], found[1::2] = bytes_[:half], bytes_[half:]
+    return found.tobytes()

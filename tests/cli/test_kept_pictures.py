@@ -1,0 +1,126 @@
+"""Nothing replaces what another command made: other lenses, names, views, and lone files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import (
+    LENS,
+    color_exr,
+    depth_exr,
+    files_under,
+    pair,
+    read_exr,
+    refused,
+    render,
+    run,
+    texture,
+    write_exr,
+)
+
+OTHER = {
+    "focus": ("--focus", "3m"),
+    "fnumber": ("--fnumber", "8"),
+    "focal-length": ("--focal-length", "40mm"),
+    "blades": ("--blades", "5"),
+}
+MAPS = ("--outputs", "coc")
+
+
+def another(name: str) -> tuple[str, ...]:
+    """The options of the lens with another value of one of them."""
+    base = dict(zip(LENS[::2], LENS[1::2], strict=True))
+    option, value = OTHER[name]
+    return tuple(word for pair in (base | {option: value}).items() for word in pair)
+
+
+@pytest.mark.parametrize("name", OTHER)
+def test_another_lens_replaces_no_picture(name: str, tmp_path: Path, out: Path) -> None:
+    files = pair(tmp_path)
+    assert render(*files, "-o", out, *MAPS).code == 0
+    before = (out / "coc/a.exr").read_bytes()
+    refused(run("render", *another(name), *files, "-o", out, *MAPS), 3, "--overwrite", "--name")
+    assert run("render", *another(name), *files, "-o", out, *MAPS, "--dry-run").code == 3
+    assert (out / "coc/a.exr").read_bytes() == before
+    ran = run("render", *another(name), *files, "-o", out, *MAPS, "--overwrite")
+    assert ran.code == 0, ran.err
+    assert (out / "coc/a.exr").read_bytes() != before
+
+
+def test_names_keep_lenses_apart(tmp_path: Path, out: Path) -> None:
+    files = pair(tmp_path)
+    for name in ("focus", "fnumber"):
+        template = f"{{stem}}_{{{name}}}"
+        assert run("render", *another(name), *files, "-o", out, *MAPS, "--name", template).code == 0
+    assert files_under(out) == {"coc/a_focus3m.exr", "coc/a_f8.exr"}
+
+
+@pytest.mark.parametrize("template", ["{stam}", "a/{stem}", "", ".{stem}"])
+def test_a_name_that_cannot_be_is_refused(template: str, tmp_path: Path, out: Path) -> None:
+    refused(render(*pair(tmp_path), "-o", out, "--name", template), 2, "--name")
+
+
+def test_each_view_is_rendered_and_named(tmp_path: Path, out: Path) -> None:
+    left, right = (texture(seed=seed) for seed in (1, 2))
+    planes = {
+        f"{view}_{c}": pixels[..., k]
+        for view, pixels in (("left", left), ("right", right))
+        for k, c in enumerate("RGB")
+    }
+    color, depth = write_exr(tmp_path / "a.exr", **planes), depth_exr(tmp_path / "z.exr")
+    ran = render(color, depth, "-o", out, "--outputs", "image", "--view", "left,right")
+    assert ran.code == 0, ran.err
+    for view, pixels in (("left", left), ("right", right)):
+        written = read_exr(out / f"image/a_{view}.exr")["R"]
+        np.testing.assert_allclose(written, pixels[..., 0], atol=1e-3)
+    named = render(color, depth, "-o", out, *MAPS, "--view", "left", "--name", "{view}-{stem}")
+    assert named.code == 0
+    assert (out / "coc/left-a.exr").exists()
+
+
+def test_another_view_replaces_no_picture(tmp_path: Path, out: Path) -> None:
+    planes = {f"{v}_{c}": texture()[..., 0] for v in ("left", "right") for c in "RGB"}
+    files = write_exr(tmp_path / "a.exr", **planes), depth_exr(tmp_path / "z.exr")
+    assert render(*files, "-o", out, *MAPS, "--view", "left").code == 0
+    refused(render(*files, "-o", out, *MAPS, "--view", "right"), 3, "{stem}_{view}")
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [("p.png", ()), ("p.tif", ("--outputs", "coc")), ("p.exr", ("--outputs", "left"))],
+)
+def test_a_file_is_one_picture_without_a_journal(
+    name: str, options: tuple[str, ...], tmp_path: Path, out: Path
+) -> None:
+    files = pair(tmp_path)
+    assert render(*files, "-o", out / name, *options).code == 0
+    assert files_under(out) == {name}
+    assert not (out / "journal.jsonl").exists()
+    refused(render(*files, "-o", out / name, *options), 3, "--overwrite")
+    assert render(*files, "-o", out / name, *options, "--overwrite").code == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("p.png", ("--outputs", "coc")),
+        ("p.png", ("--outputs", "left,right")),
+        ("p.png", ("--preview",)),
+        ("p.png", ("--name", "{stem}")),
+        ("p.png", ("--format", "jpg")),
+    ],
+)
+def test_what_a_file_cannot_hold_is_refused(
+    name: str, options: tuple[str, ...], tmp_path: Path, out: Path
+) -> None:
+    refused(render(*pair(tmp_path), "-o", out / name, *options), 2)
+    assert not out.exists()
+
+
+def test_a_file_is_none_of_its_inputs(tmp_path: Path) -> None:
+    color, depth = color_exr(tmp_path / "a.exr"), depth_exr(tmp_path / "z.exr")
+    before = color.read_bytes()
+    refused(render(color, depth, "-o", color, "--overwrite"), 3, "is an input")
+    assert color.read_bytes() == before

@@ -1,0 +1,133 @@
+"""Pairs that no lens explains are refused for what they are, on all sample scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+from torch.nn.functional import interpolate
+
+from defocus_core import Aperture, DualPixel, fit, read_color, read_depth, render
+from defocus_core.fitting.refusals import JudgedPair, Refusal, refusals_of
+from defocus_core.fitting.residual import Optics, Residual
+from defocus_core.fitting.unknowns import Candidate
+
+SCENES = Path(__file__).parents[3] / "sample_scenes"
+NAMES = ("floor", "layered", "leaves", "lights", "spheres")
+NOTHING = {"shift": False, "exposure": False, "gamma": False}
+REFUSED = {"swapped", "not-one-scene", "not-explained"}
+
+
+@cache
+def scene(name: str, width: int) -> tuple[Tensor, Tensor]:
+    """Light [3, H, W] and disparity [H, W] of a sample scene at a width."""
+    planes = read_color(SCENES / name / "rgb.exr").light
+    light = torch.from_numpy(np.stack([plane[:] for plane in planes], dtype="float32"))
+    metres = read_depth(SCENES / name / "depth.exr").metres[:]
+    disparity = 1 / torch.from_numpy(np.array(metres, "float32"))
+    size = round(width * light.shape[1] / light.shape[2]), width
+    small = interpolate(light[None], size, mode="area")[0]
+    return small, interpolate(disparity[None, None], size, mode="nearest")[0, 0]
+
+
+def lens(disparity: Tensor, most: float) -> Candidate:
+    """Focus on the middle of the disparities, and the greatest radius in px."""
+    focus = float(disparity.median())
+    return Candidate(most / float((focus - disparity).abs().max()), focus)
+
+
+@cache
+def blurred(name: str, width: int) -> tuple[Tensor, Tensor, Tensor, Candidate]:
+    light, disparity = scene(name, width)
+    point = lens(disparity, width / 30)
+    return light, disparity, render(light, point.strength * (point.focus - disparity)).render, point
+
+
+def unrelated(light: Tensor, _: Tensor, name: str) -> Tensor:
+    other = blurred(NAMES[NAMES.index(name) - 1], light.shape[2])[2]
+    return interpolate(other[None], light.shape[1:], mode="area")[0]
+
+
+def cropped(_: Tensor, seen: Tensor, __: str) -> Tensor:
+    height, width = seen.shape[1:]
+    part = seen[None, :, height // 10 : -height // 10, width // 10 : -width // 10]
+    return interpolate(part, (height, width), mode="bilinear")[0]
+
+
+HOSTILE: dict[str, tuple[Callable[[Tensor, Tensor, str], Tensor], set[str]]] = {
+    "shifted": (lambda _, seen, __: seen.roll((1, -2), (1, 2)), {"‹shift›"}),
+    "unrelated": (unrelated, REFUSED),
+    "gamma": (lambda _, seen, __: seen.clamp(min=0) ** 0.7, {"‹gamma›"}),
+    "brighter": (lambda _, seen, __: 1.4 * seen, {"‹exposure›"}),
+    "cropped": (cropped, {*REFUSED, "‹shift›"}),  # a floor that is cropped is nearly moved
+    "mirrored": (lambda _, seen, __: seen.flip(2), REFUSED),
+}
+
+
+def said(refusals: list[Refusal]) -> str:
+    """The option that a refusal proposes, or its code; nothing where there is none."""
+    for code, _, remedy in refusals:
+        return remedy.removeprefix("add ") if code == "other-cause" else code
+    return ""
+
+
+def judged(sharp: Tensor, disparity: Tensor, seen: Tensor, point: Candidate) -> str:
+    """What is said of a point of a pair."""
+    residual = Residual(sharp, disparity, (seen,), exposure=False)
+    evidence = JudgedPair.of(residual, point, Optics(Aperture(), DualPixel()))
+    return said(list(refusals_of(evidence, NOTHING)))
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+@pytest.mark.parametrize("strength", [0.02, 1.0])
+def test_a_hostile_pair_is_refused_by_the_right_lens_and_by_hardly_any(
+    kind: str, strength: float
+) -> None:
+    change, wanted = HOSTILE[kind]
+    for name in NAMES if kind != "mirrored" else NAMES[1:]:  # the floor mirrors itself
+        light, disparity, seen, point = blurred(name, 120)
+        found = Candidate(strength * point.strength, point.focus)
+        assert judged(light, disparity, change(light, seen, name), found) in wanted, name
+
+
+def test_a_sharp_picture_in_the_place_of_the_blurred_one_is_said_to_be_it() -> None:
+    for name in NAMES:
+        light, disparity, seen, point = blurred(name, 120)
+        assert judged(seen, disparity, light, point) == "swapped"
+
+
+def test_the_right_lens_is_not_refused() -> None:
+    for name in NAMES:
+        light, disparity, seen, point = blurred(name, 120)
+        assert not judged(light, disparity, seen, point), name
+        assert not judged(light, disparity, seen.clamp(max=float(seen.quantile(0.8))), point), name
+
+
+@pytest.mark.bench
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_the_fit_of_a_hostile_pair_is_refused(name: str, kind: str) -> None:
+    light, disparity, seen, _ = blurred(name, 240)
+    change, wanted = HOSTILE[kind]
+    assert said(list(fit(light, disparity, change(light, seen, name)).refusals)) in wanted
+
+
+@pytest.mark.bench
+@pytest.mark.parametrize("name", NAMES)
+def test_ten_lenses_of_a_scene_are_found(name: str) -> None:
+    generator = torch.Generator().manual_seed(5)
+    light, disparity = scene(name, 480)
+    nearest = float(disparity.max())
+    for _ in range(10):
+        rank, size = torch.rand(2, generator=generator).tolist()
+        focus = float(disparity.flatten().sort().values[int(rank * (disparity.numel() - 1))])
+        away = float((focus - disparity).abs().flatten().kthvalue(int(0.99 * disparity.numel()))[0])
+        strength = 3 * 10**size / away  # the 99th percentile of the radii is 3 to 30 px
+        found = fit(light, disparity, render(light, strength * (focus - disparity)).render)
+        assert found.focus == pytest.approx(focus, rel=0.01, abs=1e-3 * nearest)
+        assert found.strength == pytest.approx(strength, rel=0.02)

@@ -1,0 +1,85 @@
+"""Deep samples of every compression are those that were written; promises are counted first."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+from deep_files import write_deep_samples
+from refusals import refuses
+
+from defocus_core.io.exr.deep_chunks import decoded
+from defocus_core.io.exr.deep_samples import summary
+from defocus_core.io.exr.header import raw_headers, read_headers
+
+CODECS = ("NO", "RLE", "ZIPS")
+
+
+def part(seed: int, codec: str, name: str = "") -> tuple[Any, dict[str, Any]]:
+    """A deep part of 0 to 5 samples a pixel, noisy and even ones; and its channels."""
+    noise = np.random.default_rng(seed)
+    counts = noise.integers(0, 6, (9, 7))
+    planes = {"A": np.float16, "R": np.float16, "Z": np.float32, "id": np.uint32}
+    channels = {}
+    for channel, kind in planes.items():
+        pixels = np.empty(counts.shape, object)
+        for at in np.ndindex(pixels.shape):
+            pixels[at] = (noise.random(counts[at]) * 9 * (at[0] % 2) + 1).astype(kind)
+        channels[channel] = pixels
+    header = {
+        "type": OpenEXR.deepscanline,
+        "compression": getattr(OpenEXR, f"{codec}_COMPRESSION"),
+        "dataWindow": (np.array([3, -2], np.int32), np.array([9, 6], np.int32)),
+    }
+    return OpenEXR.Part(header, dict(channels), name), channels
+
+
+def flat(pixels: Any) -> Any:
+    return np.concatenate(list(pixels.ravel()))
+
+
+@pytest.mark.parametrize("codec", CODECS)
+def test_samples_of_each_compression_are_what_was_written(codec: str, tmp_path: Path) -> None:
+    parts = [part(seed, codec, name) for seed, name in enumerate(("a", "b"))]
+    for number, chosen in enumerate((parts[:1], parts)):
+        path = tmp_path / f"{number}.exr"
+        OpenEXR.File([each for each, _ in chosen]).write(str(path))
+        for header, (_, channels) in zip(read_headers(path), chosen, strict=True):
+            (found,) = decoded(path, header)
+            counts = np.bincount(found.pixel, minlength=63).reshape(9, 7)
+            assert np.array_equal(counts, np.vectorize(len)(channels["Z"]))
+            for name, pixels in channels.items():
+                assert np.array_equal(found.values[name], flat(pixels)), name
+
+
+@pytest.mark.parametrize(("promised", "code"), [(1 << 60, "too-large"), (1 << 20, "damaged")])
+def test_what_chunks_promise_is_counted_before_it_is_allocated(
+    promised: int, code: str, tmp_path: Path
+) -> None:
+    samples = [{"R": 1.0, "G": 0.5, "B": 0.2, "A": 1.0, "Z": 2.0}]
+    path = write_deep_samples(tmp_path / "a.exr", [[samples] * 8] * 8)
+    (header,) = read_headers(path)
+    with path.open("r+b") as file:
+        raw_headers(file)
+        (chunk,) = struct.unpack("<Q", file.read(8))
+        file.seek(chunk + 20)
+        file.write(struct.pack("<Q", promised))
+    with refuses(code):
+        summary(path, header)
+
+
+def test_chunks_lie_where_they_say(tmp_path: Path) -> None:
+    """One chunk in the place of all would be as many samples as the header likes."""
+    path = write_deep_samples(tmp_path / "a.exr", [[[{"A": 1.0, "Z": 2.0}]] * 8] * 8, ("A", "Z"))
+    (header,) = read_headers(path)
+    with path.open("r+b") as file:
+        raw_headers(file)
+        first = file.read(8)
+        file.seek(-8, 1)
+        file.write(8 * first)
+    with refuses("damaged"):
+        summary(path, header)
