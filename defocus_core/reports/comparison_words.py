@@ -21,11 +21,11 @@ from defocus_core.compare.record import (
 from defocus_core.system.text import counted
 
 _DIGITS = {"psnr": 4, "ssim": 5}
-_SHOWN = ("max", "rmse", "psnr", "ssim", "flip", "edges-psnr", "elsewhere-psnr")
+_SHOWN = ("max", "rmse", "psnr", "hdr-psnr", "ssim", "flip", "edges-psnr", "elsewhere-psnr")
 _WORDS = {DIFFERENT: "DIFFERENT", MISSING: "MISSING", EXTRA: "EXTRA", UNREADABLE: "UNREADABLE"}
 _METADATA = 3  # attributes that a line has room for
 _LOCAL = 0.25  # share of a picture
-_TITLES = {"psnr": "PSNR", "ssim": "SSIM", "rmse": "RMSE", "flip": "FLIP"}
+_TITLES = {"psnr": "PSNR", "hdr": "HDR", "ssim": "SSIM", "rmse": "RMSE", "flip": "FLIP"}
 
 
 def line(record: Comparison) -> str:
@@ -40,7 +40,7 @@ def line(record: Comparison) -> str:
     parts = [finding.text for finding in record.findings]
     if record.differing:
         parts += [_place(record)] if _is_local(record) else []
-        parts += [_numbers(record.metrics)] if record.metrics else []
+        parts += [_numbers(record)] if record.metrics else []
         parts += [f"worst at {worst_words(record.worst)}"] if record.worst is not None else []
     if record.failed:
         parts.append(f"fails {', '.join(record.failed)}")
@@ -139,13 +139,13 @@ def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
     return {k: number(v) if isinstance(v, float) else v for k, v in values.items()}
 
 
-def _numbers(metrics: Mapping[str, float]) -> str:
-    """The metrics that a line has room for."""
-    words = []
-    for name in _SHOWN:
-        if name in metrics:
-            words.append(number_words(name, metrics[name]))
-    return ", ".join(words)
+def _numbers(record: Comparison) -> str:
+    """The metrics that a line has room for; those of finite pixels, where some are not."""
+    metrics = record.metrics
+    words = ", ".join(number_words(name, metrics[name]) for name in _SHOWN if name in metrics)
+    if record.nonfinite is None or not record.nonfinite.lone:
+        return words
+    return f"elsewhere {words}" if metrics["max"] else "elsewhere equal"
 
 
 def number_words(name: str, value: float) -> str:

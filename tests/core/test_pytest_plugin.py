@@ -1,8 +1,9 @@
-"""The fixture ``golden`` of other projects: their tests run in a process of their own."""
+"""The fixture ``golden`` of other projects: their tests run in a session of their own."""
 
 from __future__ import annotations
 
-import subprocess
+import contextlib
+import io
 import sys
 from pathlib import Path
 
@@ -25,10 +26,13 @@ def passes(folder: Path, *options: str, expression: str = "image", bounds: str =
     """None if the test passes, else what pytest says."""
     (folder / "test_it.py").write_text(TEST.format(expression=expression, bounds=bounds))
     plugin = ["-p", "no:defocus", "-p", "defocus_core.pytest_plugin", "-p", "no:cacheprovider"]
-    words = [sys.executable, "-m", "pytest", "-q", *plugin, *options, "test_it.py"]
-    ran = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
-    assert ran.returncode in (0, 1), ran.stdout + ran.stderr
-    return ran.stdout if ran.returncode else None
+    words = ["-q", *plugin, "--import-mode=importlib", *options, "test_it.py"]
+    said = io.StringIO()
+    sys.modules.pop("test_it", None)
+    with contextlib.chdir(folder), contextlib.redirect_stdout(said):
+        code = pytest.main([*words, "--capture=no", f"--rootdir={folder}"])
+    assert code in (0, 1), said.getvalue()
+    return said.getvalue() if code else None
 
 
 @pytest.fixture

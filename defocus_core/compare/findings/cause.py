@@ -23,6 +23,7 @@ _OF_A_LENS = {
     "another CoC": ("fnumber", "focus", "focal_length", "coc_px"),
     "another bokeh shape": ("blades", "blade_rotation"),
 }
+_SPREADS = ("another CoC", "another CoC or bokeh shape", "spread otherwise")
 _LAST_BITS = 2e-5  # largest difference that is that of another machine, on no scale to be seen
 _CERTAIN = 0.03  # left of a difference, below which nothing else is tried
 
@@ -62,7 +63,7 @@ def diagnose(pixels: Pixels, a: DecodedPicture, b: DecodedPicture) -> list[Findi
 
 def _by_metadata(finding: Finding, a: Mapping[str, str], b: Mapping[str, str]) -> Finding:
     """Light that is spread otherwise, by the lens that the metadata of two renders name."""
-    if finding.name != "another CoC":
+    if finding.name not in _SPREADS:
         return finding
     for name, attributes in _OF_A_LENS.items():
         changes = [
@@ -72,9 +73,8 @@ def _by_metadata(finding: Finding, a: Mapping[str, str], b: Mapping[str, str]) -
             if full in a and full in b and a[full] != b[full]
         ]
         if changes:
-            text = finding.text.replace(", or another bokeh shape", "")
-            text = text.replace(finding.name, name)
-            said = f"{text} ({', '.join(changes)}, by the metadata)"
+            how = finding.text.partition(": ")[2]
+            said = f"{name}: {how} ({', '.join(changes)}, by the metadata)"
             return Finding(name, said, finding.values)
     return finding
 

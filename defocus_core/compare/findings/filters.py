@@ -23,12 +23,15 @@ if TYPE_CHECKING:
 _REACH = 7  # px of a filter for all places
 _CHOSEN = 4000  # pixels that choose it
 _SIGMAS = (0.6, 1.2, 2.4, 4.8)  # px of the gaussians
-_FILTER_LEFT, _COC_LEFT, _RESOLUTION_LEFT, _SPREAD_LEFT = 0.3, 0.62, 0.6, 0.25
+_FILTER_LEFT, _RESOLUTION_LEFT, _SPREAD_LEFT = 0.3, 0.6, 0.25
+_SURELY_SPREAD = 0.08  # left where kernels of another size or shape spread the light
+_COC_LEFT, _ROUND_LEFT = 0.62, 0.45  # kernels of another shape are explained up to 0.47
+_OF_A_FILTER = 0.25  # least power of what a filter spreads, by that of the difference
 _LONG = 4.0  # how much wider than across a filter of motion is along
 _PIECE = 192  # px of a side of the part whose resolution is looked at
 _DETAIL_KEPT = 0.35  # of what a lower resolution cannot have
 _NONE_KEPT = 0.04  # where B surely had a lower resolution
-_SPREAD = 6.0  # px of the gaussian within which another bokeh shape keeps the light
+_SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
 _UNLIKE_NEIGHBOURS = 0.3  # greatest correlation of noise with itself one pixel on
 
@@ -81,6 +84,10 @@ def _filtered(evidence: Evidence) -> Iterator[Explanation]:
     square[np.diag_indices(len(square))] += 1e-5 * np.trace(square) / len(square)
     kernel = np.linalg.solve(square, design.T @ aim).reshape(len(steps), len(steps))
     predicted = a + _through(a, kernel)
+    whole = 1 + float(kernel.sum())
+    moved, every = (np.square(v * weights)[inner].sum() for v in (predicted - whole * a, b - a))
+    if moved < _OF_A_FILTER * every:  # another exposure, with a little of something else
+        return
     left = evidence.left_framed(predicted, inner & ~chooses)
     kernel[_REACH, _REACH] += 1.0
     finding = _of_kernel(kernel)
@@ -218,7 +225,11 @@ def _another_coc(evidence: Evidence) -> Iterator[Explanation]:
         details = [smooth(one, sigma) - one for sigma in _SIGMAS]
         round_ones += [left(one, other, details, side) for side in (16, 32)]
     blurred = min(round_ones)
-    yield Explanation(_coc_words(a, b, weights), blurred, _COC_LEFT, 0.08)
+    finding = _coc_words(a, b, weights)
+    if blurred > _ROUND_LEFT:
+        name = "another CoC or bokeh shape"
+        finding = Finding(name, finding.text.replace(finding.name, name), finding.values)
+    yield Explanation(finding, blurred, _COC_LEFT, 0.08)
     for axis, way in ((1, "across"), (0, "down")):
         details = [smooth(a, sigma, (axis,)) - a for sigma in _SIGMAS[1:]]
         moved = left(a, b, details, 32)
@@ -228,12 +239,10 @@ def _another_coc(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _coc_words(a: NDArray[Any], b: NDArray[Any], weights: NDArray[Any]) -> Finding:
-    """Where B is blurred more, and where less: where it has less of its detail, and where more."""
+    """Where B is blurred more, and where less: where its light has less detail, and where more."""
     energy = np.square((b - a) * weights)
-    details = [
-        sum(np.square((smooth(side, s) - side) * weights) for s in _SIGMAS) for side in (a, b)
-    ]
-    old, new = (smooth(side, 4.0) for side in details)
+    details = [sum(np.square(smooth(side, s) - side) for s in _SIGMAS) for side in (a, b)]
+    old, new = (smooth(side, _SPREAD) for side in details)
     more, less = (float(energy[where].sum()) for where in (new < old, new > old))
     share = more / max(more + less, 1e-300)
     shares = {"blurred_more": round(share, 3), "blurred_less": round(1 - share, 3)}
@@ -250,14 +259,17 @@ def _spread_otherwise(evidence: Evidence) -> Iterator[Explanation]:
     a, b = evidence.framed
     weights = _slope(evidence, np.maximum(np.abs(a), np.abs(b)))
     difference = b - a
-    far = smooth(difference, _SPREAD) * smooth(weights, _SPREAD)
-    whole = float(np.square(difference * weights).mean())
-    if not whole or noise_like(difference * weights):
+    if not difference.any() or noise_like(difference * weights):
         return
-    left = math.sqrt(float(np.square(far).mean()) / whole)
+    # Light that only moved cancels within the reach of the gaussian.
+    scale = smooth(weights, _SPREAD)
+    kept, moved = (smooth(d, _SPREAD) * scale for d in (difference, np.abs(difference)))
+    left = math.sqrt(float(np.square(kept).sum()) / float(np.square(moved).sum()))
     words = _coc_words(a, b, weights)
-    text = f"{words.text}, or another bokeh shape: the same light, spread otherwise"
-    finding = Finding(words.name, text, words.values)
+    how = words.text.partition(": ")[2]
+    surely = left < _SURELY_SPREAD and "," not in how
+    name = "another CoC or bokeh shape" if surely else "spread otherwise"
+    finding = Finding(name, f"{name}: the same light, {how}", words.values)
     yield Explanation(finding, left, _SPREAD_LEFT, 1.0)  # where nothing else explains it
 
 

@@ -33,6 +33,14 @@ FINDINGS = (
     *("raised blacks", "lowered blacks", "another saturation", "other primaries", "vignette"),
     *("premultiplication", "shifted", "rotated", "scaled", "flipped", "crop", "fields exchanged"),
     *("tiles exchanged", "left and right swapped", "another view or frame", "another CoC"),
-    *("motion blur", "sharpened", "lower resolution", "another bokeh shape", "seams", "halo"),
+    *(
+        "motion blur",
+        "sharpened",
+        "lower resolution",
+        "another bokeh shape",
+        "spread otherwise",
+        "seams",
+        "halo",
+    ),
     *("fireflies", "dropped pixels", "compressed with losses", "noise"),
 )

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 _FRAME = 1024  # px of the middle of a picture in which a shift is looked for
 _PEAKS = 3  # of each correlation that are tried
 _LARGEST_PART = 0.05  # px of a shift that are no fraction
-_PART_LEFT = 0.4  # of a difference that a move by fractions of a pixel may leave
+_SHIFT_LEFT = 0.15  # of a difference that a shift may leave: parts of another frame move alike
+_MOVE_LEFT = 0.4  # the same of a turn or of another scale
 _PARTS_LEFT = 0.62  # of a difference that parts which move on their own may leave
 _TILES = (16, 32, 64, 128, 256, 512)  # px
 _CHOSEN = 5000  # samples that choose a small move
@@ -205,7 +206,7 @@ def _shifted(evidence: Evidence) -> Iterator[Explanation]:
     if (dx, dy) != (0, 0):
         values = {"dx": dx, "dy": dy}
         finding = Finding("shifted", f"shifted by ({dx}, {dy})", values)
-        yield Explanation(finding, left, _PART_LEFT)
+        yield Explanation(finding, left, _SHIFT_LEFT)
     if left > _LARGEST_PART and min(evidence.size) > 16:
         yield from _moved_a_little(evidence, dx, dy)
         if min(evidence.size) >= 3 * _PART:
@@ -273,7 +274,9 @@ def _moved_a_little(evidence: Evidence, dx: int, dy: int) -> Iterator[Explanatio
             continue
         inside, sums = _moved(evidence, rows, columns, move, far, evidence.names)
         left = evidence.left(evidence.unscaled(sums[0]), inside)
-        yield Explanation(_moved_words(move, far), left, _PART_LEFT, 0.01 + 0.02 * (free - 2))
+        finding = _moved_words(move, far)
+        limit = _SHIFT_LEFT if finding.name == "shifted" else _MOVE_LEFT
+        yield Explanation(finding, left, limit, 0.01 + 0.02 * (free - 2))
 
 
 def _moved(

@@ -10,6 +10,7 @@ import numpy as np
 from defocus_core.compare.findings.evidence import (
     Evidence,
     Explanation,
+    blocks_in_turn,
     unexplained,
 )
 from defocus_core.compare.findings.filters import alike, noise_like, smooth
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 _PERIODS = (8, 16, 32, 64, 128, 256, 512, 1024)  # px of tiles
 _WIDTHS = (1, 2, 4, 8, 16)  # px of a seam
+_STRONGEST = 4.0  # gain of a halo
 _LENGTH = 4.0  # of a halo, in widths of it
 _SEAM_LEFT, _GAIN_LEFT, _HALO_LEFT, _SPARK_LEFT, _CODEC_LEFT = 0.4, 0.3, 0.4, 0.3, 0.75
 _FEW = 1e-3  # share of the pixels that fireflies are at most
@@ -30,7 +32,7 @@ _SEGMENT = 16  # px along a line that are taken together, so that noise averages
 _SPARK = 0.1  # least difference of a firefly
 _DCT = 8  # px of the blocks of JPEG and of DWAA
 _Y = (0.299, 0.587, 0.114)  # of JPEG
-_NOISE_LEFT = 0.6
+_NOISE_LEFT = 0.25
 _WITHOUT_MEAN = 0.3  # greatest mean of noise, by its root mean square
 _LEAST_CHANGED = 0.02  # share of pixels that differ, below which there is no noise
 
@@ -179,9 +181,14 @@ def _halo(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation]
     alone = float((neighbours[band] < 2).mean())
     if area < _LENGTH * wide * wide or thick.sum() > 0.1 * area or one_sign < 0.8 or alone > 0.3:
         return
-    rest = np.where(band, np.float32(0), difference)
-    pairs = [(v[:, :-1], v[:, 1:]) for v in (difference, rest)]
-    left = unexplained(pairs[0], pairs[1], max(evidence.step, noise))
+    a, b = evidence.framed
+    chooses = blocks_in_turn(a.shape)
+    fits = band & chooses
+    design = np.stack([a[fits], np.ones(np.count_nonzero(fits))], axis=1)
+    gain, offset = np.linalg.lstsq(design, b[fits], rcond=None)[0]
+    if not 1 / _STRONGEST < gain < _STRONGEST:
+        return
+    left = evidence.left_framed(np.where(band, gain * a + offset, a), ~chooses)
     brighter = "brighter" if float(difference[band].sum()) > 0 else "darker"
     text = f"halo of {round(wide)} px, {brighter}"
     yield Explanation(Finding("halo", text, {"width": wide}), left, _HALO_LEFT, 0.1)
