@@ -314,7 +314,11 @@ def test_depth_that_cannot_be_guided_is_refused(tmp_path: Path) -> None:
     square = depth_exr(tmp_path / "s.exr", np.ones((5, 5), np.float32))
     refused(render(color, square, *args), 3, "of another aspect")
     held = write_exr(tmp_path / "coc.exr", coc=ramp(12, 8))
-    refused(run("render", color, held, *args, "-o", tmp_path / "p", "--depth-format", "coc"), 3, "holds radii in px")
+    refused(
+        run("render", color, held, *args, "-o", tmp_path / "p", "--depth-format", "coc"),
+        3,
+        "holds radii in px",
+    )
 
 
 def test_signed_radii_are_used_as_they_are_and_need_no_lens(tmp_path: Path) -> None:
