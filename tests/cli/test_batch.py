@@ -276,8 +276,10 @@ def test_a_dry_run_goes_on_where_the_batch_would(tmp_path: Path, out: Path) -> N
     told = dry.json
     assert dry.code == 1
     assert (told["unusable"], told["forecast"]["pictures_read"]) == (2, 2)
-    reading = told["forecast"]["read_seconds"]
-    assert told["seconds"] * told["processes"] == pytest.approx(reading / 2), "of 2 lenses each"
+    parts = told["forecast"]
+    others = sum(parts[f"{step}_seconds"] for step in ("prepare", "render", "write"))
+    whole = others + parts["read_seconds"] / 2  # of 2 lenses each
+    assert told["seconds"] * told["processes"] == pytest.approx(whole)
 
 
 def test_shards_size_packs_the_samples(tmp_path: Path, out: Path) -> None:
