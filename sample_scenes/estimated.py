@@ -24,9 +24,9 @@ def estimated(depth: Array) -> tuple[NDArray[np.uint8], float, float]:
     height, width = depth.shape
     disparity = (1 / depth).reshape(height // 2, 2, width // 2, 2).mean((1, 3))
     soft = softened(softened(disparity, 0), 1)
-    least, most = float(soft.min()), float(soft.max())
-    levels = np.round((soft - least) / (most - least) * 255).astype(np.uint8)
-    return levels, 1 / most, 1 / least if least else math.inf
+    minimum, maximum = float(soft.min()), float(soft.max())
+    levels = np.round((soft - minimum) / (maximum - minimum) * 255).astype(np.uint8)
+    return levels, 1 / maximum, 1 / minimum if minimum else math.inf
 
 
 def softened(values: Array, axis: int) -> Array:

@@ -24,7 +24,7 @@ from torch.utils.data import DataLoader
 from defocus_core import BatchDataset, Distribution, RandomDefocus
 
 SIDE, CROP = 96, 64  # px of a scene, and of what the network sees of it
-MOST_PX = 6.0  # radius
+MAX_PX = 6.0  # radius
 JOBS = """
 [inputs]
 color = "scenes/*.rgb.exr"
@@ -70,7 +70,7 @@ def drawn(steps: int, size: int) -> Iterator[tuple[Tensor, Tensor]]:
         foclen=50.0,
         sensor_width=3.0,
         fnum=Distribution("loguniform", (2.0, 8.0)),
-        max_radius=MOST_PX,
+        max_radius=MAX_PX,
         left_right=True,
         quality="draft",
     )
@@ -130,8 +130,8 @@ class Matching(nn.Module):
         left, right = pair[:, :3], pair[:, 3:]
         unlike = [(left.roll(k, -1) - right).abs().mean(1, keepdim=True) for k in self.shifts]
         cost = avg_pool2d(torch.cat(unlike, 1), 5, 1, padding=2)
-        least, mean = cost.amin(1, keepdim=True), cost.mean(1, keepdim=True)
-        seen: Tensor = self.judge((cost - least) / (mean - least + 1e-3))
+        minimum, mean = cost.amin(1, keepdim=True), cost.mean(1, keepdim=True)
+        seen: Tensor = self.judge((cost - minimum) / (mean - minimum + 1e-3))
         return seen
 
 

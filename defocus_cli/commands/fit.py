@@ -25,7 +25,7 @@ from defocus_core.batch.lenses.radius_set import read_radius_set
 from defocus_core.batch.rendering import lens_fit, lens_match
 from defocus_core.errors import DefocusError, InputError, NotExplained, UsageProblem
 
-_MOST_BLADES = 99
+_MAX_BLADES = 99
 _OF_PAIRS = ("dual_pixel", "dp_model", "dp_crosstalk", "side_shading")  # attributes of FitOptions
 _Find = Callable[[Callable[[int, int], None]], dict[str, Any]]  # progress in, a record out
 
@@ -33,7 +33,7 @@ _Find = Callable[[Callable[[int, int], None]], dict[str, Any]]  # progress in, a
 def _blades(text: str) -> tuple[int, ...]:
     """Numbers of blades, as ``0,5,6``."""
     numbers = [part.strip() for part in text.split(",")]
-    if not all(n.isdigit() and (int(n) == 0 or 3 <= int(n) <= _MOST_BLADES) for n in numbers):
+    if not all(n.isdigit() and (int(n) == 0 or 3 <= int(n) <= _MAX_BLADES) for n in numbers):
         raise QuantityError(f"'{text}' names no numbers of blades", "write them like 0,5,6")
     return tuple(dict.fromkeys(map(int, numbers)))
 

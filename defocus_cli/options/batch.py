@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from defocus_cli.options.shared import device_option, machine_option, memory_options
-from defocus_cli.options.types import Command, Quantity, bundle, place_of
+from defocus_cli.options.types import Command, Quantity, bundle, position_of
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.lenses.quantities import byte_count
 from defocus_core.batch.workers.worker_config import WorkerConfig
@@ -60,7 +60,7 @@ class ShardType(click.ParamType[Shard]):
         if not match or not 1 <= int(match[1]) <= int(match[2]):
             problem = f"'{value}' is no part of a batch"
             raise UsageProblem(
-                "malformed", problem, "write it like 2/8, from 1/8 to 8/8", path=place_of(param)
+                "malformed", problem, "write it like 2/8, from 1/8 to 8/8", path=position_of(param)
             )
         return Shard(int(match[1]), int(match[2]))
 

@@ -19,7 +19,7 @@ from defocus_cli.options.types import (
     ReportPath,
     bundle,
     grouped_option,
-    place_of,
+    position_of,
 )
 from defocus_core.compare.record import CompareSettings
 from defocus_core.compare.run import Task
@@ -110,9 +110,9 @@ class _Difference(click.ParamType[float]):
     ) -> float:
         """The number."""
         try:
-            return difference(float(value), place_of(param))
+            return difference(float(value), position_of(param))
         except ValueError:
-            return difference(value, place_of(param))
+            return difference(value, position_of(param))
 
 
 class _Names(click.ParamType[tuple[str, ...]]):

@@ -17,7 +17,7 @@ from defocus_cli.options.types import (
     bundle,
     grouped_option,
     param_option,
-    place_of,
+    position_of,
 )
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.jobs.lens_from_options import make_lens
@@ -32,7 +32,7 @@ class LensFile(FilePath):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """The path of the file."""
-        return lens_path(super().convert(value, param, ctx), place_of(param))
+        return lens_path(super().convert(value, param, ctx), position_of(param))
 
 
 def _lens_file_option() -> Decorator:

@@ -24,7 +24,7 @@ from defocus_cli.options.types import (
     names_of,
 )
 from defocus_cli.words.console import Due
-from defocus_core.allowed_values import LEAST_TILE, QUALITIES
+from defocus_core.allowed_values import MIN_TILE, QUALITIES
 from defocus_core.batch.jobs.job import DEVICES, Machine, Outputs
 from defocus_core.batch.jobs.naming import FIELDS
 from defocus_core.batch.jobs.output_kinds import (
@@ -39,7 +39,7 @@ from defocus_core.batch.lenses.quantities import byte_count, pixel_count
 from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.system.process import cores
 
-_MOST_TILE = 1 << 14  # px
+_MAX_TILE = 1 << 14  # px
 
 
 def hidden_option(command: Command) -> Command:
@@ -298,7 +298,7 @@ def memory_options() -> list[Decorator]:
         ),
         machine_option(
             "--tile",
-            type=click.IntRange(min=LEAST_TILE, max=_MOST_TILE),
+            type=click.IntRange(min=MIN_TILE, max=_MAX_TILE),
             metavar="PX",
             help="Side of the tiles to compute in; changes the last digits.",
         ),

@@ -26,7 +26,7 @@ def option_name(param: click.Parameter | None) -> str:
     return param.human_readable_name if param else "command line"
 
 
-def place_of(param: click.Parameter | None) -> Place:
+def position_of(param: click.Parameter | None) -> Place:
     """The place of an option or argument, for errors."""
     name = option_name(param)
     return Place(field=name[2:]) if name.startswith("--") else Place(name)
@@ -40,7 +40,7 @@ class FilePath(click.ParamType[Path]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """A path that is not empty, as ``"$UNSET"`` would be."""
         if not str(value):
-            raise UsageProblem("empty", "is empty", "give a path", path=place_of(param))
+            raise UsageProblem("empty", "is empty", "give a path", path=position_of(param))
         return Path(value)
 
 
@@ -66,7 +66,7 @@ class Quantity(click.ParamType[Any]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Parse ``value``; what is parsed already passes."""
-        return read_at(place_of(param), self.parse, value) if isinstance(value, str) else value
+        return read_at(position_of(param), self.parse, value) if isinstance(value, str) else value
 
 
 class Listed(click.ParamType[tuple[Any, ...]]):
@@ -100,7 +100,7 @@ class Listed(click.ParamType[tuple[Any, ...]]):
             except ValueError:
                 problem = f"'{word.strip()}' is no {self.name}"
                 remedy = did_you_mean(word.strip(), self.known, f"write like {self.example}")
-                raise UsageProblem("malformed", problem, remedy, path=place_of(param)) from None
+                raise UsageProblem("malformed", problem, remedy, path=position_of(param)) from None
         return tuple(dict.fromkeys(values))
 
 

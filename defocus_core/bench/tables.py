@@ -17,7 +17,7 @@ from defocus_core.bench.timing import Case, MeasuredCost
 
 JUDGED = "standard"
 CAP = 50.0  # dB that a shot adds to a mean at most: easy scenes do not hide hard ones
-_LEAST_DB, _LEAST_SSIM, _LEAST_SHARE = 0.1, 0.001, 0.01
+_MIN_DB, _MIN_SSIM, _MIN_FRACTION = 0.1, 0.001, 0.01
 # Relative RMSE of rounding to half, which truth and input have both.
 _ROUNDING = 1.4e-4
 # Title, width and decimals of each column of numbers.
@@ -74,11 +74,11 @@ def losses(row: Row, rows: Sequence[Row]) -> list[dict[str, Any]]:
         own, best = row.errors, other.errors
         excess = own.rel_rmse - best.rel_rmse
         by = {
-            "psnr": (best.psnr - own.psnr, _LEAST_DB),
-            "ssim": (best.ssim - own.ssim, _LEAST_SSIM),
-            "rel_rmse": (excess, max(_LEAST_SHARE * best.rel_rmse, _ROUNDING)),
+            "psnr": (best.psnr - own.psnr, _MIN_DB),
+            "ssim": (best.ssim - own.ssim, _MIN_SSIM),
+            "rel_rmse": (excess, max(_MIN_FRACTION * best.rel_rmse, _ROUNDING)),
         }
-        lost = {name: value for name, (value, least) in by.items() if value > least}
+        lost = {name: value for name, (value, minimum) in by.items() if value > minimum}
         if lost:
             where = {"scene": row.scene, "shot": row.shot, "baseline": other.method}
             lost_to.append({**where, "lost": lost, "share": excess / max(best.rel_rmse, 1e-12)})

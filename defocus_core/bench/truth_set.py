@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 BLADES = {"disk": 0, "hexagon": 6}
-LEAST_INNER = 11  # px that SSIM needs
+MIN_INNER = 11  # px that SSIM needs
 _HERE = Path(__file__).parents[1]
 
 
@@ -122,7 +122,7 @@ def _shots(file: Path) -> list[TruthShot]:
                     f"add it or take the shot out of {file}",
                     path=path,
                 )
-        if min(camera["width"], camera["height"]) - 2 * shot.border < LEAST_INNER:
+        if min(camera["width"], camera["height"]) - 2 * shot.border < MIN_INNER:
             problem = f"{shot.name} leaves no picture within its border of {shot.border} px"
             raise InputError("empty", problem, "use larger pictures or less blur", path=file)
     return shots

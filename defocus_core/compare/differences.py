@@ -52,10 +52,10 @@ def amplified(pixels: Pixels, apart: NDArray[np.bool_] | None) -> tuple[float, N
         chosen = [each for each in pixels.differences if each.any()][:3] or chosen
         chosen = chosen if len(chosen) == 3 else chosen[:1]
     difference = np.stack(chosen * (3 // len(chosen)), axis=2)
-    most = float(np.percentile(np.abs(difference).max(axis=2), 99.9)) or float(
+    maximum = float(np.percentile(np.abs(difference).max(axis=2), 99.9)) or float(
         np.abs(difference).max()
     )
-    factor = 2.0 ** np.floor(np.log2(1 / most)) if most else 1.0
+    factor = 2.0 ** np.floor(np.log2(1 / maximum)) if maximum else 1.0
     levels = _GREY + np.rint(np.clip(difference * factor, -1.0, 1.0) * _HALF)
     shown = levels.astype(np.uint8)
     if apart is not None:

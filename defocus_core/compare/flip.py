@@ -65,12 +65,12 @@ def _flip(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]
         )
     luminance = (a * np.asarray(_LUMINANCE, np.float32)).sum(axis=2)
     hdr = int(max(float(a.max()), float(b.max())) > 1.0)
-    most = max(float(luminance.max()), _BLACK)
+    maximum = max(float(luminance.max()), _BLACK)
     # The median of what is not black: exposures are chosen for what can be seen.
     lit = luminance[luminance > _BLACK]
-    middle = float(np.median(lit)) if lit.size else most
+    middle = float(np.median(lit)) if lit.size else maximum
     with quiet():
-        errors = oiio.ImageBufAlgo.FLIP_diff(_buffer(a), _buffer(b), hdr, most, middle)
+        errors = oiio.ImageBufAlgo.FLIP_diff(_buffer(a), _buffer(b), hdr, maximum, middle)
         if errors.has_error:
             raise UsageProblem(
                 "not-numbers", f"failed: {errors.geterror()}", "leave it out", field="flip"

@@ -101,7 +101,7 @@ def compare_samples(a: DecodedPicture, b: DecodedPicture) -> Finding | None:
     }
     if not greatest:
         return None
-    each = ", ".join(f"{name} by up to {most:.3g}" for name, most in greatest.items())
+    each = ", ".join(f"{name} by up to {maximum:.3g}" for name, maximum in greatest.items())
     return Finding("deep samples", f"deep samples: other values, {each}", {"max": greatest})
 
 

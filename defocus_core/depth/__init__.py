@@ -8,5 +8,5 @@ average: a pixel of an edge that holds the mean depth of both surfaces, in dista
 level: one of few values of a quantised depth map. terrace: neighbours of one level.
 silhouette: the pixels on the nearer side of edges. profile: the colours across a silhouette.
 displacement: px by which an edge of depth lies outside that of the colours; negative inside.
-band: rows of a frame that are examined at once. cell: a pixel of depth of another size.
+band: rows of a frame that are examined at once. coarse pixel: a pixel of depth of another size.
 """

@@ -21,7 +21,7 @@ from defocus_core.tensors.neighbourhoods import (
     halfway,
     squares_around,
 )
-from defocus_core.tensors.sparse_masks import exceeding, numbers_of, places_of
+from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, positions_of
 
 # Range of radius in px, within 3 px of each other, that matters.
 _MATTERS = 1.013
@@ -38,7 +38,7 @@ _ABRUPT, _WIDE, _BENT = 0.3613, 0.2513, 0.3013
 _SURELY, _AVERAGE, _LEVEL = 0.5, 0.1, 0.1
 # Least number of averages: at all, for each hard step, for each pixel on a wide edge, and for each
 # pixel on a soft one.
-_LEAST, _EACH, _WIDER, _SOFTER = 64, 2, 0.25, 2
+_MINIMUM, _EACH, _WIDER, _SOFTER = 64, 2, 0.25, 2
 # Px around a pixel that decide what it becomes.
 AROUND = _BESIDE + 1 + 2 * _ROUNDS
 
@@ -73,8 +73,8 @@ def averages(
         if limit is not None:
             before, step, after = _as_averaged(steps, limit).diff(dim=1).abs().unbind(1)
             hard = (torch.maximum(before, after) < _LEVEL * step).sum()
-            place, average, wide = _on_edges(_as_averaged(radii, limit))
-            sums = average.sum(), (place * average).sum(), wide.sum(), hard
+            position, average, wide = _on_edges(_as_averaged(radii, limit))
+            sums = average.sum(), (position * average).sum(), wide.sum(), hard
             of_quantity.copy_(torch.stack(sums))
     return counts
 
@@ -90,12 +90,12 @@ def averaged_from(counts: list[list[float]], infinity: float | None, soft: int) 
     Returns:
         `infinity` for distance, math.inf for disparity, None if edges are mostly hard or soft.
     """
-    most, _, wide, _ = max(counts)
-    if most <= max(_WIDER * wide, _LEAST, _SOFTER * soft):
+    maximum, _, wide, _ = max(counts)
+    if maximum <= max(_WIDER * wide, _MINIMUM, _SOFTER * soft):
         return None
     off_middle = [
-        (abs(place / count - 0.5), limit)
-        for (count, place, _, hard), limit in zip(counts, (math.inf, infinity), strict=True)
+        (abs(position / count - 0.5), limit)
+        for (count, position, _, hard), limit in zip(counts, (math.inf, infinity), strict=True)
         if count > _EACH * hard
     ]
     return min(off_middle, key=lambda candidate: candidate[0])[1] if off_middle else None
@@ -109,7 +109,7 @@ def without_averages(signed_radius: Tensor, infinity: float) -> Tensor:
         infinity: From `averaged_from`.
     """
     radii = signed_radius.detach()
-    at = places_of(_edges(radii, infinity))
+    at = positions_of(_edges(radii, infinity))
     if not len(at):
         return signed_radius
     H, W = radii.shape
@@ -118,16 +118,16 @@ def without_averages(signed_radius: Tensor, infinity: float) -> Tensor:
     values = _as_averaged(radii, infinity).flatten()
     source = torch.arange(H * W, device=at.device)
     for _ in range(_ROUNDS):
-        own, least, most = values[index], *torch.aminmax(values[around.flatten(1)], dim=1)
+        own, minimum, maximum = values[index], *torch.aminmax(values[around.flatten(1)], dim=1)
         beside = values[next_to]
         (near, first), (far, last) = beside.min(1), beside.max(1)
         is_near = own <= halfway(near, far)
         step = torch.where(is_near, own - near, far - own)
-        further = torch.where(is_near, near - least, most - far)
-        place = next_to.gather(1, torch.where(is_near, first, last)[:, None])[:, 0]
-        place = torch.where(further > _SLOPE * step, index, place)
-        values = values.index_copy(0, index, values[place])
-        source = source.index_copy(0, index, source[place])
+        further = torch.where(is_near, near - minimum, maximum - far)
+        position = next_to.gather(1, torch.where(is_near, first, last)[:, None])[:, 0]
+        position = torch.where(further > _SLOPE * step, index, position)
+        values = values.index_copy(0, index, values[position])
+        source = source.index_copy(0, index, source[position])
     taken = signed_radius.flatten()
     return taken.index_copy(0, index, taken[source[index]]).reshape(H, W)
 
@@ -149,14 +149,14 @@ def _edges(radii: Tensor, infinity: float) -> Tensor:
     if min(radii.shape) <= _BESIDE:
         return torch.zeros_like(radii, dtype=torch.bool)
     values = _as_averaged(_going_on(radii), infinity)
-    least, most, ranges = values, values, []
+    minimum, maximum, ranges = values, values, []
     for _ in range(_BESIDE):  # of 3, 5 and 7 px on a side
-        least = extreme_around(least, 1, torch.minimum)
-        most = extreme_around(most, 1, torch.maximum)
-        ranges.append(most - least)
+        minimum = extreme_around(minimum, 1, torch.minimum)
+        maximum = extreme_around(maximum, 1, torch.maximum)
+        ranges.append(maximum - minimum)
         if len(ranges) == 1:
-            bent = (values - (least + most) / 2).abs_() > _BENT * ranges[0]
-    matters = _as_radii(most, infinity) - _as_radii(least, infinity) > _MATTERS
+            bent = (values - (minimum + maximum) / 2).abs_() > _BENT * ranges[0]
+    matters = _as_radii(maximum, infinity) - _as_radii(minimum, infinity) > _MATTERS
     bent = extreme_around(bent, 1, torch.maximum) & (ranges[0] > _WIDE * ranges[1])
     edges = matters & (bent | (ranges[0] > _ABRUPT * ranges[2]))
     return edges[_BESIDE:-_BESIDE, _BESIDE:-_BESIDE]
@@ -191,7 +191,7 @@ def _around(
         begins.append(max(rows[0] - shift, 0))
         own = values[begins[-1] : max(rows[1] - shift, begins[-1])]
         masks.append(exceeding(own, _MATTERS))
-    number = numbers_of(torch.cat([mask.flatten() for mask in masks]))
+    number = flat_nonzero(torch.cat([mask.flatten() for mask in masks]))
     start, stride, passed = torch.zeros_like(number), torch.ones_like(number), 0
     for dim, mask, begin in zip(ranges, masks, begins, strict=True):
         own = number - passed
@@ -215,12 +215,12 @@ def _on_edges(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     close, near, all_seven = (
         torch.aminmax(values[:, _BESIDE - by : _BESIDE + by + 1], dim=1) for by in (1, 2, _BESIDE)
     )
-    within, size, whole = (ends.max - ends.min for ends in (close, near, all_seven))
-    place = (values[:, _BESIDE] - near.min) / torch.where(size > 0, size, 1.0)
+    within, size, whole = (limits.max - limits.min for limits in (close, near, all_seven))
+    position = (values[:, _BESIDE] - near.min) / torch.where(size > 0, size, 1.0)
     step, level = values.diff(dim=1), _LEVEL * whole
-    least, most = torch.aminmax(step[:, 1:-1], dim=1)
-    on_edge = (place > _AVERAGE) & (place < 1 - _AVERAGE)
-    on_edge &= (least >= -level) | (most <= level)
+    minimum, maximum = torch.aminmax(step[:, 1:-1], dim=1)
+    on_edge = (position > _AVERAGE) & (position < 1 - _AVERAGE)
+    on_edge &= (minimum >= -level) | (maximum <= level)
     on_edge &= torch.minimum(step[:, 0].abs(), step[:, -1].abs()) < level
     abrupt = within > _SURELY * whole
-    return place, on_edge & abrupt, on_edge & ~abrupt
+    return position, on_edge & abrupt, on_edge & ~abrupt

@@ -29,7 +29,7 @@ _BRIGHTEST = 1e30
 _DEVIATION = 0.04
 # Logarithm of the density of colours of neither surface; difference of logarithms that is sure; and
 # greatest cost of a displacement in px.
-_OF_NONE, _SURE, _MOST = -4.0, 4.0, 6.0
+_OF_NONE, _SURE, _MAXIMUM = -4.0, 4.0, 6.0
 
 
 class Silhouette(NamedTuple):
@@ -72,13 +72,13 @@ def silhouette_at(at: Tensor, radii: Tensor) -> Silhouette:
     """The silhouette at pixels [n, 2] of radii [H, W]."""
     size, flat = (radii.shape[0], radii.shape[1]), radii.flatten()
     beside = squares_around(at, size).flatten(1)[:, [1, 3, 5, 7]]  # along the axes
-    most, which = flat[beside].max(1)
+    maximum, which = flat[beside].max(1)
     far = beside.gather(1, which[:, None])[:, 0]
     own = flat[at[:, 0] * size[1] + at[:, 1]]
     offset = torch.arange(-NORMAL, NORMAL + 1, device=at.device, dtype=torch.float64)
     y, x = torch.meshgrid(offset, offset, indexing="ij")
     weight = torch.exp((y * y + x * x) / (-2 * _NORMAL_DEVIATION**2))
-    farther = flat[squares_around(at, size, NORMAL)] > halfway(own, most)[:, None, None]
+    farther = flat[squares_around(at, size, NORMAL)] > halfway(own, maximum)[:, None, None]
     normal = torch.stack([(farther * (weight * axis)).sum((1, 2)) for axis in (y, x)])
     return Silhouette(at, far, normal / normal.norm(dim=0).clamp(min=1e-6))
 
@@ -87,12 +87,12 @@ class Profiles(NamedTuple):
     """Lines of pixels across silhouettes, from REACH px within the nearer surface to REACH beyond.
 
     Attributes:
-        places: [n, 2 * REACH + 1] numbers of pixels.
+        positions: [n, 2 * REACH + 1] numbers of pixels.
         inwards: [n] number of px that go on without a gap within the nearer surface.
         outwards: [n] number of px that go on without a gap beyond it.
     """
 
-    places: Tensor
+    positions: Tensor
     inwards: Tensor
     outwards: Tensor
 
@@ -128,7 +128,7 @@ def color_moments(profiles: Profiles, pixels: Tensor) -> Tensor:
 
     Averaged along a silhouette they say how the colours of both surfaces are distributed there.
     """
-    color, along = _colors(pixels, profiles.places), _along(pixels)  # [C, n, 2 * REACH + 1]
+    color, along = _colors(pixels, profiles.positions), _along(pixels)  # [C, n, 2 * REACH + 1]
     moments = []
     counts = (profiles.inwards, profiles.outwards)
     for side, depth, count in zip((-1, 1), profiles.depths(), counts, strict=True):
@@ -151,7 +151,7 @@ def displacement_costs(profiles: Profiles, moments: Tensor, pixels: Tensor) -> T
         moments: From `color_moments`, averaged along the silhouettes.
         pixels: [C, H, W] linear.
     """
-    color, along, C = _colors(pixels, profiles.places), _along(pixels), len(pixels)
+    color, along, C = _colors(pixels, profiles.positions), _along(pixels), len(pixels)
     sides = torch.split(moments, 1 + C + C * C, 1)
     means = [side[:, 1 : 1 + C] / side[:, :1].clamp(min=1e-9) for side in sides]
     scale = ((means[0] + means[1]) / 2).amax(1).clamp(min=torch.finfo(color.dtype).tiny ** 0.25)
@@ -175,7 +175,7 @@ def displacement_costs(profiles: Profiles, moments: Tensor, pixels: Tensor) -> T
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=costs.device)
     possible = (by <= near_depth[:, None]) & (-by <= far_depth[:, None])
     costs = costs - torch.where(possible, costs, torch.inf).amin(1, keepdim=True)
-    return torch.where(possible, costs.clamp(max=_MOST), _MOST)
+    return torch.where(possible, costs.clamp(max=_MAXIMUM), _MAXIMUM)
 
 
 def _along(like: Tensor) -> Tensor:

@@ -54,17 +54,17 @@ def radius_from_relative_disparity(
         Radii of the same shape in px, negative nearer than the focus; 0 where all are in focus.
     """
     apart = focus - disparity
-    most = float(apart.detach().abs().amax()) if reach is None else reach
-    return apart * (max_radius / most if most else 0.0)
+    maximum = float(apart.detach().abs().amax()) if reach is None else reach
+    return apart * (max_radius / maximum if maximum else 0.0)
 
 
-def depth_from_logarithm(share: Tensor, near: float, far: float) -> Tensor:
+def depth_from_logarithm(fraction: Tensor, near: float, far: float) -> Tensor:
     """Depth near^(1 − t) far^t that is even in its logarithm.
 
     R. Wang et al.: MoGe, 2025 (``utils/io.py`` of its code).
 
     Args:
-        share: t, any shape, 0 at `near` and 1 at `far`.
+        fraction: t, any shape, 0 at `near` and 1 at `far`.
         near: Depth at 0, positive.
         far: Depth at 1, positive, in the unit of `near`.
 
@@ -76,7 +76,7 @@ def depth_from_logarithm(share: Tensor, near: float, far: float) -> Tensor:
     """
     if not (0 < near < math.inf and 0 < far < math.inf):
         raise ValueError(f"near and far must be positive and finite, got {near} and {far}")
-    return torch.exp(math.log(near) + share * (math.log(far) - math.log(near)))
+    return torch.exp(math.log(near) + fraction * (math.log(far) - math.log(near)))
 
 
 def planar_depth(

@@ -15,8 +15,8 @@ from defocus_core.depth.edge_shifts import EdgeShifts
 from defocus_core.depth.noise import noise_from, scatter_counts
 from defocus_core.depth.quantised import are_few, steps_of
 from defocus_core.depth.soft_edges import (
-    FOOT_SHARE,
-    LEAST,
+    FOOT_FRACTION,
+    MINIMUM,
     STEEP,
     are_steeper,
     hard_steps,
@@ -25,7 +25,7 @@ from defocus_core.depth.soft_edges import (
     steepness,
 )
 from defocus_core.tensors.device_plan import launches_cost
-from defocus_core.tensors.neighbourhoods import ends_of, extreme_around
+from defocus_core.tensors.neighbourhoods import extreme_around, range_of
 from defocus_core.tensors.source import Pixels, bands
 from defocus_core.tensors.threads import threaded
 
@@ -48,7 +48,7 @@ class _BandEvidence(NamedTuple):
 
     Attributes:
         scatter: From `scatter_counts`.
-        ends: [2] least and greatest radius in px.
+        limits: [2] least and greatest radius in px.
         softest: Slope in px per px of the steepest soft edge.
         ramps: Number of pixels on steep ramps, wide or not.
         steps: [2, 4], from `steps_of`.
@@ -56,7 +56,7 @@ class _BandEvidence(NamedTuple):
     """
 
     scatter: Tensor
-    ends: Tensor
+    limits: Tensor
     softest: Tensor
     ramps: Tensor
     steps: Tensor
@@ -78,7 +78,7 @@ class DepthRepair(NamedTuple):
         quantised: Whether steps between few levels become slopes.
         edge_width: Px over which soft edges go from one surface to the other, in the median, or as
             it was said; None if edges are not soft.
-        share: Share of the pixels whose radius was changed; 0 of a diagnosis alone.
+        fraction: Share of the pixels whose radius was changed; 0 of a diagnosis alone.
         ramps_of: The scale of distance, if ramps are of distance; None if they are of disparity.
         uncertain_edges: Whether colours say on which side of their edge pixels are: where edges
             were soft, or averages of an enlarged depth map; False of a diagnosis alone.
@@ -91,7 +91,7 @@ class DepthRepair(NamedTuple):
     edge_shifts: EdgeShifts | None = None
     quantised: bool = False
     edge_width: float | None = None
-    share: float = 0.0
+    fraction: float = 0.0
     ramps_of: DistanceScale | None = None
     uncertain_edges: bool = False
 
@@ -145,12 +145,12 @@ def _evidence(
     sizes = [step.abs() for step in steps]
     greatest = [size.amax() for size in sizes if size.numel()]
     steepest = float(torch.stack(greatest).amax()) if greatest else 0.0
-    ends = ends_of(r)
-    softest, averaged = ends.new_zeros(()), ends.new_zeros((2, 4), dtype=torch.float64)
+    limits = range_of(r)
+    softest, averaged = limits.new_zeros(()), limits.new_zeros((2, 4), dtype=torch.float64)
     ramps = torch.zeros((), dtype=torch.long, device=r.device)
-    if steepest > LEAST:
+    if steepest > MINIMUM:
         if launches_cost(r.device) or any(
-            are_steeper(step, dim, LEAST) for dim, step in enumerate(steps)
+            are_steeper(step, dim, MINIMUM) for dim, step in enumerate(steps)
         ):
             slope = steepness(around)
             softest = softness(slope)[slice(*band)].amax()
@@ -158,21 +158,21 @@ def _evidence(
         averaged = averages(around, sizes, band, infinity)
     scatter = scatter_counts(steps, band)
     counts = steps_of([size[slice(*band)] for size in sizes])
-    return _BandEvidence(scatter, ends, softest, ramps, counts, averaged)
+    return _BandEvidence(scatter, limits, softest, ramps, counts, averaged)
 
 
 def _repair(
     signed_radius: Pixels, found: dict[str, list[float]], infinity: float | None
 ) -> DepthRepair:
     """The repair that the evidence of all bands asks for."""
-    least, most, softest, ramps = *found["ends"], *found["softest"], *found["ramps"]
-    if not (math.isfinite(least) and math.isfinite(most)):
+    minimum, maximum, softest, ramps = *found["ends"], *found["softest"], *found["ramps"]
+    if not (math.isfinite(minimum) and math.isfinite(maximum)):
         return DepthRepair()  # a picture of such depth is refused
-    slope = slope_of_soft_edges(least, most, signed_radius.shape)
+    slope = slope_of_soft_edges(minimum, maximum, signed_radius.shape)
     soft, width, scale = 0, None, None
     if softest > slope:
         soft, width, scale = _soft_edges(
-            signed_radius, slope, distance_scale(least, most, infinity)
+            signed_radius, slope, distance_scale(minimum, maximum, infinity)
         )
     averaged, steps = ([each[:4], each[4:]] for each in (found["averages"], found["steps"]))
     antialiased = averaged_from(averaged, infinity, soft)
@@ -225,15 +225,15 @@ def _soft_edges(
     0 if hard edges have more pixels, and if so large a share of the frame is steep that it is a
     surface, as in a frame of few px. What looks hard in radius may be soft in distance.
     """
-    most = _EDGES * signed_radius.shape[0] * signed_radius.shape[1]
+    maximum = _EDGES * signed_radius.shape[0] * signed_radius.shape[1]
     of_radius = _edge_counts(signed_radius, steep)
     found: list[tuple[_EdgeCounts, DistanceScale | None]] = []
-    if of_radius.mostly_soft and of_radius.soft < most:
+    if of_radius.mostly_soft and of_radius.soft < maximum:
         found.append((of_radius, None))
     if scale is not None and of_radius.hard:
         of_distance = _edge_counts(signed_radius, steep, scale)
         few_hard = _LOPSIDED * of_distance.hard < of_radius.hard
-        if few_hard and of_distance.mostly_soft and of_distance.soft < most:
+        if few_hard and of_distance.mostly_soft and of_distance.soft < maximum:
             found.append((of_distance, scale))
     if not found:
         return 0, None, None
@@ -252,18 +252,18 @@ def _edge_counts(
         around = signed_radius[first - above : last + _BESIDE_EDGE + 1].detach()
         steepest = steepness(around)
         if scale is not None:
-            slow = steepest <= FOOT_SHARE * steep  # far slopes are steep in distance
+            slow = steepest <= FOOT_FRACTION * steep  # far slopes are steep in distance
             around = scale.of(around)
             steepest = steepness(around).masked_fill_(slow, 0.0)
         slope = softness(steepest)
-        least, most = (
+        minimum, maximum = (
             extreme_around(around, _BESIDE_EDGE, end) for end in (torch.minimum, torch.maximum)
         )
-        to_ends = torch.maximum(around - least, most - around)
+        to_ends = torch.maximum(around - minimum, maximum - around)
         is_edge = (slope > steep) & (to_ends < _HALF_EDGE * slope)
         soft += int(is_edge[above : above + last - first].sum())
         middle = is_edge & (steepest == extreme_around(steepest, 1, torch.maximum))
-        wide = ((most - least) / steepest)[above : above + last - first]
+        wide = ((maximum - minimum) / steepest)[above : above + last - first]
         wide = wide[middle[above : above + last - first]] * _PER_PX
         widths += torch.bincount(wide.round().long().cpu(), minlength=len(widths))
         with_next = signed_radius[max(first - 2, 0) : last + 2].detach()

@@ -38,20 +38,20 @@ class DistanceScale(NamedTuple):
         return DistanceScale(infinity, self.nearest * scale, self.farthest * scale)
 
 
-def distance_scale(least: float, most: float, infinity: float | None) -> DistanceScale | None:
+def distance_scale(minimum: float, maximum: float, infinity: float | None) -> DistanceScale | None:
     """The scale of distance of a frame.
 
     Args:
-        least: Least radius in px.
-        most: Greatest radius in px.
+        minimum: Least radius in px.
+        maximum: Greatest radius in px.
         infinity: Signed radius in px of what is infinitely far; None if that is not known.
 
     Returns:
         None if distance is not known, infinite somewhere, or the same everywhere.
     """
-    if infinity is None or not INFINITE < infinity - most < infinity - least:
+    if infinity is None or not INFINITE < infinity - maximum < infinity - minimum:
         return None
-    return DistanceScale(infinity, infinity - least, infinity - most)
+    return DistanceScale(infinity, infinity - minimum, infinity - maximum)
 
 
 def distance_of(radii: Tensor, infinity: float) -> Tensor:

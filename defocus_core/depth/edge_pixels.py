@@ -24,13 +24,13 @@ from defocus_core.depth.edge_surfaces import (
     Side,
     around_edge,
     closeness,
-    share_deviation,
+    fraction_deviation,
     side_of,
 )
 from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.neighbourhoods import extreme_around, halfway, squares_around
 from defocus_core.tensors.source import Pixels, bands
-from defocus_core.tensors.sparse_masks import exceeding, places_of
+from defocus_core.tensors.sparse_masks import exceeding, positions_of
 from defocus_core.tensors.threads import threaded
 
 # Standard deviation of the weights of the pixels around, in px, and of the share expected by them.
@@ -62,7 +62,7 @@ def are_beside_their_surface(signed_radius: Pixels, pixels: Pixels, threads: int
         for at, around in _squares_on_edges(radii, colors):
             around, near, far = _with_both_surfaces(around)
             half = torch.full_like(near.signed_radius, 0.5)
-            by = share_deviation(around.color, near, far, half, _UNCERTAIN)
+            by = fraction_deviation(around.color, near, far, half, _UNCERTAIN)
             is_inside = (at[:, 0] >= rows[0] - above) & (at[:, 0] < rows[1] - above)
             votes_here = is_inside & near.known & far.known & (by.abs() > _CLEAR)
             beside = votes_here & ((by > 0) != around.is_near[MIDDLE])
@@ -75,24 +75,24 @@ def are_beside_their_surface(signed_radius: Pixels, pixels: Pixels, threads: int
 
 def with_pixels_by_color(signed_radius: Tensor, pixels: Tensor) -> Tensor:
     """Radii [H, W] px whose pixels on edges belong to the surface that colours [C, H, W] show."""
-    (H, W), places, sources = signed_radius.shape, [], []
+    (H, W), positions, sources = signed_radius.shape, [], []
     for at, around in _squares_on_edges(signed_radius.detach(), pixels.detach()):
         square = squares_around(at, (H, W), AROUND_SURFACES).flatten(1)
         sources.append(square.gather(1, _source(around)[:, None])[:, 0])
-        places.append(at[:, 0] * W + at[:, 1])
-    if not places:
+        positions.append(at[:, 0] * W + at[:, 1])
+    if not positions:
         return signed_radius
     values = signed_radius.flatten()
-    return values.index_copy(0, torch.cat(places), values[torch.cat(sources)]).reshape(H, W)
+    return values.index_copy(0, torch.cat(positions), values[torch.cat(sources)]).reshape(H, W)
 
 
 def _squares_on_edges(radii: Tensor, colors: Tensor) -> Iterator[tuple[Tensor, Around]]:
     """The pixels [n, 2] on edges of radii [H, W] px, and the squares around them, n by n."""
     nearest, farthest = (extreme_around(radii, 1, end) for end in (torch.minimum, torch.maximum))
     edge, border = exceeding(farthest - nearest, EDGE), halfway(nearest, farthest)
-    places = places_of(edge)
+    positions = positions_of(edge)
     count = pieces(radii.device, AT_ONCE, BYTES_EACH)
-    for at in torch.split(places, count) if len(places) else ():
+    for at in torch.split(positions, count) if len(positions) else ():
         yield at, around_edge(colors, radii, edge, border, at)
 
 
@@ -113,8 +113,8 @@ def _source(around: Around) -> Tensor:
     is_near, off_edge = around.is_near, around.nearness
     nearby = closeness(around.colors) ** (2 / _NEARBY**2)
     expected = (nearby * is_near).sum(0) / nearby.sum()
-    share = expected + share_deviation(around.color, near, far, expected, _UNCERTAIN)
-    wants_near = share > 0.5
+    fraction = expected + fraction_deviation(around.color, near, far, expected, _UNCERTAIN)
+    wants_near = fraction > 0.5
     moves = near.known & far.known & (wants_near != is_near[MIDDLE])
     candidates = torch.where(is_near == wants_near, off_edge, 0.0)
     closest = (candidates == candidates.amax(0)) & (candidates > 0)

@@ -31,9 +31,9 @@ from defocus_core.depth.color_profiles import (
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.soft_edges import slope_of_soft_edges
 from defocus_core.tensors.device_plan import pieces
-from defocus_core.tensors.neighbourhoods import ends_of, extreme_around, halfway, squares_around
+from defocus_core.tensors.neighbourhoods import extreme_around, halfway, range_of, squares_around
 from defocus_core.tensors.source import Pixels, banded, bands
-from defocus_core.tensors.sparse_masks import numbers_of, places_of
+from defocus_core.tensors.sparse_masks import flat_nonzero, positions_of
 from defocus_core.tensors.threads import threaded
 
 # Share of profiles that count from which evidence counts in full.
@@ -58,7 +58,7 @@ _BLURRED, _SURELY, _IN_DOUBT, _OF_DOUBT = 6.0, 0.7, 4.0, 1.0
 # Pixels of silhouettes that are examined for the displacements of the picture; factors of a hash.
 _EXAMINED, _FACTORS = 1 << 12, (0x9E3779B97F4A7C1, 0x2545F4914F6CDD1D)
 # Least step of an edge: in px, and as a multiple of the slope of a ramp.
-_LEAST_STEP, _STEP = 0.3, 1.5
+_MIN_STEP, _STEP = 0.3, 1.5
 # A picture of hard edges is shifted if so many profiles count, if the median displacement is so
 # many px, and if such a share of the votes lie within a px of it.
 _VOTES, _BIASED, _AGREED = 100, 0.75, 0.6
@@ -75,11 +75,11 @@ class ShiftEvidence(NamedTuple):
 
     Attributes:
         costs: [n, 2 * FARTHEST + 1] px, of each displacement.
-        share: [n, 1], of the profiles around that show both surfaces.
+        fraction: [n, 1], of the profiles around that show both surfaces.
     """
 
     costs: Tensor
-    share: Tensor
+    fraction: Tensor
 
 
 class EdgeShifts(NamedTuple):
@@ -113,11 +113,11 @@ def measured_shifts(
         soft: Whether edges were soft; hard edges are shifted only if most are displaced alike.
         scale: Of distance, if edges were soft in distance.
     """
-    ends = torch.stack([ends_of(band) for band in banded(signed_radius)])
-    least, most = torch.stack([ends[:, 0].amin(), ends[:, 1].amax()]).tolist()
-    step = max(_LEAST_STEP, _STEP * slope_of_soft_edges(least, most, signed_radius.shape))
+    limits = torch.stack([range_of(band) for band in banded(signed_radius)])
+    minimum, maximum = torch.stack([limits[:, 0].amin(), limits[:, 1].amax()]).tolist()
+    step = max(_MIN_STEP, _STEP * slope_of_soft_edges(minimum, maximum, signed_radius.shape))
     found, of_all = _evidence_of_some(signed_radius, pixels, step, threads, scale)
-    if float(found.share.sum()) <= (0 if soft else _VOTES * of_all):
+    if float(found.fraction.sum()) <= (0 if soft else _VOTES * of_all):
         return None
     votes = _votes(found)
     median, agreed = _median(votes)
@@ -133,20 +133,20 @@ def _votes(found: ShiftEvidence) -> Tensor:
     """
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=found.costs.device)
     before = torch.exp(by.abs().double() / -_BEFORE)
-    before = before * (_FEW + _FEW_SHARE * found.share.sum()) / before.sum()
+    before = before * (_FEW + _FEW_SHARE * found.fraction.sum()) / before.sum()
     votes = before
     for _ in range(_MAXIMIZATIONS):
         likely = ((found.costs + _rarity(votes)) / -_SPREAD).softmax(1)
-        votes = before + (likely * found.share).sum(0)
+        votes = before + (likely * found.fraction).sum(0)
     return votes
 
 
 def _rarity(votes: Tensor) -> Tensor:
     """The cost in px [2 * FARTHEST + 1] of each displacement, by its votes."""
-    share = votes / votes.sum()
-    ends = torch.cat([share[:1], share, share[-1:]])
-    share = (1 - 2 * _BESIDE) * share + _BESIDE * (ends[:-2] + ends[2:])
-    rarity = -_RARITY * (share + 0.01).log()
+    fraction = votes / votes.sum()
+    limits = torch.cat([fraction[:1], fraction, fraction[-1:]])
+    fraction = (1 - 2 * _BESIDE) * fraction + _BESIDE * (limits[:-2] + limits[2:])
+    rarity = -_RARITY * (fraction + 0.01).log()
     return ((rarity - rarity.amin()) / _COARSE).round() * _COARSE
 
 
@@ -171,13 +171,13 @@ def _evidence_of_some(
     def silhouette(rows: tuple[int, int]) -> Tensor:
         """The pixels [n, 2] of a silhouette in a band of rows."""
         radii, above = radii_of(rows[0] - 1, rows[1] + 1)
-        at = places_of(edges_of(radii, step, scale)[rows[0] - above : rows[1] - above])
+        at = positions_of(edges_of(radii, step, scale)[rows[0] - above : rows[1] - above])
         return at + at.new_tensor([rows[0], 0])
 
     found = list(threaded(silhouette, every, threads))
     edges = sum(map(len, found))
 
-    def evidence_of(number: int, most: float) -> ShiftEvidence:
+    def evidence_of(number: int, maximum: float) -> ShiftEvidence:
         at, (first, end) = found[number], every[number]
         if not len(at):
             nothing = torch.zeros(0, 2 * FARTHEST + 1, dtype=torch.float64, device=at.device)
@@ -185,19 +185,19 @@ def _evidence_of_some(
         radii, above = radii_of(first - REACH, end + REACH)
         colors = pixels[..., above : end + REACH, :].detach()
         at = at - at.new_tensor([above, 0])
-        at = at[_hashes(at, radii, colors) < most]
+        at = at[_hashes(at, radii, colors) < maximum]
         return _evidence(silhouette_at(at, radii), radii, colors, along=False)
 
-    def of_all(most: float) -> ShiftEvidence:
-        parts = threaded(partial(evidence_of, most=most), range(len(every)), threads)
+    def of_all(maximum: float) -> ShiftEvidence:
+        parts = threaded(partial(evidence_of, maximum=maximum), range(len(every)), threads)
         return ShiftEvidence(*map(torch.cat, zip(*parts, strict=True)))
 
-    most = min(_EXAMINED / max(edges, 1), 1.0)
-    evidence = of_all(most)
-    if 2 * len(evidence.share) < min(_EXAMINED, edges):
-        most = 1.0  # too much is alike
-        evidence = of_all(most)
-    return evidence, most
+    maximum = min(_EXAMINED / max(edges, 1), 1.0)
+    evidence = of_all(maximum)
+    if 2 * len(evidence.fraction) < min(_EXAMINED, edges):
+        maximum = 1.0  # too much is alike
+        evidence = of_all(maximum)
+    return evidence, maximum
 
 
 def _hashes(at: Tensor, radii: Tensor, pixels: Tensor) -> Tensor:
@@ -230,7 +230,7 @@ def with_shifted_edges(
 ) -> Tensor:
     """Radii [H, W] px whose edges lie where the colours of [C, H, W] have theirs."""
     radii = signed_radius.detach()
-    at, (H, W) = places_of(edges_of(radii, shifts.step, scale)), radii.shape
+    at, (H, W) = positions_of(edges_of(radii, shifts.step, scale)), radii.shape
     if not len(at):
         return signed_radius
     silhouette = silhouette_at(at, radii)
@@ -281,8 +281,10 @@ def _evidence(
     if beside is None:
         return ShiftEvidence(costs, seen)
     both = _averaged(torch.cat([seen * costs, seen], 1), beside, _ROUNDS)
-    weighted, share = both[:, :-1], both[:, -1:]
-    return ShiftEvidence(weighted / share.clamp(min=1e-6) * (share / _ENOUGH).clamp(max=1), share)
+    weighted, fraction = both[:, :-1], both[:, -1:]
+    return ShiftEvidence(
+        weighted / fraction.clamp(min=1e-6) * (fraction / _ENOUGH).clamp(max=1), fraction
+    )
 
 
 def _smooth_shifts(
@@ -345,25 +347,25 @@ def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, T
     band = torch.zeros(H * W, dtype=torch.bool, device=at.device)
     band[number[shift.abs() > _HALF]] = True
     reach = math.ceil(float(shift.abs().amax())) + 1
-    index = numbers_of(extreme_around(band.view(H, W), reach, torch.maximum))
+    index = flat_nonzero(extreme_around(band.view(H, W), reach, torch.maximum))
     row = index.div(W, rounding_mode="floor")
     column = index - row * W
-    places = torch.cat([at, at.new_full((1, 2), 4 * (H + W))])  # of no pixel: far away
+    positions = torch.cat([at, at.new_full((1, 2), 4 * (H + W))])  # of no pixel: far away
 
-    def squared_distance(places_of_owner: Tensor) -> Tensor:
-        y, x = places.index_select(0, places_of_owner).unbind(1)
+    def squared_distance(positions_of_owner: Tensor) -> Tensor:
+        y, x = positions.index_select(0, positions_of_owner).unbind(1)
         return (y - row).square() + (x - column).square()
 
     for step in (8, 4, 2, 1, 1):
         closest = owner.index_select(0, index)
-        least = squared_distance(closest)
+        minimum = squared_distance(closest)
         for y, x in ((y, x) for y in (-step, 0, step) for x in (-step, 0, step)):
             there = (row + y).clamp(0, H - 1) * W + (column + x).clamp(0, W - 1)
             other = owner.index_select(0, there)
             distance = squared_distance(other)
-            closer = (distance < least) | ((distance == least) & (other < closest))
+            closer = (distance < minimum) | ((distance == minimum) & (other < closest))
             closest = torch.where(closer, other, closest)
-            least = torch.where(closer, distance, least)
+            minimum = torch.where(closer, distance, minimum)
         owner = owner.index_copy(0, index, closest)
     known = closest < n
-    return index[known], closest[known], least[known].sqrt()
+    return index[known], closest[known], minimum[known].sqrt()

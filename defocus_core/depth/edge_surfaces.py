@@ -20,7 +20,7 @@ AROUND = 2
 # Index of the pixel itself in this square.
 MIDDLE = (2 * AROUND + 1) ** 2 // 2
 # Least standard deviation of the colours of a surface, as a share of their mean.
-_LEAST_DEVIATION = 0.01
+_MIN_DEVIATION = 0.01
 # Least standard deviation as a share of the brightest channel: less may be rounding.
 _ROUNDING = 1e-4
 # Pixels examined at once on a CPU, and bytes that each takes elsewhere: bounds memory.
@@ -77,13 +77,13 @@ def around_edge(
     image: Tensor, signed_radius: Tensor, edge: Tensor, border: Tensor, at: Tensor
 ) -> Around:
     """The squares around pixels at [n, 2]; radii below the border [H, W] are near."""
-    place = squares_around(at, (edge.shape[0], edge.shape[1]), AROUND).flatten(1).T.contiguous()
-    spots = place.flatten()
+    position = squares_around(at, (edge.shape[0], edge.shape[1]), AROUND).flatten(1).T.contiguous()
+    spots = position.flatten()
     radii, on_edge = (
-        x.flatten().index_select(0, spots).reshape(place.shape) for x in (signed_radius, edge)
+        x.flatten().index_select(0, spots).reshape(position.shape) for x in (signed_radius, edge)
     )
     is_near = radii.detach() < border[at[:, 0], at[:, 1]]
-    colors = image.flatten(1).index_select(1, spots).reshape(len(image), *place.shape)
+    colors = image.flatten(1).index_select(1, spots).reshape(len(image), *position.shape)
     return Around(colors, radii, is_near, closeness(image) * ~on_edge)
 
 
@@ -97,17 +97,17 @@ def closeness(like: Tensor) -> Tensor:
 def side_of(around: Around, weight: Tensor) -> Side:
     """The surface of the pixels of a square that have a weight; [25, n], 0 for other surfaces."""
     total = weight.sum(0)
-    share = weight / torch.where(total > 0, total, 1.0)
-    mean, radius = (around.colors * share).sum(1), (around.radii * share).sum(0)
+    fraction = weight / torch.where(total > 0, total, 1.0)
+    mean, radius = (around.colors * fraction).sum(1), (around.radii * fraction).sum(0)
     off = around.colors - mean[:, None]
-    spread = (off * off * share).sum(1)
+    spread = (off * off * fraction).sum(1)
     brightest = torch.maximum(mean, around.colors[:, MIDDLE]).amax(0).clamp(min=0)
-    least = torch.maximum(_LEAST_DEVIATION * mean, _ROUNDING * brightest)
-    variance = spread + least * least + torch.finfo(mean.dtype).tiny ** 0.5
+    minimum = torch.maximum(_MIN_DEVIATION * mean, _ROUNDING * brightest)
+    variance = spread + minimum * minimum + torch.finfo(mean.dtype).tiny ** 0.5
     return Side(mean.T, variance.T, radius, total > 0)
 
 
-def share_deviation(
+def fraction_deviation(
     color: Tensor, near: Side, far: Side, expected: Tensor, deviation: float
 ) -> Tensor:
     """How far the most probable share [n] of the nearer surface is from the expected one.

@@ -1,10 +1,10 @@
 """Depth of another size than its picture, resized with edges where the colours change.
 
 Between surfaces no depth is invented: each pixel beside an edge takes the disparity of one of the
-surfaces around it. Cells, the pixels of the given depth, vote for theirs, weighted by nearness and
-by likeness of colour (joint bilateral upsampling, Kopf et al. 2007); where the votes of a surface
-are more than those of the rest, the rest is left out. Within a surface, and on ramps, disparity is
-linear.
+surfaces around it. Coarse pixels, the pixels of the given depth, vote for theirs, weighted by
+nearness and by likeness of colour (joint bilateral upsampling, Kopf et al. 2007); where the votes
+of a surface are more than those of the rest, the rest is left out. Within a surface, and on ramps,
+disparity is linear.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from defocus_core.tensors.validation import dense, described
 
 # Least step between surfaces, as a share of the range of disparity: more than a level of 8 bits;
 # and as a share of the range among neighbours, which on a slope steps evenly.
-_LEAST, _GAP = 1 / 170, 0.3
-# Half width of the square of cells that vote, in cells; standard deviation of their nearness; and
-# weight of a cell beside an edge, whose colour may be that of two surfaces.
+_MINIMUM, _GAP = 1 / 170, 0.3
+# Half width of the square of coarse pixels that vote, in coarse pixels; standard deviation of their
+# nearness; and weight of a coarse pixel beside an edge, whose colour may be that of two surfaces.
 _REACH, _NEAR, _MIXED = 2, 0.8, 0.3
-# Most surfaces but one among the cells that vote.
+# Most surfaces but one among the coarse pixels that vote.
 _ROUNDS = 2
 # Variance of likeness: share of the difference of the mean colours of two surfaces, squared, and
 # share of the variances of both. Likeness of colours that are not alike at all.
@@ -41,11 +41,11 @@ _GAMMA = 1 / 2.2
 
 
 class _Votes(NamedTuple):
-    """The cells around n pixels.
+    """The coarse pixels around n pixels.
 
     Attributes:
         disparity: [n, K].
-        here: [n, K] disparity of the surface of each cell at the pixel.
+        here: [n, K] disparity of the surface of each coarse pixel at the pixel.
         nearness: [n, K] weights.
         colors: [C, n, K].
         own: [C, n] colours of the pixels.
@@ -62,7 +62,7 @@ class GuidedDepth(Derived):
     """Depth [H, W] at the size of a picture, computed window by window."""
 
     def __init__(self, depth: Tensor, image: Pixels) -> None:
-        """Look for edges, and take the mean colours of cells.
+        """Look for edges, and take the mean colours of coarse pixels.
 
         Args:
             depth: [h, w], positive, in any unit; inf is sky. It shows what the picture shows, and
@@ -83,8 +83,8 @@ class GuidedDepth(Derived):
         self._disparity = disparity
         (H, W), (h, w) = self.shape, disparity.shape
         self._row, self._column = _nearest(H, h), _nearest(W, w)
-        self._least = _LEAST * float(disparity.max() - disparity.min())
-        self._at_edge = _at_edges(disparity, self._least) & (not has_ramps)
+        self._minimum = _MINIMUM * float(disparity.max() - disparity.min())
+        self._at_edge = _at_edges(disparity, self._minimum) & (not has_ramps)
         self._slopes = [_slope(disparity, dim) for dim in (0, 1)]
         self._colors = _mean_colors(image, self._row, self._column, (h, w))
 
@@ -97,28 +97,31 @@ class GuidedDepth(Derived):
             colors = _encoded(self._image[..., slice(*rows), slice(*columns)])
             for part in torch.split(at, _PIXELS):
                 votes = self._votes(part, colors, rows[0], columns[0])
-                disparity[part[:, 0], part[:, 1]] = _elected(votes, self._least)
+                disparity[part[:, 0], part[:, 1]] = _pick_surface(votes, self._minimum)
         return (1 / disparity).to(self.dtype)
 
     def _votes(self, at: Tensor, colors: Tensor, top: int, left: int) -> _Votes:
-        """The cells around pixels [n, 2] of a window, whose colours are [C, rows, columns]."""
+        """The coarse px around pixels [n, 2] of a window, whose colours are [C, rows, columns]."""
         size = (self._disparity.shape[0], self._disparity.shape[1])
         y, x = at[:, 0] + top, at[:, 1] + left
         around = squares_around(torch.stack([self._row[y], self._column[x]], 1), size, _REACH)
-        cell = around.flatten(1)
-        places = [
-            (number + 0.5) * cells / pixels - 0.5
-            for number, cells, pixels in zip((y, x), size, self.shape, strict=True)
+        coarse_pixel = around.flatten(1)
+        positions = [
+            (number + 0.5) * coarse / pixels - 0.5
+            for number, coarse, pixels in zip((y, x), size, self.shape, strict=True)
         ]
-        offsets = [places[0][:, None] - cell // size[1], places[1][:, None] - cell % size[1]]
+        offsets = [
+            positions[0][:, None] - coarse_pixel // size[1],
+            positions[1][:, None] - coarse_pixel % size[1],
+        ]
         distance = offsets[0].square() + offsets[1].square()
         nearness = torch.exp(distance.double() / (-2 * _NEAR**2))
-        nearness *= torch.where(self._at_edge.flatten()[cell], _MIXED, 1.0)
+        nearness *= torch.where(self._at_edge.flatten()[coarse_pixel], _MIXED, 1.0)
         own = colors[:, at[:, 0], at[:, 1]]
-        disparity = self._disparity.flatten()[cell]
-        down, across = (self._slopes[dim].flatten()[cell] for dim in (0, 1))
+        disparity = self._disparity.flatten()[coarse_pixel]
+        down, across = (self._slopes[dim].flatten()[coarse_pixel] for dim in (0, 1))
         here = disparity + down * offsets[0] + across * offsets[1]
-        return _Votes(disparity, here, nearness, self._colors.flatten(1)[:, cell], own)
+        return _Votes(disparity, here, nearness, self._colors.flatten(1)[:, coarse_pixel], own)
 
 
 def _prepared(disparity: Tensor) -> tuple[Tensor, bool]:
@@ -139,30 +142,30 @@ def _prepared(disparity: Tensor) -> tuple[Tensor, bool]:
     return (radius * (-span / _RANGE_PX)).clamp(min=0), False
 
 
-def _nearest(pixels: int, cells: int) -> Tensor:
-    """The nearest cell to each pixel along an axis."""
-    return ((torch.arange(pixels) + 0.5) * cells / pixels).long()
+def _nearest(pixels: int, coarse: int) -> Tensor:
+    """The nearest coarse pixel to each pixel along an axis."""
+    return ((torch.arange(pixels) + 0.5) * coarse / pixels).long()
 
 
 def _linear(
     disparity: Tensor, rows: tuple[int, int], columns: tuple[int, int], size: tuple[int, ...]
 ) -> Tensor:
-    """Cells [h, w] read in a window of pixels by linear interpolation."""
+    """Coarse pixels [h, w] read in a window of pixels by linear interpolation."""
     values = disparity
     for dim, (first, end) in enumerate((rows, columns)):
-        cells = disparity.shape[dim]
-        place = (torch.arange(first, end, dtype=values.dtype) + 0.5) * cells / size[dim] - 0.5
-        place = place.clamp(0, cells - 1)
-        before = place.long().clamp(max=max(cells - 2, 0))
-        share = (place - before).unsqueeze(1 - dim)
-        after = (before + 1).clamp(max=cells - 1)
+        coarse = disparity.shape[dim]
+        position = (torch.arange(first, end, dtype=values.dtype) + 0.5) * coarse / size[dim] - 0.5
+        position = position.clamp(0, coarse - 1)
+        before = position.long().clamp(max=max(coarse - 2, 0))
+        fraction = (position - before).unsqueeze(1 - dim)
+        after = (before + 1).clamp(max=coarse - 1)
         low, high = values.index_select(dim, before), values.index_select(dim, after)
-        values = low + share * (high - low)
+        values = low + fraction * (high - low)
     return values
 
 
 def _slope(disparity: Tensor, dim: int) -> Tensor:
-    """The lesser slope [h, w] of both sides of each cell along an axis; 0 at its extremes."""
+    """The lesser slope [h, w] of both sides of each coarse px along an axis; 0 at its extremes."""
     step = disparity.diff(dim=dim)
     nothing = torch.zeros_like(disparity.narrow(dim, 0, 1))
     before, after = torch.cat([nothing, step], dim), torch.cat([step, nothing], dim)
@@ -170,20 +173,20 @@ def _slope(disparity: Tensor, dim: int) -> Tensor:
     return torch.where(before * after > 0, lesser, 0.0)
 
 
-def _at_edges(disparity: Tensor, least: float) -> Tensor:
-    """The cells [h, w] around which there is a step between surfaces: bool."""
+def _at_edges(disparity: Tensor, minimum: float) -> Tensor:
+    """The coarse pixels [h, w] around which there is a step between surfaces: bool."""
     size = (disparity.shape[0], disparity.shape[1])
-    places = torch.stack(
+    positions = torch.stack(
         torch.meshgrid(*(torch.arange(side) for side in size), indexing="ij"), -1
     ).reshape(-1, 2)
     found = [
-        _widest_gap(disparity.flatten()[squares_around(at, size).flatten(1)], least)[0]
-        for at in torch.split(places, _PIXELS)
+        _widest_gap(disparity.flatten()[squares_around(at, size).flatten(1)], minimum)[0]
+        for at in torch.split(positions, _PIXELS)
     ]
     return torch.cat(found).view(size)
 
 
-def _widest_gap(values: Tensor, least: float) -> tuple[Tensor, Tensor]:
+def _widest_gap(values: Tensor, minimum: float) -> tuple[Tensor, Tensor]:
     """Whether values [n, K] have a gap as between surfaces, bool [n], and its middle [n].
 
     Infinite values are left out.
@@ -195,13 +198,13 @@ def _widest_gap(values: Tensor, least: float) -> tuple[Tensor, Tensor]:
     last = known.sum(1, keepdim=True) - 1
     span = (ascending.gather(1, last) - ascending[:, :1])[:, 0]
     middle = ascending.gather(1, where[:, None])[:, 0] + widest / 2
-    return (widest > least) & (widest > _GAP * span), middle
+    return (widest > minimum) & (widest > _GAP * span), middle
 
 
 def _mean_colors(image: Pixels, row: Tensor, column: Tensor, size: tuple[int, int]) -> Tensor:
-    """The mean encoded colours [C, h, w] of the pixels that are nearest to each cell."""
+    """The mean encoded colours [C, h, w] of the pixels that are nearest to each coarse pixel."""
     H, W = image.shape[-2:]
-    if size[0] > H or size[1] > W:  # some cells have no pixel of their own
+    if size[0] > H or size[1] > W:  # some coarse pixels have no pixel of their own
         own = _nearest(size[0], H), _nearest(size[1], W)
         return _encoded(image[..., :, :])[:, own[0]][:, :, own[1]]
     total = torch.zeros((image.shape[0], *size), dtype=torch.float64)
@@ -218,12 +221,12 @@ def _encoded(image: Tensor) -> Tensor:
     return image.detach().double().nan_to_num(0, 0, 0).clamp_(min=0).pow_(_GAMMA)
 
 
-def _elected(votes: _Votes, least: float) -> Tensor:
+def _pick_surface(votes: _Votes, minimum: float) -> Tensor:
     """The disparity [n] of the surface with most of the votes."""
     left = torch.ones_like(votes.disparity, dtype=torch.bool)
     for _ in range(_ROUNDS):
         of_left = torch.where(left, votes.disparity, torch.inf)
-        is_split, middle = _widest_gap(of_left, least)
+        is_split, middle = _widest_gap(of_left, minimum)
         nearer = left & (votes.disparity > middle[:, None])
         farther = left & ~nearer
         chosen = torch.where(_more_alike(votes, nearer, farther)[:, None], nearer, farther)
@@ -233,7 +236,7 @@ def _elected(votes: _Votes, least: float) -> Tensor:
 
 
 def _more_alike(votes: _Votes, nearer: Tensor, farther: Tensor) -> Tensor:
-    """Whether the nearer cells, bool [n, K], have more of the votes than the farther: bool [n]."""
+    """Whether the nearer coarse pixels, bool [n, K], have more votes than the farther: bool [n]."""
     means, variances = [], []
     for surface in (nearer, farther):
         weight = votes.nearness * surface

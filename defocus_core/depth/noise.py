@@ -17,21 +17,21 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from defocus_core.tensors.device_plan import launches_cost
-from defocus_core.tensors.neighbourhoods import ends_of
+from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.sparse_masks import exceeding, taken, tally
 
 # Greatest step in px between neighbours of one surface, and the least share of such neighbours.
 _STEP, _TOGETHER = 2.513, 0.5
 # Least distance in px of a noisy pixel from the mean of its neighbours, and the least share of such
 # pixels in a noisy frame: two thirds stick out where everything is noise.
-_LEAST, _SHARE = 0.02013, 0.1
+_MINIMUM, _FRACTION = 0.02013, 0.1
 # Number of intervals of the histogram of these distances, evenly spaced in the logarithm.
 _INTERVALS = 48
 # Median distance from the mean of two neighbours, in standard deviations of the noise.
 _MEDIAN = 1.1606
 # Difference in standard deviations, and in px, from which on a pixel is of another surface; and the
 # greater one, in standard deviations, for a pixel that has no other near pixel.
-_SURE, _MOST, _ALONE = 4.0, 3.513, 6.0
+_SURE, _MAXIMUM, _ALONE = 4.0, 3.513, 6.0
 # Radius in px of the disc whose pixels are averaged, and the number of rounds.
 _NEAR, _TIMES = 2, 2
 # Px around a pixel that decide what it becomes.
@@ -75,15 +75,15 @@ def scatter_counts(steps: list[Tensor], rows: tuple[int, int]) -> Tensor:
         far = exceeding(torch.maximum(before.abs(), after.abs()), _STEP)
         apart, beyond = torch.count_nonzero(far), beyond & ~far
     off = taken(after - before, beyond).abs_() / 2
-    ends = _interval_ends().to(off)
-    counts = tally(torch.bucketize(off, ends, right=True), len(ends) + 1)
+    limits = _interval_limits().to(off)
+    counts = tally(torch.bucketize(off, limits, right=True), len(limits) + 1)
     counts[0] += beyond.numel() - len(off) - apart
     return torch.cat([apart[None], counts])
 
 
 def _is_steep(steps: Tensor) -> bool:
     """Whether any of the steps in px is one between surfaces."""
-    return steps.numel() > 0 and float(ends_of(steps).abs().amax()) > _STEP
+    return steps.numel() > 0 and float(range_of(steps).abs().amax()) > _STEP
 
 
 def noise_from(counts: list[int]) -> float | None:
@@ -97,34 +97,34 @@ def noise_from(counts: list[int]) -> float | None:
     """
     apart, alike, *noisy = counts
     together = alike + sum(noisy)
-    if together <= _TOGETHER * (apart + together) or sum(noisy) <= _SHARE * together:
+    if together <= _TOGETHER * (apart + together) or sum(noisy) <= _FRACTION * together:
         return None
     half = sum(1 for count in accumulate(noisy) if 2 * count < sum(noisy))  # where the median is
     half = min(half, _INTERVALS - 1)  # a distance of just _STEP, and NaN, are beyond the intervals
-    ends = _interval_ends()
-    return math.sqrt(float(ends[half]) * float(ends[half + 1])) / _MEDIAN
+    limits = _interval_limits()
+    return math.sqrt(float(limits[half]) * float(limits[half + 1])) / _MEDIAN
 
 
-def _interval_ends() -> Tensor:
-    return torch.logspace(math.log10(_LEAST), math.log10(_STEP), _INTERVALS + 1)
+def _interval_limits() -> Tensor:
+    return torch.logspace(math.log10(_MINIMUM), math.log10(_STEP), _INTERVALS + 1)
 
 
 def without_noise(signed_radius: Tensor, noise: float) -> Tensor:
     """Radii [H, W] px without noise of the given standard deviation in px."""
     radii = signed_radius.to(torch.promote_types(signed_radius.dtype, torch.float32))
-    most = torch.full_like(radii, min(_SURE * noise, _MOST))
+    maximum = torch.full_like(radii, min(_SURE * noise, _MAXIMUM))
     for _ in range(_TIMES):
-        radii, alone = _smoothed(radii, most)
-        most = torch.where(alone, min(_ALONE * noise, _MOST), most)
+        radii, alone = _smoothed(radii, maximum)
+        maximum = torch.where(alone, min(_ALONE * noise, _MAXIMUM), maximum)
     return radii
 
 
-def _smoothed(radii: Tensor, most: Tensor) -> tuple[Tensor, Tensor]:
+def _smoothed(radii: Tensor, maximum: Tensor) -> tuple[Tensor, Tensor]:
     """Means [H, W] of the near pixels around each pixel, and where no pixel is near.
 
     Args:
         radii: [H, W] px.
-        most: [H, W] px, the greatest difference of a near pixel.
+        maximum: [H, W] px, the greatest difference of a near pixel.
     """
     H, W = radii.shape
     framed = pad(radii[None, None], (_NEAR,) * 4, value=_OUTSIDE)[0, 0]
@@ -135,7 +135,7 @@ def _smoothed(radii: Tensor, most: Tensor) -> tuple[Tensor, Tensor]:
     total, count = torch.zeros_like(radii), torch.ones_like(radii)
     for y, x in _HALF:
         pair = beside(y, x), beside(-y, -x)
-        near = (torch.maximum(*(each.detach().abs() for each in pair)) <= most).to(radii)
+        near = (torch.maximum(*(each.detach().abs() for each in pair)) <= maximum).to(radii)
         total = total.addcmul(pair[0] + pair[1], near)
         count.add_(near, alpha=2)
     return radii + total / count, count == 1

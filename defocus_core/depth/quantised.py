@@ -13,7 +13,7 @@ from torch import Tensor
 
 from defocus_core.tensors.neighbourhoods import extreme_around, steps_beside
 from defocus_core.tensors.source import Pixels, bands
-from defocus_core.tensors.sparse_masks import exceeding, numbers_of
+from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero
 
 # Diagnosis of quantised depth: the least share of equal neighbours; among unequal neighbours, the
 # least share within one surface, and the least share of these with a step that matters; and the
@@ -22,7 +22,7 @@ _ALIKE, _SMALL, _MATTERS = 0.5, 0.5, 0.03
 _FEW, _MANY = 32, 256
 # Least and greatest step in px between terraces, and the greatest slope of a terrace beside a step,
 # as a share of the step.
-_LEAST, _MOST, _FLAT = 0.2013, 1.013, 0.1013
+_MINIMUM, _MAXIMUM, _FLAT = 0.2013, 1.013, 0.1013
 # Px over which a step is spread to each side.
 _WIDE = 4
 # Px around a pixel that decide what it becomes.
@@ -38,7 +38,7 @@ def steps_of(sizes: list[Tensor]) -> Tensor:
     larger = [
         torch.count_nonzero(mask)
         for size in sizes
-        for mask in (size.bool(), exceeding(size, _LEAST), exceeding(size, _MOST))
+        for mask in (size.bool(), exceeding(size, _MINIMUM), exceeding(size, _MAXIMUM))
     ]
     counts = torch.tensor([size.numel() for size in sizes])[:, None].repeat(1, 4)
     counts = counts.to(larger[0].device)
@@ -53,10 +53,10 @@ def are_few(steps: list[list[float]], signed_radius: Pixels) -> bool:
         steps: The sum of `steps_of` over all parts of the frame.
         signed_radius: [H, W] px of the frame.
     """
-    for count, same, least, small in steps:
+    for count, same, minimum, small in steps:
         if same <= _ALIKE * count:
             return False
-        if small - same <= _SMALL * (count - same) or small - least <= _MATTERS * (count - same):
+        if small - same <= _SMALL * (count - same) or small - minimum <= _MATTERS * (count - same):
             return False
     dtype = torch.promote_types(signed_radius.dtype, torch.float32)
     parts = [
@@ -76,7 +76,7 @@ def _levels(rows: Tensor) -> Tensor:
     goes_on = ~(across | down)
     begins = goes_on.clone()  # of equal ones in a row the first alone: to sort them takes long
     begins[:, 1:] &= ~goes_on[:, :-1]
-    levels: Tensor = torch.unique(rows[:-1, :-1].flatten()[numbers_of(begins)])
+    levels: Tensor = torch.unique(rows[:-1, :-1].flatten()[flat_nonzero(begins)])
     return levels
 
 
@@ -96,7 +96,8 @@ def _smoothed(radii: Tensor, beside: Tensor, dim: int) -> Tensor:
 
     A mean reaches as far to both sides as the surface goes on: a slope stays as it is.
     """
-    within = radii.detach().diff(dim=dim).abs_() <= _MOST  # of one surface, each pixel and the next
+    # of one surface, each pixel and the next
+    within = radii.detach().diff(dim=dim).abs_() <= _MAXIMUM
     goes_on, total = torch.ones_like(beside), radii.clone()
     count = torch.ones_like(beside, dtype=torch.int8)
     for distance in range(1, _WIDE + 1):
@@ -115,7 +116,7 @@ def _at_a_step(r: Tensor, dim: int) -> Tensor:
     """Whether pixels [H, W] are beside a small step between terraces along an axis."""
     beside = torch.zeros_like(r, dtype=torch.bool)
     before, step, after = steps_beside(r, dim)
-    small = (step > _LEAST) & (step <= _MOST) & (torch.maximum(before, after) < _FLAT * step)
+    small = (step > _MINIMUM) & (step <= _MAXIMUM) & (torch.maximum(before, after) < _FLAT * step)
     if n := small.shape[dim]:
         for first in (1, 2):
             beside.narrow(dim, first, n).logical_or_(small)

@@ -20,8 +20,8 @@ from defocus_core.depth.quantised import AROUND as AROUND_TERRACES
 from defocus_core.depth.quantised import without_terraces
 from defocus_core.depth.repair_options import RepairOptions, repair_options
 from defocus_core.depth.soft_edges import STEEP, around_ramps, slope_of_soft_edges, without_ramps
-from defocus_core.tensors.derived import Repaired, held, share_changed
-from defocus_core.tensors.neighbourhoods import ends_of
+from defocus_core.tensors.derived import Repaired, fraction_changed, held
+from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.source import Pixels, banded
 from defocus_core.tensors.torch_modes import own_modes
 
@@ -62,7 +62,7 @@ def repaired(
         radii, repair = _diagnosed(signed_radius, infinity, threads, hold=hold)
         repair = _as_said(repair, options, radii)
     else:
-        radii, repair = _quiet(signed_radius, decided.noise, threads, hold=hold), decided
+        radii, repair = _muted(signed_radius, decided.noise, threads, hold=hold), decided
     if repair.antialiased is not None:
         repair_window = partial(without_averages, infinity=repair.antialiased)
         radii = hold_all(Repaired(radii, repair_window, AROUND_AVERAGES), radii)
@@ -89,7 +89,7 @@ def repaired(
         radii = hold_all(by_color, radii, pixels)
     if repair.quantised:
         radii = hold_all(Repaired(radii, without_terraces, AROUND_TERRACES), radii)
-    return radii, repair._replace(share=share_changed(signed_radius, radii))
+    return radii, repair._replace(fraction=fraction_changed(signed_radius, radii))
 
 
 def _as_said(repair: DepthRepair, options: RepairOptions, radii: Pixels) -> DepthRepair:
@@ -100,10 +100,10 @@ def _as_said(repair: DepthRepair, options: RepairOptions, radii: Pixels) -> Dept
         return repair
     slope, width = options.soft_edges, options.edge_width
     if slope is None:
-        ends = torch.stack([ends_of(band) for band in banded(radii)])
-        least, most = float(ends[:, 0].amin()), float(ends[:, 1].amax())
-        slope = slope_of_soft_edges(least, most, radii.shape)
-        slope = min(slope, (most - least) / (_SMALL_STEPS * width)) if width else slope
+        limits = torch.stack([range_of(band) for band in banded(radii)])
+        minimum, maximum = float(limits[:, 0].amin()), float(limits[:, 1].amax())
+        slope = slope_of_soft_edges(minimum, maximum, radii.shape)
+        slope = min(slope, (maximum - minimum) / (_SMALL_STEPS * width)) if width else slope
     width = repair.edge_width if width is None else width
     return repair._replace(antialiased=None, soft_edges=slope, ramps=True, edge_width=width)
 
@@ -189,11 +189,11 @@ def _diagnosed(
     repair = diagnosed(signed_radius, infinity, threads)
     if repair.noise is None:
         return signed_radius, repair
-    radii = _quiet(signed_radius, repair.noise, threads, hold=hold)
+    radii = _muted(signed_radius, repair.noise, threads, hold=hold)
     return radii, diagnosed(radii, infinity, threads, repair.noise)
 
 
-def _quiet(signed_radius: Pixels, noise: float | None, threads: int, *, hold: bool) -> Pixels:
+def _muted(signed_radius: Pixels, noise: float | None, threads: int, *, hold: bool) -> Pixels:
     """Radii [H, W] px without noise of a standard deviation in px."""
     if noise is None:
         return signed_radius

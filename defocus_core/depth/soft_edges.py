@@ -21,18 +21,18 @@ from defocus_core.tensors.neighbourhoods import (
     squares_around,
     steps_beside,
 )
-from defocus_core.tensors.sparse_masks import exceeding, places_of
+from defocus_core.tensors.sparse_masks import exceeding, positions_of
 
 # Least slope of a ramp in px per px, on both sides of a pixel, whatever else the frame shows.
 STEEP = 1.513
 # No surface goes through the range of radii of a frame within so many px, or within such a share of
 # the frame's shorter side; and the least slope of a soft edge, in px per px.
-_WITHIN, _WITHIN_SHARE, LEAST = 60, 1 / 4, 0.1513
+_WITHIN, _WITHIN_FRACTION, MINIMUM = 60, 1 / 4, 0.1513
 # Least step of a hard edge, as a multiple of this slope, and the greatest slope beside it, as a
 # share of the step.
 _STEP, _LEVEL = 2.013, 0.2513
 # Foot of a ramp: the pixels within so many px of a steep one that have this share of its slope.
-_FOOT, FOOT_SHARE = 10, 0.3
+_FOOT, FOOT_FRACTION = 10, 0.3
 # Longest path to an end of a ramp, in px, unless the width of edges is known; difference of radii
 # in px by which steps are as steep.
 _LONGEST, _AS_STEEP = 16, 2.0**-10
@@ -73,13 +73,13 @@ def without_ramps(
     core = torch.where(exceeding(slope, steep), slope, 0.0)
     if not bool(core.any()):
         return signed_radius
-    ramp = slope > FOOT_SHARE * extreme_around(core, foot_of, torch.maximum)
+    ramp = slope > FOOT_FRACTION * extreme_around(core, foot_of, torch.maximum)
     if scale is not None:  # a level of distance is many px of radius near the lens
-        ramp |= steepness(signed_radius) > FOOT_SHARE * steep
+        ramp |= steepness(signed_radius) > FOOT_FRACTION * steep
     foot, ramp = ramp, core > 0
     for _ in range(foot_of):  # what lies beside it without a link is another surface
         ramp |= extreme_around(ramp, 1, torch.maximum) & foot
-    at, (H, W) = places_of(ramp), signed_radius.shape
+    at, (H, W) = positions_of(ramp), signed_radius.shape
     index = at[:, 0] * W + at[:, 1]
     radii, around = signed_radius.flatten(), squares_around(at, (H, W)).flatten(1)
     flat = values.flatten()
@@ -87,10 +87,10 @@ def without_ramps(
     found = ~(ramp.flatten()[near] | ramp.flatten()[far])
     if scale is not None:
         along = torch.hypot(*(((near - far) // W).double(), (near % W - far % W).double()))
-        found &= (radii[far] - radii[near]).detach() > FOOT_SHARE * steep * along
+        found &= (radii[far] - radii[near]).detach() > FOOT_FRACTION * steep * along
     low, high = radii[near], radii[far]
-    ends = torch.where(flat[index] < halfway(flat[near], flat[far]), low, high)
-    return radii.index_copy(0, index, torch.where(found, ends, radii[index])).reshape(H, W)
+    limits = torch.where(flat[index] < halfway(flat[near], flat[far]), low, high)
+    return radii.index_copy(0, index, torch.where(found, limits, radii[index])).reshape(H, W)
 
 
 def _path_end(values: Tensor, around: Tensor, index: Tensor, longest: int) -> Tensor:
@@ -109,9 +109,9 @@ def _path_end(values: Tensor, around: Tensor, index: Tensor, longest: int) -> Te
     steepest = beside <= beside.amin(1, keepdim=True) + _AS_STEEP
     end = torch.arange(len(values), device=values.device)
     for _ in range(longest):
-        ends = end[around]
-        lowest = torch.where(steepest, values[ends], torch.inf).argmin(1, keepdim=True)
-        end.index_copy_(0, index, ends.gather(1, lowest)[:, 0])
+        limits = end[around]
+        lowest = torch.where(steepest, values[limits], torch.inf).argmin(1, keepdim=True)
+        end.index_copy_(0, index, limits.gather(1, lowest)[:, 0])
     return end[index]
 
 
@@ -124,16 +124,16 @@ def softness(slope: Tensor) -> Tensor:
     return extreme_around(slope, 1, torch.minimum)
 
 
-def slope_of_soft_edges(least: float, most: float, size: Sequence[int]) -> float:
+def slope_of_soft_edges(minimum: float, maximum: float, size: Sequence[int]) -> float:
     """The least slope in px per px of a soft edge in a frame with radii from least to most px.
 
     Args:
-        least: Least radius in px.
-        most: Greatest radius in px.
+        minimum: Least radius in px.
+        maximum: Greatest radius in px.
         size: (height, width) of the frame.
     """
-    within = min(_WITHIN, _WITHIN_SHARE * min(size))
-    return min(STEEP, max(LEAST, (most - least) / within))
+    within = min(_WITHIN, _WITHIN_FRACTION * min(size))
+    return min(STEEP, max(MINIMUM, (maximum - minimum) / within))
 
 
 def hard_steps(signed_radius: Tensor, steep: float, scale: DistanceScale | None = None) -> Tensor:
@@ -182,6 +182,6 @@ def steepness(signed_radius: Tensor) -> Tensor:
             n = step.shape[dim] - 1
             first, second = step.narrow(dim, 0, n), step.narrow(dim, 1, n)
             inner = slope.narrow(dim, 1, n)
-            for least in (torch.minimum(first, second), -torch.maximum(first, second)):
-                torch.maximum(inner, least, out=inner)
+            for minimum in (torch.minimum(first, second), -torch.maximum(first, second)):
+                torch.maximum(inner, minimum, out=inner)
     return slope

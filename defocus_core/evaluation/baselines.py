@@ -1,7 +1,7 @@
 """Baseline renderers: layered methods without hidden surfaces.
 
-They share the ladder, the kernels and the transforms with the renderer, but have no hidden content,
-no tiles and no separate highlights. Each slice costs one blur.
+They share the slice radii, the kernels and the transforms with the renderer, but have no hidden
+content, no tiles and no separate highlights. Each slice costs one blur.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from torch import Tensor
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import FULL
 from defocus_core.renderer.blur.fourier import kernel_spectra, kernels, reach, transform_length
-from defocus_core.renderer.layers.ladder import membership, position, rungs
 from defocus_core.renderer.layers.quality import find
+from defocus_core.renderer.layers.slice_radii import membership, slice_position, slice_radii
 from defocus_core.tensors.threads import threaded
 
 # Guards 0 / 0 where no slice covers a pixel.
-_LEAST_COVERAGE = 1e-6
+_MIN_COVERAGE = 1e-6
 
 
 def plain_sum(
@@ -36,7 +36,7 @@ def plain_sum(
         image: [C, H, W], linear light.
         signed_radius: [H, W] px, negative nearer than focus.
         aperture: The pupil, a round one by default.
-        quality: The quality whose ladder of slices to use.
+        quality: The quality whose radii of slices to use.
         threads: Channels transformed at once.
 
     Returns:
@@ -46,7 +46,7 @@ def plain_sum(
     total = next(slices).clone()
     for layer in slices:
         total += layer
-    return total[:-1] / total[-1:].clamp(min=_LEAST_COVERAGE)
+    return total[:-1] / total[-1:].clamp(min=_MIN_COVERAGE)
 
 
 def over(
@@ -65,20 +65,20 @@ def over(
     front = next(slices).clone()
     for layer in slices:
         front = front + (1 - front[-1:]) * layer
-    return front[:-1] / front[-1:].clamp(min=_LEAST_COVERAGE)
+    return front[:-1] / front[-1:].clamp(min=_MIN_COVERAGE)
 
 
 def _blurred_slices(
     image: Tensor, signed_radius: Tensor, aperture: Aperture, quality: str, threads: int
 ) -> Iterator[Tensor]:
     """Each slice [C + 1, H, W] that holds a pixel, nearest first: colour, then coverage."""
-    radii = rungs(float(signed_radius.min()), float(signed_radius.max()), find(quality))
-    places = position(signed_radius.to(image.dtype), radii)
+    radii = slice_radii(float(signed_radius.min()), float(signed_radius.max()), find(quality))
+    positions = slice_position(signed_radius.to(image.dtype), radii)
     pixels = torch.cat([image, torch.ones_like(image[:1])])
     for k, radius in enumerate(radii):
-        share = membership(places, places.new_tensor([k]))  # [1, H, W]
-        if bool(share.any()):
-            yield _blurred(pixels * share, radius, aperture, threads)
+        fraction = membership(positions, positions.new_tensor([k]))  # [1, H, W]
+        if bool(fraction.any()):
+            yield _blurred(pixels * fraction, radius, aperture, threads)
 
 
 def _blurred(layer: Tensor, radius: float, aperture: Aperture, threads: int) -> Tensor:

@@ -20,7 +20,7 @@ from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.preparation import copies_of_tile
 from defocus_core.renderer.engine.region_schedule import blurred_part
 from defocus_core.renderer.layers.block_index import blocks_of, visible_slices
-from defocus_core.renderer.layers.ladder import position
+from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.stream import Stream
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import launches_cost
@@ -52,7 +52,7 @@ class Cost(NamedTuple):
     """The work of a rendering.
 
     Attributes:
-        slices: Number of slices of the ladder.
+        slices: Number of slices.
         tiles: Number of tiles of the frame.
         slice_tiles: Number of steps (slice x tile, visible and hidden) if none is skipped.
         slice_tiles_seen: Number of steps in which the visible slice reaches the tile.
@@ -76,7 +76,7 @@ def cost(stream: Stream) -> Cost:
     reached = sum(map(len, plan))
     samples = stream.image.shape[0] + 1
     around = sum(_around(frame, grid).area for grid in grids)
-    full_size = 1.0 if frame.quality.hidden_halvings else _AT_FULL_SIZE
+    full_size = 1.0 if frame.quality.hidden_level else _AT_FULL_SIZE
     pixels = stream.size[0] * stream.size[1]
     sliced = _SLICED if frame.settings.field is None else _SLICED * _FIELD
     work = (
@@ -84,7 +84,7 @@ def cost(stream: Stream) -> Cost:
         + _COMPUTED * (1.4 if frame.settings.left_right else 1.0) * around
         + _ENLARGED * pixels * stream.at_half_size
         + sliced * (1 + len(frame.division.parts) / 4) * _samples_sliced(frame, tiles, plan)
-        + _BEHIND * full_size * edges * max(map(abs, frame.content.ends))
+        + _BEHIND * full_size * edges * max(map(abs, frame.content.limits))
     )
     if stream.layered is not None and stream.layered.deepest > 1:
         work *= _LAYERED
@@ -144,11 +144,11 @@ def _bytes_of_fill(stream: Stream, grids: list[Grid]) -> float:
     reach = frame.farthest + frame.farthest % 2
     area = sum(grid.box.grown(reach, frame.box).area for grid in grids)
     sample = (fill.shared.colors + 2) * frame.dtype.itemsize
-    return float(area * sample / (1 << 2 * frame.slices.invented.halvings))
+    return float(area * sample / (1 << 2 * frame.slices.invented.level))
 
 
-def cells_bytes(shape: tuple[int, ...]) -> float:
-    """Bytes of the cells of a draft of a picture [C, H, W], if they are kept."""
+def coarse_bytes(shape: tuple[int, ...]) -> float:
+    """Bytes of the coarse pixels of a draft of a picture [C, H, W], if they are kept."""
     channels, height, width = shape
     return 3.0 * (channels + 2) * (height // 2 + 1) * (width // 2 + 1) * 4
 
@@ -173,22 +173,26 @@ def _visible_blocks(frame: SharedFrame, radius: Pixels) -> tuple[Tensor, int]:
     for first in range(0, height, rows):
         band = radius[first : first + rows].detach()
         blocks.append(
-            blocks_of(position(band.to(frame.dtype), frame.slices.radii), len(frame.slices.radii))
+            blocks_of(
+                slice_position(band.to(frame.dtype), frame.slices.radii), len(frame.slices.radii)
+            )
         )
         if frame.content.edges:
-            least, most = (extreme_around(band, 1, end) for end in (torch.minimum, torch.maximum))
-            edges += int((most - least > EDGE).sum())
+            minimum, maximum = (
+                extreme_around(band, 1, end) for end in (torch.minimum, torch.maximum)
+            )
+            edges += int((maximum - minimum > EDGE).sum())
     return torch.cat(blocks, 1), edges
 
 
 def _samples_sliced(frame: SharedFrame, tiles: list[Box], plan: list[list[int]]) -> float:
     """Pixels of tiles with margins, at the resolution of each slice that reaches them."""
     total = 0.0
-    for tile, rungs in zip(tiles, plan, strict=True):
-        for rung in rungs:
-            window = frame.slices.visible.windows[rung]
+    for tile, slice_indices in zip(tiles, plan, strict=True):
+        for slice_index in slice_indices:
+            window = frame.slices.visible.windows[slice_index]
             if window.margin:
-                step, margin = 1 << window.halvings, 2 * window.margin
+                step, margin = 1 << window.level, 2 * window.margin
                 total += (tile.height / step + margin) * (tile.width / step + margin)
     return total
 

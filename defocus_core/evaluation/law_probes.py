@@ -32,7 +32,7 @@ def spot(r: float, *, light: bool) -> Scene:
     A light is 1 on black, and drawn by its own kernel. Otherwise the pixel is black on white, a
     mark on a surface, which goes through slices.
     """
-    n = 2 * math.ceil(2.4 * abs(r)) + 9  # the rung above r is 20 % wider at most
+    n = 2 * math.ceil(2.4 * abs(r)) + 9  # the slice radius above r is 20 % wider at most
     image = torch.full((1, n, n), 0.0 if light else 1.0, dtype=torch.float64)
     image[:, n // 2, n // 2] = 1.0 if light else 0.0
     return Scene(image, torch.full((n, n), r, dtype=torch.float64))
@@ -129,8 +129,8 @@ def worst_relative(difference: Tensor, picture: Tensor) -> float:
 
 def centroid(response: Tensor) -> tuple[float, float]:
     """Column and row of the centre of mass of a response [n, n], in px from the middle pixel."""
-    share, at = response / response.sum(), _centred(response)
-    return float((share.sum(0) * at).sum()), float((share.sum(1) * at).sum())
+    fraction, at = response / response.sum(), _centred(response)
+    return float((fraction.sum(0) * at).sum()), float((fraction.sum(1) * at).sum())
 
 
 def shift(picture: Tensor) -> float:
@@ -148,8 +148,8 @@ def disc_radius(response: Tensor) -> float:
 
     A disc has r²/4 on each axis, the integration over a pixel adds 1/12 px².
     """
-    share, square = response / response.sum(), _centred(response).square()
-    moment = float((share.sum(0) * square).sum() + (share.sum(1) * square).sum()) / 2
+    fraction, square = response / response.sum(), _centred(response).square()
+    moment = float((fraction.sum(0) * square).sum() + (fraction.sum(1) * square).sum()) / 2
     return 2 * math.sqrt(max(moment - 1 / 12, 0.0))
 
 
@@ -167,18 +167,18 @@ def rim_width(response: Tensor, r: float) -> float:
     zeros = response.new_zeros(int(index.max()) + 1)
     count = zeros.index_add(0, index, torch.ones_like(distance[ring]))
     mean = [zeros.index_add(0, index, x[ring])[count > 0] for x in (distance, response / plateau)]
-    place, height = (x / count[count > 0] for x in mean)
-    return _falls_to(0.1, place, height) - _falls_to(0.9, place, height)
+    position, height = (x / count[count > 0] for x in mean)
+    return _falls_to(0.1, position, height) - _falls_to(0.9, position, height)
 
 
-def _falls_to(level: float, place: Tensor, height: Tensor) -> float:
+def _falls_to(level: float, position: Tensor, height: Tensor) -> float:
     """Where a falling profile first reaches a level."""
     below = torch.nonzero(height < level)
     if not len(below) or int(below[0]) == 0:
         return math.inf if level < 0.5 else -math.inf
     k = int(below[0])
-    share = (height[k - 1] - level) / (height[k - 1] - height[k])
-    return float(place[k - 1] + share * (place[k] - place[k - 1]))
+    fraction = (height[k - 1] - level) / (height[k - 1] - height[k])
+    return float(position[k - 1] + fraction * (position[k] - position[k - 1]))
 
 
 def _centred(response: Tensor) -> Tensor:

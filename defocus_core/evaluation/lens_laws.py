@@ -21,8 +21,8 @@ from defocus_core.evaluation.law_probes import Scene
 from defocus_core.optics.aperture import Aperture
 from defocus_core.renderer.layers.quality import find
 
-# Wider bounds of checks at qualities that render in cells of 2 px.
-_IN_CELLS = {
+# Wider bounds of checks at qualities that render in coarse pixels of 2 px.
+_IN_COARSE_PIXELS = {
     "second-moment radius off r, |r| 4 to 32 px": 8.0,
     "disc of a light, from 90 % to 10 %": 3.0,
     "of a surface, beyond a step of slices": 2.0,
@@ -33,20 +33,20 @@ _IN_CELLS = {
     "spill of the card on a plain ground": 1e-3,
     "slope off a finite difference": 1e-3,
 }
-_RADII = (4.0, 5.3, 7.7, 12.0, 17.0, 23.9, 32.0)  # px, on rungs and between them
+_RADII = (4.0, 5.3, 7.7, 12.0, 17.0, 23.9, 32.0)  # px, on slice radii and between them
 _NEAR = (0.3, 0.5, 0.8, 1.0)  # px
 _RIM = 1 / 16  # of the radius: width of a rim at reduced resolution
-_LEAST_RIM = 7.0  # px of radius; rims of smaller discs have too few pixels
+_MIN_RIM = 7.0  # px of radius; rims of smaller discs have too few pixels
 
 
 def verify(setting: Setting | None = None) -> Iterator[list[Check]]:
     """The checks of one law after the other; there are `len(LAWS)`."""
     setting = setting or Setting()
-    in_cells = find(setting.quality).half_size
+    in_coarse_pixels = find(setting.quality).half_size
     for law in LAWS:
         checks = law(setting)
-        if in_cells:
-            checks = [replace(c, bound=_IN_CELLS.get(c.measured, c.bound)) for c in checks]
+        if in_coarse_pixels:
+            checks = [replace(c, bound=_IN_COARSE_PIXELS.get(c.measured, c.bound)) for c in checks]
         yield checks
 
 
@@ -67,10 +67,10 @@ def discs(setting: Setting) -> list[Check]:
             apart = (8 * r - 1 / r) / (3 * math.pi)
             distance = probes.centroid(right)[0] - probes.centroid(left)[0]
             halves.append(abs(distance / apart - 1))
-            if abs(r) >= _LEAST_RIM:
-                ladder = 0.0 if light else max(step.near_spacing, step.far_spacing * abs(r))
-                least = 1.0 if light else max(1.0, _RIM * abs(r))
-                rims[light].append((probes.rim_width(whole, r) - ladder) / least)
+            if abs(r) >= _MIN_RIM:
+                radii = 0.0 if light else max(step.near_spacing, step.far_spacing * abs(r))
+                minimum = 1.0 if light else max(1.0, _RIM * abs(r))
+                rims[light].append((probes.rim_width(whole, r) - radii) / minimum)
         fit = sum(r * measured for r, measured in lengths) / sum(r * r for r, _ in lengths)
         slopes.append(abs(fit - 1))
         relative += [abs(measured / r - 1) for r, measured in lengths]
@@ -179,7 +179,7 @@ def symmetry(setting: Setting) -> list[Check]:
 def gradient(setting: Setting) -> list[Check]:
     """The gradient to image and radius is that of finite differences, along one direction."""
     size, generator = (9, 11), torch.Generator().manual_seed(0)
-    radius = probes.slope(size) / 4 + 0.013  # off the rungs of the ladder, where slopes change
+    radius = probes.slope(size) / 4 + 0.013  # off the slice radii, where slopes change
     radius[3:6, 4:8] -= 3.1  # a nearer card
 
     def random(*shape: int) -> Tensor:
@@ -225,5 +225,5 @@ def _responses(r: float, light: bool, setting: Setting) -> tuple[Tensor, ...]:
     return tuple(picture[0] if light else 1 - picture[0] for picture in pictures(views))
 
 
-def _pc(shares: list[float]) -> float:
-    return 100 * greatest(shares)
+def _pc(fractions: list[float]) -> float:
+    return 100 * greatest(fractions)

@@ -106,11 +106,11 @@ def ssim(a: Tensor, b: Tensor) -> float:
 
 def percentile(values: Tensor, percent: float) -> float:
     """The percentile of values, linear between the two nearest."""
-    place = percent / 100 * (values.numel() - 1)
-    lower = math.floor(place)
+    position = percent / 100 * (values.numel() - 1)
+    lower = math.floor(position)
     top = values.flatten().topk(values.numel() - lower).values
     low, high = float(top[-1]), float(top[max(len(top) - 2, 0)])
-    return low + (place - lower) * (high - low)
+    return low + (position - lower) * (high - low)
 
 
 def near_edges(signed_radius: Tensor, distance: float) -> Tensor:

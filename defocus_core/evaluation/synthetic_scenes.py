@@ -20,7 +20,7 @@ _LIGHT = 200.0
 # Largest CoC radius in px that counts as in focus.
 _IN_FOCUS = 0.15
 # Width of a wire as a share of the frame's, and the least in px.
-_WIRE, _LEAST_WIRE = 1 / 160, 3
+_WIRE, _MIN_WIRE = 1 / 160, 3
 
 
 class Scenery(NamedTuple):
@@ -90,7 +90,7 @@ def _lights(x: Tensor, y: Tensor, r: float) -> Tensor:
     return torch.where(_wires(x, y), 0.0, r)
 
 
-def _most(x: Tensor, y: Tensor, r: float) -> Tensor:
+def _maximum(x: Tensor, y: Tensor, r: float) -> Tensor:
     """Four fifths of the frame in focus; above them the ground recedes out of it."""
     return r * (1 - 5 * y).clamp(min=0) + 0 * x
 
@@ -98,9 +98,9 @@ def _most(x: Tensor, y: Tensor, r: float) -> Tensor:
 def _wires(x: Tensor, y: Tensor) -> Tensor:
     """[H, W] bool: a fence of upright and of level wires."""
     width = x.shape[1]
-    thick = max(_LEAST_WIRE, round(width * _WIRE)) / width
+    thick = max(_MIN_WIRE, round(width * _WIRE)) / width
     rows = y.shape[0]
-    tall = max(_LEAST_WIRE, round(width * _WIRE)) / rows
+    tall = max(_MIN_WIRE, round(width * _WIRE)) / rows
     return ((x * 8) % 1 < 8 * thick) | ((y * 4) % 1 < 4 * tall)
 
 
@@ -112,7 +112,7 @@ KINDS: dict[str, Callable[[Tensor, Tensor, float], Tensor]] = {
     "cards": _cards,
     "thin": _thin,
     "lights": _lights,
-    "most": _most,
+    "most": _maximum,
 }
 
 

@@ -18,9 +18,9 @@ from defocus_core.fitting.residual import Optics, Residual, measure_of
 from defocus_core.fitting.unknowns import Candidate
 
 WIDTH = 320  # px, of pictures that are blurred as a whole
-_LEAST_RADIUS, _MOST_RADIUS, _RATIO = 0.4, 0.24, 1.15  # px; of the width; of one to the next
+_MIN_RADIUS, _MAX_RADIUS, _RATIO = 0.4, 0.24, 1.15  # px; of the width; of one to the next
 _LEVELS = 256  # of disparity
-_LEAST_WEIGHT = 0.05  # mean of a picture of which enough counts
+_MIN_WEIGHT = 0.05  # mean of a picture of which enough counts
 _APART = 0.15  # of their radii: points that differ by less are one
 _BEYOND = 2.0  # ranges of disparity beyond it, where the focus is sought for a given strength
 
@@ -42,9 +42,9 @@ class BlurMap:
         span = self.high - self.low
         level = ((disparity - self.low) / (span or 1.0) * (_LEVELS - 1)).round().long().flatten()
         self.levels = self.low + span * torch.arange(_LEVELS, dtype=torch.float64) / (_LEVELS - 1)
-        most = _MOST_RADIUS * scale.sharp.shape[2]
-        count = math.ceil(math.log(most / _LEAST_RADIUS) / math.log(_RATIO))
-        sizes = [_LEAST_RADIUS * _RATIO**i for i in range(count + 1)]
+        maximum = _MAX_RADIUS * scale.sharp.shape[2]
+        count = math.ceil(math.log(maximum / _MIN_RADIUS) / math.log(_RATIO))
+        sizes = [_MIN_RADIUS * _RATIO**i for i in range(count + 1)]
         turns = bool(optics.aperture.blades or optics.aperture.image)
         signed = [*(-r for r in reversed(sizes)), 0.0, *sizes] if turns else [0.0, *sizes]
         flat = scale.flat()
@@ -67,8 +67,8 @@ class BlurMap:
             reach = max(abs(focus - self.low), abs(focus - self.high))
             return [(float(r) / reach, focus) for r in sizes] if reach else []
         if strength is not None:
-            places = torch.linspace(self.low - _BEYOND * span, self.high + _BEYOND * span, 801)
-            return [(strength(float(d)), float(d)) for d in places]
+            positions = torch.linspace(self.low - _BEYOND * span, self.high + _BEYOND * span, 801)
+            return [(strength(float(d)), float(d)) for d in positions]
         signed = [*(-sizes).tolist(), 0.0, *sizes.tolist()]
         pairs = [(far, near) for far in signed for near in signed if near < far]
         return [((far - near) / span, self.low + far * span / (far - near)) for far, near in pairs]
@@ -93,14 +93,14 @@ class BlurMap:
         """The mean error [P] of points of radii [P, L]; infinite where hardly anything counts."""
         known, wanted = self._radii, radii if self._turns else radii.abs()
         index = torch.searchsorted(known, wanted.contiguous()).clamp(1, len(known) - 1)
-        share = (wanted - known[index - 1]) / (known[index] - known[index - 1])
+        fraction = (wanted - known[index - 1]) / (known[index] - known[index - 1])
         level = torch.arange(radii.shape[1]).expand_as(index)
-        inside = (share >= -1e-9) & (share <= 1 + 1e-9)
+        inside = (fraction >= -1e-9) & (fraction <= 1 + 1e-9)
         sums = [
-            (torch.lerp(table[index - 1, level], table[index, level], share) * inside).sum(1)
+            (torch.lerp(table[index - 1, level], table[index, level], fraction) * inside).sum(1)
             for table in (self._errors, self._weights)
         ]
-        return torch.where(sums[1] > _LEAST_WEIGHT * self._pixels, sums[0] / sums[1], math.inf)
+        return torch.where(sums[1] > _MIN_WEIGHT * self._pixels, sums[0] / sums[1], math.inf)
 
 
 def _errors(

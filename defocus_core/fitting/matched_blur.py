@@ -14,10 +14,10 @@ import torch
 from torch import Tensor
 
 _SAMPLES = 1025  # quantiles that stand for the disparities of a picture
-_PLACES = 257  # d₀ tried evenly over the range of disparity, and as many at quantiles
+_POSITIONS = 257  # d₀ tried evenly over the range of disparity, and as many at quantiles
 _BEYOND = torch.logspace(-2, 1.5, 48, dtype=torch.float64)  # d₀ beyond the range, in ranges
 _SEEN = 0.5  # px: radii that differ by much less look the same, so that they count less
-_LEAST = 1e-3  # px, of a picture that is sharp everywhere
+_MINIMUM = 1e-3  # px, of a picture that is sharp everywhere
 
 
 class MatchedBlur(NamedTuple):
@@ -58,19 +58,19 @@ def matched_blur(
     values = disparity.flatten().double().cpu().sort().values
     ranks = torch.linspace(0, len(values) - 1, min(_SAMPLES, len(values)), dtype=torch.float64)
     sample = values[ranks.round().long()]
-    places = _places(sample, nearest)
-    sizes = _radii((places[:, None] - sample).abs())  # [P, 3], for a strength of 1
+    positions = _positions(sample, nearest)
+    sizes = _radii((positions[:, None] - sample).abs())  # [P, 3], for a strength of 1
     if not bool(sizes.any()):
         raise ValueError("disparity must differ from the only one that may be in focus")
-    asked = torch.tensor(radii, dtype=torch.float64).clamp_min(_LEAST)
+    asked = torch.tensor(radii, dtype=torch.float64).clamp_min(_MINIMUM)
     weight = asked / (asked + _SEEN)
     ratio = (asked / sizes.clamp_min(1e-300)).log()
     strength = (ratio @ weight) / weight.sum()
     error = (ratio - strength[:, None]) ** 2 @ weight
     best = int(error.argmin())
-    found, focus = math.exp(float(strength[best])), float(places[best])
-    mean, median, most = _radii(found * (focus - values).abs()[None])[0].tolist()
-    return MatchedBlur(found, focus, (mean, median, most))
+    fitted, focus = math.exp(float(strength[best])), float(positions[best])
+    mean, median, maximum = _radii(fitted * (focus - values).abs()[None])[0].tolist()
+    return MatchedBlur(fitted, focus, (mean, median, maximum))
 
 
 def fnum_of_strength(strength: float, focus: float, foclen: float, pixel_size: float) -> float:
@@ -85,14 +85,16 @@ def fnum_of_strength(strength: float, focus: float, foclen: float, pixel_size: f
     return foclen**2 / (2 * pixel_size * strength * (1 - foclen * focus))
 
 
-def _places(sample: Tensor, nearest: float) -> Tensor:
+def _positions(sample: Tensor, nearest: float) -> Tensor:
     """Disparities in focus to try [P]."""
     low, high = float(sample[0]), float(sample[-1])
     span = max(high - low, 0.01 * high, 1e-12)
-    steps = torch.linspace(0, 1, _PLACES, dtype=torch.float64)
+    steps = torch.linspace(0, 1, _POSITIONS, dtype=torch.float64)
     quantiles = sample[(steps * (len(sample) - 1)).round().long()]
-    places = torch.cat([low + span * steps, quantiles, high + span * _BEYOND, low - span * _BEYOND])
-    within = places[(places >= 0) & (places <= nearest)]
+    positions = torch.cat(
+        [low + span * steps, quantiles, high + span * _BEYOND, low - span * _BEYOND]
+    )
+    within = positions[(positions >= 0) & (positions <= nearest)]
     return within if len(within) else torch.tensor([max(min(low, nearest), 0.0)]).double()
 
 
@@ -102,7 +104,7 @@ def _radii(sizes: Tensor) -> Tensor:
     ordered = sizes.sort(dim=1).values
     ranks = parts * (sizes.shape[1] - 1)
     low = ranks.floor().long()
-    share = ranks - low
+    fraction = ranks - low
     high = (low + 1).clamp_max(sizes.shape[1] - 1)
-    found = ordered[:, low] * (1 - share) + ordered[:, high] * share
-    return torch.cat([sizes.mean(1, keepdim=True), found], 1)
+    fitted = ordered[:, low] * (1 - fraction) + ordered[:, high] * fraction
+    return torch.cat([sizes.mean(1, keepdim=True), fitted], 1)

@@ -18,15 +18,15 @@ from torch.nn.functional import max_pool2d
 from defocus_core.fitting.pictures import Scale
 from defocus_core.fitting.refusals import JudgedPair, Refusal, refusals_of
 from defocus_core.fitting.residual import Optics, Residual
-from defocus_core.fitting.search import MIDDLE, Found, Search
-from defocus_core.fitting.unknowns import MOST_SHIFT, Unknown, unknowns
+from defocus_core.fitting.search import MIDDLE, FittedLens, Search
+from defocus_core.fitting.unknowns import MAX_SHIFT, Unknown, unknowns
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.tensors.torch_modes import own_modes
 from defocus_core.tensors.validation import described
 
-_MOST_CROSSTALK = 0.49  # of light, that is known from none
-_LEAST_SLOPE = 1e-9  # of the error, for an unknown that the pictures tell something of
+_MAX_CROSSTALK = 0.49  # of light, that is known from none
+_MIN_SLOPE = 1e-9  # of the error, for an unknown that the pictures tell something of
 
 
 @dataclass(frozen=True)
@@ -145,14 +145,14 @@ def fit(
         )
         rows = unknowns(span, (name for name, is_free in free.items() if is_free))
         search = Search(residual, rows, rotation=rotation, focus=focus, strength=strength)
-        found = search.best([Optics(*each) for each in product(apertures, dual_pixels)])
-        if not math.isfinite(found.error):
+        fitted = search.best([Optics(*each) for each in product(apertures, dual_pixels)])
+        if not math.isfinite(fitted.error):
             raise ValueError(
                 "hardly a pixel tells anything: nearly all are clipped, or seen from beyond the "
                 "border; give a darker picture, or one that is blurred less"
             )
         sought = {"shift": shift, "exposure": exposure, "gamma": gamma}
-        return _told(search, found, disparity, sought)
+        return _told(search, fitted, disparity, sought)
 
 
 def _one_channel(*pictures: Tensor) -> list[Tensor]:
@@ -181,15 +181,15 @@ def _check(sharp: Tensor, disparity: Tensor, seen: tuple[Tensor, ...], *, plane:
         )
 
 
-def _told(search: Search, found: Found, disparity: Tensor, sought: dict[str, bool]) -> Fit:
+def _told(search: Search, fitted: FittedLens, disparity: Tensor, sought: dict[str, bool]) -> Fit:
     """What was found, with its uncertainty: blocks of the picture stand for chance.
 
     The covariance is that of clustered residuals, H⁻¹ (Σ g gᵀ) H⁻¹ (Liang & Zeger 1986).
     """
-    scale, point, optics = search.residual.scale(MIDDLE), found.point, found.optics
+    scale, point, optics = search.residual.scale(MIDDLE), fitted.point, fitted.optics
     free = search.free(optics)
     residual, weight = search.residual.of(point, optics, scale)
-    errors = _errors(search, found, scale, free, float(weight.sum()))
+    errors = _errors(search, fitted, scale, free, float(weight.sum()))
     radius = point.strength * scale.factor * (point.focus - scale.disparity)
     pair = len(scale.seen) > 1
     shading = search.residual.shading(point, optics, scale) if search.residual.side_shading else ()
@@ -212,29 +212,29 @@ def _told(search: Search, found: Found, disparity: Tensor, sought: dict[str, boo
         errors.get("breathing", 0.0),
         tuple(tuple(float(x) for x in row) for row in shading),
         evidence.explained,
-        tuple(_doubts(found, disparity, errors)),
+        tuple(_doubts(fitted, disparity, errors)),
         tuple(refusals_of(evidence, sought)),
     )
 
 
 def _errors(
-    search: Search, found: Found, scale: Scale, free: list[Unknown], count: float
+    search: Search, fitted: FittedLens, scale: Scale, free: list[Unknown], count: float
 ) -> dict[str, float]:
     """The standard error of each unknown; infinite where the pictures tell nothing of it."""
     if not free:
         return {}
-    hessian, gradient = search.normal(found, scale, free)
+    hessian, gradient = search.normal(fitted, scale, free)
     inverse = torch.linalg.pinv(hessian.sum(0))
     variance = (inverse @ (gradient.T @ gradient) @ inverse).diagonal().clamp_min(0)
-    untold = hessian.sum(0).diagonal() <= _LEAST_SLOPE * count
+    untold = hessian.sum(0).diagonal() <= _MIN_SLOPE * count
     sizes = variance.sqrt().masked_fill(untold, math.inf)
     return {u.name: u.unit * float(size) for u, size in zip(free, sizes, strict=True)}
 
 
 def _crossed(dual_pixel: DualPixel, separation: float) -> DualPixel:
     """Photodiodes whose left and right are as far apart as found."""
-    share = (1 - abs(separation) * (1 - 2 * float(dual_pixel.crosstalk))) / 2
-    return replace(dual_pixel, crosstalk=min(max(share, 0.0), _MOST_CROSSTALK))
+    fraction = (1 - abs(separation) * (1 - 2 * float(dual_pixel.crosstalk))) / 2
+    return replace(dual_pixel, crosstalk=min(max(fraction, 0.0), _MAX_CROSSTALK))
 
 
 def _psnr(residual: Tensor, weight: Tensor, radius: Tensor) -> tuple[float, float, float]:
@@ -253,10 +253,10 @@ def _psnr(residual: Tensor, weight: Tensor, radius: Tensor) -> tuple[float, floa
     return of(torch.ones_like(near)), of(near), of(~near)
 
 
-def _doubts(found: Found, disparity: Tensor, errors: dict[str, float]) -> list[str]:
+def _doubts(fitted: FittedLens, disparity: Tensor, errors: dict[str, float]) -> list[str]:
     """What the pictures do not tell."""
-    point, nearest, farthest = found.point, float(disparity.max()), float(disparity.min())
-    most = point.strength * max(abs(point.focus - nearest), abs(point.focus - farthest))
+    point, nearest, farthest = fitted.point, float(disparity.max()), float(disparity.min())
+    maximum = point.strength * max(abs(point.focus - nearest), abs(point.focus - farthest))
     doubts = {
         "the focus lies beyond all depths of the picture, and is extrapolated": not (
             farthest <= point.focus <= nearest
@@ -266,8 +266,8 @@ def _doubts(found: Found, disparity: Tensor, errors: dict[str, float]) -> list[s
             errors.get("focus", 0.0) > 0.1 * (nearest - farthest)
         ),
         "the gamma is known to more than 10 % only": errors.get("gamma", 0.0) > 0.1,
-        f"the pictures are shifted by {MOST_SHIFT:g} px or more": (
-            max(abs(point.across), abs(point.down)) >= MOST_SHIFT
+        f"the pictures are shifted by {MAX_SHIFT:g} px or more": (
+            max(abs(point.across), abs(point.down)) >= MAX_SHIFT
         ),
         "the rotation of the blades is known to 10 degrees or less well": (
             errors.get("rotation", 0.0) > 10
@@ -276,6 +276,6 @@ def _doubts(found: Found, disparity: Tensor, errors: dict[str, float]) -> list[s
             point.separation < 0
         ),
         "the crosstalk is known to 0.1 or less well": errors.get("separation", 0.0) > 0.2,
-        "hardly anything is blurred: strength and focus are uncertain": most < 1.5,
+        "hardly anything is blurred: strength and focus are uncertain": maximum < 1.5,
     }
     return [words for words, holds in doubts.items() if holds]

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import conv2d, interpolate, pad
 
-_LEAST = 16  # px, of a side of small pictures
+_MINIMUM = 16  # px, of a side of small pictures
 _ENDLESS = 1.001  # greatest value, beyond which light has no end
 _END = 0.9999  # share of the greatest value
 _LOBES = 3  # of the windowed sinc that shifts a picture
@@ -51,7 +51,7 @@ class Scale:
     def _small(self, image: Tensor) -> Tensor:
         if self.factor == 1.0:
             return image
-        size = [max(_LEAST, round(side * self.factor)) for side in image.shape[1:]]
+        size = [max(_MINIMUM, round(side * self.factor)) for side in image.shape[1:]]
         return interpolate(image[None], size, mode="area")[0]
 
 
@@ -82,7 +82,7 @@ def shifted(images: Tensor, across: float, down: float) -> Tensor:
     return images
 
 
-def offset_of(sharp: Tensor, seen: Tensor, most: int) -> tuple[float, float]:
+def offset_of(sharp: Tensor, seen: Tensor, maximum: int) -> tuple[float, float]:
     """Px by which a picture [C, H, W] lies to the right of and below another, whatever its blur.
 
     Their correlation is greatest there: a pupil that is the same when turned moves nothing.
@@ -93,10 +93,10 @@ def offset_of(sharp: Tensor, seen: Tensor, most: int) -> tuple[float, float]:
         light = light / (light + light.median().clamp_min(1e-3))  # lamps do not decide
         spectra.append(torch.fft.rfft2(light - light.mean(), s=[2 * n for n in light.shape]))
     both = torch.fft.irfft2(spectra[1] * spectra[0].conj())
-    places = torch.arange(-most, most + 1)
-    near = both[places][:, places]
-    down, across = divmod(int(near.argmax()), len(places))
-    return float(places[across]), float(places[down])
+    positions = torch.arange(-maximum, maximum + 1)
+    near = both[positions][:, positions]
+    down, across = divmod(int(near.argmax()), len(positions))
+    return float(positions[across]), float(positions[down])
 
 
 def border_of(shift: float) -> int:

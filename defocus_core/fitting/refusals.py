@@ -12,7 +12,7 @@ from torch.nn.functional import avg_pool2d, interpolate
 
 from defocus_core.fitting.pictures import Scale, offset_of, shifted
 from defocus_core.fitting.residual import Optics, Residual
-from defocus_core.fitting.unknowns import MOST_SHIFT, Candidate
+from defocus_core.fitting.unknowns import MAX_SHIFT, Candidate
 
 _WIDTH = 480  # px, of the pictures that are judged
 _SMALL = 48  # px, of pictures whose blur hardly shows
@@ -23,7 +23,7 @@ _MORE = 0.6  # of the error, that is left by what explains more
 _CLOSER = 0.85  # of the error of the sharp picture, that a shift leaves
 _MOVED = 0.4  # px, the least shift that is proposed
 _CHANGED = 0.02  # the least change of exposure or of gamma that is proposed
-_LEAST = 1e-6  # mean square of compressed light, that is no difference
+_MINIMUM = 1e-6  # mean square of compressed light, that is no difference
 
 
 class Refusal(NamedTuple):
@@ -67,13 +67,13 @@ class JudgedPair(NamedTuple):
     def explained(self) -> float:
         """The share of the difference between the pictures that the blur explains."""
         before = self.error(self.sharp)
-        return 1 - self.error(self.made) / before if before > _LEAST else 0.0
+        return 1 - self.error(self.made) / before if before > _MINIMUM else 0.0
 
 
 def _unblurred(point: Candidate, scale: Scale) -> Candidate:
     """A point of the same pictures without blur."""
-    least = 1e-9 / max(float(scale.disparity.abs().max()), 1e-9)
-    return Candidate(least, 0.0, gamma=point.gamma, across=point.across, down=point.down)
+    minimum = 1e-9 / max(float(scale.disparity.abs().max()), 1e-9)
+    return Candidate(minimum, 0.0, gamma=point.gamma, across=point.across, down=point.down)
 
 
 def refusals_of(evidence: JudgedPair, options: dict[str, bool]) -> Iterator[Refusal]:
@@ -83,7 +83,7 @@ def refusals_of(evidence: JudgedPair, options: dict[str, bool]) -> Iterator[Refu
         evidence: Of the point.
         options: Whether a shift, an exposure and a gamma were sought.
     """
-    if evidence.error(evidence.sharp) <= _LEAST:
+    if evidence.error(evidence.sharp) <= _MINIMUM:
         yield Refusal(
             "not-explained",
             "the pictures do not differ: nothing is blurred",
@@ -99,8 +99,8 @@ def refusals_of(evidence: JudgedPair, options: dict[str, bool]) -> Iterator[Refu
         problem = f"the pictures do not show one scene: correlation {alike:.2f}"
         yield Refusal("not-one-scene", problem, "give a pair of one scene, as the camera saw it")
     elif evidence.explained < _EXPLAINED:
-        share = max(evidence.explained, 0.0)
-        problem = f"a blur explains {share:.0%} of what the pictures differ by"
+        fraction = max(evidence.explained, 0.0)
+        problem = f"a blur explains {fraction:.0%} of what the pictures differ by"
         remedy = "see ‹shift›, ‹exposure› and ‹gamma›, or take it as it is by ‹accept›"
         yield Refusal("not-explained", problem, remedy)
 
@@ -163,10 +163,10 @@ def _curves(
 
 def _offset(image: Tensor, seen: Tensor) -> tuple[float, float]:
     """The shift in px from a picture to another: whole px, then parts of them."""
-    across, down = offset_of(image, seen, int(MOST_SHIFT))
+    across, down = offset_of(image, seen, int(MAX_SHIFT))
     near = shifted(image[None], across, down)[0]
     slopes = torch.stack(torch.gradient(near, dim=(2, 1)))  # [2, C, H, W], along x and y
-    border = int(MOST_SHIFT)
+    border = int(MAX_SHIFT)
     inner = (..., slice(border, -border), slice(border, -border))
     slopes, away = slopes[inner].flatten(1).double(), (near - seen)[inner].flatten()
     normal = slopes @ slopes.T + 1e-12 * torch.eye(2, dtype=torch.float64)

@@ -25,7 +25,7 @@ from defocus_core.renderer.render import render
 BEND = 0.02  # of compressed light, from which on a difference counts less
 _CLIPPED = 0.98  # of the greatest value, in pictures that end at 1
 _TRUSTED = 0.9  # share of the lens, from which on a pixel counts
-_LEAST_WEIGHT = 0.05  # mean of a picture of which enough counts
+_MIN_WEIGHT = 0.05  # mean of a picture of which enough counts
 _LOST = 1e-3  # share of clipped light in a pixel of which nothing can be said
 _KEPT = 4  # renderings, as a shift needs no other
 
@@ -171,11 +171,11 @@ class Residual:
         self._done += 1
         if self._progress is not None:
             self._progress(self._done, max(self._done, 100))
-        found = torch.stack(list(views.images)), views.trust[0]
-        self._rendered[key] = found
+        fitted = torch.stack(list(views.images)), views.trust[0]
+        self._rendered[key] = fitted
         if len(self._rendered) > _KEPT:
             self._rendered.pop(next(iter(self._rendered)))
-        return found
+        return fitted
 
     def _factors(self, made: Tensor, seen: Tensor, weight: Tensor) -> Tensor:
         """The factor of each channel [C] by least squares."""
@@ -216,7 +216,7 @@ def _planes(factors: Tensor, like: Tensor) -> Tensor:
 
 def error_of(residual: Tensor, weight: Tensor) -> float:
     """The mean of Huber's measure, over what counts; infinite if hardly anything does."""
-    if float(weight.mean()) < _LEAST_WEIGHT:
+    if float(weight.mean()) < _MIN_WEIGHT:
         return math.inf
     return float((measure_of(residual) * weight).sum() / (weight.sum() * residual.shape[1]))
 

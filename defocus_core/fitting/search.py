@@ -13,7 +13,7 @@ from torch import Tensor
 from defocus_core.fitting.blur_map import BlurMap
 from defocus_core.fitting.pictures import Scale, offset_of
 from defocus_core.fitting.residual import Optics, Residual, error_of, robust_of
-from defocus_core.fitting.unknowns import MOST_SHIFT, Candidate, Unknown, moved, rotation_of
+from defocus_core.fitting.unknowns import MAX_SHIFT, Candidate, Unknown, moved, rotation_of
 
 MIDDLE = 480  # px, width of pictures of middle size
 _COARSE = 200  # px, width of small pictures
@@ -36,7 +36,7 @@ _AS_GOOD = 1.002  # an error as small, by the rounding of the renderer
 
 
 @dataclass(frozen=True)
-class Found:
+class FittedLens:
     """A point, its pupil and photodiodes, and its error."""
 
     error: float
@@ -74,31 +74,31 @@ class Search:
         turns = self._rotation and optics.aperture.blades
         return [*self._free, rotation_of(optics.aperture)] if turns else self._free
 
-    def best(self, choices: Sequence[Optics]) -> Found:
+    def best(self, choices: Sequence[Optics]) -> FittedLens:
         """The point of least error, and the pupil and photodiodes that make it."""
         first, small = choices[0], self.residual.scale(_COARSE)
         early = [unknown for unknown in self._free if unknown.name != "breathing"]
         starts = [self._at(point, first, small) for point in self._starts(first)]
         if not starts:
-            return Found(math.inf, Candidate(1.0, 0.0), first)
+            return FittedLens(math.inf, Candidate(1.0, 0.0), first)
         starts = self._all(starts, _COARSE, self._cheap)
         starts = self._all(_best(starts, _KEPT[_COARSE]), _COARSE, early)
         if self.residual.width > _COARSE or early != self._free:
             starts = self._all(_best(starts, _KEPT[MIDDLE]), MIDDLE, self._free)
-        found = self._chosen(self._pivoted(starts[0]), choices)
-        if self.residual.width > MIDDLE or found.optics != first:
-            found = self._descended(found, None, self.free(found.optics))
-        return found if self._focus is not None else self._centred(found)
+        fitted = self._chosen(self._pivoted(starts[0]), choices)
+        if self.residual.width > MIDDLE or fitted.optics != first:
+            fitted = self._descended(fitted, None, self.free(fitted.optics))
+        return fitted if self._focus is not None else self._centred(fitted)
 
     @property
     def _cheap(self) -> list[Unknown]:
         """The unknowns that take no rendering."""
         return [unknown for unknown in self._free if unknown.name in _CHEAP]
 
-    def _all(self, starts: list[Found], width: int, free: list[Unknown]) -> list[Found]:
+    def _all(self, starts: list[FittedLens], width: int, free: list[Unknown]) -> list[FittedLens]:
         """Points after Gauss-Newton steps, the best first."""
         ended = (self._descended(start, width, free) for start in starts)
-        return sorted(ended, key=lambda found: found.error)
+        return sorted(ended, key=lambda fitted: fitted.error)
 
     def _starts(self, optics: Optics) -> list[Candidate]:
         """The points from which steps descend."""
@@ -116,50 +116,50 @@ class Search:
             return {}
         scale = self.residual.scale(None)
         seen = torch.stack(scale.seen).mean(0)
-        return dict(zip(names, offset_of(scale.sharp, seen, int(MOST_SHIFT)), strict=True))
+        return dict(zip(names, offset_of(scale.sharp, seen, int(MAX_SHIFT)), strict=True))
 
-    def _chosen(self, found: Found, choices: Sequence[Optics]) -> Found:
+    def _chosen(self, fitted: FittedLens, choices: Sequence[Optics]) -> FittedLens:
         """The pupil and the photodiodes that explain the pictures best, near a point."""
         if len(choices) == 1 and not (self._rotation and choices[0].aperture.blades):
-            return found
+            return fitted
         scale = self.residual.scale(MIDDLE)
         candidates = []
         for optics in choices:
             blades = optics.aperture.blades
             turns = _TURNS if self._rotation and blades else 1
             angles = [360 * turn / (turns * max(blades, 1)) for turn in range(turns)]
-            tried = (self._at(replace(found.point, rotation=a), optics, scale) for a in angles)
+            tried = (self._at(replace(fitted.point, rotation=a), optics, scale) for a in angles)
             start = min(tried, key=lambda each: each.error)
             same = optics.aperture == choices[0].aperture and not blades
             free = self._cheap if same and len(choices) > 1 else self.free(optics)
             candidates.append(self._descended(start, MIDDLE, free))
         return min(candidates, key=lambda each: each.error)
 
-    def _pivoted(self, found: Found) -> Found:
+    def _pivoted(self, fitted: FittedLens) -> FittedLens:
         """A point whose most blurred surface keeps its radius; the focus moves by parts of px.
 
         Nearly sharp surfaces look alike on both sides of the focus: there steps end.
         """
         if self._focus is not None or self._strength is not None:
-            return found
+            return fitted
         scale = self.residual.scale(MIDDLE)
         blur = [unknown for unknown in self._free if unknown.name in ("strength", "focus")]
-        ends = scale.disparity.flatten().quantile(torch.tensor([_RARE, 1 - _RARE])).tolist()
+        limits = scale.disparity.flatten().quantile(torch.tensor([_RARE, 1 - _RARE])).tolist()
         for _ in range(_TIMES):
-            point, ends = found.point, sorted(ends, key=lambda d: abs(found.point.focus - d))
-            away = point.focus - ends[-1]
+            point, limits = fitted.point, sorted(limits, key=lambda d: abs(fitted.point.focus - d))
+            away = point.focus - limits[-1]
             strengths = (point.strength - px / away for px in _NEARLY_SHARP if away)
             pivoted = (
-                replace(point, strength=k, focus=ends[-1] + point.strength * away / k)
+                replace(point, strength=k, focus=limits[-1] + point.strength * away / k)
                 for k in strengths
                 if k > 0
             )
-            tried = [self._at(each, found.optics, scale) for each in pivoted]
-            best = min(tried, key=lambda each: each.error, default=found)
-            if not best.error < _BETTER * found.error:
-                return found
-            found = self._descended(best, MIDDLE, blur)
-        return found
+            tried = [self._at(each, fitted.optics, scale) for each in pivoted]
+            best = min(tried, key=lambda each: each.error, default=fitted)
+            if not best.error < _BETTER * fitted.error:
+                return fitted
+            fitted = self._descended(best, MIDDLE, blur)
+        return fitted
 
     def _moved(
         self, point: Candidate, free: Sequence[Unknown], steps: Sequence[float]
@@ -173,41 +173,45 @@ class Search:
             return point
         return replace(point, strength=self._strength(point.focus))
 
-    def _at(self, point: Candidate, optics: Optics, scale: Scale) -> Found:
-        return Found(error_of(*self.residual.of(point, optics, scale)), point, optics)
+    def _at(self, point: Candidate, optics: Optics, scale: Scale) -> FittedLens:
+        return FittedLens(error_of(*self.residual.of(point, optics, scale)), point, optics)
 
-    def _descended(self, start: Found, width: int | None, free: list[Unknown]) -> Found:
+    def _descended(self, start: FittedLens, width: int | None, free: list[Unknown]) -> FittedLens:
         """A point after Gauss-Newton steps at a width; None for that of the pictures."""
         scale = self.residual.scale(width)
-        found = self._at(start.point, start.optics, scale)
+        fitted = self._at(start.point, start.optics, scale)
         for _ in range(_STEPS[width] if free else 0):
-            hessian, gradient = self.normal(found, scale, free)
+            hessian, gradient = self.normal(fitted, scale, free)
             whole = hessian.sum(0)
             damped = whole + _DAMPING * torch.diag(whole.diagonal())
             step = -torch.linalg.solve(damped + 1e-12 * torch.eye(len(free)), gradient.sum(0))
-            most = torch.tensor([unknown.most for unknown in free], dtype=torch.float64)
-            step = step.clamp(-most, most)
-            for share in _SHORTER:
-                point = self._moved(found.point, free, (share * step).tolist())
-                there = self._at(point, found.optics, scale)
-                if there.error < found.error:
+            maximum = torch.tensor([unknown.maximum for unknown in free], dtype=torch.float64)
+            step = step.clamp(-maximum, maximum)
+            for fraction in _SHORTER:
+                point = self._moved(fitted.point, free, (fraction * step).tolist())
+                there = self._at(point, fitted.optics, scale)
+                if there.error < fitted.error:
                     break
             else:
-                return found
-            found = there
-            if float(step.abs().max()) * share < _ENOUGH:
+                return fitted
+            fitted = there
+            if float(step.abs().max()) * fraction < _ENOUGH:
                 break
-        return found
+        return fitted
 
-    def normal(self, found: Found, scale: Scale, free: list[Unknown]) -> tuple[Tensor, Tensor]:
+    def normal(
+        self, fitted: FittedLens, scale: Scale, free: list[Unknown]
+    ) -> tuple[Tensor, Tensor]:
         """Of each block of the picture the matrix [B, P, P] and the gradient [B, P] of a step."""
-        residual, weight = self.residual.of(found.point, found.optics, scale)
+        residual, weight = self.residual.of(fitted.point, fitted.optics, scale)
         robust = robust_of(residual, weight)
         slopes = []
         for index, unknown in enumerate(free):
             steps = [0.0] * len(free)
             steps[index] = unknown.probe
-            there, _ = self.residual.of(self._moved(found.point, free, steps), found.optics, scale)
+            there, _ = self.residual.of(
+                self._moved(fitted.point, free, steps), fitted.optics, scale
+            )
             slopes.append((there - residual) / unknown.probe)
         jacobian = torch.stack(slopes)  # [P, V, C, H, W]
         pieces_h, pieces_g = [], []
@@ -224,26 +228,26 @@ class Search:
             pieces_g.append(weighed @ residual[cut].flatten().double())
         return torch.stack(pieces_h), torch.stack(pieces_g)
 
-    def _centred(self, found: Found) -> Found:
+    def _centred(self, fitted: FittedLens) -> FittedLens:
         """The focus in the middle of those that are as good: within half a px all is sharp."""
-        scale, strength = self.residual.scale(None), found.point.strength
+        scale, strength = self.residual.scale(None), fitted.point.strength
         px = torch.tensor(_ASIDE, dtype=torch.float64)
 
-        def aside(by: float) -> Found:
-            point = replace(found.point, focus=found.point.focus + by / strength)
-            return self._at(self._held(point), found.optics, scale)
+        def aside(by: float) -> FittedLens:
+            point = replace(fitted.point, focus=fitted.point.focus + by / strength)
+            return self._at(self._held(point), fitted.optics, scale)
 
         errors = [aside(by).error for by in _ASIDE]
         if not all(map(math.isfinite, errors)):
-            return found
+            return fitted
         powers = torch.stack([px**0, px, px**2], 1)
         _, slope, bend = torch.linalg.lstsq(powers, torch.tensor(errors).double()).solution.tolist()
         if bend <= 0:
-            return found
+            return fitted
         there = aside(min(max(-slope / (2 * bend), -1.0), 1.0))
-        return there if there.error <= found.error * _AS_GOOD else found
+        return there if there.error <= fitted.error * _AS_GOOD else fitted
 
 
-def _best(found: list[Found], count: int) -> list[Found]:
+def _best(fitted: list[FittedLens], count: int) -> list[FittedLens]:
     """The first of some points, without those that are clearly worse than the best."""
-    return [each for each in found if each.error <= _CLEARLY * found[0].error][:count]
+    return [each for each in fitted if each.error <= _CLEARLY * fitted[0].error][:count]

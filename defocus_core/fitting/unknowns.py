@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from defocus_core.optics.aperture import Aperture
 
-MOST_SHIFT = 16.0  # px
+MAX_SHIFT = 16.0  # px
 _TURN = 30.0  # degrees
 
 
@@ -56,7 +56,7 @@ class Unknown:
         name: An attribute of `Candidate`.
         unit: Of its value; of a ratio, of its logarithm.
         probe: Difference that derivatives are taken over, in units.
-        most: Greatest step, in units.
+        maximum: Greatest step, in units.
         is_ratio: Whether steps multiply it.
         bound: Greatest value, with either sign; of a ratio, greatest factor either way.
     """
@@ -64,7 +64,7 @@ class Unknown:
     name: str
     unit: float
     probe: float
-    most: float
+    maximum: float
     is_ratio: bool = False
     bound: float = math.inf
 
@@ -86,7 +86,7 @@ def unknowns(span: float, names: Iterable[str]) -> list[Unknown]:
         Unknown("strength", 1.0, 0.02, 0.5, is_ratio=True),
         Unknown("focus", span, 0.02, 0.25),
         Unknown("gamma", 1.0, 0.03, 0.2, is_ratio=True, bound=4.0),
-        *(Unknown(name, 1.0, 0.25, 2.0, bound=MOST_SHIFT) for name in ("across", "down")),
+        *(Unknown(name, 1.0, 0.25, 2.0, bound=MAX_SHIFT) for name in ("across", "down")),
         Unknown("separation", 1.0, 0.1, 1.0, bound=1.2),
         Unknown("breathing", 1.0, 0.05, 0.2, bound=1.0),
     ]

@@ -26,7 +26,7 @@ from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.validation import described, number, whole
 
 PSF_TYPES: tuple[str, ...] = ("pillbox", "gaussian")
-_MOST_BLADES = 10_000
+_MAX_BLADES = 10_000
 # The ranges of the numbers that shape the pupil.
 _RANGES = {
     "curvature": (0.0, 1.0, "0 is straight blades, 1 a disc"),
@@ -35,13 +35,13 @@ _RANGES = {
     "squeeze": (0.05, 20.0, "2 is ovals twice as tall as wide"),
 }
 # Radii below this are drawn as this: far below half a pixel the kernel no longer changes.
-_LEAST_RADIUS = 1e-6
+_MIN_RADIUS = 1e-6
 # Blurs wider than a grid by less than this share fit it; the light of wider ones is summed over so
-# many cells across the pupil.
-_FITS, _CELLS = 1e-6, 64
+# many coarse pixels across the pupil.
+_FITS, _COARSE = 1e-6, 64
 # Light that spherical aberration leaves everywhere: a small disc may have one sample, where it
 # would take away all.
-_LEAST_LIGHT = 0.01
+_MIN_LIGHT = 0.01
 # Radius in px of the kernel of which a centroid is taken.
 _CENTROID_RADIUS = 48.0
 
@@ -80,9 +80,9 @@ class Aperture:
     squeeze: Scalar = 1.0
 
     def __post_init__(self) -> None:
-        blades = whole("blades", self.blades, "write 0 for a round aperture", least=0)
-        if blades in (1, 2) or blades > _MOST_BLADES:
-            wanted = "0 or at least 3" if blades < 3 else f"{_MOST_BLADES} at most"
+        blades = whole("blades", self.blades, "write 0 for a round aperture", minimum=0)
+        if blades in (1, 2) or blades > _MAX_BLADES:
+            wanted = "0 or at least 3" if blades < 3 else f"{_MAX_BLADES} at most"
             problem = f"blades must be {wanted}, got {blades}"
             raise ValueError(f"{problem}; write 0 for a round aperture")
         if not math.isfinite(number("rotation", self.rotation, "it is an angle in degrees")):
@@ -91,9 +91,11 @@ class Aperture:
         if self.psf_type not in PSF_TYPES:
             problem = f"psf_type must be one of {', '.join(PSF_TYPES)}, got {self.psf_type!r}"
             raise ValueError(f"{problem}; pillbox is the thin lens")
-        for name, (least, most, meaning) in _RANGES.items():
-            if not least <= number(name, getattr(self, name), meaning) <= most:
-                problem = f"{name} must be from {least:g} to {most:g}, got {getattr(self, name)}"
+        for name, (minimum, maximum, meaning) in _RANGES.items():
+            if not minimum <= number(name, getattr(self, name), meaning) <= maximum:
+                problem = (
+                    f"{name} must be from {minimum:g} to {maximum:g}, got {getattr(self, name)}"
+                )
                 raise ValueError(f"{problem}; {meaning}")
         if self.image is not None and not isinstance(self.image, PupilImage):
             problem = f"image must be a PupilImage, got {described(self.image)}"
@@ -137,7 +139,7 @@ class Aperture:
         return (self.squeeze, 1.0) if tall else (1.0, 1 / self.squeeze)
 
     @property
-    def learns(self) -> bool:
+    def requires_grad(self) -> bool:
         """Whether gradients flow to an attribute: then nothing of it may be cached."""
         values = (getattr(self, name) for name in _RANGES)
         return any(isinstance(value, Tensor) and value.requires_grad for value in values)
@@ -194,10 +196,10 @@ class Aperture:
         area: Scalar = area_of(self.fixed.outline, part)
         if area <= 0.0:
             raise ValueError(f"part must overlap the pupil, got {part}; see Aperture.parts")
-        if self.learns:
+        if self.requires_grad:
             area = self._live_area(part)
         r = radius.double()
-        r = torch.where(r.abs() < _LEAST_RADIUS, _LEAST_RADIUS, r)
+        r = torch.where(r.abs() < _MIN_RADIUS, _MIN_RADIUS, r)
         fine = 1 if view is None else fineness(float(r.detach().abs().min()))
         corners = torch.arange(size * fine + 1, dtype=r.dtype, device=r.device) / fine - size / 2
         u = corners / r[..., None]  # [..., size + 1], descending where r < 0
@@ -210,8 +212,8 @@ class Aperture:
         whole = light.sum((-2, -1), keepdim=True)
         cut = (2 * r.detach().abs() > size * (1 + _FITS))[..., None, None]
         if bool(cut.any()):
-            ends = torch.linspace(-1, 1, _CELLS + 1, dtype=r.dtype, device=r.device)
-            beyond = self._light(ends * r.detach().sign()[..., None], r, part, view)
+            limits = torch.linspace(-1, 1, _COARSE + 1, dtype=r.dtype, device=r.device)
+            beyond = self._light(limits * r.detach().sign()[..., None], r, part, view)
             whole = torch.where(cut, beyond.sum((-2, -1), keepdim=True), whole)
         dark = whole <= 0  # a rim may leave less open than rounding
         if bool(dark.any()):
@@ -255,9 +257,9 @@ class Aperture:
         x, y = (middles(u) * times for times in self.narrowing)
         squared = (x[..., None, :] ** 2 + y[..., :, None] ** 2).clamp(max=1)
         light = 1 + self.spherical * r.detach().sign()[..., None, None] * (2 * squared - 1)
-        return light.clamp(min=_LEAST_LIGHT)
+        return light.clamp(min=_MIN_LIGHT)
 
-    def share(self, part: Part) -> Scalar:
+    def fraction(self, part: Part) -> Scalar:
         """The share of the pupil that lies in the part: the weight of this part in the whole.
 
         The kernels of parts that tile the pupil, averaged with these weights, are the kernel of
@@ -266,20 +268,20 @@ class Aperture:
         pupil the share of its weight, to about 1e-6. A number, unless the pupil learns.
         """
         if part.sensitivity is not None:
-            seen = _share_seen.__wrapped__ if self.learns else _share_seen
-            return seen(self if self.learns else self.fixed, part)
+            seen = _fraction_seen.__wrapped__ if self.requires_grad else _fraction_seen
+            return seen(self if self.requires_grad else self.fixed, part)
         if part.lean:
             return (1 + part.lean * self.narrowing[0] * self.centroid(FULL)[0]) / 2
         weigh = weight_of if self.psf_type == "gaussian" else area_of
         of, outline = weigh.__call__, self.fixed.outline
-        if self.learns:
+        if self.requires_grad:
             of, outline = weigh.__wrapped__, self.outline
-        share: Scalar = of(outline, part) / of(outline, FULL)
-        return share
+        fraction: Scalar = of(outline, part) / of(outline, FULL)
+        return fraction
 
-    def share_between(self, part: Part, x: Tensor, y: Tensor) -> Tensor:
+    def fraction_between(self, part: Part, x: Tensor, y: Tensor) -> Tensor:
         """The share [...] of a part's area between x [..., 2] and y [..., 2], both ascending."""
-        area = self._live_area(part) if self.learns else area_of(self.fixed.outline, part)
+        area = self._live_area(part) if self.requires_grad else area_of(self.fixed.outline, part)
         return self.outline.areas(*part.clamp(x, y))[..., 0, 0] / area
 
     def parts(self, count: int) -> list[Part]:
@@ -300,7 +302,7 @@ class Aperture:
 
     def centroid(self, part: Part) -> tuple[Scalar, Scalar]:
         """The mean lens point (u.x, u.y) of a part, to about 1e-4; numbers, unless they learn."""
-        if self.learns:
+        if self.requires_grad:
             return _centroid.__wrapped__(self, part)
         return _centroid(self.fixed, part)
 
@@ -310,7 +312,7 @@ class Aperture:
         kernel = self.kernel(torch.tensor(radius, dtype=torch.float64), 2 * extent + 1, part)
         offset = torch.arange(-extent, extent + 1, dtype=kernel.dtype)
         x, y = kernel.sum(0) @ offset, kernel.sum(1) @ offset
-        return (x, y) if self.learns else (float(x), float(y))
+        return (x, y) if self.requires_grad else (float(x), float(y))
 
 
 @lru_cache(maxsize=256)
@@ -320,13 +322,13 @@ def _centroid(aperture: Aperture, part: Part) -> tuple[Scalar, Scalar]:
 
 
 @lru_cache(maxsize=256)
-def _share_seen(aperture: Aperture, part: Part) -> Scalar:
+def _fraction_seen(aperture: Aperture, part: Part) -> Scalar:
     """The share of the light of the pupil that a photodiode gets."""
     r, size = torch.tensor(_CENTROID_RADIUS, dtype=torch.float64), 2 * int(_CENTROID_RADIUS) + 1
     corners = torch.arange(size + 1, dtype=r.dtype) - size / 2
     seen = part.counted(corners / r, aperture.narrowing)
-    share = (aperture.kernel(r, size) * seen).sum() / 2
-    return share if aperture.learns else float(share)
+    fraction = (aperture.kernel(r, size) * seen).sum() / 2
+    return fraction if aperture.requires_grad else float(fraction)
 
 
 def _is(value: Scalar, number: float) -> bool:

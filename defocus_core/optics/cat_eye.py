@@ -21,10 +21,10 @@ from defocus_core.tensors.validation import number
 
 _LENGTHS = "lengths are in radii of the pupil"
 # The rim keeps this share of its radius about the middle of the pupil.
-_LEAST_OPEN = 0.1
+_MIN_OPEN = 0.1
 _TINY = 1e-12
 # Radius in px below which a clipped pupil is sampled in parts of a pixel, so many at most.
-_FINE_RADIUS, _MOST_FINE = 10.0, 16
+_FINE_RADIUS, _MAX_FINE = 10.0, 16
 
 
 class Rim(NamedTuple):
@@ -70,8 +70,8 @@ class Rim(NamedTuple):
             *(middles(at) * times for at, times in zip((x, y), narrowing, strict=True))
         )
         product = pupil * rim
-        most = torch.where(along > 0, torch.minimum(pupil, rim), (pupil + rim - 1).clamp(min=0))
-        both = torch.lerp(product, most, along.abs())
+        maximum = torch.where(along > 0, torch.minimum(pupil, rim), (pupil + rim - 1).clamp(min=0))
+        both = torch.lerp(product, maximum, along.abs())
         lit = there & (pupil > 0)
         return torch.where(lit, both / torch.where(lit, pupil, 1.0), 0.0)
 
@@ -101,14 +101,14 @@ class Rim(NamedTuple):
     def joined(cls, rims: Sequence[Rim]) -> Rim:
         """Rims of one size as one, as so many points see it."""
         x, y = (
-            torch.stack([torch.as_tensor(each, dtype=torch.float64) for each in places])
-            for places in zip(*((rim.x, rim.y) for rim in rims), strict=True)
+            torch.stack([torch.as_tensor(each, dtype=torch.float64) for each in positions])
+            for positions in zip(*((rim.x, rim.y) for rim in rims), strict=True)
         )
         return cls(rims[0].size, x, y)
 
     def of(self, which: Tensor | slice) -> Rim:
         """The rim as the points of these indices see it; its size is common to all."""
-        x, y = (torch.as_tensor(place)[which] for place in (self.x, self.y))
+        x, y = (torch.as_tensor(position)[which] for position in (self.x, self.y))
         return self._replace(x=x, y=y)
 
 
@@ -154,12 +154,12 @@ class CatEye:
 
     def __post_init__(self) -> None:
         size, shift = number("size", self.size, _LENGTHS), number("shift", self.shift, _LENGTHS)
-        if not 0 < size < math.inf or not 0 <= shift <= (1 - _LEAST_OPEN) * size:
+        if not 0 < size < math.inf or not 0 <= shift <= (1 - _MIN_OPEN) * size:
             problem = f"shift must be 0 or more and at most 0.9 of size, got {shift:g} of {size:g}"
             raise ValueError(f"{problem}; {_LENGTHS}")
 
     @property
-    def learns(self) -> bool:
+    def requires_grad(self) -> bool:
         """Whether gradients flow to size or shift: then nothing of it may be cached."""
         values = (self.size, self.shift)
         return any(isinstance(value, Tensor) and value.requires_grad for value in values)
@@ -207,15 +207,15 @@ def falloff(apart: Tensor, size: Scalar) -> Tensor:
     second = ((d * d + r * r - 1) / (2 * d * r)).clamp(-1, 1)
     kite = ((1 + r - d) * (d + 1 - r) * (d - 1 + r) * (d + 1 + r)).clamp(min=0).sqrt()
     lens = first.acos() + r * r * second.acos() - kite / 2
-    share = (lens / math.pi).clamp(0, 1)
+    fraction = (lens / math.pi).clamp(0, 1)
     if not (apart.requires_grad or rim.requires_grad):
-        return share
+        return fraction
     # it loses the common chord as they part, and gains the arc as the rim grows: where circles
     # touch, the formula's own derivative is 0/0
     chord, arc = 2 * (1 - first * first).sqrt(), 2 * r * second.acos()
-    return share + (arc * (rim - r) - chord * (apart - apart.detach())) / math.pi
+    return fraction + (arc * (rim - r) - chord * (apart - apart.detach())) / math.pi
 
 
 def fineness(radius: float) -> int:
     """Parts of a pixel, along an axis, in which a rim of a blur of some px clips evenly."""
-    return max(1, min(_MOST_FINE, math.ceil(_FINE_RADIUS / radius)))
+    return max(1, min(_MAX_FINE, math.ceil(_FINE_RADIUS / radius)))

@@ -66,8 +66,8 @@ class CurvedPolygon(Outline):
                 math.cos(end) - across,
             ]
             angles = [middle - span, *upright, middle + span]
-            for side, ends in zip(pairwise(angles), pairwise(cuts), strict=True):
-                left, right = sorted(ends, key=Tensor.item)
+            for side, limits in zip(pairwise(angles), pairwise(cuts), strict=True):
+                left, right = sorted(limits, key=Tensor.item)
                 # where it ends at the cut, a gradient moves the cut
                 piece = torch.where(t < right, torch.where(t > left, t, left), right)
                 if math.sin(sum(side) / 2) < 0:  # y is downwards

@@ -18,10 +18,10 @@ ATTEMPTS = 100
 
 # The number at a share in [0, 1) of the range from low to high.
 _RANGES: dict[str, Callable[[float, float, float], float]] = {
-    "uniform": lambda low, high, share: low + (high - low) * share,
-    "loguniform": lambda low, high, share: low * (high / low) ** share,
-    "disparity": lambda low, high, share: 1 / ((1 - share) / low + share / high),
-    "percentile": lambda low, high, share: low + (high - low) * share,
+    "uniform": lambda low, high, fraction: low + (high - low) * fraction,
+    "loguniform": lambda low, high, fraction: low * (high / low) ** fraction,
+    "disparity": lambda low, high, fraction: 1 / ((1 - fraction) / low + fraction / high),
+    "percentile": lambda low, high, fraction: low + (high - low) * fraction,
 }
 KINDS = (*_RANGES, "choice")
 
@@ -57,8 +57,8 @@ class Distribution:
         try:
             low, high = map(float, self.values)
         except (TypeError, ValueError):
-            ends = f"got {len(self.values)}: {self.values}"
-            raise ValueError(f"{self.kind} must have two numbers as ends, {ends}") from None
+            limits = f"got {len(self.values)}: {self.values}"
+            raise ValueError(f"{self.kind} must have two numbers as ends, {limits}") from None
         if math.isinf(low) or (math.isinf(high) and self.kind != "disparity"):
             raise ValueError(f"{self.kind} must have finite ends; only disparity reaches infinity")
         if low <= 0 and self.kind in ("loguniform", "disparity"):
@@ -68,12 +68,12 @@ class Distribution:
         if self.kind == "percentile" and not 0 <= low <= high <= 100:
             raise ValueError(f"percentile must lie between 0 and 100, got {low:g} and {high:g}")
 
-    def at(self, share: float) -> Any:
+    def at(self, fraction: float) -> Any:
         """The value at a share in [0, 1) of the distribution."""
         if self.kind == "choice":
-            return self.values[int(share * len(self.values))]
+            return self.values[int(fraction * len(self.values))]
         low, high = self.values
-        value = float(f"{_RANGES[self.kind](low, high, share):.6g}")
+        value = float(f"{_RANGES[self.kind](low, high, fraction):.6g}")
         return min(max(value, low), high)
 
 
@@ -85,12 +85,12 @@ def drawn(options: Mapping[str, Any], *keys: object) -> dict[str, Any]:
         keys: They decide the draw, such as a seed, the name of a picture and a number.
     """
     return {
-        name: option.at(_share(*keys, name)) if isinstance(option, Distribution) else option
+        name: option.at(_fraction(*keys, name)) if isinstance(option, Distribution) else option
         for name, option in options.items()
     }
 
 
-def _share(*keys: object) -> float:
+def _fraction(*keys: object) -> float:
     """A pseudo-random number in [0, 1) that depends on the keys alone."""
     text = "\0".join(map(str, keys))
     digest = blake2b(text.encode("utf-8", "surrogateescape"), digest_size=8).digest()

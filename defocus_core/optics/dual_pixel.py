@@ -19,7 +19,7 @@ from defocus_core.tensors.validation import described, number, one_of
 _HALVES: dict[str, tuple[Part, Part]] = dict(
     zip(DUAL_PIXEL_MODELS, ((LEFT, RIGHT), (Part(lean=-1.0), Part(lean=1.0))), strict=True)
 )
-_MOST_CROSSTALK = 0.5
+_MAX_CROSSTALK = 0.5
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class DualPixel:
             problem = f"measured must be two of Sensitivity, got {described(self.measured)}"
             raise ValueError(f"{problem}; make them of kernels by sensitivities")
         meaning = "it is the share of the light that goes to the other photodiode"
-        if not 0 <= number("crosstalk", self.crosstalk, meaning) < _MOST_CROSSTALK:
+        if not 0 <= number("crosstalk", self.crosstalk, meaning) < _MAX_CROSSTALK:
             problem = f"crosstalk must be 0 or more and below 0.5, got {self.crosstalk}"
             raise ValueError(f"{problem}; {meaning}")
 

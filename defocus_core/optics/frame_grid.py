@@ -35,8 +35,8 @@ class FrameGrid:
             frame: (height, width) of the frame in px.
         """
         down, across = (
-            _tents(place, length, count)
-            for place, length, count in zip((y, x), frame, self.grid, strict=True)
+            _tents(position, length, count)
+            for position, length, count in zip((y, x), frame, self.grid, strict=True)
         )
         return GridMix(self, (down[..., :, None] * across[..., None, :]).flatten(-2))
 
@@ -67,8 +67,8 @@ class GridMix(NamedTuple):
         return self._replace(weights=self.weights[which])
 
 
-def _tents(place: Scalar, length: int, count: int) -> Tensor:
+def _tents(position: Scalar, length: int, count: int) -> Tensor:
     """Weights [..., count] of the places of a grid along an axis."""
-    at = torch.as_tensor(place, dtype=torch.float64) * (count / length) - 0.5
+    at = torch.as_tensor(position, dtype=torch.float64) * (count / length) - 0.5
     number = torch.arange(count, dtype=at.dtype, device=at.device)
     return (1 - (at.clamp(0, count - 1)[..., None] - number).abs()).clamp(min=0)

@@ -22,9 +22,9 @@ from defocus_core.tensors.source import Scalar
 _LEVEL_SLOPE = 1e-6
 # Rounding error of differences of areas of about 1; and the least area that counts, as a share of
 # the rectangle, where rectangles are so small.
-_ROUNDING, _LEAST_SHARE = 2e-15, 1e-2
+_ROUNDING, _MIN_FRACTION = 2e-15, 1e-2
 # Opaque discs of less than this radius hide less than rounding.
-_LEAST_RATIO = 1e-7
+_MIN_RATIO = 1e-7
 
 
 class Outline(ABC):
@@ -52,8 +52,8 @@ class Outline(ABC):
         x, y = x[..., None, :], y[..., :, None]
         areas = self.cumulative_area(x, y).diff(dim=-1).diff(dim=-2)
         # outside, rounding is all that is left
-        least = (_LEAST_SHARE * (x.diff(dim=-1) * y.diff(dim=-2)).abs()).clamp(max=_ROUNDING)
-        return torch.where(areas > least, areas, 0.0)
+        minimum = (_MIN_FRACTION * (x.diff(dim=-1) * y.diff(dim=-2)).abs()).clamp(max=_ROUNDING)
+        return torch.where(areas > minimum, areas, 0.0)
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class Obstructed(Outline):
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
         """The area of the outline without that of the disc."""
-        ratio = self.ratio if self.ratio > _LEAST_RATIO else 1.0  # times 0, with gradient 0
+        ratio = self.ratio if self.ratio > _MIN_RATIO else 1.0  # times 0, with gradient 0
         inner = Disc().cumulative_area((x / ratio).clamp(-1, 1), (y / ratio).clamp(-1, 1))
         return self.outline.cumulative_area(x, y) - self.ratio**2 * inner
 

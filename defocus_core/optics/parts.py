@@ -18,7 +18,7 @@ from defocus_core.tensors.source import Scalar
 # Cuts between sixteen parts, along both axes; the outer parts of a disc are then about as large.
 _CUTS = (-1.0, -0.45, 0.0, 0.45, 1.0)
 # The least share of the pupil that is a part.
-_LEAST_PART = 1e-3
+_MIN_PART = 1e-3
 # Pixels across the pupil with which the weight of a part of a gaussian pupil is summed.
 _WEIGHING_RADIUS = 256.0
 
@@ -82,18 +82,18 @@ def parts_of(outline: Outline, count: int) -> tuple[Part, ...]:
         return (FULL,)
     if count == 2:
         return LEFT, RIGHT
-    least = _LEAST_PART * area_of(outline, FULL)
-    if min(area_of(outline, half) for half in (LEFT, RIGHT)) <= least:
+    minimum = _MIN_PART * area_of(outline, FULL)
+    if min(area_of(outline, half) for half in (LEFT, RIGHT)) <= minimum:
         return (FULL,)  # a colour of a coloured pupil may lie in one half
     if count == 4:
-        cuts = [(half, _halving_height(outline, half)) for half in (LEFT, RIGHT)]
+        cuts = [(half, _bisecting_height(outline, half)) for half in (LEFT, RIGHT)]
         return tuple(p for half, y in cuts for p in (replace(half, y1=y), replace(half, y0=y)))
     sides = list(pairwise(_CUTS))
     parts = (Part(x0, x1, y0, y1) for x0, x1 in sides for y0, y1 in sides)
-    return tuple(part for part in parts if area_of(outline, part) > least)
+    return tuple(part for part in parts if area_of(outline, part) > minimum)
 
 
-def _halving_height(outline: Outline, part: Part) -> float:
+def _bisecting_height(outline: Outline, part: Part) -> float:
     """The y of the level cut that halves a part's area, by bisection."""
     low, high, half = part.y0, part.y1, area_of(outline, part) / 2
     for _ in range(50):

@@ -92,6 +92,6 @@ class _Mixed(Outline):
             which = weight.nonzero()[:, 0]
             if len(which):
                 area = pupil.cumulative_area(x[which], y[which])
-                share = (weight[which] * (self._scale / pupil.light))[:, None, None]
-                total = total.index_add(0, which, area * share)
+                fraction = (weight[which] * (self._scale / pupil.light))[:, None, None]
+                total = total.index_add(0, which, area * fraction)
         return total if self.weights.dim() > 1 else total[0]

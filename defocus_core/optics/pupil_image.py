@@ -43,12 +43,12 @@ class PupilImage(Outline):
                 "transmission must be finite and 0 or more, got a value that is not; "
                 "mend the picture of the pupil"
             )
-        most = float(picture.max()) if picture.numel() else 0.0
-        if most <= 0:
+        maximum = float(picture.max()) if picture.numel() else 0.0
+        if maximum <= 0:
             raise ValueError(
                 "transmission must be above 0 somewhere, got a black picture; the pupil is bright"
             )
-        picture = picture / most
+        picture = picture / maximum
         picture = torch.where(picture > _DARK, picture, 0.0)
         self._key = (tuple(picture.shape), blake2b(picture.numpy().tobytes()).digest())
         self._sums = torch.nn.functional.pad(picture, (1, 0, 1, 0)).cumsum(0).cumsum(1)
@@ -84,8 +84,8 @@ class PupilImage(Outline):
     def about(self, middle: tuple[float, float], radius: float) -> None:
         """Let another place be the middle of the lens, and another radius its own."""
         self._middle, self._radius = middle, radius
-        place = repr((*middle, radius)).encode()
-        self._key = (self._key[0], blake2b(self._key[1] + place).digest())
+        position = repr((*middle, radius)).encode()
+        self._key = (self._key[0], blake2b(self._key[1] + position).digest())
 
     def _off(self, other: PupilImage) -> float:
         """Px between the centroids of two pictures, along the axis where they differ more."""
@@ -135,7 +135,7 @@ class PupilImage(Outline):
         """The sum of the picture left of x and above y: bilinear between corners of its pixels."""
         sums = self._sums.to(x.device)
         (row, below), (column, beside) = (
-            self._cell(value, middle, count)
+            self._coarse_pixel(value, middle, count)
             for value, middle, count in zip(
                 (y, x), reversed(self._middle), self._key[0], strict=True
             )
@@ -144,8 +144,8 @@ class PupilImage(Outline):
         above, under = (torch.lerp(left, right, beside) for left, right in corners)
         return torch.lerp(above, under, below) / self._radius**2
 
-    def _cell(self, place: Tensor, middle: float, count: int) -> tuple[Tensor, Tensor]:
+    def _coarse_pixel(self, position: Tensor, middle: float, count: int) -> tuple[Tensor, Tensor]:
         """The pixel, of `count`, that holds each place of the lens, and the share before it."""
-        at = (place * self._radius + middle).clamp(0, count)
+        at = (position * self._radius + middle).clamp(0, count)
         pixel = at.detach().floor().clamp(max=count - 1)
         return pixel.long(), at - pixel

@@ -21,8 +21,8 @@ from defocus_core.tensors.validation import dense, described
 
 # Shares of the greatest light of a measured kernel: of its noise at most, and of its border.
 _FAINT, _BORDER = 0.1, 0.5
-# Cells across a disc whose halves are compared, steps of a scale, and the widest, in radii.
-_CELLS, _SCALINGS, _WIDEST = 32, 4, 2.0
+# Coarse pixels across a disc whose halves are compared, steps of a scale, and the widest, in radii.
+_COARSE, _SCALINGS, _WIDEST = 32, 4, 2.0
 
 
 class Sensitivity:
@@ -34,22 +34,23 @@ class Sensitivity:
         is_left: Whether the photodiode is the left one.
     """
 
-    def __init__(self, share: Tensor, kernel: PupilImage, *, is_left: bool) -> None:
+    def __init__(self, fraction: Tensor, kernel: PupilImage, *, is_left: bool) -> None:
         """Place a picture over the lens.
 
         Args:
-            share: [H, W] in [0, 1], of light that the two get together; all lens points are in it.
+            fraction: [H, W] in [0, 1], of light that the two get together; all lens points are in
+                it.
             kernel: The picture [H, W] of this light, whose middle and radius are those of the lens.
             is_left: Whether the photodiode is the left one.
         """
         self.is_left = is_left
-        self._shares = PupilImage.placed(share, kernel.middle, kernel.radius)
+        self._fractions = PupilImage.placed(fraction, kernel.middle, kernel.radius)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Sensitivity) and self._shares == other._shares
+        return isinstance(other, Sensitivity) and self._fractions == other._fractions
 
     def __hash__(self) -> int:
-        return hash(self._shares)
+        return hash(self._fractions)
 
     def between(self, x: Tensor, y: Tensor) -> Tensor:
         """The mean share between lens points: [..., m - 1, n - 1]; 0 where there is no area.
@@ -59,49 +60,49 @@ class Sensitivity:
             y: [..., m].
         """
         area = (x.diff()[..., None, :] * y.diff()[..., :, None]).abs()
-        share = self._shares.areas(x, y)
-        return torch.where(area > 0, share / torch.where(area > 0, area, 1.0), 0.0)
+        fraction = self._fractions.areas(x, y)
+        return torch.where(area > 0, fraction / torch.where(area > 0, area, 1.0), 0.0)
 
 
 class SensitivityField(Sensitivity, FrameGrid):
     """Sensitivities of a photodiode over the frame; without a place, it is their mean."""
 
-    def __init__(self, places: Sequence[Sensitivity], grid: tuple[int, int]) -> None:
+    def __init__(self, positions: Sequence[Sensitivity], grid: tuple[int, int]) -> None:
         """Keep them.
 
         Args:
-            places: By rows, of one photodiode.
+            positions: By rows, of one photodiode.
             grid: The rows and the columns.
         """
-        self.is_left, self.places, self.grid = places[0].is_left, tuple(places), grid
+        self.is_left, self.positions, self.grid = positions[0].is_left, tuple(positions), grid
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, SensitivityField):
             return False
-        return (self.grid, self.places) == (other.grid, other.places)
+        return (self.grid, self.positions) == (other.grid, other.positions)
 
     def __hash__(self) -> int:
-        return hash((self.grid, self.places))
+        return hash((self.grid, self.positions))
 
     def transposed(self) -> SensitivityField:
         """That of a frame whose rows are columns; each place is as it was."""
         rows, columns = self.grid
         order = (row * columns + column for column in range(columns) for row in range(rows))
-        return SensitivityField([self.places[index] for index in order], (columns, rows))
+        return SensitivityField([self.positions[index] for index in order], (columns, rows))
 
     def between(self, x: Tensor, y: Tensor) -> Tensor:
         """The mean of theirs."""
-        return torch.stack([place.between(x, y) for place in self.places]).mean(0)
+        return torch.stack([position.between(x, y) for position in self.positions]).mean(0)
 
     def mixed(self, weights: Tensor, x: Tensor, y: Tensor) -> Tensor:
         """As `between`, mixed by weights [G] or [v, G] of the places: for v points of the frame."""
-        points = weights.reshape(-1, len(self.places)).to(x.device)
+        points = weights.reshape(-1, len(self.positions)).to(x.device)
         x, y = (at.expand(len(points), at.shape[-1]) for at in (x, y))
         total = x.new_zeros(len(points), y.shape[-1] - 1, x.shape[-1] - 1)
-        for place, weight in zip(self.places, points.unbind(1), strict=True):
+        for position, weight in zip(self.positions, points.unbind(1), strict=True):
             which = weight.nonzero()[:, 0]
             if len(which):
-                seen = place.between(x[which], y[which]) * weight[which, None, None]
+                seen = position.between(x[which], y[which]) * weight[which, None, None]
                 total = total.index_add(0, which, seen)
         return total if weights.dim() > 1 else total[0]
 
@@ -133,36 +134,36 @@ def sensitivities(left: Tensor, right: Tensor) -> tuple[Sensitivity, Sensitivity
     left, right = (kernel.detach().to("cpu", torch.float64) for kernel in (left, right))
     size = left.shape[-2:]
     pairs = zip(left.reshape(-1, *size), right.reshape(-1, *size), strict=True)
-    shares = [_share_of(*pair) for pair in pairs]
-    if len(shares) > 1:
-        _scale(shares)
-    first = [Sensitivity(share, whole, is_left=True) for share, whole, _ in shares]
-    second = [Sensitivity(1 - share, whole, is_left=False) for share, whole, _ in shares]
+    fractions = [_share_of(*pair) for pair in pairs]
+    if len(fractions) > 1:
+        _scale(fractions)
+    first = [Sensitivity(fraction, whole, is_left=True) for fraction, whole, _ in fractions]
+    second = [Sensitivity(1 - fraction, whole, is_left=False) for fraction, whole, _ in fractions]
     if left.dim() == 2:
         return first[0], second[0]
     grid = left.shape[0], left.shape[1]
     return SensitivityField(first, grid), SensitivityField(second, grid)
 
 
-def _scale(shares: list[tuple[Tensor, PupilImage, float]]) -> None:
+def _scale(fractions: list[tuple[Tensor, PupilImage, float]]) -> None:
     """Scale the pictures of all places, so that halves of a disc are as far apart as kernels are.
 
     Off the axis blur is wide and soft: a share of such kernels changes too slowly over the lens.
     """
-    share, narrowest, apart = min(shares, key=lambda place: place[1].deviation)
-    radius, ratio = narrowest.radius, apart / _disc_halves_apart(share, narrowest)
-    for share, whole, apart in shares:
+    fraction, narrowest, apart = min(fractions, key=lambda position: position[1].deviation)
+    radius, ratio = narrowest.radius, apart / _disc_halves_apart(fraction, narrowest)
+    for fraction, whole, apart in fractions:
         whole.about(whole.middle, radius)
         for _ in range(_SCALINGS):
-            wider = apart / ratio / _disc_halves_apart(share, whole)
+            wider = apart / ratio / _disc_halves_apart(fraction, whole)
             whole.about(whole.middle, min(whole.radius * wider, _WIDEST * radius))
 
 
-def _disc_halves_apart(share: Tensor, whole: PupilImage) -> float:
+def _disc_halves_apart(fraction: Tensor, whole: PupilImage) -> float:
     """The distance of the centroids of left and right halves of a round lens, in its radii."""
-    ends = torch.linspace(-1, 1, _CELLS + 1, dtype=torch.float64)
-    light = Disc().areas(ends, ends)
-    left = light * Sensitivity(share, whole, is_left=True).between(ends, ends)
+    limits = torch.linspace(-1, 1, _COARSE + 1, dtype=torch.float64)
+    light = Disc().areas(limits, limits)
+    left = light * Sensitivity(fraction, whole, is_left=True).between(limits, limits)
     return _centroid(light - left) - _centroid(left)
 
 
@@ -199,14 +200,14 @@ def _share_of(left: Tensor, right: Tensor) -> tuple[Tensor, PupilImage, float]:
 
 def _filled(part: Tensor, whole: Tensor) -> Tensor:
     """The share [H, W] that a part is of the whole; without light that of the light around."""
-    share, lit, width = torch.zeros_like(whole), torch.zeros_like(whole, dtype=torch.bool), 1
+    fraction, lit, width = torch.zeros_like(whole), torch.zeros_like(whole, dtype=torch.bool), 1
     bright = (whole > 0).to(whole)
     while not bool(lit.all()):
         some, every, near = (_boxes(light, width // 2) for light in (part, whole, bright))
         nearer = ~lit & (near > 0.5)
-        share = torch.where(nearer, some / torch.where(nearer, every, 1.0), share)
+        fraction = torch.where(nearer, some / torch.where(nearer, every, 1.0), fraction)
         lit, width = lit | nearer, 2 * width + 1
-    return share.clamp(0, 1)
+    return fraction.clamp(0, 1)
 
 
 def _boxes(light: Tensor, reach: int) -> Tensor:

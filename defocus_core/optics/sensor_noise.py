@@ -38,7 +38,7 @@ def with_noise(
     counts = light.detach().to("cpu", torch.float64) * electrons
     generator, noisy = torch.Generator("cpu"), torch.empty_like(counts)
     for row in range(counts.shape[-2]):
-        generator.manual_seed((seed * _PRIME + first_row + row) % _MOST_SEED)
+        generator.manual_seed((seed * _PRIME + first_row + row) % _MAX_SEED)
         mean = counts[:, row]
         shot = torch.poisson(mean.clamp(min=0), generator=generator) + mean.clamp(max=0)
         noise = torch.randn(mean.shape, dtype=torch.float64, generator=generator)
@@ -48,4 +48,4 @@ def with_noise(
 
 # Seeds of pictures are this far apart, more than a picture has rows.
 _PRIME = 1_000_003
-_MOST_SEED = 2**63 - 1
+_MAX_SEED = 2**63 - 1

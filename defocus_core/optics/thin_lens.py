@@ -256,11 +256,11 @@ class ThinLens(PinholeCamera):
                 f"d_close must not be farther than d_far, got d_close={close:g} and "
                 f"d_far={far:g} mm away; {none}"
             )
-        least, most = (
+        minimum, maximum = (
             torch.as_tensor(limit, dtype=z.dtype, device=z.device).abs().reshape(())
             for limit in (self.d_close, self.d_far)
         )
-        return z.clamp(least, most)
+        return z.clamp(minimum, maximum)
 
     def _is_sharp(self, z: Tensor) -> Tensor:
         """Whether distances lie within the sharp range."""

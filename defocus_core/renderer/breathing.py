@@ -26,17 +26,17 @@ def breathed(image: Tensor, signed_radius: Tensor, breathing: float) -> tuple[Te
     height, width = signed_radius.shape
     x = (2 * torch.arange(width).to(signed_radius) + 1) / width - 1
     y = (2 * torch.arange(height).to(signed_radius) + 1) / height - 1
-    place = torch.stack(torch.meshgrid(y, x, indexing="ij")[::-1], -1)  # [H, W, 2], x and y
+    position = torch.stack(torch.meshgrid(y, x, indexing="ij")[::-1], -1)  # [H, W, 2], x and y
     radius = signed_radius
     for _ in range(_ROUNDS):
         # a displacement is in proportion to the place: the same scale along both axes
-        there = place * (1 - breathing * radius * (2 / width))[..., None]
+        there = position * (1 - breathing * radius * (2 / width))[..., None]
         radius = _sampled(signed_radius[None], there, "nearest")[0]
     return _sampled(image, there, "bilinear"), radius  # what is moved is blurred, too
 
 
-def _sampled(values: Tensor, places: Tensor, mode: str) -> Tensor:
+def _sampled(values: Tensor, positions: Tensor, mode: str) -> Tensor:
     """[C, H, W] at places [H, W, 2] from -1 to 1."""
     return grid_sample(
-        values[None], places[None], mode, padding_mode="border", align_corners=False
+        values[None], positions[None], mode, padding_mode="border", align_corners=False
     )[0]

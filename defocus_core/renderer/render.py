@@ -70,13 +70,13 @@ def render(
             `num_layers` or `psf_ks` is given; pixels in focus get their detail back.
         left_right: Whether to return the dual-pixel pair too.
         num_layers: Use exactly this many slices, evenly over the radii of each picture, instead
-            of the ladder of the quality.
+            of the slice radii of the quality.
         hidden: The surface behind the visible one where it is known, shaped as the image and the
             radius; elsewhere it is continued from farther surfaces.
         psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
         threads: Tiles computed at once; torch itself uses one thread meanwhile.
-        tile: Side of a tile in px, or in cells of two px in a draft, 16 at least; another side
-            changes results in the last digits.
+        tile: Side of a tile in px, or in coarse pixels of two px in a draft, 16 at least; another
+            side changes results in the last digits.
         infinity: Signed radius in px of infinitely far surfaces: where depth is anti-aliased, it
             distinguishes averages of distance from averages of disparity. None takes all for
             averages of disparity.

@@ -48,9 +48,9 @@ class Stream(FramedPicture):
                 `signed_radius` the `nearest` radius; the regions have alpha, too.
             repair: The repair by which `repair_depth` made the radii; None to repair them here.
             fill: Of some colours what `fill_for` of the picture continues for all.
-            hold: Whether there is room for repaired radii and the cells of a draft, together two
-                thirds of the picture in float32; without room those of a large picture are computed
-                anew for each window.
+            hold: Whether there is room for repaired radii and the coarse pixels of a draft,
+                together two thirds of the picture in float32; without room those of a large picture
+                are computed anew for each window.
 
         Raises:
             ValueError: If shapes do not match, a number is not finite, or a CoC does not fit

@@ -30,7 +30,7 @@ class Frame(NamedTuple):
     motion: Tensor | None = None
 
 
-def places(size: tuple[int, int], like: Tensor) -> Tensor:
+def positions(size: tuple[int, int], like: Tensor) -> Tensor:
     """The places [2, H, W] of the pixels of a frame: columns, then rows."""
     rows, columns = (torch.arange(n, dtype=like.dtype, device=like.device) for n in size)
     return torch.stack(torch.meshgrid(columns, rows, indexing="xy"))
@@ -57,7 +57,7 @@ def chained(motions: Sequence[Tensor], radii: Sequence[Tensor], step: float) -> 
     """
     total, last, own = motions[0], motions[0], radii[0]
     size = own.shape[0], own.shape[1]
-    start = places(size, total)
+    start = positions(size, total)
     for motion, radius in zip(motions[1:], radii[1:], strict=True):
         index, inside = nearest_pixels(start + total, size)
         there = radius.flatten()[index]
@@ -88,18 +88,18 @@ def approached(radius: Tensor, there: Tensor) -> tuple[Tensor, Tensor]:
     if not len(x):
         return radius, torch.zeros_like(radius)
     x, order = x.sort()
-    shares = torch.linspace(0, 1, _RANGES + 1, dtype=x.dtype, device=x.device)
-    ends = torch.searchsorted(x, torch.lerp(x[0], x[-1], shares[1:-1]), right=True).tolist()
+    fractions = torch.linspace(0, 1, _RANGES + 1, dtype=x.dtype, device=x.device)
+    limits = torch.searchsorted(x, torch.lerp(x[0], x[-1], fractions[1:-1]), right=True).tolist()
     knots, start = [], 0
-    for end in [*ends, len(x)]:
+    for end in [*limits, len(x)]:
         if end - start < _FEWEST and (end < len(x) or end == start):
             continue  # together with the next range
         of_range = off[order[start:end]]
         change = of_range.median()
         knots.append(torch.stack([x[start:end].mean(), change, (of_range - change).abs().median()]))
         start = end
-    place, change, spread = torch.stack(knots, 1)
-    return radius + _interpolated(radius, place, change), _interpolated(radius, place, spread)
+    position, change, spread = torch.stack(knots, 1)
+    return radius + _interpolated(radius, position, change), _interpolated(radius, position, spread)
 
 
 def alike(color: Tensor, other: Tensor) -> Tensor:
@@ -114,5 +114,5 @@ def _interpolated(x: Tensor, knots: Tensor, values: Tensor) -> Tensor:
         return values.expand_as(x)
     before = torch.searchsorted(knots, x.contiguous()).clamp(1, len(knots) - 1) - 1
     width = (knots[before + 1] - knots[before]).clamp(min=torch.finfo(x.dtype).tiny)
-    share = ((x - knots[before]) / width).clamp(0, 1)
-    return torch.lerp(values[before], values[before + 1], share)
+    fraction = ((x - knots[before]) / width).clamp(0, 1)
+    return torch.lerp(values[before], values[before + 1], fraction)

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from defocus_core.renderer.inpainting.disocclusion import STEP
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-from defocus_core.sequences.motion import Frame, alike, approached, nearest_pixels, places
+from defocus_core.sequences.motion import Frame, alike, approached, nearest_pixels, positions
 from defocus_core.tensors.neighbourhoods import extreme_around
 
 # Greatest change of radius of a surface that both frames show, in medians of what it should be.
@@ -57,7 +57,7 @@ def _revealed(frame: Frame, neighbour: Frame, unknown: Tensor) -> tuple[Tensor, 
     H, W = radius.shape
     # a pixel beside a nearer surface holds a part of its colour
     whole = extreme_around(radius, 1, torch.minimum) > radius - STEP
-    at = (places((H, W), neighbour.motion) + neighbour.motion).flatten(1)
+    at = (positions((H, W), neighbour.motion) + neighbour.motion).flatten(1)
     source = torch.nonzero(whole.flatten() & at.isfinite().all(0))[:, 0]
     at = at[:, source]
     nearest, inside = nearest_pixels(at, (H, W))
@@ -94,9 +94,9 @@ def _closest(
     nearest = nearest.scatter_reduce(0, target, radius, "amin")
     first = radius <= nearest[target] + STEP
     target, source, distance = target[first], source[first], distance[first]
-    least = torch.full((pixels,), torch.inf, dtype=distance.dtype, device=distance.device)
-    least = least.scatter_reduce(0, target, distance, "amin")
-    closest = distance <= least[target]
+    minimum = torch.full((pixels,), torch.inf, dtype=distance.dtype, device=distance.device)
+    minimum = minimum.scatter_reduce(0, target, distance, "amin")
+    closest = distance <= minimum[target]
     owner = torch.full((pixels,), -1, dtype=torch.long, device=target.device)
     owner = owner.scatter_reduce(0, target[closest], source[closest], "amax")
     index = torch.nonzero(owner >= 0)[:, 0]

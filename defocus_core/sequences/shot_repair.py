@@ -13,7 +13,7 @@ from statistics import median
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.edge_shifts import EdgeShifts
-from defocus_core.depth.soft_edges import LEAST, STEEP
+from defocus_core.depth.soft_edges import MINIMUM, STEEP
 
 
 def agreed_repair(repairs: Sequence[DepthRepair], scales: Sequence[float]) -> DepthRepair:
@@ -66,7 +66,7 @@ def repair_through(repair: DepthRepair, scale: float, infinity: float | None) ->
     return repair._replace(
         noise=None if repair.noise is None else repair.noise * scale,
         antialiased=averaged,
-        soft_edges=None if soft is None else min(STEEP, max(LEAST, soft * scale)),
+        soft_edges=None if soft is None else min(STEEP, max(MINIMUM, soft * scale)),
         edge_shifts=None if shifts is None else shifts._replace(step=shifts.step * scale),
         ramps_of=ramps_of,
     )

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
-from defocus_core.sequences.motion import Frame, alike, approached, nearest_pixels, places
+from defocus_core.sequences.motion import Frame, alike, approached, nearest_pixels, positions
 
 # Distance in px around a pixel that is compared; greatest difference of its mean radius and of its
 # own, in deviations.
@@ -56,7 +56,7 @@ def _fetched(neighbour: Frame, frame: Frame) -> tuple[Tensor, Tensor, Tensor | b
     if motion is None:
         return image, radius, True
     size = radius.shape[0], radius.shape[1]
-    index, inside = nearest_pixels(places(size, motion) + motion, size)
+    index, inside = nearest_pixels(positions(size, motion) + motion, size)
     color = image.flatten(1)[:, index]
     same = inside & alike(color, frame.image)
     there = torch.where(same, frame.signed_radius, torch.nan)

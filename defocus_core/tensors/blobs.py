@@ -58,18 +58,18 @@ class Runs(NamedTuple):
                 number: Tensor = torch.unique(label, return_inverse=True)[1]
                 return number
             one, other, first, second = (x[apart] for x in (one, other, first, second))
-            least = torch.minimum(first, second)
+            minimum = torch.minimum(first, second)
             # of two trees of runs the root of one is below that of the other from now on
-            label = label.scatter_reduce(0, torch.maximum(first, second), least, "amin")
+            label = label.scatter_reduce(0, torch.maximum(first, second), minimum, "amin")
             while not torch.equal(root := label[label], label):
                 label = root
 
     def _touching(self, width: int) -> tuple[Tensor, Tensor]:
         """Pairs of runs of neighbouring rows that share a side or a corner."""
         stride = width + 2
-        firsts, ends = self.row * stride + self.first, self.row * stride + self.end
-        low = torch.searchsorted(ends, firsts + stride)
-        high = torch.searchsorted(firsts, ends + stride, right=True)
+        firsts, limits = self.row * stride + self.first, self.row * stride + self.end
+        low = torch.searchsorted(limits, firsts + stride)
+        high = torch.searchsorted(firsts, limits + stride, right=True)
         count = (high - low).clamp(min=0)
         one = torch.arange(len(low), device=low.device).repeat_interleave(count)
         before = (count.cumsum(0) - count).repeat_interleave(count)

@@ -76,7 +76,7 @@ class Span(NamedTuple):
         return Span(self.first - by, self.end + by)
 
 
-def least_transform(lit: Span, wanted: Span, margin: int) -> int:
+def min_transform(lit: Span, wanted: Span, margin: int) -> int:
     """The least length of a circular transform that wraps around outside of the wanted samples.
 
     Args:

@@ -37,16 +37,16 @@ def recomputed(work: Callable[[T], R]) -> Callable[[T], R]:
 
 def recorded_for(*given: object) -> AbstractContextManager[None]:
     """Gradients, if the caller has enabled them and any of some tensors or options needs one."""
-    return torch.set_grad_enabled(torch.is_grad_enabled() and any(map(learns, given)))
+    return torch.set_grad_enabled(torch.is_grad_enabled() and any(map(requires_grad, given)))
 
 
-def learns(given: object) -> bool:
+def requires_grad(given: object) -> bool:
     """Whether a tensor needs a gradient, or one in a tuple, or an attribute of an object."""
     if isinstance(given, Tensor):
         return given.requires_grad
     if isinstance(given, tuple | list):
-        return any(map(learns, given))
-    return any(map(learns, getattr(given, "__dict__", {}).values()))
+        return any(map(requires_grad, given))
+    return any(map(requires_grad, getattr(given, "__dict__", {}).values()))
 
 
 def unrecorded(device: torch.device) -> AbstractContextManager[None]:

@@ -25,26 +25,26 @@ from torch.nn.functional import pad
 from defocus_core.tensors.blobs import Runs
 from defocus_core.tensors.derived import Derived
 from defocus_core.tensors.source import Pixels, Scalar, banded, bands
-from defocus_core.tensors.sparse_masks import places_of
+from defocus_core.tensors.sparse_masks import positions_of
 from defocus_core.tensors.validation import number, whole
 
 # Sides of blobs, the roots of their areas: up to which a blob is a light, and from which on a
 # surface, as shares of the side of a square of the area of the frame. Of blobs of a colour, and of
 # white ones; and the same in px that count in small frames.
-_COLORED, _WHITE, _LEAST_PX = (0.004, 0.012), (0.025, 0.075), (3.0, 8.0)
+_COLORED, _WHITE, _MIN_PX = (0.004, 0.012), (0.025, 0.075), (3.0, 8.0)
 # The least channel, as a share of white, up to which a blob has a colour, and from which on none.
 _HUE = (0.6, 0.9)
 # Brightness of the surroundings, as a share of the blob's, up to which a blob is a light, and from
 # which on a part of a surface; of blobs of a colour, and of white ones. The surroundings reach this
 # share of the width to each side, so many px at least.
 _COLORED_BESIDE, _WHITE_BESIDE = (0.3, 0.6), (0.6, 0.9)
-_AROUND, _LEAST_AROUND = 0.012, 4
+_AROUND, _MIN_AROUND = 0.012, 4
 # Radius in px up to which a blob is in focus, and from which on it gets all of its light.
 _BLURRED = (1.0, 3.0)
 # Levels of brightness at which blobs are found, the closer the brighter.
 _LEVELS = (0.0, 0.3, 0.5, 0.65, 0.75, 0.82, 0.88, 0.91, 0.94, 0.97, 1.0)
-# Cells across the surroundings to a side.
-_CELLS = 6
+# Coarse pixels across the surroundings to a side.
+_COARSE = 6
 # Light above 1 by more than rounding was measured, and is left as it is.
 _MEASURED = 1.001
 # A blob is a light if it gets more than this share of the gain.
@@ -100,7 +100,7 @@ class ClippedLights:
         Raises:
             ValueError: If an argument is out of its range.
         """
-        if not 0 <= (least := number("threshold", threshold, "in linear light")) < 1:
+        if not 0 <= (minimum := number("threshold", threshold, "in linear light")) < 1:
             raise ValueError(
                 f"threshold must be 0 or more and below 1, got {threshold}; 0.93 suits most"
             )
@@ -111,7 +111,7 @@ class ClippedLights:
         self.added, self.count = image, 0
         if self.measured:
             return
-        levels, self.count = _found(image, signed_radius, least, count)
+        levels, self.count = _found(image, signed_radius, minimum, count)
         lit = _Lit(image, threshold, gain, count, levels)
         self.added = lit.at_once(1) if isinstance(image, Tensor) else lit
 
@@ -123,13 +123,13 @@ class _BlobLevel(NamedTuple):
         low: The level.
         high: The next level.
         runs: The runs of these pixels.
-        share: [n] the share of the gain that each run gets.
+        fraction: [n] the share of the gain that each run gets.
     """
 
     low: float
     high: float
     runs: Runs
-    share: Tensor
+    fraction: Tensor
 
 
 def _found(
@@ -138,23 +138,23 @@ def _found(
     """The blobs of each level from the threshold on, and the number of lights."""
     size = image.shape[-2], image.shape[-1]
     pairs = [pair for pair in pairwise(_LEVELS) if pair[1] > threshold]
-    around = max(_LEAST_AROUND, round(_AROUND * size[1]))
+    around = max(_MIN_AROUND, round(_AROUND * size[1]))
     found: list[list[tuple[Runs, Tensor]]] = [[] for _ in pairs]
     for first, end in bands(image):
         top = max(first - around, 0)
         light = image[..., top : min(end + around, size[0]), :].detach()[:colors]
-        bright, least = light.amax(0), light[:, first - top : end - top].amin(0)
-        blur = torch.full_like(least, _BLURRED[1])
+        bright, minimum = light.amax(0), light[:, first - top : end - top].amin(0)
+        blur = torch.full_like(minimum, _BLURRED[1])
         if signed_radius is not None:
-            blur = signed_radius[first:end].detach().abs().to(least)
+            blur = signed_radius[first:end].detach().abs().to(minimum)
         for level, (low, _) in zip(found, pairs, strict=True):
-            level.append(_band(bright, (least, blur), (first, end), top, low, around))
+            level.append(_band(bright, (minimum, blur), (first, end), top, low, around))
     levels = []
     for level, (low, high) in zip(found, pairs, strict=True):
         runs, values = zip(*level, strict=True)
         joined = Runs.joined([*runs])
-        shares = _shares(joined, torch.cat(values, 1), max(low, _LEVELS[1]), size)
-        levels.append(_BlobLevel(low, high, joined, shares))
+        fractions = _fractions(joined, torch.cat(values, 1), max(low, _LEVELS[1]), size)
+        levels.append(_BlobLevel(low, high, joined, fractions))
     return levels, _count(levels, threshold, size[1])
 
 
@@ -184,33 +184,33 @@ def _band(
         return runs, bright.new_zeros(3, 0).double()
     sums = pad(torch.stack(summed).flatten(1).cumsum(1, dtype=torch.float64), (1, 0))
     start = (runs.row - rows[0]) * bright.shape[1]
-    least, blur = sums[:, start + runs.end] - sums[:, start + runs.first]
-    cell = max(1, around // _CELLS)
-    beside = _beside(bright, level, cell, around // cell)
-    row = (runs.row - top) // cell
-    ends = (beside[row, column // cell] for column in (runs.first, runs.end - 1))
-    return runs, torch.stack([least, blur, sum(ends) / 2 * runs.area])
+    minimum, blur = sums[:, start + runs.end] - sums[:, start + runs.first]
+    coarse_pixel = max(1, around // _COARSE)
+    beside = _beside(bright, level, coarse_pixel, around // coarse_pixel)
+    row = (runs.row - top) // coarse_pixel
+    limits = (beside[row, column // coarse_pixel] for column in (runs.first, runs.end - 1))
+    return runs, torch.stack([minimum, blur, sum(limits) / 2 * runs.area])
 
 
-def _beside(bright: Tensor, level: float, cell: int, around: int) -> Tensor:
-    """Mean brightness of what is not above a level around each cell; the level without any."""
+def _beside(bright: Tensor, level: float, coarse_pixel: int, around: int) -> Tensor:
+    """Mean brightness of what is not above a level around each coarse px; the level without any."""
     dark = (bright <= level).to(bright)
-    down, across = (-n % cell for n in bright.shape)
-    cells = pad(torch.stack([dark, dark * bright]), (0, across, 0, down))
-    rows, columns = (n // cell for n in cells.shape[1:])
-    cells = cells.view(2, rows, cell, columns, cell).sum(4).sum(2)
-    both = cells.double() / cell**2
+    down, across = (-n % coarse_pixel for n in bright.shape)
+    coarse = pad(torch.stack([dark, dark * bright]), (0, across, 0, down))
+    rows, columns = (n // coarse_pixel for n in coarse.shape[1:])
+    coarse = coarse.view(2, rows, coarse_pixel, columns, coarse_pixel).sum(4).sum(2)
+    both = coarse.double() / coarse_pixel**2
     for dim in (-2, -1):
         length = both.shape[dim]
         sums = torch.cat([torch.zeros_like(both.narrow(dim, 0, 1)), both.cumsum(dim)], dim)
         at = torch.arange(length, device=bright.device)
         after = sums.index_select(dim, (at + around + 1).clamp(max=length))
         both = after - sums.index_select(dim, (at - around).clamp(min=0))
-    share, light = both
-    return torch.where(share > 0.5, light / share.clamp(min=0.5), level)
+    fraction, light = both
+    return torch.where(fraction > 0.5, light / fraction.clamp(min=0.5), level)
 
 
-def _shares(runs: Runs, sums: Tensor, level: float, size: tuple[int, int]) -> Tensor:
+def _fractions(runs: Runs, sums: Tensor, level: float, size: tuple[int, int]) -> Tensor:
     """The share of the gain that each run gets, by its blob.
 
     Args:
@@ -222,21 +222,21 @@ def _shares(runs: Runs, sums: Tensor, level: float, size: tuple[int, int]) -> Te
     blob = runs.blobs(size[1])
     values = torch.cat([runs.area.double()[None], sums])
     totals = values.new_zeros(4, int(blob.max()) + 1 if len(blob) else 0)
-    area, least, blur, beside = totals.index_add(1, blob, values)
-    white = _step(least / area, *_HUE)
+    area, minimum, blur, beside = totals.index_add(1, blob, values)
+    white = _step(minimum / area, *_HUE)
     across = math.sqrt(size[0] * size[1])
     colored, bleached = (
-        [max(share * across, px) for share, px in zip(shares, _LEAST_PX, strict=True)]
-        for shares in (_COLORED, _WHITE)
+        [max(fraction * across, px) for fraction, px in zip(fractions, _MIN_PX, strict=True)]
+        for fractions in (_COLORED, _WHITE)
     )
     small = 1 - _step(area.sqrt(), *_between(colored, bleached, white))
     apart = 1 - _step(beside / (area * level), *_between(_COLORED_BESIDE, _WHITE_BESIDE, white))
     return (small * apart * _step(blur / area, *_BLURRED))[blob]
 
 
-def _between(colored: Sequence[float], white: Sequence[float], share: Tensor) -> list[Tensor]:
+def _between(colored: Sequence[float], white: Sequence[float], fraction: Tensor) -> list[Tensor]:
     """Bounds of blobs from those of a colour, at a share of 0, to those of white ones, at 1."""
-    return [a + (b - a) * share for a, b in zip(colored, white, strict=True)]
+    return [a + (b - a) * fraction for a, b in zip(colored, white, strict=True)]
 
 
 def _count(levels: list[_BlobLevel], threshold: float, width: int) -> int:
@@ -244,11 +244,11 @@ def _count(levels: list[_BlobLevel], threshold: float, width: int) -> int:
     above = [level for level in levels if level.low >= threshold] or levels[-1:]
     base = above[0].runs
     lights = [level.runs for level in above]
-    places = [
-        (runs.row[level.share > _COUNTED], runs.first[level.share > _COUNTED])
+    positions = [
+        (runs.row[level.fraction > _COUNTED], runs.first[level.fraction > _COUNTED])
         for level, runs in zip(above, lights, strict=True)
     ]
-    at = [torch.cat(part) for part in zip(*places, strict=True)]
+    at = [torch.cat(part) for part in zip(*positions, strict=True)]
     blobs: Tensor = torch.unique(base.blobs(width)[base.holding(at[0], at[1], width)])
     return len(blobs)
 
@@ -275,19 +275,19 @@ class _Lit(Derived):
         window = self._image[..., slice(*rows), slice(*columns)]
         light, rest = window.tensor_split([self._colors])
         bright = light.amax(0)
-        at = places_of(bright.detach() > self._levels[0].low)
+        at = positions_of(bright.detach() > self._levels[0].low)
         if not len(at):
             return window
         row, column = at.unbind(1)
         shining = bright[row, column]
-        share = torch.zeros_like(shining)
-        for low, high, runs, shares in self._levels:
+        fraction = torch.zeros_like(shining)
+        for low, high, runs, fractions in self._levels:
             above = (shining.detach() > low).nonzero()[:, 0]
             run = runs.holding(row[above] + rows[0], column[above] + columns[0], self.shape[-1])
             lower, upper = (
                 _step(shining[above].clamp(max=bound), self._threshold, 1) for bound in (low, high)
             )
             upper = upper if high < 1 else _step(shining[above], self._threshold, 1)
-            share = share.index_add(0, above, (upper - lower) * shares[run].to(share))
-        factor = torch.ones_like(bright).index_put((row, column), 1 + (self._gain - 1) * share)
+            fraction = fraction.index_add(0, above, (upper - lower) * fractions[run].to(fraction))
+        factor = torch.ones_like(bright).index_put((row, column), 1 + (self._gain - 1) * fraction)
         return torch.cat([light * factor, rest]).to(self.dtype)

@@ -23,7 +23,7 @@ def continue_edges(values: Tensor, given: Box) -> None:
                 values.narrow(dim, start, count).copy_(values.narrow(dim, edge, 1))
 
 
-def places_continued(at: Tensor, size: tuple[int, int], box: Box) -> tuple[Tensor, Tensor]:
+def positions_continued(at: Tensor, size: tuple[int, int], box: Box) -> tuple[Tensor, Tensor]:
     """Rows and columns of samples of which those on an edge are repeated all around.
 
     Args:

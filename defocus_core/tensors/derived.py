@@ -85,7 +85,7 @@ def held(picture: Derived, *of: Pixels, threads: int, hold: bool) -> Pixels:
     return picture
 
 
-def share_changed(before: Pixels, after: Pixels) -> float:
+def fraction_changed(before: Pixels, after: Pixels) -> float:
     """The share of the pixels [H, W] that differ.
 
     Of a large picture in a sample of windows, so that one that is computed at each read costs

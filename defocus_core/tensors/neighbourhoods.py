@@ -76,7 +76,7 @@ def _joined(values: Tensor, step: int, dim: int, choice: Choice) -> Tensor:
     return extreme
 
 
-def ends_of(values: Tensor) -> Tensor:
+def range_of(values: Tensor) -> Tensor:
     """The least and the greatest [2] of values [...]; NaN if any value is NaN.
 
     Two passes: on a CPU torch.aminmax takes longer, and four times as long where rows are not

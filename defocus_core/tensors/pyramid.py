@@ -28,34 +28,34 @@ class Axis(NamedTuple):
     odd: bool
 
 
-def places(
-    at: Tensor, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], halvings: int
+def positions(
+    at: Tensor, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], level: int
 ) -> list[Tensor]:
-    """Rows and columns [n] of pixels among the cells of a reduced resolution.
+    """Rows and columns [n] of pixels among the coarse pixels of a reduced resolution.
 
     Args:
         at: [n, 2] rows and columns at full resolution, also between pixels.
         fine: The middle of the frame at full resolution.
-        coarse: The middle of the frame among cells.
-        halvings: Number of times resolution is halved.
+        coarse: The middle of the frame among coarse pixels.
+        level: Number of times resolution is halved.
     """
     return [
-        place_of(at[:, d], fine_axis, coarse_axis, halvings)
+        position_of(at[:, d], fine_axis, coarse_axis, level)
         for d, (fine_axis, coarse_axis) in enumerate(zip(fine, coarse, strict=True))
     ]
 
 
-def place_of(pixel: _Number, fine: Axis, coarse: Axis, halvings: int) -> _Number:
-    """The place of a pixel among cells, along one axis.
+def position_of(pixel: _Number, fine: Axis, coarse: Axis, level: int) -> _Number:
+    """The place of a pixel among coarse pixels, along one axis.
 
     Args:
         pixel: Row or column of the pixel, or [n] of them.
         fine: The middle of the frame among pixels.
-        coarse: The middle of the frame among cells.
-        halvings: Number of times resolution is halved.
+        coarse: The middle of the frame among coarse pixels.
+        level: Number of times resolution is halved.
     """
     offset = 0.0 if fine.odd else 0.5
-    return coarse.middle - offset + (pixel + offset - fine.middle) / (1 << halvings)
+    return coarse.middle - offset + (pixel + offset - fine.middle) / (1 << level)
 
 
 def axes(size: tuple[int, int], top: int = 0, left: int = 0) -> tuple[Axis, Axis]:
@@ -67,7 +67,7 @@ def axes(size: tuple[int, int], top: int = 0, left: int = 0) -> tuple[Axis, Axis
 
 
 class AxisHalving(NamedTuple):
-    """The halving of one axis: the pixels that are missing for whole cells, and the cells.
+    """The halving of one axis: the pixels that are missing for whole coarse px, and the coarse px.
 
     Attributes:
         before: Pixels missing at the beginning.
@@ -97,7 +97,7 @@ def extended(values: Tensor, down: AxisHalving, across: AxisHalving, value: floa
 
 
 def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
-    """For each pixel [H, W] the greatest value of the cells [h, w] that the pixel is part of."""
+    """The greatest value [H, W] of the coarse pixels [h, w] that each pixel is part of."""
     for dim in (0, 1):
         twice = values.repeat_interleave(2, dim)
         if odd[dim]:
@@ -109,7 +109,7 @@ def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
 
 
 def halved(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
-    """Sums [..., h, w] of the pixels [..., H, W] of each cell of half resolution."""
+    """Sums [..., h, w] of the pixels [..., H, W] of each coarse pixel of half resolution."""
     for dim in (-2, -1):  # rows first: they lie together
         values = _halved(values, dim, odd[dim])
     return values
@@ -128,10 +128,10 @@ def _halved(values: Tensor, dim: int, odd: bool) -> Tensor:
 
 
 def pulled(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
-    """Sums [..., h, w] of pixels [..., H, W] in cells that overlap (Burt 1981).
+    """Sums [..., h, w] of pixels [..., H, W] in coarse pixels that overlap (Burt 1981).
 
-    As `halved`, but of an even length a pixel counts by 3/4 in its own cell and by 1/4 in the one
-    next to it. What lies outside counts as 0.
+    As `halved`, but of an even length a pixel counts by 3/4 in its own coarse pixel and by 1/4 in
+    the one next to it. What lies outside counts as 0.
     """
     for dim in (-2, -1):
         if odd[dim]:
@@ -147,19 +147,19 @@ def pulled(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
 
 
 def averaged(
-    values: Tensor, halvings: int, middle: tuple[Axis, Axis]
+    values: Tensor, level: int, middle: tuple[Axis, Axis]
 ) -> tuple[Tensor, tuple[Axis, Axis]]:
-    """Means [N, K, h, w] of pictures [N, K, H, W] in cells, and the middle among cells.
+    """Means [N, K, h, w] of pictures [N, K, H, W] in coarse px, and the middle among coarse px.
 
     Pixels beyond the frame count as 0.
     """
     middles = []
     for dim, axis in zip((-2, -1), middle, strict=True):  # rows first: they lie together
-        for _ in range(halvings):
+        for _ in range(level):
             half = halves(values.shape[dim], axis)
             if half.before or half.after:
                 missing = (half.before, half.after)
                 values = pad(values, missing if dim == -1 else (0, 0, *missing))
             values, axis = _halved(values, dim, axis.odd), half.axis
         middles.append(axis)
-    return values * 0.25**halvings, (middles[0], middles[1])
+    return values * 0.25**level, (middles[0], middles[1])

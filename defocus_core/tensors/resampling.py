@@ -10,18 +10,19 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.pyramid import Axis, place_of
+from defocus_core.tensors.pyramid import Axis, position_of
 
-# Cells from one block of pixels to the next: products with larger ones are mostly with zeros.
+# Coarse pixels from one block of pixels to the next: products with larger ones are mostly with
+# zeros.
 _STRIDE = 8
 
 
-class Shares(NamedTuple):
-    """The shares of cells in pixels along an axis; all blocks of pixels have the same shares.
+class AxisWeights(NamedTuple):
+    """The shares of coarse px in pixels along an axis; all blocks of pixels have the same shares.
 
     Attributes:
-        block: [P, K] shares of K cells in the P pixels of a block.
-        lead: The first cell of the first block; missing cells count as 0.
+        block: [P, K] shares of K coarse pixels in the P pixels of a block.
+        lead: The first coarse pixel of the first block; missing coarse pixels count as 0.
         pixels: Number of pixels.
     """
 
@@ -30,50 +31,52 @@ class Shares(NamedTuple):
     pixels: int
 
 
-def cubic_shares(first: float, pixels: int, step: float, like: Tensor) -> Shares:
+def cubic_weights(first: float, pixels: int, step: float, like: Tensor) -> AxisWeights:
     """The cubic of Keys 1981 with a = -1/2.
 
     Args:
-        first: The place of the first pixel, in cells from the first cell.
+        first: The place of the first pixel, in coarse pixels from the first coarse pixel.
         pixels: Number of pixels.
-        step: Cells from one pixel to the next, a power of a half.
+        step: Coarse pixels from one pixel to the next, a power of a half.
         like: A tensor with the dtype and device of the result.
     """
     away, lead = _away(first, pixels, step, 2, like)
     near = (1.5 * away - 2.5) * away * away + 1
     far = ((2.5 - 0.5 * away) * away - 4) * away + 2
     block = torch.where(away < 1, near, torch.where(away < 2, far, 0.0))
-    return Shares(block.to(like.device), lead, pixels)
+    return AxisWeights(block.to(like.device), lead, pixels)
 
 
-def linear_shares(first: float, pixels: int, step: float, like: Tensor) -> Shares:
-    """Linear interpolation, without overshoot beside an edge; arguments of `cubic_shares`."""
+def linear_weights(first: float, pixels: int, step: float, like: Tensor) -> AxisWeights:
+    """Linear interpolation, without overshoot beside an edge; arguments of `cubic_weights`."""
     away, lead = _away(first, pixels, step, 1, like)
-    return Shares((1 - away).clamp(min=0).to(like.device), lead, pixels)
+    return AxisWeights((1 - away).clamp(min=0).to(like.device), lead, pixels)
 
 
 def _away(first: float, pixels: int, step: float, reach: int, like: Tensor) -> tuple[Tensor, int]:
-    """Distances in cells from each pixel of a block to the cells in reach, and the first such cell.
+    """Distances from each pixel of a block to the coarse pixels in reach, and the first of these.
 
-    Distances are the same in all blocks, whose first pixels are whole numbers of cells apart. They
-    are few: on the CPU.
+    Distances are the same in all blocks, whose first pixels are whole numbers of coarse pixels
+    apart. They are few: on the CPU.
     """
     block = min(pixels, round(_STRIDE / step))
     lead = math.floor(first) - reach + 1
-    place = torch.arange(block, dtype=like.dtype) * step + (first - lead)
-    cells = math.floor(first - lead + (block - 1) * step) + reach + 1
-    number = torch.arange(cells, dtype=like.dtype)
-    return (place[:, None] - number).abs(), lead
+    start = torch.arange(block, dtype=like.dtype) * step + (first - lead)
+    taps = math.floor(first - lead + (block - 1) * step) + reach + 1
+    tap = torch.arange(taps, dtype=like.dtype)
+    return (start[:, None] - tap).abs(), lead
 
 
-def resampled(values: Tensor, rows: Shares, columns: Shares) -> Tensor:
-    """Cells [..., h, w] read in pixels [..., H, W].
+def resampled(values: Tensor, rows: AxisWeights, columns: AxisWeights) -> Tensor:
+    """Coarse pixels [..., h, w] read in pixels [..., H, W].
 
     In full precision, even where `torch.set_float32_matmul_precision` allows TensorFloat32 or
     bfloat16 for products, which are too coarse for a picture.
     """
     if values.dtype == torch.float32 and _products_are_rounded():
-        double = (shares._replace(block=shares.block.double()) for shares in (rows, columns))
+        double = (
+            fractions._replace(block=fractions.block.double()) for fractions in (rows, columns)
+        )
         return resampled(values.double(), *double).float()
     across = _blocks(values, columns, -1)  # [..., h, n, K]
     wide = across.reshape(-1, across.shape[-1]) @ columns.block.mT
@@ -82,14 +85,14 @@ def resampled(values: Tensor, rows: Shares, columns: Shares) -> Tensor:
     return (rows.block @ down).flatten(-3, -2)[..., : rows.pixels, :]
 
 
-def _blocks(values: Tensor, shares: Shares, dim: int) -> Tensor:
-    """The cells of each block, along a new axis at the end; one of the last two becomes blocks."""
-    block, cells = shares.block.shape
-    needed = (-(-shares.pixels // block) - 1) * _STRIDE + cells
-    missing = (-shares.lead, shares.lead + needed - values.shape[dim])
+def _blocks(values: Tensor, fractions: AxisWeights, dim: int) -> Tensor:
+    """The coarse pixels of each block, along a new axis; one of the last two becomes blocks."""
+    block, taps = fractions.block.shape
+    needed = (-(-fractions.pixels // block) - 1) * _STRIDE + taps
+    missing = (-fractions.lead, fractions.lead + needed - values.shape[dim])
     if any(missing):
         values = pad(values, missing if dim == -1 else (0, 0, *missing))
-    return values.unfold(dim, cells, _STRIDE)
+    return values.unfold(dim, taps, _STRIDE)
 
 
 def _products_are_rounded() -> bool:
@@ -100,10 +103,10 @@ def _products_are_rounded() -> bool:
         return True
 
 
-def cells_read(box: Box, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], halvings: int) -> Box:
-    """The cells between which the pixels of a rectangle lie."""
+def coarse_read(box: Box, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], level: int) -> Box:
+    """The coarse pixels between which the pixels of a rectangle lie."""
     first, end = [], []
     for d, axes in enumerate(zip(fine, coarse, strict=True)):
-        first.append(math.floor(place_of(box[d], *axes, halvings)))
-        end.append(math.floor(place_of(box[d] + box[d + 2] - 1, *axes, halvings)) + 2)
+        first.append(math.floor(position_of(box[d], *axes, level)))
+        end.append(math.floor(position_of(box[d] + box[d + 2] - 1, *axes, level)) + 2)
     return Box(first[0], first[1], end[0] - first[0], end[1] - first[1])

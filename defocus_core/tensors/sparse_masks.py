@@ -21,7 +21,7 @@ def exceeding(values: Tensor, bound: float) -> Tensor:
     return (values.detach() - bound).clamp_(min=0).bool()
 
 
-def numbers_of(mask: Tensor) -> Tensor:
+def flat_nonzero(mask: Tensor) -> Tensor:
     """The numbers [n], ascending, of the pixels in a mask [...] bool; fast if these are few."""
     flat = mask.flatten()
     if launches_cost(flat.device):
@@ -45,7 +45,7 @@ def taken(values: Tensor, mask: Tensor) -> Tensor:
     """
     if launches_cost(values.device):
         return torch.where(mask, values, 0).flatten()
-    return values.flatten()[numbers_of(mask)]
+    return values.flatten()[flat_nonzero(mask)]
 
 
 def tally(numbers: Tensor, kinds: int) -> Tensor:
@@ -56,8 +56,8 @@ def tally(numbers: Tensor, kinds: int) -> Tensor:
     return counts.index_add_(0, numbers, torch.ones_like(numbers, dtype=torch.long))
 
 
-def places_of(mask: Tensor) -> Tensor:
+def positions_of(mask: Tensor) -> Tensor:
     """The rows and columns [n, 2] of the pixels in a mask [H, W] bool."""
-    number = numbers_of(mask)
+    number = flat_nonzero(mask)
     row = number.div(mask.shape[1], rounding_mode="floor")
     return torch.stack([row, number - row * mask.shape[1]], 1)

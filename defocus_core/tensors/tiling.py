@@ -10,12 +10,12 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import NamedTuple
 
-from defocus_core.allowed_values import LEAST_TILE
+from defocus_core.allowed_values import MIN_TILE
 from defocus_core.tensors.box import Box
 
 TILE = 192
 # Width in px of the blocks in which the presence of slices is recorded.
-BLOCK = LEAST_TILE
+BLOCK = MIN_TILE
 # Least px on a side of a region, unless the frame is smaller: what tiles share is computed once.
 _REGION = 960
 # Greatest margin of a region, in which light from outside is read, as a share of its width.
@@ -86,9 +86,9 @@ def regions(grid: Grid, margin: int) -> list[list[Grid]]:
         margin: Distance in px around a region from which its tiles take light.
     """
     rows, columns = len(grid.tiles) // grid.columns, grid.columns
-    least = max(grid.region, round(margin / _MARGIN))
+    minimum = max(grid.region, round(margin / _MARGIN))
     counts = zip((rows, columns), grid.sides, strict=True)
-    down, across = (_shared_out(n, -(-n * side // least)) for n, side in counts)
+    down, across = (_shared_out(n, -(-n * side // minimum)) for n, side in counts)
     return [
         [
             grid._replace(

@@ -16,7 +16,7 @@ T = TypeVar("T")
 _LETTERS = 60
 
 
-def whole(name: str, value: Any, remedy: str, least: int = 1) -> int:
+def whole(name: str, value: Any, remedy: str, minimum: int = 1) -> int:
     """A whole number of at least so much; 3.0 is one.
 
     Raises:
@@ -26,11 +26,11 @@ def whole(name: str, value: Any, remedy: str, least: int = 1) -> int:
     try:
         if isinstance(value, bool):
             raise TypeError
-        if (number := index(number)) >= least:
+        if (number := index(number)) >= minimum:
             return number
-        wanted = f"at least {least}"
+        wanted = f"at least {minimum}"
     except TypeError:
-        wanted = f"a whole number, at least {least}"
+        wanted = f"a whole number, at least {minimum}"
     raise ValueError(f"{name} must be {wanted}, got {described(value)}; {remedy}")
 
 
@@ -254,16 +254,16 @@ def broadcast(first: torch.Size, second: torch.Size) -> bool:
     return all(a == b or 1 in (a, b) for a, b in pairs)
 
 
-def between(name: str, ends: Any, z: Tensor) -> Tensor:
+def between(name: str, limits: Any, z: Tensor) -> Tensor:
     """Whether distances z lie between two others, in mm, both included.
 
     Raises:
         ValueError: If the ends are not two positive distances, the nearest first.
     """
-    wanted = f"{name} must be (nearest, farthest) in mm, got {described(ends)}; None is no range"
-    if not (isinstance(ends, Sequence) and len(ends) == 2):
+    wanted = f"{name} must be (nearest, farthest) in mm, got {described(limits)}; None is no range"
+    if not (isinstance(limits, Sequence) and len(limits) == 2):
         raise ValueError(wanted)
-    near, far = (number(name, end, "two distances in mm") for end in ends)
+    near, far = (number(name, end, "two distances in mm") for end in limits)
     if not 0 < near <= far:
         raise ValueError(wanted)
     return (z >= near) & (z <= far)

@@ -49,8 +49,8 @@ class Views(NamedTuple):
         """The views in another precision; what half precision cannot hold is its greatest value."""
         images = self.images
         if dtype == torch.float16:
-            most = torch.finfo(dtype).max
-            images = [image.clamp(-most, most) for image in images]
+            maximum = torch.finfo(dtype).max
+            images = [image.clamp(-maximum, maximum) for image in images]
         return self._replace(
             images=[image.to(dtype) for image in images], trust=self.trust.to(dtype)
         )

@@ -118,7 +118,7 @@ def test_the_border_is_that_of_a_larger_picture_with_the_same_edge(quality: str)
 @pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("r", [-9.0, 14.0])
 def test_of_a_light_at_the_border_the_share_within_stays(r: float, quality: str) -> None:
-    """Four px, which a draft sees as one cell."""
+    """Four px, which a draft sees as one coarse pixel."""
     image = torch.zeros(1, 64, 72)
     image[0, 30:32, 4:6] = 100.0
     disc = kernel(r)

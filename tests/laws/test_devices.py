@@ -71,8 +71,8 @@ def agree(device: Device) -> Agree:
             if a is None or b is None:
                 assert a is b
             else:
-                most = device.within if within is None else max(within, device.within)
-                torch.testing.assert_close(b, a, rtol=0, atol=most)
+                maximum = device.within if within is None else max(within, device.within)
+                torch.testing.assert_close(b, a, rtol=0, atol=maximum)
 
     return agreeing
 
@@ -291,7 +291,7 @@ def test_nor_do_backward_passes_of_tiles(monkeypatch: pytest.MonkeyPatch) -> Non
 
 # Launches and waits of a picture, whatever its size; half as many again with left and right.
 @pytest.mark.parametrize(("kind", "most", "waits"), [("floor", 1200, 30), ("cards", 4000, 80)])
-def test_a_picture_takes_few_launches(device: Device, kind: str, most: int, waits: int) -> None:
+def test_a_picture_takes_few_launches(device: Device, kind: str, maximum: int, waits: int) -> None:
     counted: list[Launches] = []
     for size, both in ((SIZE, False), (SIZE, True), ((2 * SIZE[0], 2 * SIZE[1]), False)):
         image, radius = map(device.there, scene(kind, size))
@@ -300,7 +300,7 @@ def test_a_picture_takes_few_launches(device: Device, kind: str, most: int, wait
             render(image, radius, left_right=both)
         counted.append(counts)
     one, pair, larger = (counts.launches for counts in counted)
-    assert max(one, larger) <= most
+    assert max(one, larger) <= maximum
     assert pair <= 1.6 * one
     assert larger <= 1.5 * one
     assert all(counts.waits <= waits for counts in counted)

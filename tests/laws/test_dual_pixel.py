@@ -94,7 +94,7 @@ def test_the_halves_of_a_pentagon_are_those_of_the_pentagon(r: float, rotation: 
     pictures = point(r, pentagon)
     for picture, side in zip(pictures, (left, right), strict=True):
         psf = kernel(r, both(polygon(5, rotation), side))[None]
-        # between two rungs the first moment is off by (r - a)(b - r) / (a + b), below 0.4 %
+        # between two slice radii the first moment is off by (r - a)(b - r) / (a + b), below 0.4 %
         assert centroid(picture) == pytest.approx(centroid(psf), abs=0.004 * abs(r))
         assert float(picture.sum()) == pytest.approx(1, rel=1e-6)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 import torch
-from extremes import DTYPES, KINDS, MOST_RADIUS, Extreme, dots
+from extremes import DTYPES, KINDS, MAX_RADIUS, Extreme, dots
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from measures import worst
@@ -20,7 +20,7 @@ CASES = [
     # an opaque disc that hides the frame, in part or all of it
     *(
         Extreme((48, 64), r, pupil=MIRROR, options={"quality": q})
-        for r in (100.0, 200.0, 278.0, MOST_RADIUS)
+        for r in (100.0, 200.0, 278.0, MAX_RADIUS)
         for q in ("standard", "reference")
     ),
     Extreme((48, 64), 278.0, pupil=MIRROR, options={"quality": "draft"}),
@@ -40,7 +40,7 @@ CASES = [
     Extreme((5, 5), rim={"size": 1.0, "shift": 0.4, "vignetting": True}, learnt="size"),
     Extreme((1, 1), pupil={"squeeze": 2.0}, learnt="squeeze"),
     # both ends of others, in small and narrow frames
-    Extreme((1, 1), MOST_RADIUS, pupil={"obstruction": 0.95}, dtype=torch.float64),
+    Extreme((1, 1), MAX_RADIUS, pupil={"obstruction": 0.95}, dtype=torch.float64),
     Extreme((1, 24), 30.0, "checkerboard", pupil={"squeeze": 0.05}, learnt="squeeze"),
     Extreme((24, 1), 30.0, "checkerboard", pupil={"squeeze": 20.0}, learnt="squeeze"),
     Extreme((3, 8191), 3.0, options={"quality": "draft"}),
@@ -72,7 +72,7 @@ def extremes(draw: st.DrawFn) -> Extreme:
 def drawn(pick: Any, seed: int) -> Extreme:
     """An extreme whose options `pick` chooses from lists."""
     quality = pick(*QUALITIES, *["draft", "standard"] * 2)
-    radius = pick(0.0, 0.15, 0.3, 0.5, 0.9, 4.0, 15.0, 60.0, 278.0, MOST_RADIUS)
+    radius = pick(0.0, 0.15, 0.3, 0.5, 0.9, 4.0, 15.0, 60.0, 278.0, MAX_RADIUS)
     rim = pick(
         {}, {}, {}, {}, {"size": 1.0}, {"size": 0.3, "shift": 0.27}, {"size": 5.0, "shift": 4.5}
     )

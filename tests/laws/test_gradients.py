@@ -21,7 +21,7 @@ def picture(channels: int = 2) -> Tensor:
 
 
 def slope_with_a_card() -> Tensor:
-    """A slope through focus and a nearer card before it, radii off the rungs of the ladder."""
+    """A slope through focus and a nearer card before it, radii off the slice radii."""
     slope = torch.linspace(-2.3, 2.6, SIZE[1]).double() + torch.linspace(0, 0.3, SIZE[0])[:, None]
     slope[3:6, 4:8] -= 3.1
     return slope.requires_grad_()
@@ -147,8 +147,14 @@ def test_gradients_to_the_shape_of_the_pupil_are_those_by_differences(
 
     number = torch.tensor(value, dtype=torch.float64, requires_grad=True)
     (gradient,) = torch.autograd.grad(seen(number), number)
-    step, (least, most) = 1e-5, ends
-    at = [0, 1, 2] if value - step < least else [0, -1, -2] if value + step > most else [0, 1, -1]
+    step, (minimum, maximum) = 1e-5, ends
+    at = (
+        [0, 1, 2]
+        if value - step < minimum
+        else [0, -1, -2]
+        if value + step > maximum
+        else [0, 1, -1]
+    )
     first, second, third = (
         float(seen(torch.tensor(value + step * k, dtype=torch.float64))) for k in at
     )

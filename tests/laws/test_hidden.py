@@ -32,14 +32,14 @@ def test_what_is_known_behind_a_card_comes_closer_to_the_truth(
 
 @pytest.mark.parametrize(("card_r", "background_r", "least"), [(-5.0, 6.0, 38), (-9.0, 3.0, 31)])
 def test_beside_a_near_card_shows_what_it_hides_before_what_lies_beyond_focus(
-    card_r: float, background_r: float, least: float
+    card_r: float, background_r: float, minimum: float
 ) -> None:
     # the half of the lens that sees past the card looks behind it; 35.1 and 28.9 dB if all that is
     # visible beyond focus comes first
     image, radius = flatten(card_layers(card_r, background_r), SIZE)
     truth = inner(truths(card_r, background_r, False)[0], BORDER)
     known = render(image, radius, hidden=behind(card_r, background_r)).render
-    assert psnr(inner(known, BORDER), truth) > least
+    assert psnr(inner(known, BORDER), truth) > minimum
 
 
 def test_with_the_hidden_surface_known_quality_is_bought_with_parts_of_the_aperture() -> None:
@@ -147,6 +147,6 @@ def test_where_hidden_surfaces_meet_nothing_is_darker_or_brighter_than_they_are(
     card = ((x - 56).abs() < 14) & ((y - 48).abs() < 30)
     color, radius = torch.where(card, 0.05, color), torch.where(card, -16.0, radius)
     found = render(color[None].to(x), radius.to(x), quality=quality).render
-    few = 5e-3 if quality == "draft" else 1e-3  # cells of two px become px by polynomials
+    few = 5e-3 if quality == "draft" else 1e-3  # coarse pixels of two px become px by polynomials
     assert float(found.min()) > 0.05 - few
     assert float(found.max()) < 0.9 + few

@@ -113,11 +113,11 @@ def test_opaque_white_layers_are_white_to_the_border() -> None:
     ("radii", "least"),
     [((-6.0, -2.0), 37.0), ((-6.0, 0.0), 43.0), ((2.0, 7.0), 32.0), ((-6.0, 1.0, 6.0), 35.0)],
 )
-def test_the_picture_is_near_the_brute_force_one(radii: tuple[float, ...], least: float) -> None:
+def test_the_picture_is_near_the_brute_force_one(radii: tuple[float, ...], minimum: float) -> None:
     colors, radius, coverage = scene(radii, 3)
     truth = inner(brute_force(colors, radius, coverage), 9)
     views = render_layers(colors, radius, coverage)
-    assert psnr(inner(views.render, 9).double(), truth) > least
+    assert psnr(inner(views.render, 9).double(), truth) > minimum
 
 
 def test_what_layers_know_is_not_invented() -> None:

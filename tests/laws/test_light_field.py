@@ -18,7 +18,7 @@ from defocus_core import fit, metrics, render
 # Views of a camera array: a square grid, as far as the round opening reaches.
 GRID = [(x / 4.5, y / 4.5) for x, y in product(range(-4, 5), repeat=2) if math.hypot(x, y) <= 4.5]
 OFFSETS = ((0.25, 0.25), (0.75, 0.75), (0.25, 0.75), (0.75, 0.25))
-MOST_DB = 1.0  # that the lens found may explain less than the lens known
+MAX_DB = 1.0  # that the lens found may explain less than the lens known
 WIDTH, HEIGHT = 240, 136
 
 
@@ -49,5 +49,5 @@ def test_the_fit_explains_a_summed_light_field_as_the_known_lens_does(
         for r in (radius, (found.strength * (found.focus - disparity)).float())
     )
     assert known > 30
-    assert fitted > known - MOST_DB
+    assert fitted > known - MAX_DB
     assert found.focus == pytest.approx(nearer / world.focus, rel=0.02)

@@ -30,7 +30,7 @@ def test_a_card_in_focus_keeps_every_pixel_of_its_edge(background_r: float, qual
     image, radius = flatten(card_layers(0.0, background_r, margin=44), SIZE)
     o = render(image, radius, quality=quality, left_right=True)
     card = radius == 0
-    few = 0.03 if quality == "draft" else EXACT  # the edge lies in cells of two px
+    few = 0.03 if quality == "draft" else EXACT  # the edge lies in coarse pixels of two px
     for picture in (o.render, o.left, o.right):
         assert picture is not None
         assert worst(picture[:, card], image[:, card]) < few
@@ -75,7 +75,7 @@ def test_a_card_before_one_colour_is_what_the_lens_sees(card_r: float, backgroun
     expected = truths(card_r, background_r, True)
     for picture, truth in zip((o.render, o.left, o.right), expected, strict=True):
         assert picture is not None
-        # the halves have half the lens points, and a ladder that keeps no first moment
+        # the halves have half the lens points, and a slice radii that keeps no first moment
         tolerance = SAMPLING if picture is o.render else 2 * SAMPLING
         # two surfaces as close as that may be one layer, whose slices add before they occlude
         tolerance *= 3 if 1 < card_r / (background_r or 1) < 1.6 else 1

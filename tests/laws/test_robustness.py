@@ -17,15 +17,17 @@ IMAGE, RADIUS = pattern().float(), slanted().float()
 HALVES = {torch.float16: 2.0**-11, torch.bfloat16: 2.0**-8}
 
 
-def spread(size: tuple[int, ...], most: float) -> Tensor:
+def spread(size: tuple[int, ...], maximum: float) -> Tensor:
     """Independent radii from -most to most px."""
-    return most * (2 * torch.rand(size, generator=torch.Generator().manual_seed(2)) - 1)
+    return maximum * (2 * torch.rand(size, generator=torch.Generator().manual_seed(2)) - 1)
 
 
 @pytest.mark.parametrize("most", [0.0, 0.4, 1.0, 3.0, 30.0, 300.0, 1e5])
 @pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (2, 3), (1, 120), (33, 17)])
-def test_white_stays_white_in_any_frame_at_any_radius(size: tuple[int, int], most: float) -> None:
-    for radius in (spread(size, most), torch.full(size, most), torch.full(size, -most)):
+def test_white_stays_white_in_any_frame_at_any_radius(
+    size: tuple[int, int], maximum: float
+) -> None:
+    for radius in (spread(size, maximum), torch.full(size, maximum), torch.full(size, -maximum)):
         o = render(torch.ones(1, *size), radius, left_right=True)
         for picture in (o.render, o.left, o.right):
             assert picture is not None

@@ -13,7 +13,7 @@ from defocus_core.depth.repair import repair_depth
 
 SIZE, AROUND = (64, 72), 24
 MOVED = [(1, 0), (0, 1), (3, 5), (11, 6)]
-# A draft is made of cells of two by two px.
+# A draft is made of coarse pixels of two by two px.
 MOVED_DRAFT = [(2, 0), (6, 10)]
 FINE = 3
 

@@ -105,9 +105,9 @@ def scenes(draw: st.DrawFn, kinds: st.SearchStrategy[str] = kinds) -> tuple[Tens
     """A picture with noise and with white, and its radii."""
     size = draw(sizes)
     radius = draw(st.one_of(radii(size, kinds), through_a_lens(size, kinds)))
-    # reported: far beyond a frame each rung costs a window of the frame
-    most = 1e5 if max(size) <= 24 else 2.0 * max(size) if max(size) <= 40 else 64.0
-    radius = radius.clamp(-most, most)
+    # reported: far beyond a frame each slice radius costs a window of the frame
+    maximum = 1e5 if max(size) <= 24 else 2.0 * max(size) if max(size) <= 40 else 64.0
+    radius = radius.clamp(-maximum, maximum)
     reach = float(radius.max() - radius.min())
     if any(radius.shape[d] > 1 and float(radius.diff(dim=d).abs().max()) > 1 for d in (0, 1)):
         # reported: of a jump whose ends are rounded apart, what is hidden is continued by nothing
@@ -140,7 +140,8 @@ def test_the_centre_is_a_mean_and_white_stays_white(
         assert worst(picture[1], 1.0) < WHITE
     centre, left, right = three(o)
     assert worst(shot.mean(left, right), centre) < MEAN
-    # pixels of a draft's cells may lie beyond the cells around them by some of what these differ
+    # pixels of a draft's coarse pixels may lie beyond the coarse pixels around them by some of what
+    # these differ
     differ = float(image[0].max() - image[0].min())
     beyond = WHITE + 0.25 * differ * (shot.quality == "draft")
     assert centre[0].min() > image[0].min() - beyond
@@ -170,7 +171,7 @@ def test_mirrored_scenes_are_mirrored_pictures(
 ) -> None:
     """Of the round aperture and of those that are their own mirror image: at 90° all are."""
     image, radius = scene[0], scene[1].double()
-    if shot.quality == "draft":  # its cells begin at the upper left
+    if shot.quality == "draft":  # its coarse pixels begin at the upper left
         image, radius = image.repeat(1, 2, 2), radius.repeat(2, 2)
     shot = shot._replace(blades=2 * shot.blades if dim == -1 else shot.blades)
     pictures, mirrored = (

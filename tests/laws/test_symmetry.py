@@ -55,7 +55,7 @@ def turned(image: Tensor, radius: Tensor, quality: str) -> Tensor:
 @pytest.mark.parametrize("size", [(41, 57), (130, 150)])
 def test_a_quarter_turn_changes_nothing(size: tuple[int, int], kind: str, quality: str) -> None:
     """Of the centre: left and right are an upright pair."""
-    if quality == "draft":  # its cells begin at the upper left
+    if quality == "draft":  # its coarse pixels begin at the upper left
         size = size[0] + size[0] % 2, size[1] + size[1] % 2
     image, radius = noise(size), RADII[kind](size)
     difference = render(image, radius, quality=quality).render - turned(image, radius, quality)
@@ -141,7 +141,7 @@ def test_regions_leave_no_seam(
 
 @pytest.mark.parametrize("r", [25.0, -25.0, 9.0, -8.0])
 def test_what_is_far_away_does_not_matter(r: float) -> None:
-    """The ladder stands where it stands: no pixel beyond reach moves it."""
+    """The slice radii stands where it stands: no pixel beyond reach moves it."""
     size, card = (60, 240), blurred_card(-5.0, (60, 80))
     image, radius = pattern(size), torch.zeros(size, dtype=torch.float64)
     image[..., :80], radius[:, :80] = card

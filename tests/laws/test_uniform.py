@@ -26,9 +26,9 @@ PUPILS = {
 }
 EXACT = RENDERED[torch.float64]
 
-# A pixel between two rungs a < r < b keeps its second moment r²/4, not the fourth: a wave changes
-# by 0.4 (b² - a²)² k⁴ / 768 at most, 6e-3 for rungs 0.75 px apart. Below 2 px the pixel's own
-# moment of 1/12 px², which a delta has not, comes and goes: 0.4 k² / 24.
+# A pixel between two slice radii a < r < b keeps its second moment r²/4, not the fourth: a wave
+# changes by 0.4 (b² - a²)² k⁴ / 768 at most, 6e-3 for slice radii 0.75 px apart. Below 2 px the
+# pixel's own moment of 1/12 px², which a delta has not, comes and goes: 0.4 k² / 24.
 BETWEEN_RUNGS = 1e-2
 # A half's first moment is off by 8/3π (r - a)(b - r)/(a + b), 0.08 px of a slope 0.4 k from 0 to
 # 0.75 px; where the frame cuts the aperture, so is the whole's.
@@ -100,7 +100,7 @@ def halves_of(image: Tensor, r: float, aperture: Aperture) -> tuple[Tensor, Tens
 @pytest.mark.parametrize("aperture", PUPILS, ids=str)
 @pytest.mark.parametrize("r", [0.3, 0.6, 1.0, 2.3, -3.7, 6.3, -11.0, 30.0])
 def test_one_slice_is_one_convolution_of_a_scene_that_goes_on(r: float, aperture: Aperture) -> None:
-    """With one slice there are no rungs between which to stand: borders, halves, everything."""
+    """With one slice there are no slices between which to stand: borders, halves, everything."""
     image, radius = plane(r)
     quality = "standard" if abs(r) < 20 else "reference"  # full resolution
     o = render(image, radius, aperture=aperture, num_layers=1, left_right=True, quality=quality)
@@ -113,9 +113,9 @@ def test_one_slice_is_one_convolution_of_a_scene_that_goes_on(r: float, aperture
 @pytest.mark.parametrize("aperture", PUPILS, ids=str)
 @pytest.mark.parametrize("r", [0.6, 1.0, 1.5, 2.3, -3.7, 4.0, 5.0, 6.3, -7.0, 11.0])
 def test_one_plane_is_one_convolution(r: float, aperture: Aperture) -> None:
-    """On the ladder as well, up to the border."""
+    """On the slice radii as well, up to the border."""
     image, radius = plane(r)
-    border = math.ceil(1.2 * abs(r)) + 1  # a rung above r
+    border = math.ceil(1.2 * abs(r)) + 1  # a slice radius above r
     o = render(image, radius, aperture=aperture, left_right=True)
     error = o.render - one_plane(image, r, PUPILS[aperture][0])
     assert worst(inner(error, border), 0.0) < BETWEEN_RUNGS
@@ -129,14 +129,14 @@ def test_one_plane_is_one_convolution(r: float, aperture: Aperture) -> None:
 @pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("r", [4.0, 4.1, -5.3, 7.7, -9.9, 12.34, -17.0, 23.9])
 def test_the_second_moment_is_that_of_the_radius(r: float, quality: str) -> None:
-    """On rungs and between them, on both axes, less the 1/12 px² of a pixel.
+    """On slice radii and between them, on both axes, less the 1/12 px² of a pixel.
 
-    A draft has cells of two px, of which a light is all.
+    A draft has coarse pixels of two px, of which a light is all.
     """
     picture = render(*isolated(r), quality=quality).render
-    cell = 0.4 if quality == "draft" else None
+    coarse_pixel = 0.4 if quality == "draft" else None
     for moment in second_moments(picture):
-        assert 2 * math.sqrt(moment - 1 / 12) == pytest.approx(abs(r), rel=0.01, abs=cell)
+        assert 2 * math.sqrt(moment - 1 / 12) == pytest.approx(abs(r), rel=0.01, abs=coarse_pixel)
 
 
 @pytest.mark.parametrize("aperture", PUPILS, ids=str)
@@ -145,13 +145,15 @@ def test_a_highlight_keeps_its_sum(r: float, aperture: Aperture) -> None:
     picture = render(*isolated(r, 1e3, ground=0.1), aperture=aperture, left_right=True)
     for image in (picture.render, picture.left, picture.right):
         assert image is not None
-        # a rung above r is 20 % wider at most, the frame is 40 % wider: nothing is lost
+        # a slice radius above r is 20 % wider at most, the frame is 40 % wider: nothing is lost
         assert float((image - 0.1).sum()) == pytest.approx(1e3 - 0.1, rel=1e-9)
 
 
 @pytest.mark.parametrize("r", [6.0, -9.3, 20.0])
 def test_the_disc_of_a_highlight_has_the_area_of_the_lens(r: float) -> None:
-    """π r²: r² exactly by the rungs' shares, 1 / area by less than a rung's spacing squared."""
+    """π r²: r² exactly by the slice radii' shares, 1 / area by less than a slice radius's spacing
+    squared.
+    """
     disc = render(*isolated(r)).render[0]
     assert float(disc.sum() / disc[disc.shape[0] // 2, disc.shape[1] // 2]) == pytest.approx(
         math.pi * r * r, rel=0.01
@@ -161,11 +163,11 @@ def test_the_disc_of_a_highlight_has_the_area_of_the_lens(r: float) -> None:
 @pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("r", [6.0, 9.3, -20.0])
 def test_the_rim_of_a_highlight_is_as_sharp_as_the_ladder(r: float, quality: str) -> None:
-    """Of each side one anti-aliased pixel and the step between two rungs."""
+    """Of each side one anti-aliased pixel and the step between two slice radii."""
     disc = render(*isolated(r), quality=quality).render[0]
     middle = disc.shape[0] // 2
     profile = disc[middle] / disc[middle, middle]
-    high = 0.92 if quality == "draft" else 0.98  # of cells of two px made by polynomials
+    high = 0.92 if quality == "draft" else 0.98  # of coarse pixels of two px made by polynomials
     rim = int(((profile > 0.02) & (profile < high)).sum()) / 2
     spacing = max(find(quality).near_spacing, find(quality).far_spacing * abs(r))
     assert rim <= math.ceil(1 + spacing)
@@ -200,7 +202,7 @@ def test_the_middle_of_a_gaussian_is_brighter(psf_type: str) -> None:
 @pytest.mark.parametrize("r", [-10.8, 5.3, 12.0, 17.0, -23.0])
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_a_light_does_not_stop_itself(quality: str, r: float) -> None:
-    """Whatever the distance of the rungs between which its own surface lies."""
+    """Whatever the distance of the slice radii between which its own surface lies."""
     image = torch.zeros(1, 121, 121, dtype=torch.float64)
     image[0, 60, 60] = 50.0
     plane_of_light = torch.full((121, 121), r, dtype=torch.float64)
@@ -225,7 +227,8 @@ def test_an_odd_polygon_is_one_pupil_at_every_quality(quality: str) -> None:
     triangle = Aperture(3)
     fine = render(image, radius, aperture=triangle, quality="standard").render
     seen = render(image, radius, aperture=triangle, quality=quality).render
-    assert worst(inner(seen, 12), inner(fine, 12)) < 7e-3  # other rungs, cells of two px
+    # other slice radii, coarse pixels of two px
+    assert worst(inner(seen, 12), inner(fine, 12)) < 7e-3
 
 
 @pytest.mark.parametrize("edges", [False, True])

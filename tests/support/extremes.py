@@ -12,9 +12,9 @@ from defocus_core import Aperture, CatEye, DualPixel, PupilImage, Views, render
 
 DTYPES = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 KINDS = ("constant", "slanted", "checkerboard", "random")
-MOST_RADIUS = 5000.0
+MAX_RADIUS = 5000.0
 # The brightest that a type holds, or that the renderer takes.
-_MOST = {torch.float16: 65504.0, torch.bfloat16: 9.9e29}
+_MAXIMUM = {torch.float16: 65504.0, torch.bfloat16: 9.9e29}
 # By interpolation of detail, in a draft of whole cells, and of small coverage at the border.
 _BRIGHTER = {"draft": 1.25}
 
@@ -66,7 +66,7 @@ class Extreme:
         noise = torch.rand(4, H, W, generator=generator, dtype=torch.float64)
         image, depth = noise[:3], noise[3]
         image.view(3, -1)[:, torch.randint(H * W, (self.lights,), generator=generator)] *= 1000
-        image = image / image.max() * min(self.light, _MOST.get(self.dtype, self.light))
+        image = image / image.max() * min(self.light, _MAXIMUM.get(self.dtype, self.light))
         y, x = (torch.linspace(0, 1, n, dtype=torch.float64) for n in (H, W))
         if self.kind == "constant":
             depth = torch.ones_like(depth)
@@ -107,9 +107,9 @@ class Extreme:
         bound = _BRIGHTER.get(self.options.get("quality", ""), 1.05)
         brightest = float(image.detach().amax()) or 1.0
         found += [
-            f"{name} is {most:.4g} of the brightest"
+            f"{name} is {maximum:.4g} of the brightest"
             for name, times in (("render", 1), ("left", 2), ("right", 2))
-            if (most := float(named[name].detach().amax()) / brightest) > times * bound
+            if (maximum := float(named[name].detach().amax()) / brightest) > times * bound
         ]
         generator = torch.Generator().manual_seed(self.seed)
         weigh = torch.rand(3, 1, *self.size, generator=generator, dtype=torch.float64)

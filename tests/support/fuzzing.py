@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 SIZE = (24, 32)  # height, width
-MOST_BYTES = 2**30
+MAX_BYTES = 2**30
 _CODECS = ("ZIP", "ZIPS", "RLE", "PIZ", "PXR24", "B44", "DWAA", "NO")
 _EXTREMES = (0, 1, 0x7F, 0x80, 0xFF)
 _NUMBERS = (0, 1, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
@@ -88,8 +88,8 @@ def damaged(data: bytes, name: str, rng: random.Random) -> bytes:
 
 
 def _place(spoiled: bytearray, rng: random.Random) -> int:
-    most = len(spoiled) - 1
-    return rng.randint(0, min(most, 400)) if rng.random() < 0.6 else rng.randint(0, most)
+    maximum = len(spoiled) - 1
+    return rng.randint(0, min(maximum, 400)) if rng.random() < 0.6 else rng.randint(0, maximum)
 
 
 def _flip(spoiled: bytearray, rng: random.Random) -> None:
@@ -186,7 +186,7 @@ def _judged(error: BaseException, line: str) -> dict[str, Any]:
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, MemoryError) or "bad_alloc" in str(cause) or "allocate" in str(cause):
-            return {"wrong": f"more than {MOST_BYTES} bytes: {cause}"}
+            return {"wrong": f"more than {MAX_BYTES} bytes: {cause}"}
         cause = cause.__cause__
     if not line.isprintable() or len(line) > 1000 or line.count("case.") > 1:
         return {"wrong": f"no single clear line: {line!r}"}
@@ -208,7 +208,7 @@ def _main(folder: Path, seed: int, first: int, end: int) -> None:
         say(sound=path.name, **outcome(path))
     status = Path("/proc/self/status").read_text()
     taken = int(status.partition("VmSize:")[2].split()[0]) * 1024
-    resource.setrlimit(resource.RLIMIT_AS, (taken + MOST_BYTES, resource.RLIM_INFINITY))
+    resource.setrlimit(resource.RLIMIT_AS, (taken + MAX_BYTES, resource.RLIM_INFINITY))
     for index in range(first, end):
         name, data = case(files, seed, index)
         path = folder / f"case{Path(name).suffix}"

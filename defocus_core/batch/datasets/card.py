@@ -149,7 +149,7 @@ def markdown(card: Mapping[str, Any]) -> str:
     Args:
         card: from `card_of`.
     """
-    size = next((words for most, words in _SIZES if card["samples"] < most), "n>1M")
+    size = next((words for maximum, words in _SIZES if card["samples"] < maximum), "n>1M")
     origin = {key: _safe(text) for key, text in card["origin"].items()}
     title = origin.get("title", _TITLE)
     head = [

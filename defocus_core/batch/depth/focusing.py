@@ -148,14 +148,14 @@ def quality_of(machine: Machine, coc_px: tuple[float, float]) -> str:
     """
     if machine.tolerance is None:
         return machine.quality
-    from defocus_core.renderer.layers.ladder import UnreachableTolerance, cheapest_within
+    from defocus_core.renderer.layers.slice_radii import UnreachableTolerance, cheapest_within
 
     try:
         return cheapest_within(machine.tolerance, *coc_px)
     except UnreachableTolerance as error:
         problem = (
-            f"must be at least {error.finest:g} px where radii go from {error.least:.1f} to "
-            f"{error.most:.1f} px, got {error.tolerance:g}"
+            f"must be at least {error.finest:g} px where radii go from {error.minimum:.1f} to "
+            f"{error.maximum:.1f} px, got {error.tolerance:g}"
         )
         remedy = f"give more: that is what {error.quality} has"
         raise UsageProblem("out-of-range", problem, remedy, field="tolerance") from None

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from defocus_core.tensors.source import Pixels
 
 MM_PER_M = 1000.0
-_MOST_PX = 1e6  # wider than any frame
+_MAX_PX = 1e6  # wider than any frame
 _FARTHEST_PX = 1e8  # what the renderer takes
 
 
@@ -146,11 +146,11 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
 
     assert lens.focus_value is not None
     of_bands = [depth.something(rows) for rows in bands(depth.metres.shape)]
-    least = min((float(numbers.min()) for numbers in of_bands if numbers.size), default=0.0)
-    most = max((float(numbers.max()) for numbers in of_bands if numbers.size), default=0.0)
-    reach = max(abs(lens.focus_value - least), abs(lens.focus_value - most))
+    minimum = min((float(numbers.min()) for numbers in of_bands if numbers.size), default=0.0)
+    maximum = max((float(numbers.max()) for numbers in of_bands if numbers.size), default=0.0)
+    reach = max(abs(lens.focus_value - minimum), abs(lens.focus_value - maximum))
     if not reach:
-        problem = f"has the number {least:g} everywhere, which is in focus"
+        problem = f"has the number {minimum:g} everywhere, which is in focus"
         remedy = "give the depth of the picture, or another ‹focus-value›"
         raise InputError("no-valid-depth", problem, remedy, path=depth.path)
     largest = -blur if depth.inverted else blur
@@ -159,7 +159,7 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
         disparity = torch.from_numpy(depth.metres[rows].astype("float64"))
         radius = radius_from_relative_disparity(disparity, lens.focus_value, largest, reach)
         whole[rows] = radius.float().numpy()
-    ends = sorted(largest * (lens.focus_value - number) / reach for number in (least, most))
+    ends = sorted(largest * (lens.focus_value - number) / reach for number in (minimum, maximum))
     return Radii(_with_nothing(whole, ends[1], depth), (ends[0], ends[1]), None, 1.0)
 
 
@@ -261,7 +261,7 @@ def _refuse_blur(ends: list[float], depth: Depth, rows: slice) -> None:
     Raises:
         InputError: a depth is so near, or the focus.
     """
-    if not -ends[0] <= _MOST_PX:
+    if not -ends[0] <= _MAX_PX:
         nearest = float(depth.something(rows).min())
         problem = f"has a depth of {nearest:.3g} m, which is blurred by {-ends[0]:.2g} px"
         raise InputError("too-blurred", problem, "check ‹depth-unit› and ‹focus›", path=depth.path)
@@ -284,9 +284,9 @@ def _ends_of_file(depth: Depth) -> tuple[float, float]:
         InputError: a radius is so large that no frame would hold the blur.
     """
     of_bands = [depth.something(rows) for rows in bands(depth.metres.shape)]
-    least = min((float(radius.min()) for radius in of_bands if radius.size), default=0.0)
-    most = max((float(radius.max()) for radius in of_bands if radius.size), default=0.0)
-    if max(-least, most) > _MOST_PX:
-        problem = f"has a CoC radius of {max(-least, most):.2g} px"
+    minimum = min((float(radius.min()) for radius in of_bands if radius.size), default=0.0)
+    maximum = max((float(radius.max()) for radius in of_bands if radius.size), default=0.0)
+    if max(-minimum, maximum) > _MAX_PX:
+        problem = f"has a CoC radius of {max(-minimum, maximum):.2g} px"
         raise InputError("too-blurred", problem, "check ‹depth-format› coc", path=depth.path)
-    return least, most
+    return minimum, maximum

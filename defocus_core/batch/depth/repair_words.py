@@ -28,8 +28,8 @@ def repair_words(repair: DepthRepair | None) -> str:
         done.append(f"its edges moved to those of the colours, {shift:+.1f} px in the median")
     if repair.quantised:
         done.append("of few levels, smoothed between them")
-    if done and repair.share:
-        done.append(f"{100 * repair.share:.2g} % of the pixels changed")
+    if done and repair.fraction:
+        done.append(f"{100 * repair.fraction:.2g} % of the pixels changed")
     return "; ".join(done)
 
 
@@ -56,7 +56,7 @@ def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
         "noise_px": _rounded(repair.noise),
         "edge_width_px": _rounded(repair.edge_width),
         "displaced_px": _rounded(shift),
-        "share": _rounded(repair.share),
+        "share": _rounded(repair.fraction),
     }
 
 

@@ -96,13 +96,13 @@ def _from_beside(
     for _ in range(_REACH):
         weights = np.pad(np.where(known, share, 0), pad)
         values = np.pad(filled, pad, mode="edge")
-        most, best = np.zeros_like(share), filled.copy()
+        maximum, best = np.zeros_like(share), filled.copy()
         height, width = share.shape
         for y, x in _STEPS:
             window = (slice(1 + y, 1 + y + height), slice(1 + x, 1 + x + width))
-            better = weights[window] > most
-            most = np.where(better, weights[window], most)
+            better = weights[window] > maximum
+            maximum = np.where(better, weights[window], maximum)
             best = np.where(better, values[window], best)
-        given = missing & ~known & (most > 0)
+        given = missing & ~known & (maximum > 0)
         filled, known = np.where(given, best, filled), known | given
     return filled

@@ -82,7 +82,7 @@ class Layers:
             both = np.intersect1d(behind, strip.pixel[strip.rank < self.front])
             strip, count = merged_samples(tidied(strip, names, both), names)
             merged += count
-            while len(layers) < max(1, strip.most):
+            while len(layers) < max(1, strip.maximum):
                 layers.append({name: keeping.new(shape, "float32") for name in (*names, DEPTH)})
             for number, layer in enumerate(layers):
                 chosen = strip.rank == number

@@ -43,7 +43,7 @@ def read(
     reading: Reading,
     keeping: Keeping = IN_MEMORY,
     lens_focal: float | None = None,
-    most: Overscan | None = None,
+    maximum: Overscan | None = None,
 ) -> tuple[Color, Depth]:
     """Colour and depth of the same size, whose pixels are all valid.
 
@@ -52,7 +52,7 @@ def read(
         reading: options that say how to read them.
         keeping: whether they go to memory or to scratch files.
         lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
-        most: the most pixels beyond the picture shown that are read; None for no limit.
+        maximum: the most pixels beyond the picture shown that are read; None for no limit.
 
     Raises:
         InputError: a file cannot be used.
@@ -62,7 +62,7 @@ def read(
     parts = parts_of(picture, reading)
     require_view((picture.color, picture.depth), reading.view)
     overscan = overscan_of(picture, reading, parts)
-    overscan = overscan if most is None else overscan.within(most)
+    overscan = overscan if maximum is None else overscan.within(maximum)
     color = read_color(
         picture.color,
         layer=reading.color_layer,

@@ -61,7 +61,7 @@ TABLES = (
     *("inputs", "split", "lens", "animate", "shot", "sweep", "sample"),
     *("reading", "outputs", "machine", "dataset"),
 )
-MOST_JOBS = 10_000_000
+MAX_JOBS = 10_000_000
 _OUTPUTS = (
     *("kinds", "format", "exr-type", "jpeg-quality", "preview", "multiview", "keep-overscan"),
     *("map-format", "inputs"),
@@ -109,10 +109,10 @@ def jobs_of(stored: Mapping[str, Any], path: Path, outputs: Outputs, machine: Ma
     animation = read_animation_table(named["animate"])
     entries = read_inputs(named["inputs"], animation.frames)
     entries = animated(entries, animation, plan, named["lens"], reading)
-    if len(entries) * plan.count > MOST_JOBS:
+    if len(entries) * plan.count > MAX_JOBS:
         problem = f"asks for {len(entries) * plan.count} pictures"
         raise UsageProblem(
-            "out-of-range", problem, f"split it into files of at most {MOST_JOBS}", path=path
+            "out-of-range", problem, f"split it into files of at most {MAX_JOBS}", path=path
         )
     jobs = [
         Job(entry.picture, lens, reading, outputs, machine, suffix)

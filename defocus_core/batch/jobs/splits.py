@@ -55,15 +55,15 @@ class Splits:
     def _fill_empty(self, split_of: dict[str, str], counts: dict[str, int]) -> None:
         """Give splits without a scene the last one of the split that has most."""
         for empty in [name for name, count in counts.items() if not count]:
-            most = max(counts, key=counts.__getitem__)
-            if counts[most] < 2:
+            maximum = max(counts, key=counts.__getitem__)
+            if counts[maximum] < 2:
                 came_out = ", ".join(f"{name} {count}" for name, count in counts.items())
                 told = f"{counted(len(split_of), 'scene')} for {counted(len(counts), 'split')}"
                 note(f"[split]: {told}: {came_out}")
                 return
-            last = [scene for scene, name in split_of.items() if name == most][-1]
+            last = [scene for scene, name in split_of.items() if name == maximum][-1]
             split_of[last] = empty
-            counts[most], counts[empty] = counts[most] - 1, 1
+            counts[maximum], counts[empty] = counts[maximum] - 1, 1
 
     def _scene_of(self, picture: Picture) -> str:
         if self.scene is not None:

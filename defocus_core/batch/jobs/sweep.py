@@ -26,7 +26,7 @@ from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.batch.lenses.quantities import Percentile
 from defocus_core.errors import Place, UsageProblem
 
-MOST_LENSES = 100_000
+MAX_LENSES = 100_000
 _RANGE = re.compile(r"(.+?)\.\.(.+?)@\s*(\d{1,6})\s*(?:in\s+(\w+)\s*)?")
 _RANGE_EXAMPLE = "write it like 0.5m..8m @ 12 in disparity"
 SCALES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = {
@@ -62,9 +62,9 @@ def read_sweep(table: Table) -> list[Point]:
 
 
 def _refuse_many(count: int, where: Place) -> None:
-    if count > MOST_LENSES:
+    if count > MAX_LENSES:
         problem = f"makes {count} lenses for each picture"
-        raise UsageProblem("out-of-range", problem, f"ask for at most {MOST_LENSES}", path=where)
+        raise UsageProblem("out-of-range", problem, f"ask for at most {MAX_LENSES}", path=where)
 
 
 def _points(table: Table, axes: Sequence[Sequence[Mapping[str, str]]]) -> list[Point]:

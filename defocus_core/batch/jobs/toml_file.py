@@ -90,15 +90,15 @@ class Table:
             "malformed", f"{value!r} is neither true nor false", "write true", path=self.place(key)
         )
 
-    def whole(self, key: str, least: int, most: int | None = None) -> int | None:
+    def whole(self, key: str, minimum: int, maximum: int | None = None) -> int | None:
         """A whole number of at least ``least`` and at most ``most``, or None."""
         value = self.values.get(key)
-        if value is None or (type(value) is int and least <= value <= (most or value)):
+        if value is None or (type(value) is int and minimum <= value <= (maximum or value)):
             return value
-        limits = f"{least} or more" if most is None else f"{least} to {most}"
+        limits = f"{minimum} or more" if maximum is None else f"{minimum} to {maximum}"
         problem = f"{value!r} is not a whole number of {limits}"
         raise UsageProblem(
-            "malformed", problem, f"write it like {max(least, 1)}", path=self.place(key)
+            "malformed", problem, f"write it like {max(minimum, 1)}", path=self.place(key)
         )
 
 

@@ -32,7 +32,7 @@ DIGEST = 16  # bytes of a hash
 CLOCK_TICK = 50_000_000  # ns, more than the step of any file system's times
 Stamp = Mapping[str, Any]
 _PLACES = ("focus_source", *LENS_FILES)  # of a lens: where it stands, not what it is
-_MOST_STAMPS = 256
+_MAX_STAMPS = 256
 _STAMPS: dict[tuple[object, ...], dict[str, Any]] = {}
 _plain = lru_cache(maxsize=4096)(plain)  # jobs share their lenses, readings and outputs
 
@@ -148,7 +148,7 @@ def settled_stamp(path: Path) -> dict[str, Any]:
         del settled["mtime_ns"]
     elif settled["mtime_ns"] == status.st_mtime_ns:
         _STAMPS[key] = dict(settled)
-        while len(_STAMPS) > _MOST_STAMPS:
+        while len(_STAMPS) > _MAX_STAMPS:
             _STAMPS.pop(next(iter(_STAMPS)))
     return settled
 

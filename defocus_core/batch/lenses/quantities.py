@@ -24,10 +24,10 @@ _BYTES = {
     **{"b": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "tb": 10**12},
     **{"kib": 2**10, "mib": 2**20, "gib": 2**30, "tib": 2**40},
 }
-_MOST_LENGTH = 1e30  # mm
-_MOST_ELECTRONS = 1e9
-_MOST_SHIFT = 10.0  # mm of the focus of a colour
-MOST_BLADES = 100  # a polygon that nobody tells from a circle
+_MAX_LENGTH = 1e30  # mm
+_MAX_ELECTRONS = 1e9
+_MAX_SHIFT = 10.0  # mm of the focus of a colour
+MAX_BLADES = 100  # a polygon that nobody tells from a circle
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*)\s*", re.I)
 _PERCENTILE = re.compile(r"\s*percentile\s*\(([^(),]*)\)\s*", re.I)
 
@@ -66,7 +66,7 @@ def read_at(where: Place, parse: Callable[..., T], *texts: str) -> T:
 def length(text: str) -> float:
     """A positive length in mm, from ``50mm``, ``2.5 cm``, ``2m``, ``1in`` or ``6ft``."""
     value = _positive(text, "a length", "like 2m or 50mm", _MM)
-    if not 1 / _MOST_LENGTH <= value <= _MOST_LENGTH:  # its square is a number, too
+    if not 1 / _MAX_LENGTH <= value <= _MAX_LENGTH:  # its square is a number, too
         problem = f"'{text}' is no length from 1e-30 to 1e30 mm"
         raise QuantityError(problem, "write it like 2m or 50mm")
     return value
@@ -140,20 +140,22 @@ def blades(text: str) -> int:
         raise QuantityError(f"'{text}' is not a whole number", "write it like 6") from None
     if count < 0 or count in (1, 2):
         raise QuantityError(f"{count} blades make no opening", "give 0 (round) or 3 and more")
-    if count > MOST_BLADES:
+    if count > MAX_BLADES:
         raise QuantityError(
-            f"{count} blades are too many", f"give at most {MOST_BLADES}, or 0 (round)"
+            f"{count} blades are too many", f"give at most {MAX_BLADES}, or 0 (round)"
         )
     return count
 
 
-def within(least: float, most: float, what: str, example: str) -> Callable[[str], float]:
+def within(minimum: float, maximum: float, what: str, example: str) -> Callable[[str], float]:
     """A parser of plain numbers from ``least`` to ``most``."""
 
     def parse(text: str) -> float:
         value = float(_number(text, what, example, {"": 1}))
-        if not least <= value <= most:
-            raise QuantityError(f"'{text}' is not {what}", f"give {least:g} to {most:g}, {example}")
+        if not minimum <= value <= maximum:
+            raise QuantityError(
+                f"'{text}' is not {what}", f"give {minimum:g} to {maximum:g}, {example}"
+            )
         return value
 
     return parse
@@ -213,8 +215,8 @@ def shifts(text: str) -> tuple[float, float]:
     if len(words) != 2:
         raise QuantityError(f"'{text}' is no RED:BLUE", "write it like 0.1mm:0.05mm")
     red, blue = (float(_number(word, "a length", "like 0.1mm", _MM)) for word in words)
-    if max(abs(red), abs(blue)) > _MOST_SHIFT:
-        problem, remedy = f"'{text}' shifts too far", f"give {_MOST_SHIFT:g}mm at most"
+    if max(abs(red), abs(blue)) > _MAX_SHIFT:
+        problem, remedy = f"'{text}' shifts too far", f"give {_MAX_SHIFT:g}mm at most"
         raise QuantityError(problem, remedy)
     return red, blue
 
@@ -232,8 +234,8 @@ def noise(text: str) -> tuple[float, float]:
         raise QuantityError(f"'{text}' is not a noise of a sensor", example)
     units, what = {"": 1}, "a number of electrons"
     electrons, read = (float(_number(word, what, "like 4000:3", units)) for word in words)
-    if not (0 < electrons <= _MOST_ELECTRONS and 0 <= read <= _MOST_ELECTRONS):
-        remedy = f"give up to {_MOST_ELECTRONS:g} electrons, like 4000:3"
+    if not (0 < electrons <= _MAX_ELECTRONS and 0 <= read <= _MAX_ELECTRONS):
+        remedy = f"give up to {_MAX_ELECTRONS:g} electrons, like 4000:3"
         raise QuantityError(f"'{text}' is not a noise of a sensor", remedy)
     return electrons, read
 

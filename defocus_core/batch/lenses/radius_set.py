@@ -44,11 +44,11 @@ class RadiusSet:
 
         Values between two are interpolated, and have six digits.
         """
-        mean, median, most = (
+        mean, median, maximum = (
             float(f"{_interpolated(share, *one):.6g}")
             for one in zip(self.shares, self.values, strict=True)
         )
-        return mean, median, most
+        return mean, median, maximum
 
 
 def spread(first: float, index: int) -> float:

@@ -18,7 +18,7 @@ _SHARP = (0.25, 0.80, 0.35)  # sRGB
 _DARKEST = 0.35  # brightness of a black pixel, so that its colour shows
 _BINS = 48
 _SHARES = (5, 3)  # of the height and the width of the picture that the histogram takes
-_LEAST = (40, 96)  # px of its height and width, less in pictures that have no room
+_MINIMUM = (40, 96)  # px of its height and width, less in pictures that have no room
 _BEHIND = 0.12  # brightness behind it
 
 
@@ -29,8 +29,8 @@ def focus_planes(color: Color, radius: Any) -> tuple[Any, ...]:
         color: the colour input.
         radius: signed CoC radius in px, [H, W].
     """
-    most = max(largest(radius[rows]) for rows in bands(radius.shape))
-    inset = _histogram(radius, most)
+    maximum = max(largest(radius[rows]) for rows in bands(radius.shape))
+    inset = _histogram(radius, maximum)
     height, width = inset.shape[:2]
     top = radius.shape[0] - height
 
@@ -38,7 +38,7 @@ def focus_planes(color: Color, radius: Any) -> tuple[Any, ...]:
         colors = [plane[rows] for plane in color.light]
         light = np.mean([plane.astype("float32") for plane in colors], axis=0, dtype="float32")
         brightness = linear_to_srgb(np.clip(light, 0, 1))
-        hue = _hues(radius[rows], most)[..., channel]
+        hue = _hues(radius[rows], maximum)[..., channel]
         shown = hue * (_DARKEST + (1 - _DARKEST) * brightness)
         first, last, _ = rows.indices(radius.shape[0])
         if last > top:
@@ -51,34 +51,34 @@ def focus_planes(color: Color, radius: Any) -> tuple[Any, ...]:
     return tuple(LazyArray(radius.shape, dtype, partial(read, channel)) for channel in range(3))
 
 
-def _hues(radius: NDArray[Any], most: float) -> NDArray[Any]:
+def _hues(radius: NDArray[Any], maximum: float) -> NDArray[Any]:
     """Colours [..., 3], sRGB, of signed radii [h, w]."""
     sharp = np.abs(radius) <= _SHARP_PX
-    hues: NDArray[Any] = diverging(radius, most / 2)
+    hues: NDArray[Any] = diverging(radius, maximum / 2)
     hues[sharp] = _SHARP
     return hues
 
 
-def _histogram(radius: Any, most: float) -> NDArray[Any]:
+def _histogram(radius: Any, maximum: float) -> NDArray[Any]:
     """Bars of how many pixels have a radius, from the least to the greatest, sRGB [h, w, 3]."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     strips = [radius[rows] for rows in bands(radius.shape)]
     ends = min(float(s.min()) for s in strips), max(float(s.max()) for s in strips)
-    least = 2 * _BINS * float(np.spacing(np.float32(max(map(abs, ends)))))  # two numbers a bin
-    width_px = max(ends[1] - ends[0], 1e-6, least)
+    minimum = 2 * _BINS * float(np.spacing(np.float32(max(map(abs, ends)))))  # two numbers a bin
+    width_px = max(ends[1] - ends[0], 1e-6, minimum)
     of_strips = [np.histogram(s, _BINS, (ends[0], ends[0] + width_px))[0] for s in strips]
     counts = np.sum(of_strips, axis=0)
     height, width = (
-        min(max(length // share, least), length)
-        for length, share, least in zip(radius.shape, _SHARES, _LEAST, strict=True)
+        min(max(length // share, minimum), length)
+        for length, share, minimum in zip(radius.shape, _SHARES, _MINIMUM, strict=True)
     )
     letters = max(8, height // 7)
     room = max(height - letters - 6, 1)
     bars = np.sqrt(counts / max(counts.max(), 1))  # few pixels show, too
     column = np.arange(width) * _BINS // width
     middles = (ends[0] + (np.arange(_BINS) + 0.5) * width_px / _BINS).astype("float32")
-    colors = _hues(middles[None], most)[0][column]
+    colors = _hues(middles[None], maximum)[0][column]
     high = np.arange(height)[:, None] >= room - np.rint(bars[column] * (room - 2))
     inside = high & (np.arange(height)[:, None] < room)
     inset = np.where(inside[..., None], colors, np.float32(_BEHIND)).astype("float32")

@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 # Greatest difference of channels of a grey picture, as a share of its brightest pixel: compression
 # of JPEG makes less.
 _GREY = 0.02
-_MOST_SIDE = 4096  # px; sums of areas lose digits beyond
+_MAX_SIDE = 4096  # px; sums of areas lose digits beyond
 _COLORS = 3
-_MOST_KERNELS = 1024  # of a field
-_MOST_RADIUS = 2000  # px of a drawn blur
+_MAX_KERNELS = 1024  # of a field
+_MAX_RADIUS = 2000  # px of a drawn blur
 _SHOWN = 256  # px of a side of a square of the picture to look at
 
 
@@ -86,9 +86,9 @@ def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
     try:
         return CatEye(rim, distance * tangent, lens.vignetting)
     except ValueError as error:
-        most = 0.9 * rim / tangent
+        maximum = 0.9 * rim / tangent
         problem = f"hides the middle of the opening in the corners: {reason(error)}"
-        remedy = f"give a distance of {most:.2g} at most with this lens"
+        remedy = f"give a distance of {maximum:.2g} at most with this lens"
         raise UsageProblem("malformed", problem, remedy, field="cat-eye") from None
 
 
@@ -211,7 +211,7 @@ def _two_kernels(path: Path) -> tuple[NDArray[Any], ...]:
         kernels = list(np.atleast_1d(np.array(read_npy(path, integers=True), "float64")))
     shapes = [each.shape for each in kernels]
     fits = len(shapes) == 2 and shapes[0] == shapes[1] and len(shapes[0]) in axes
-    if not fits or math.prod(shapes[0][:-2]) > _MOST_KERNELS or max(shapes[0]) > _MOST_SIDE:
+    if not fits or math.prod(shapes[0][:-2]) > _MAX_KERNELS or max(shapes[0]) > _MAX_SIDE:
         shown = " and ".join(" × ".join(map(str, shape)) for shape in dict.fromkeys(shapes))
         problem = f"holds {len(shapes)} times {shown} numbers, which are not kernels of two"
         raise InputError("wrong-size", problem, remedy, path=path)
@@ -233,11 +233,11 @@ def _pupil_images(path: Path, _stamp: object) -> tuple[PupilImage, ...]:
         color = read_color(path)
         light = np.stack([plane[:] for plane in color.planes], dtype="float64")
         light = light[: len(color.channels) - ("A" in color.channels)]
-    if light.ndim != 3 or max(light.shape[1:]) > _MOST_SIDE:
+    if light.ndim != 3 or max(light.shape[1:]) > _MAX_SIDE:
         shape = " × ".join(str(n) for n in light.shape)
         problem = f"is no picture of a pupil: it has {shape} numbers"
         raise InputError(
-            "malformed", problem, f"give one picture of {_MOST_SIDE} px a side at most", path=path
+            "malformed", problem, f"give one picture of {_MAX_SIDE} px a side at most", path=path
         )
     differ = float(np.ptp(light, axis=0).max()) > _GREY * float(np.abs(light).max())
     try:
@@ -264,10 +264,10 @@ def _field(path: Path, values: NDArray[Any]) -> PupilField:
     if values.ndim == 5 and values.shape[2] == 1:
         values = values[:, :, 0]
     count = values.shape[0] * values.shape[1]
-    if values.ndim != 4 or count > _MOST_KERNELS or max(values.shape[2:]) > _MOST_SIDE:
+    if values.ndim != 4 or count > _MAX_KERNELS or max(values.shape[2:]) > _MAX_SIDE:
         shape = " × ".join(str(n) for n in values.shape)
         problem = f"is no field of kernels: it has {shape} numbers"
-        remedy = f"save rows × columns × height × width, of {_MOST_KERNELS} kernels at most"
+        remedy = f"save rows × columns × height × width, of {_MAX_KERNELS} kernels at most"
         raise InputError("malformed", problem, remedy, path=path)
     try:
         return PupilField(torch.from_numpy(values))
@@ -295,9 +295,9 @@ def write_aperture(path: Path, lens: Lens, radius: float) -> None:
         raise InputError(
             "malformed", "is neither PNG nor EXR", "end its name in .png or .exr", path=path
         )
-    if abs(radius) > _MOST_RADIUS:
+    if abs(radius) > _MAX_RADIUS:
         raise UsageProblem(
-            "out-of-range", f"is beyond {_MOST_RADIUS} px", "give a smaller one", field="radius"
+            "out-of-range", f"is beyond {_MAX_RADIUS} px", "give a smaller one", field="radius"
         )
     pupil = aperture_of(lens)
     r = torch.tensor(radius, dtype=torch.float64)

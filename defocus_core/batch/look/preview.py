@@ -59,8 +59,8 @@ def write_signed_preview(path: Path, radius: Any) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    most = max(largest(radius[rows]) for rows in bands(radius.shape))
-    encoded = (quantised(diverging(radius[rows], most), 8) for rows in bands(radius.shape))
+    maximum = max(largest(radius[rows]) for rows in bands(radius.shape))
+    encoded = (quantised(diverging(radius[rows], maximum), 8) for rows in bands(radius.shape))
     write_samples(path, radius.shape, encoded, "png", {})
 
 

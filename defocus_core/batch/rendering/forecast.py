@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from defocus_core.evaluation.cost import Cost
 
 # Most pictures of a batch to decode for a forecast; the others count as their average.
-MOST_READ = 16
+MAX_READ = 16
 # Kind, height, width and largest CoC radius in px of a scene that needs every step of rendering.
 _SCENE = ("thin", 540, 960, 16.0)
 _REPEATS = 2  # the fastest counts: a machine is never faster than it is
@@ -97,7 +97,7 @@ def work_per_second(device: str, threads: int) -> float:
 
 
 def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusError]]:
-    """Forecasts of jobs, or of `MOST_READ` spread evenly over more; their inputs are decoded.
+    """Forecasts of jobs, or of `MAX_READ` spread evenly over more; their inputs are decoded.
 
     Returns:
         The forecasts by the number of the job, and the errors of jobs that would fail.
@@ -110,7 +110,7 @@ def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusErr
     rate = 0.0
     if any(job.outputs.need_rendering for job in jobs):
         rate = work_per_second(device, jobs[0].machine.threads)
-    count = min(len(jobs), MOST_READ)
+    count = min(len(jobs), MAX_READ)
     by_number, unusable = {}, []
     written: dict[Outputs, float] = {}
     for number in (k * (len(jobs) - 1) // max(count - 1, 1) for k in range(count)):
@@ -130,7 +130,7 @@ def _forecast(job: Job, device: str, rate: float, written: dict[Outputs, float])
     read_seconds, start = time.perf_counter() - start, time.perf_counter()
     made, held = job_steps.prepare(job, inputs), inputs.holding
     peak = base_mb() + held.files_mb if device == "cpu" else 0.0
-    work, most, renders, last = 0.0, 0.0, 1, None
+    work, maximum, renders, last = 0.0, 0.0, 1, None
     if job.outputs.need_rendering:
         streams, colors = Streams(made), renderings(made)
         renders = len(colors)
@@ -138,7 +138,7 @@ def _forecast(job: Job, device: str, rate: float, written: dict[Outputs, float])
             stream = streams.of(color)
             last = cost(stream)
             work += last.work
-            most = max(most, regions_at_once(job, stream, held, device)[1])
+            maximum = max(maximum, regions_at_once(job, stream, held, device)[1])
         made, last = replace(made, repair=stream.repair), last and last._replace(work=work)
     prepare_seconds = time.perf_counter() - start
     if job.outputs not in written:
@@ -154,7 +154,7 @@ def _forecast(job: Job, device: str, rate: float, written: dict[Outputs, float])
         prepare_seconds=prepare_seconds,
         seconds=work / rate if work else 0.0,
         write_seconds=written[job.outputs] * math.prod(made.size),
-        peak_mb=peak + most,
+        peak_mb=peak + maximum,
         scratch_mb=held.arrays_mb if held.scratch else 0.0,
         renderings=renders,
     )

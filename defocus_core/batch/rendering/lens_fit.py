@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from defocus_core.optics.dual_pixel import DualPixel
 
 _MM_PER_M = 1000.0
-_CHANCE, _LEAST_BREATHING = 3.0, 0.01  # standard errors, and px at the border for a radius of 1 px
+_CHANCE, _MIN_BREATHING = 3.0, 0.01  # standard errors, and px at the border for a radius of 1 px
 
 
 @dataclass(frozen=True)
@@ -270,7 +270,7 @@ def write_lens(path: Path, record: dict[str, Any]) -> None:
 def breathes(record: dict[str, Any]) -> bool:
     """Whether a breathing was found that is more than chance."""
     error = record.get("breathing_error")  # a lens that was matched has none
-    return error is not None and abs(record["breathing"]) > max(_CHANCE * error, _LEAST_BREATHING)
+    return error is not None and abs(record["breathing"]) > max(_CHANCE * error, _MIN_BREATHING)
 
 
 def _error(value: float | None, times: float = 1) -> str:

@@ -27,8 +27,8 @@ from typing import TYPE_CHECKING
 from defocus_core.batch.jobs.job import Job, Machine, Picture
 from defocus_core.errors import InputError, TooLarge
 from defocus_core.io.arrays import Keeping
-from defocus_core.io.exr.deep_merging import MOST_LAYERS
-from defocus_core.io.exr.deep_samples import most_samples
+from defocus_core.io.exr.deep_merging import MAX_LAYERS
+from defocus_core.io.exr.deep_samples import max_samples
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
@@ -94,8 +94,10 @@ def refuse_small(job: Job) -> None:
         return
     pixels, (arrays, _) = describe(job.picture.color).pixels, _sizes(job)
     files, limit = min(_STRIPS_MB, arrays), limit_mb(job.machine)
-    if (least := _PROGRAM_MB + files) > limit:
-        problem = f"needs more than {math.ceil(least)} MB to render, but {limit:.0f} MB are allowed"
+    if (minimum := _PROGRAM_MB + files) > limit:
+        problem = (
+            f"needs more than {math.ceil(minimum)} MB to render, but {limit:.0f} MB are allowed"
+        )
         likely = _PROGRAM_MB + 2 * files + _FEW_MB + pixels * _LIKELY_BYTES / memory.MB
         remedy = f"use ‹memory› {_size(likely)}"
         raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color)
@@ -190,7 +192,7 @@ def _inputs(picture: Picture, passes: Sequence[str] = ()) -> tuple[int, float, f
 def _layers_of(path: Path) -> int:
     """The number of layers that a deep EXR becomes."""
     deep = [header for header in read_headers(path) if header.deep]
-    return min(MOST_LAYERS, max(most_samples(path, header) for header in deep))
+    return min(MAX_LAYERS, max(max_samples(path, header) for header in deep))
 
 
 def _half(job: Job) -> bool:
@@ -214,9 +216,9 @@ def room_on(device: str, room_mb: float) -> float:
 
 def holds_cells(shape: tuple[int, ...], room_mb: float) -> bool:
     """Whether the cells of a draft of a picture [C, H, W] are kept, not computed where needed."""
-    from defocus_core.evaluation.cost import cells_bytes
+    from defocus_core.evaluation.cost import coarse_bytes
 
-    return cells_bytes(shape) / memory.MB <= _FOR_CELLS * room_mb
+    return coarse_bytes(shape) / memory.MB <= _FOR_CELLS * room_mb
 
 
 def regions_at_once(job: Job, stream: Stream, holding: Holding, device: str) -> tuple[int, float]:

@@ -110,14 +110,16 @@ def _fill(images: _Images, streams: Streams, progress: Progress | None) -> Strea
     """Render as many regions at once as fit, and one by one if a GPU runs out of memory."""
     import torch
 
-    made, job, most = streams.made, streams.made.job, None
+    made, job, maximum = streams.made, streams.made.job, None
     colors = renderings(made)
     while True:
         images.clamped.clear()
         try:
             for number, color in enumerate(colors):
                 stream = streams.of(color)
-                at_once = most or regions_at_once(job, stream, made.inputs.holding, made.device)[0]
+                at_once = (
+                    maximum or regions_at_once(job, stream, made.inputs.holding, made.device)[0]
+                )
                 if at_once < job.machine.threads:  # memory is short
                     memory.keep_freed(False)
                     memory.trim()
@@ -129,11 +131,11 @@ def _fill(images: _Images, streams: Streams, progress: Progress | None) -> Strea
             return stream
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
-            if most == 1:
+            if maximum == 1:
                 problem = "does not fit into the memory of the GPU"
                 remedy = "use ‹device› cpu, or a smaller ‹tile›"
                 raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color) from None
-            most = 1
+            maximum = 1
 
 
 def _of_all(progress: Progress, number: int, count: int, done: int, tiles: int) -> None:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 # Rows beside a band that decide its means; share of the memory that decoded neighbours may take;
 # change of radius in px, from a frame to the next, of one surface; most frames that are kept.
-_BESIDE, _SHARE, _STEP, _MOST_KEPT = 4, 0.1, 0.5, 40
+_BESIDE, _SHARE, _STEP, _MAX_KEPT = 4, 0.1, 0.5, 40
 _FEWEST = 2  # frames of a window that has neighbours
 # Distances in frames of the neighbours that may show what is hidden: in a moving shot the nearest
 # show it best, and each farther one shows more; of those between there is little more to see.
@@ -176,7 +176,7 @@ class Neighbours:
         motion: Motion = _CACHE.kept(
             ("motion", picture, channel, color.overscan),
             lambda: read_motion(files, channel, color.overscan),
-            self._most_mb(),
+            self._max_mb(),
         )
         wanted = self._inputs.color.overscan
         if color.overscan != wanted:
@@ -210,7 +210,7 @@ class Neighbours:
         both: tuple[Color, Depth] = _CACHE.kept(
             (picture, self._job.reading, self._job.lens_focal),
             lambda: read(picture, self._job.reading, keeping, self._job.lens_focal),
-            self._most_mb(),
+            self._max_mb(),
         )
         return both
 
@@ -235,7 +235,7 @@ class Neighbours:
             raise InputError("wrong-size", problem, _remedy_of(self._shot), path=picture.color)
         return color, depth
 
-    def _most_mb(self) -> float:
+    def _max_mb(self) -> float:
         return _SHARE * capacity_mb(self._job.machine)
 
 
@@ -250,7 +250,7 @@ class _Cache:
     def __init__(self) -> None:
         self._kept: OrderedDict[object, Any] = OrderedDict()
 
-    def kept(self, key: object, make: Any, most_mb: float) -> Any:
+    def kept(self, key: object, make: Any, max_mb: float) -> Any:
         """The value of a key, made if it is not there."""
         if key in self._kept:
             self._kept.move_to_end(key)
@@ -258,7 +258,7 @@ class _Cache:
         value = make()
         self._kept[key] = value
         while len(self._kept) > 1 and (
-            len(self._kept) > _MOST_KEPT or sum(map(_size_mb, self._kept.values())) > most_mb
+            len(self._kept) > _MAX_KEPT or sum(map(_size_mb, self._kept.values())) > max_mb
         ):
             self._kept.popitem(last=False)
         return value

@@ -34,7 +34,7 @@ from defocus_core.io.safe_files import unwritable
 from defocus_core.system.interrupts import Interrupts
 from defocus_core.system.log import note
 
-MOST_IN_A_CHUNK = 8
+MAX_IN_A_CHUNK = 8
 
 
 class NoSpace(InputError):  # noqa: N818 - a mistake of nobody's
@@ -266,10 +266,10 @@ def completed(record: Record, job: Job, recipe: str, out: Path) -> Record:
 
 def _chunks(todo: Sequence[tuple[Job, str]], spread: int) -> Iterator[Chunk]:
     """Jobs of one picture that follow one another, in chunks that keep all workers busy."""
-    most = max(1, min(MOST_IN_A_CHUNK, len(todo) // (4 * spread)))
+    maximum = max(1, min(MAX_IN_A_CHUNK, len(todo) // (4 * spread)))
     chunk: Chunk = []
     for number, (job, _) in enumerate(todo):
-        if chunk and (len(chunk) == most or chunk[-1][1].picture != job.picture):
+        if chunk and (len(chunk) == maximum or chunk[-1][1].picture != job.picture):
             yield chunk
             chunk = []
         chunk.append((number, job))

@@ -72,8 +72,8 @@ class WorkerConfig:
         if self.threads is not None:
             return max(1, cores() // self.threads)
         available = memory.available_mb()
-        most = cores() if available is None else int(available // ROOM_MB)
-        return max(1, min(cores(), most))
+        maximum = cores() if available is None else int(available // ROOM_MB)
+        return max(1, min(cores(), maximum))
 
     @property
     def spread(self) -> int:

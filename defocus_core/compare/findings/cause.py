@@ -91,7 +91,7 @@ def _of_maps(evidence: Evidence) -> list[Finding]:
     for name in evidence.names:
         planes = (evidence.at(side, slice(None), slice(None), [name]) for side in ("a", "b"))
         old, new = ([float(plane.min()), float(plane.max())] for plane in planes)
-        ranges = [f"{least:.2f} to {most:.2f} px" for least, most in (new, old)]
+        ranges = [f"{minimum:.2f} to {maximum:.2f} px" for minimum, maximum in (new, old)]
         text = f"another CoC: {name} {' instead of '.join(dict.fromkeys(ranges))}"
         findings.append(Finding("another CoC", text, {"a": old, "b": new}))
     return findings

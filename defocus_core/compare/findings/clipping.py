@@ -22,8 +22,8 @@ def clipped(pixels: Pixels) -> list[Finding]:
     tops = {}
     for layer in pixels.color:
         sides = [[pixels.plane(side, name) for name in layer] for side in ("a", "b")]
-        high, most = (max(_greatest(plane) for plane in planes) for planes in sides)
-        tops[layer] = (high, most)
+        high, maximum = (max(_greatest(plane) for plane in planes) for planes in sides)
+        tops[layer] = (high, maximum)
     found = []
     for layer, (high, limit) in tops.items():
         if not (math.isfinite(high) and high > _MORE * limit > 0):

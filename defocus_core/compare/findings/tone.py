@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-_MOST_SWAPPED = 4  # channels of a layer whose permutations are tried
+_MAX_SWAPPED = 4  # channels of a layer whose permutations are tried
 _BITS = range(4, 13)
 _KNOTS = 40  # of a tone curve
 _LUMA = (0.2126, 0.7152, 0.0722)  # of Rec. 709
@@ -82,19 +82,19 @@ def _rounded(evidence: Evidence) -> Iterator[Explanation]:
 def _clipped(evidence: Evidence) -> Iterator[Explanation]:
     """B is A with all values beyond a limit set to the limit."""
     a, _ = evidence.sampled
-    (low, high), (least, most) = (_range(evidence, side) for side in ("a", "b"))
-    if high > most:
-        name = f"clipped at {most:.4g}"
-        left = evidence.left(np.minimum(a, np.float32(most)))
-        yield Explanation(Finding(name, name, {"limit": most}), left, EXACT)
-    if low < least <= 0.0:
-        name = f"clipped at {least:.4g}"
-        below = Finding(name, f"{name} from below", {"limit": least})
-        yield Explanation(below, evidence.left(np.maximum(a, np.float32(least))), EXACT)
-        if high > most:
-            text = f"clipped at {most:.4g} and, from below, at {least:.4g}"
-            both = Finding(f"clipped at {most:.4g}", text, {"limits": [least, most]})
-            yield Explanation(both, evidence.left(np.clip(a, least, most)), EXACT)
+    (low, high), (minimum, maximum) = (_range(evidence, side) for side in ("a", "b"))
+    if high > maximum:
+        name = f"clipped at {maximum:.4g}"
+        left = evidence.left(np.minimum(a, np.float32(maximum)))
+        yield Explanation(Finding(name, name, {"limit": maximum}), left, EXACT)
+    if low < minimum <= 0.0:
+        name = f"clipped at {minimum:.4g}"
+        below = Finding(name, f"{name} from below", {"limit": minimum})
+        yield Explanation(below, evidence.left(np.maximum(a, np.float32(minimum))), EXACT)
+        if high > maximum:
+            text = f"clipped at {maximum:.4g} and, from below, at {minimum:.4g}"
+            both = Finding(f"clipped at {maximum:.4g}", text, {"limits": [minimum, maximum]})
+            yield Explanation(both, evidence.left(np.clip(a, minimum, maximum)), EXACT)
 
 
 def _range(evidence: Evidence, side: str) -> tuple[float, float]:
@@ -134,7 +134,7 @@ def _swapped_channels(evidence: Evidence) -> Iterator[Explanation]:
     names = evidence.pixels.names
     for layer in layers(names):
         moved = [name for name in layer if name in evidence.names]
-        if 2 <= len(moved) <= _MOST_SWAPPED and len(moved) == len(evidence.names):
+        if 2 <= len(moved) <= _MAX_SWAPPED and len(moved) == len(evidence.names):
             for order in permutations(range(len(moved))):
                 if list(order) == sorted(order):
                     continue

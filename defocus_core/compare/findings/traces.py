@@ -34,7 +34,7 @@ _DCT = 8  # px of the blocks of JPEG and of DWAA
 _Y = (0.299, 0.587, 0.114)  # of JPEG
 _NOISE_LEFT = 0.25
 _WITHOUT_MEAN = 0.3  # greatest mean of noise, by its root mean square
-_LEAST_CHANGED = 0.02  # share of pixels that differ, below which there is no noise
+_MIN_CHANGED = 0.02  # share of pixels that differ, below which there is no noise
 
 
 def explanations(evidence: Evidence) -> Iterator[Explanation]:
@@ -61,10 +61,10 @@ def _difference(evidence: Evidence) -> NDArray[Any]:
 def _fireflies(difference: NDArray[Any]) -> Iterator[Explanation]:
     """A few pixels apart from each other hold the difference."""
     power = np.square(difference, dtype="f8")
-    most = max(1, int(_FEW * power.size))
+    maximum = max(1, int(_FEW * power.size))
     sparks = power > max(_SPARK**2, 0.01 * float(power.max()))
     number = int(np.count_nonzero(sparks))
-    if not 0 < number <= most:
+    if not 0 < number <= maximum:
         return
     beside = np.zeros_like(sparks)
     beside[1:] |= sparks[:-1]
@@ -247,7 +247,7 @@ def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
 def _noise(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation]:
     """The difference has no mean, and nothing in common with its neighbours or with A."""
     power = float(np.square(difference, dtype="f8").mean())
-    if np.count_nonzero(difference) < _LEAST_CHANGED * difference.size or not power:
+    if np.count_nonzero(difference) < _MIN_CHANGED * difference.size or not power:
         return
     if abs(float(difference.mean(dtype="f8"))) > _WITHOUT_MEAN * math.sqrt(power):
         return

@@ -91,13 +91,13 @@ def plant_all(
             continue
         weakest = ""
         if full and fault.scales:
-            least = 1.0
+            minimum = 1.0
             for strength in (0.5**k for k in range(1, _WEAKEST + 1)):
                 if not noticed(fault, strength):
                     break
-                least = strength
+                minimum = strength
             amount, unit = fault.unit
-            weakest = f"{amount * least:.2g}{unit}"
+            weakest = f"{amount * minimum:.2g}{unit}"
         results.append(Planted(fault.name, full, weakest))
     return results
 

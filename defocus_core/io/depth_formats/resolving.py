@@ -132,14 +132,14 @@ def _within(declared: Declared) -> None:
     values = declared.samples.values
     if declared.samples.is_integer:
         return
-    least, most = math.inf, -math.inf
+    minimum, maximum = math.inf, -math.inf
     for rows in bands(values.shape):
         band = values[rows]
         finite = band[np.isfinite(band)]
         if finite.size:
-            least, most = min(least, float(finite.min())), max(most, float(finite.max()))
-    if least < -1e-3 or most > 1 + 1e-3:
-        problem = f"has floats from {least:.4g} to {most:.4g}, and ‹depth-range› is of 0 and 1"
+            minimum, maximum = min(minimum, float(finite.min())), max(maximum, float(finite.max()))
+    if minimum < -1e-3 or maximum > 1 + 1e-3:
+        problem = f"has floats from {minimum:.4g} to {maximum:.4g}, and ‹depth-range› is of 0 and 1"
         remedy = "give ‹depth-scale› and ‹doffs› instead"
         raise InputError("out-of-range", problem, remedy, path=declared.path)
 

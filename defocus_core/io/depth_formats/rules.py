@@ -279,8 +279,8 @@ def disparity_range(near: float, far: float, top: float) -> tuple[float, float]:
         far: metres, or inf.
         top: the greatest number of the type.
     """
-    least = 0.0 if math.isinf(far) else 1 / far
-    return (1 / near - least) / top, least
+    minimum = 0.0 if math.isinf(far) else 1 / far
+    return (1 / near - minimum) / top, minimum
 
 
 def depth_range(near: float, far: float, top: float) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from defocus_core.io.arrays import Keeping, bands
 # Alpha of an edge whose numbers tell if they were multiplied, and of the whole pixel beside it.
 _EDGE, _WHOLE = (0.05, 0.9), 0.995
 # Edge pixels that are enough to judge by, and the share of them that must look multiplied.
-_ENOUGH, _MOST = 12, 0.8
+_ENOUGH, _MAXIMUM = 12, 0.8
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def _is_multiplied(values: Any, alpha: Any) -> bool:
                     nearer = np.abs(own - times) < np.abs(own - beside)
                     multiplied += int(np.count_nonzero(nearer & (own > 0)))
                     plain += int(np.count_nonzero(~nearer & (own > 0)))
-    return multiplied >= _ENOUGH and multiplied > _MOST * (multiplied + plain)
+    return multiplied >= _ENOUGH and multiplied > _MAXIMUM * (multiplied + plain)
 
 
 def _overlapping(*arrays: Any) -> Iterator[list[NDArray[np.float32]]]:

@@ -162,8 +162,8 @@ def _heic(metadata: Mapping[str, Any]) -> Facts:
     kind = int(metadata.get("representation_type", 1))
     if kind != 1:
         raise ValueError(f"representation_type {kind}, not the 1 of uniform disparity")
-    least, most = float(metadata["d_min"]), float(metadata["d_max"])
-    return Facts("d_min and d_max", scale=(most - least) / metadata["top"], shift=least)
+    minimum, maximum = float(metadata["d_min"]), float(metadata["d_max"])
+    return Facts("d_min and d_max", scale=(maximum - minimum) / metadata["top"], shift=minimum)
 
 
 def _gdepth(metadata: Mapping[str, Any]) -> Facts:

@@ -21,7 +21,7 @@ from defocus_core.io.damage import damaged
 from defocus_core.io.exr.header import MULTIPART, Channel, Header, Raw, channels_of, raw_headers
 
 # Samples of a strip of rows that are decoded at once, and the most of a row; px of a tile at most.
-_AT_ONCE, _MOST, _MOST_OF_TILE = 1 << 20, 1 << 23, 1 << 24
+_AT_ONCE, _MAXIMUM, _MAX_OF_TILE = 1 << 20, 1 << 23, 1 << 24
 # Decoded bytes of samples that any file may promise; beyond, how many for each byte of the file:
 # cards of one colour take 1 byte for 200, and a file made to fill the memory for 1000.
 _ANY, _RATIO = 1 << 26, 250
@@ -122,7 +122,7 @@ def _part(file: BinaryIO, header: Header) -> tuple[_Part, int]:
     channels = tuple(channels_of(attributes["channels"].value))
     if compression not in _COMPRESSIONS or any(channel.subsampled for channel in channels):
         raise ValueError(f"deep samples of compression {compression}")
-    if not 0 < tile[0] * tile[1] <= max(_MOST_OF_TILE, x1 - x0 + 1):
+    if not 0 < tile[0] * tile[1] <= max(_MAX_OF_TILE, x1 - x0 + 1):
         raise ValueError(f"tiles of {tile[0]}×{tile[1]} px")
     number = header.index if version & MULTIPART else None
     return _Part((x0, y0, x1, y1), tile, is_tiled, compression, channels, number), start
@@ -165,7 +165,7 @@ def _check_promise(path: Path, part: _Part, chunks: Sequence[_Chunk]) -> None:
         for first in range(0, len(chunks), part.across)
     )
     samples = promised // part.sample_bytes
-    if promised > max(_ANY, _RATIO * size) or of_row > _MOST * part.sample_bytes:
+    if promised > max(_ANY, _RATIO * size) or of_row > _MAXIMUM * part.sample_bytes:
         problem = f"promises {samples} deep samples in {size} bytes"
         remedy = "flatten it, or write it again"
         raise InputError("too-large", problem, remedy, path=path)

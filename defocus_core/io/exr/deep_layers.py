@@ -95,7 +95,7 @@ def deep_layers(
     for strip in strips(path, header, last=True):
         strip, count = merged(strip, (*names, ALPHA))
         crowded += count
-        while len(layers) < max(1, strip.most):
+        while len(layers) < max(1, strip.maximum):
             layers.append(
                 {
                     name: keeping.new(

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from defocus_core.io.exr.deep_samples import BACK, DEPTH, FRONT, Strip
 
-MOST_LAYERS = 12
+MAX_LAYERS = 12
 _MERGED = 1 << 12  # pixels merged at once
 
 
 def merged(strip: Strip, light: tuple[str, ...]) -> tuple[Strip, int]:
-    """The strip with `MOST_LAYERS` samples a pixel at most, and how many pixels had more."""
-    crowded = np.unique(strip.pixel[strip.rank >= MOST_LAYERS])
+    """The strip with `MAX_LAYERS` samples a pixel at most, and how many pixels had more."""
+    crowded = np.unique(strip.pixel[strip.rank >= MAX_LAYERS])
     if not len(crowded):
         return strip, 0
     kept = ~np.isin(strip.pixel, crowded)
@@ -68,7 +68,7 @@ def _merge_pixels(
     for name, each in zip(light, values, strict=True):
         each[at] = strip.values[name][chosen]
     row = np.arange(len(pixels))
-    while (many := (near >= 0).sum(1) > MOST_LAYERS).any():
+    while (many := (near >= 0).sum(1) > MAX_LAYERS).any():
         # living samples in order, then the pair with the least step
         order = np.argsort(near < 0, axis=1, kind="stable")
         near = np.take_along_axis(near, order, 1)

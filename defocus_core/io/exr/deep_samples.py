@@ -48,7 +48,7 @@ class Strip(NamedTuple):
         return sum(array.nbytes for array in arrays)
 
     @property
-    def most(self) -> int:
+    def maximum(self) -> int:
         """The number of samples of the pixel with most of them."""
         return int(self.rank.max(initial=-1)) + 1
 
@@ -63,30 +63,30 @@ class DeepSummary(NamedTuple):
     """Samples of a deep part.
 
     Attributes:
-        most: of the pixel that has most.
+        maximum: of the pixel that has most.
         total: in all.
         pixels: number of pixels that have some.
         ends: least and greatest finite depth, as it stands in the file; None if there is none.
     """
 
-    most: int
+    maximum: int
     total: int
     pixels: int
     ends: tuple[float, float] | None
 
 
-def most_samples(path: Path, header: Header) -> int:
+def max_samples(path: Path, header: Header) -> int:
     """The number of samples of the pixel with most of them.
 
     Raises:
         InputError: the file cannot be decoded.
     """
-    return _most_samples(path, header, _version(path))
+    return _max_samples(path, header, _version(path))
 
 
 @lru_cache(maxsize=64)
-def _most_samples(path: Path, header: Header, version: object) -> int:
-    return max((strip.most for strip in strips(path, header)), default=0)
+def _max_samples(path: Path, header: Header, version: object) -> int:
+    return max((strip.maximum for strip in strips(path, header)), default=0)
 
 
 def summary(path: Path, header: Header) -> DeepSummary:
@@ -95,15 +95,15 @@ def summary(path: Path, header: Header) -> DeepSummary:
     Raises:
         InputError: the file cannot be decoded.
     """
-    most = total = pixels = 0
+    maximum = total = pixels = 0
     ends: list[float] = []
     for strip in strips(path, header):
-        most, total = max(most, strip.most), total + len(strip.rank)
+        maximum, total = max(maximum, strip.maximum), total + len(strip.rank)
         pixels += int(np.count_nonzero(strip.rank == 0))
         depth = strip.values.get(DEPTH, np.zeros(0))
         finite = depth[np.isfinite(depth)]
         ends += [float(finite.min()), float(finite.max())] if len(finite) else []
-    return DeepSummary(most, total, pixels, (min(ends), max(ends)) if ends else None)
+    return DeepSummary(maximum, total, pixels, (min(ends), max(ends)) if ends else None)
 
 
 def strips(path: Path, header: Header, *, last: bool = False) -> Iterator[Strip]:

@@ -65,8 +65,8 @@ class Window(NamedTuple):
         """
         left, top = display.x0 - self.x0, display.y0 - self.y0
         right, bottom = self.x1 - display.x1, self.y1 - display.y1
-        most = max(display.width, display.height)
-        return Overscan(*(min(max(0, side), most) for side in (left, top, right, bottom)))
+        maximum = max(display.width, display.height)
+        return Overscan(*(min(max(0, side), maximum) for side in (left, top, right, bottom)))
 
     def grown(self, overscan: Overscan) -> Window:
         """This window with an overscan."""

@@ -80,11 +80,11 @@ def read_color(
     return _from_raster(path, choose_page(path, read_pages(path), part), keeping)
 
 
-def count_beyond(color: Color, most: float) -> tuple[int, str]:
+def count_beyond(color: Color, maximum: float) -> tuple[int, str]:
     """Number of pixels of a colour image that are NaN or beyond ±most, and the first as x,y."""
     return count_of(
         (
-            ~np.logical_and.reduce([np.abs(p[rows]) <= np.float32(most) for p in color.planes]),
+            ~np.logical_and.reduce([np.abs(p[rows]) <= np.float32(maximum) for p in color.planes]),
             rows.start,
         )
         for rows in bands(color.shape)

@@ -91,9 +91,9 @@ def describe(path: Path) -> FileInfo:
         )
         shown = headers[0].display
         frames = (h.display.grown(h.data.beyond(h.display)) for h in headers)
-        most = max(frame.width * frame.height for frame in frames)
+        maximum = max(frame.width * frame.height for frame in frames)
         at_once = any(header.subsampled for header in headers)
-        return FileInfo(path, shown.width, shown.height, parts, at_once, most)
+        return FileInfo(path, shown.width, shown.height, parts, at_once, maximum)
     if head.startswith(NPY_MAGIC):
         values = read_npy(path, integers=True)
         return _arrays(path, {"Z": (values.shape, values.dtype.name)}, at_once=False)

@@ -65,10 +65,10 @@ def choose_color(
         InputError: there is none, or several; or its pixels are of an aspect that none has.
     """
     chosen = _chosen_color(path, headers, layer, part)
-    aspect, (least, most) = chosen.header.pixel_aspect, _ASPECTS
-    if not least <= aspect <= most:
+    aspect, (minimum, maximum) = chosen.header.pixel_aspect, _ASPECTS
+    if not minimum <= aspect <= maximum:
         problem = f"has pixels {aspect:g} times as wide as high"
-        remedy = f"resample it to pixels of {least:g} to {most:g} times"
+        remedy = f"resample it to pixels of {minimum:g} to {maximum:g} times"
         raise InputError("unsupported", problem, remedy, path=path)
     return chosen
 

@@ -18,7 +18,7 @@ from defocus_core.io.images.primaries import Chromaticities, adaptation, chromat
 
 _D50 = (0.9642, 1.0, 0.8249)  # of all profiles
 _HEAD = 128  # bytes
-_MOST_TAGS = 200
+_MAX_TAGS = 200
 _PARAMETERS = (1, 3, 4, 5, 7)  # numbers of each type of parametric curve
 _SAMPLES = 4096  # of a curve: floats between them are interpolated
 
@@ -82,7 +82,7 @@ def _profile(data: bytes) -> Profile | None:
 
 def _tags(data: bytes) -> dict[str, bytes]:
     (count,) = struct.unpack_from(">I", data, _HEAD)
-    entries = struct.iter_unpack(">4sII", data[_HEAD + 4 : _HEAD + 4 + 12 * min(count, _MOST_TAGS)])
+    entries = struct.iter_unpack(">4sII", data[_HEAD + 4 : _HEAD + 4 + 12 * min(count, _MAX_TAGS)])
     return {
         name.decode("latin-1"): data[start : start + size]
         for name, start, size in entries

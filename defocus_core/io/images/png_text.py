@@ -8,7 +8,7 @@ from pathlib import Path
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _LONGEST = 1 << 16  # bytes of a text that is read
-_MOST_CHUNKS = 100_000
+_MAX_CHUNKS = 100_000
 
 
 def png_text(path: Path) -> dict[str, str]:
@@ -20,7 +20,7 @@ def png_text(path: Path) -> dict[str, str]:
     with path.open("rb") as file:
         if file.read(8) != _SIGNATURE:
             return texts
-        for _ in range(_MOST_CHUNKS):
+        for _ in range(_MAX_CHUNKS):
             if len(head := file.read(8)) < 8:
                 break
             size, kind = struct.unpack(">I4s", head)

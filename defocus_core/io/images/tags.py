@@ -16,7 +16,7 @@ _NO_TAGS = {
     *("Exif:PixelXDimension", "Exif:PixelYDimension", "Exif:ColorSpace", "Exif:MakerNote"),
 }
 # Of all tags, as text: JPEG has 64 KB for them, and its encoder ends the process if they are more.
-_MOST_BYTES = 2**14
+_MAX_BYTES = 2**14
 
 
 class Tag(NamedTuple):
@@ -42,7 +42,7 @@ def tags_of(spec: Any) -> dict[str, Tag]:
     shortest_first = sorted(tags, key=sizes.__getitem__)
     totals = accumulate(sizes[name] for name in shortest_first)
     fitting = [
-        name for name, total in zip(shortest_first, totals, strict=True) if total <= _MOST_BYTES
+        name for name, total in zip(shortest_first, totals, strict=True) if total <= _MAX_BYTES
     ]
     return {name: tags[name] for name in fitting}
 

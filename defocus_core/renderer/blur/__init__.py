@@ -5,5 +5,5 @@ margin, reach: the distance in px from the middle of a kernel to its farthest pi
 kernel: samples of the pupil's point spread. spectrum: its Fourier transform at a window's size.
 leaning: a kernel times u.x and u.y, which a slice of several slopes needs. tilted: a kernel with
 one slope already added, for a plane.
-cell: a pixel of reduced resolution. piece: one layer in one tile at full resolution.
+coarse pixel: a pixel of reduced resolution. piece: one layer in one tile at full resolution.
 """

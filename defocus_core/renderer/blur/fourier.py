@@ -69,8 +69,9 @@ def kernels(
     Returns:
         [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning.
     """
-    drawn = _kernel.__wrapped__ if aperture.learns or views else _kernel  # a region keeps its own
-    aperture = aperture if aperture.learns else aperture.fixed
+    # a region keeps its own
+    drawn = _kernel.__wrapped__ if aperture.requires_grad or views else _kernel
+    aperture = aperture if aperture.requires_grad else aperture.fixed
     view = joined(views) if views else None
     return torch.stack(
         [

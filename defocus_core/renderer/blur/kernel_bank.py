@@ -27,13 +27,13 @@ class Spread(NamedTuple):
     """The blur of a slice: its resolution and its reach.
 
     Attributes:
-        halvings: How many times resolution is halved.
-        cells: Reach of its kernel in pixels of that resolution.
+        level: How many times resolution is halved.
+        coarse: Reach of its kernel in pixels of that resolution.
         px: Greatest reach of its light in pixels of the picture.
     """
 
-    halvings: int
-    cells: int
+    level: int
+    coarse: int
     px: int
 
 
@@ -44,7 +44,7 @@ class TransformWindow:
     Attributes:
         margin: Greatest reach of the slices in px; 0 if they are not blurred at all.
         size: (height, width) of the largest transform.
-        halvings: How many times resolution is halved; margin and size are in px of that resolution.
+        level: How many times resolution is halved; margin and size are in px of that resolution.
         slices: Numbers of the slices.
         radii: [k] radii of the slices in px, float64.
         aperture: The pupil.
@@ -58,7 +58,7 @@ class TransformWindow:
 
     margin: int
     size: tuple[int, int]
-    halvings: int
+    level: int
     slices: list[int]
     radii: Tensor
     aperture: Aperture
@@ -72,11 +72,11 @@ class TransformWindow:
     )
 
     @property
-    def learns(self) -> bool:
+    def requires_grad(self) -> bool:
         """Whether gradients flow to the pupil: then nothing is cached in a backward pass."""
         sizes = (value for view in self.views for value in view)
         clipped = any(isinstance(value, Tensor) and value.requires_grad for value in sizes)
-        return self.aperture.learns or clipped
+        return self.aperture.requires_grad or clipped
 
     def seen(self, views: Sequence[View]) -> TransformWindow:
         """The same window with a pupil as points of the frame see it."""
@@ -86,87 +86,95 @@ class TransformWindow:
 
     def prepare(self) -> None:
         """Draw the kernels once if they learn, outside of what a backward pass computes again."""
-        for number in self.slices if self.learns and self.margin else ():
-            self.leaning_kernels(number)
+        for slice_index in self.slices if self.requires_grad and self.margin else ():
+            self.leaning_kernels(slice_index)
 
-    def spectrum(self, number: int, size: tuple[int, int]) -> Tensor:
+    def spectrum(self, slice_index: int, size: tuple[int, int]) -> Tensor:
         """The spectrum of a slice's kernel: [M, 1, height, width // 2 + 1]."""
-        return self._cached(number, size, leaning=False)
+        return self._cached(slice_index, size, leaning=False)
 
-    def leaning(self, number: int, size: tuple[int, int]) -> Tensor:
+    def leaning(self, slice_index: int, size: tuple[int, int]) -> Tensor:
         """The spectra of the kernel times u.x and u.y, for tilted surfaces: [2, M, 1, ...]."""
-        return self._cached(number, size, leaning=True)
+        return self._cached(slice_index, size, leaning=True)
 
     def tilted(
         self, slopes: Mapping[int, tuple[float, float]], size: tuple[int, int]
     ) -> dict[int, Tensor]:
         """The spectra of slices for planes of slopes, x and y: each [M, 1, ...]."""
-        cached = {number: self.planes.setdefault((number, size), {}) for number in slopes}
-        for known in cached.values() if self.learns else ():
+        cached = {
+            slice_index: self.planes.setdefault((slice_index, size), {}) for slice_index in slopes
+        }
+        for known in cached.values() if self.requires_grad else ():
             known.clear()
-        missing = [number for number, slope in slopes.items() if slope not in cached[number]]
+        missing = [
+            slice_index for slice_index, slope in slopes.items() if slope not in cached[slice_index]
+        ]
         at_once = launches_cost(self.like.device)
-        for numbers in [missing] if missing and at_once else [[number] for number in missing]:
-            versions = torch.stack(self._kernels(numbers, leaning=True), 1)
-            leans = versions.new_tensor([slopes[number] for number in numbers])
+        for slice_indices in (
+            [missing] if missing and at_once else [[slice_index] for slice_index in missing]
+        ):
+            versions = torch.stack(self._kernels(slice_indices, leaning=True), 1)
+            leans = versions.new_tensor([slopes[slice_index] for slice_index in slice_indices])
             x, y = leans.T[..., None, None, None]
             tilted = versions[0].addcmul(versions[1], x).addcmul(versions[2], y)
             spectra = kernel_spectra(tilted, size).unsqueeze(-3)
-            for number, spectrum in zip(numbers, spectra.unbind(), strict=True):
-                if len(cached[number]) >= _PLANES:
-                    cached[number].clear()
-                cached[number][slopes[number]] = spectrum
-        return {number: cached[number][slope] for number, slope in slopes.items()}
+            for slice_index, spectrum in zip(slice_indices, spectra.unbind(), strict=True):
+                if len(cached[slice_index]) >= _PLANES:
+                    cached[slice_index].clear()
+                cached[slice_index][slopes[slice_index]] = spectrum
+        return {slice_index: cached[slice_index][slope] for slice_index, slope in slopes.items()}
 
-    def fitting(self, least: Sequence[int]) -> tuple[int, int]:
+    def fitting(self, minimum: Sequence[int]) -> tuple[int, int]:
         """The smallest of a few sizes that has at least the given rows and columns."""
         height, width = (
             min(
-                transform_length(-(-n * share // _SIZES))
-                for share in range(1, _SIZES + 1)
-                if transform_length(-(-n * share // _SIZES)) >= wanted
+                transform_length(-(-n * fraction // _SIZES))
+                for fraction in range(1, _SIZES + 1)
+                if transform_length(-(-n * fraction // _SIZES)) >= wanted
             )
-            for n, wanted in zip(self.size, least, strict=True)
+            for n, wanted in zip(self.size, minimum, strict=True)
         )
         return height, width
 
-    def _cached(self, number: int, size: tuple[int, int], *, leaning: bool) -> Tensor:
-        spectrum = self.spectra.get((number, size, leaning))
+    def _cached(self, slice_index: int, size: tuple[int, int], *, leaning: bool) -> Tensor:
+        spectrum = self.spectra.get((slice_index, size, leaning))
         if spectrum is not None:
             return spectrum
-        if self.learns:  # a backward pass computes it again
-            return self._transformed([number], size, leaning=leaning)[0]
-        numbers = self.slices if launches_cost(self.like.device) else [number]
-        spectra = self._transformed(numbers, size, leaning=leaning)
-        for each, spectrum in zip(numbers, spectra, strict=True):
+        if self.requires_grad:  # a backward pass computes it again
+            return self._transformed([slice_index], size, leaning=leaning)[0]
+        slice_indices = self.slices if launches_cost(self.like.device) else [slice_index]
+        spectra = self._transformed(slice_indices, size, leaning=leaning)
+        for each, spectrum in zip(slice_indices, spectra, strict=True):
             self.spectra[each, size, leaning] = spectrum
-        return self.spectra[number, size, leaning]
+        return self.spectra[slice_index, size, leaning]
 
     def _transformed(
-        self, numbers: list[int], size: tuple[int, int], *, leaning: bool
+        self, slice_indices: list[int], size: tuple[int, int], *, leaning: bool
     ) -> Sequence[Tensor]:
         """The spectra of some slices, each as `spectrum` or `leaning` has it."""
-        versions = self._kernels(numbers, leaning=leaning)
+        versions = self._kernels(slice_indices, leaning=leaning)
         chosen = [each[1:] if leaning else each[0] for each in versions]
         if len(chosen) == 1:
             return [kernel_spectra(chosen[0], size).unsqueeze(-3)]
         return kernel_spectra(torch.stack(chosen), size).unsqueeze(-3).unbind()
 
-    def leaning_kernels(self, number: int) -> Tensor:
+    def leaning_kernels(self, slice_index: int) -> Tensor:
         """The kernel of a slice, and the same times u.x and u.y: [3, M, S, S]."""
-        return self._kernels([number], leaning=True)[0]
+        return self._kernels([slice_index], leaning=True)[0]
 
-    def _kernels(self, numbers: list[int], *, leaning: bool) -> list[Tensor]:
+    def _kernels(self, slice_indices: list[int], *, leaning: bool) -> list[Tensor]:
         """The kernels of some slices, each computed alone: a batch could change the last digits."""
         versions = 3 if leaning else 1
-        missing = [n for n in numbers if n not in self.kernels or len(self.kernels[n]) < versions]
+        missing = [
+            n for n in slice_indices if n not in self.kernels or len(self.kernels[n]) < versions
+        ]
         if missing:
-            radii = self.radii[[self.slices.index(n) for n in missing]] / (1 << self.halvings)
+            radii = self.radii[[self.slices.index(n) for n in missing]] / (1 << self.level)
             computed = kernels(
                 radii, self.margin, self.aperture, self.parts, views=self.views, leaning=leaning
             )
             self.kernels.update(zip(missing, computed.to(self.like.real), strict=True))
-        return [self.kernels[n] for n in numbers]
+        return [self.kernels[n] for n in slice_indices]
 
 
 def windows(
@@ -184,7 +192,7 @@ def windows(
 
     Args:
         radii: Radii of the slices in px.
-        spreads: Spreads of the slices; slices of a layer have the same halvings.
+        spreads: Spreads of the slices; slices of a layer have the same level.
         layers: For each slice the number of its layer.
         side: (height, width) in px of a tile, which is blurred at once at full resolution.
         region: (height, width) in px of a region, which is blurred at once at reduced resolution.
@@ -194,18 +202,18 @@ def windows(
         device: Device of the pictures.
     """
     sharing: dict[int, list[int]] = {}
-    for k, number in enumerate(layers):
-        sharing.setdefault(number, []).append(k)
+    for k, slice_index in enumerate(layers):
+        sharing.setdefault(slice_index, []).append(k)
     precision = torch.complex128 if dtype == torch.float64 else torch.complex64
     like = torch.empty(0, dtype=precision, device=device)
     window_of: dict[int, TransformWindow] = {}
     for slices in sharing.values():
-        extent, halvings = max(spreads[k].cells for k in slices), spreads[slices[0]].halvings
-        extents = [(n >> halvings) + 5 for n in region] if halvings else side
+        extent, level = max(spreads[k].coarse for k in slices), spreads[slices[0]].level
+        extents = [(n >> level) + 5 for n in region] if level else side
         rows, columns = (transform_length(n + 2 * extent) for n in extents)
         layer_radii = torch.tensor([radii[k] for k in slices], dtype=torch.float64)
         size = rows, columns
-        window = TransformWindow(extent, size, halvings, slices, layer_radii, aperture, parts, like)
+        window = TransformWindow(extent, size, level, slices, layer_radii, aperture, parts, like)
         window.prepare()
         window_of.update(dict.fromkeys(slices, window))
     return [window_of[k] for k in range(len(radii))]
@@ -219,20 +227,20 @@ def merged_layers(
     Args:
         layers: For each slice the number of its layer.
         sides: For each slice its side; layers of different sides are not merged.
-        spreads: Spreads of the slices; slices of a layer have the same halvings.
+        spreads: Spreads of the slices; slices of a layer have the same level.
         side: (height, width) of a tile in px.
     """
     widest: dict[int, int] = {}
-    for number, spread in zip(layers, spreads, strict=True):
-        widest[number] = max(widest.get(number, 0), spread.cells)
+    for slice_index, spread in zip(layers, spreads, strict=True):
+        widest[slice_index] = max(widest.get(slice_index, 0), spread.coarse)
     names = [
         (
             where,
-            spread.halvings,
-            widest[number] == 0,
-            *(transform_length((n >> spread.halvings) + 2 * widest[number]) for n in side),
+            spread.level,
+            widest[slice_index] == 0,
+            *(transform_length((n >> spread.level) + 2 * widest[slice_index]) for n in side),
         )
-        for number, where, spread in zip(layers, sides, spreads, strict=True)
+        for slice_index, where, spread in zip(layers, sides, spreads, strict=True)
     ]
     other = [name != before for before, name in pairwise(names)]
     return list(accumulate(other, initial=0))
@@ -250,16 +258,17 @@ def spreads_of(
             each doubling.
         limit: Greatest reach in px, the size of the frame.
     """
-    least: dict[int, float] = {}
-    for radius, number in zip(radii, layers, strict=True):
-        least[number] = min(least.get(number, math.inf), abs(radius))
+    minimum: dict[int, float] = {}
+    for radius, slice_index in zip(radii, layers, strict=True):
+        minimum[slice_index] = min(minimum.get(slice_index, math.inf), abs(radius))
     spreads = []
-    for radius, number in zip(radii, layers, strict=True):
-        ratio = min(least[number], limit) / full_resolution
-        halvings = math.floor(math.log2(ratio)) + 1 if ratio >= 1 else 0
-        step = 1 << halvings
-        cells = reach(radius / step, -(-limit // step))
-        # a pixel has shares in cells beside it, and is read from two cells on each side
-        px = min(step * (cells + 3) - 1, limit) if halvings else cells
-        spreads.append(Spread(halvings, cells, px))
+    for radius, slice_index in zip(radii, layers, strict=True):
+        ratio = min(minimum[slice_index], limit) / full_resolution
+        level = math.floor(math.log2(ratio)) + 1 if ratio >= 1 else 0
+        step = 1 << level
+        coarse = reach(radius / step, -(-limit // step))
+        # a pixel has shares in coarse pixels beside it, and is read from two coarse pixels on each
+        # side
+        px = min(step * (coarse + 3) - 1, limit) if level else coarse
+        spreads.append(Spread(level, coarse, px))
     return spreads

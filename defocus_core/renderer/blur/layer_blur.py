@@ -24,16 +24,16 @@ class BlurPiece(NamedTuple):
     """A layer in a tile at full resolution.
 
     Attributes:
-        number: Number of the layer.
+        layer_index: Number of the layer.
         window: Window of its slices.
-        rungs: The range of the surface's rungs whose slices reach the tile.
+        slice_indices: The range of the surface's slice radii whose slices reach the tile.
         patch: The rectangles where the layer has pixels, and where it shows.
         near: Whether the layer is near focus, so that parts see sub-pixel shifts.
     """
 
-    number: int
+    layer_index: int
     window: TransformWindow
-    rungs: range
+    slice_indices: range
     patch: Patch
     near: bool
 
@@ -102,27 +102,33 @@ class Blur:
 
     def sliced(self, samples: SurfaceSamples, stride: int, layer_of: list[int]) -> Sliced:
         """Plan a surface for all tiles; blur its layers of reduced resolution."""
-        whole = [w for w in self._windows if not w.halvings]
+        whole = [w for w in self._windows if not w.level]
         before = max((w.margin for w in whole), default=0)
         beyond = max((n - w.margin for w in whole for n in w.size), default=0)
-        numbers = layer_of[::stride]
-        surface = Surface(samples, self._reaches[::stride], numbers, self._grid, before, beyond)
-        tilted = {rung for tile_list in surface.tilted_plan for rung in tile_list}
-        rungs_of: dict[int, list[int]] = {}
-        for rung in sorted({rung for tile_list in surface.plan for rung in tile_list}):
-            rungs_of.setdefault(numbers[rung], []).append(rung)
+        layer_indices = layer_of[::stride]
+        surface = Surface(
+            samples, self._reaches[::stride], layer_indices, self._grid, before, beyond
+        )
+        tilted = {slice_index for tile_list in surface.tilted_plan for slice_index in tile_list}
+        indices_of: dict[int, list[int]] = {}
+        for slice_index in sorted(
+            {slice_index for tile_list in surface.plan for slice_index in tile_list}
+        ):
+            indices_of.setdefault(layer_indices[slice_index], []).append(slice_index)
         pieces: list[list[BlurPiece]] = [[] for _ in self._grid.tiles]
         reduced: dict[int, Reduced] = {}
-        windows = {n: self._windows[rungs[0] * stride] for n, rungs in rungs_of.items()}
-        margins = {n: window.margin for n, window in windows.items() if not window.halvings}
+        windows = {
+            n: self._windows[slice_indices[0] * stride] for n, slice_indices in indices_of.items()
+        }
+        margins = {n: window.margin for n, window in windows.items() if not window.level}
         patches = dict(zip(margins, surface.patches(margins), strict=True)) if margins else {}
-        for number, rungs in rungs_of.items():
-            window = windows[number]
-            if window.halvings:
-                reduced[number] = Reduced(
+        for layer_index, slice_indices in indices_of.items():
+            window = windows[layer_index]
+            if window.level:
+                reduced[layer_index] = Reduced(
                     surface,
                     window,
-                    {rung: rung * stride for rung in rungs},
+                    {slice_index: slice_index * stride for slice_index in slice_indices},
                     tilted,
                     self._groups,
                     self._grid.box,
@@ -130,11 +136,17 @@ class Blur:
                 )
                 continue
             near = float(window.radii.abs().amin()) < NEAR
-            for tile_list, plan, patch in zip(pieces, surface.plan, patches[number], strict=True):
-                reaching = [rung for rung in plan if numbers[rung] == number]
+            for tile_list, plan, patch in zip(
+                pieces, surface.plan, patches[layer_index], strict=True
+            ):
+                reaching = [
+                    slice_index for slice_index in plan if layer_indices[slice_index] == layer_index
+                ]
                 if reaching and patch:
                     tile_list.append(
-                        BlurPiece(number, window, range(reaching[0], reaching[-1] + 1), patch, near)
+                        BlurPiece(
+                            layer_index, window, range(reaching[0], reaching[-1] + 1), patch, near
+                        )
                     )
         return Sliced(surface, stride, layer_of, pieces, reduced)
 
@@ -150,11 +162,13 @@ class Blur:
         """
         tile = self._grid.tiles[index]
         shown: list[dict[int, ShownLayer]] = [{} for _ in self._groups]
-        for number in {sliced.layer_of[k * sliced.stride] for k in sliced.surface.plan[index]}:
-            if number in sliced.reduced and (reduced := sliced.reduced[number].over(tile)):
+        for layer_index in {sliced.layer_of[k * sliced.stride] for k in sliced.surface.plan[index]}:
+            if layer_index in sliced.reduced and (
+                reduced := sliced.reduced[layer_index].over(tile)
+            ):
                 box = reduced[0].seen_from(tile)
                 for by_layer, layer in zip(shown, self._blended(*reduced), strict=True):
-                    by_layer[number] = ShownLayer(box, layer, None)
+                    by_layer[layer_index] = ShownLayer(box, layer, None)
         near = any(piece.near for piece in sliced.pieces[index])
         shifts = sliced.surface.shifts(index) if near else None
         for piece in sliced.pieces[index]:
@@ -164,11 +178,11 @@ class Blur:
             moved = None
             if shifts is not None and piece.near:
                 # a part gets shifts for the coverage that it sees, no more
-                share = sliced.surface.shares(piece.rungs, piece.patch.shown)
-                share = torch.minimum(share, layers[-1][:, -1:].clamp(min=0))
-                moved = box.of(shifts) * share
+                fraction = sliced.surface.fractions(piece.slice_indices, piece.patch.shown)
+                fraction = torch.minimum(fraction, layers[-1][:, -1:].clamp(min=0))
+                moved = box.of(shifts) * fraction
             for by_layer, layer in zip(shown, layers, strict=True):
-                by_layer[piece.number] = ShownLayer(
+                by_layer[piece.layer_index] = ShownLayer(
                     box, layer, moved if by_layer is shown[-1] else None
                 )
         return shown
@@ -181,31 +195,41 @@ class Blur:
 
     def _blurred(self, sliced: Sliced, piece: BlurPiece, index: int) -> list[Tensor]:
         """A layer where it shows, for each group of m parts: [m, C + 1, h, w]."""
-        surface, window, rungs = sliced.surface, piece.window, piece.rungs
-        size = window.fitting(piece.patch.least)
+        surface, window, slice_indices = sliced.surface, piece.window, piece.slice_indices
+        size = window.fitting(piece.patch.minimum)
         box = piece.patch.transformed(size, self._grid.tiles[index], window.size)
-        pixels = surface.members(rungs, box, piece.patch.lit)
+        pixels = surface.members(slice_indices, box, piece.patch.lit)
         spectra = torch.fft.rfft2(pixels).unbind(1)
-        tilted = [rung for rung in rungs if rung in surface.tilted_plan[index]]
+        tilted = [
+            slice_index
+            for slice_index in slice_indices
+            if slice_index in surface.tilted_plan[index]
+        ]
         tilted_slopes = surface.planes(tilted, self._grid.tiles[index].around(window.margin))
         planes = zip(tilted, tilted_slopes, strict=True)
-        slopes = {rung * sliced.stride: slope for rung, slope in planes}
-        leaning = [i for i, rung in enumerate(rungs) if slopes.get(rung * sliced.stride, 0) is None]
+        slopes = {slice_index * sliced.stride: slope for slice_index, slope in planes}
+        leaning = [
+            i
+            for i, slice_index in enumerate(slice_indices)
+            if slopes.get(slice_index * sliced.stride, 0) is None
+        ]
         kernels = window.tilted({k: slope for k, slope in slopes.items() if slope}, size)
         terms: list[tuple[Tensor, Tensor]] = []
-        for i, rung in enumerate(rungs):
-            k = rung * sliced.stride
+        for i, slice_index in enumerate(slice_indices):
+            k = slice_index * sliced.stride
             terms.append((spectra[i], kernels[k] if k in kernels else window.spectrum(k, size)))
         if leaning:
             lean = surface.slopes(box)[:, None, None]
             pairs = torch.fft.rfft2(lean * pixels[:, leaning])
             for i, pair in zip(leaning, pairs.unbind(2), strict=True):
-                terms += zip(pair, window.leaning(rungs[i] * sliced.stride, size), strict=True)
+                terms += zip(
+                    pair, window.leaning(slice_indices[i] * sliced.stride, size), strict=True
+                )
         wanted = piece.patch.shown.seen_from(box)
         return [crop_inverse(sum_of_products(terms, group), size, wanted) for group in self._groups]
 
     def _sharp(self, sliced: Sliced, piece: BlurPiece) -> list[Tensor]:
         """A layer whose slices are not blurred, for each group of parts."""
         box = piece.patch.shown
-        pixels = sliced.surface.members(piece.rungs, box, box).sum(1)
+        pixels = sliced.surface.members(piece.slice_indices, box, box).sum(1)
         return [pixels.expand(g.stop - g.start, -1, -1, -1) for g in self._groups]

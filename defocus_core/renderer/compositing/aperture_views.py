@@ -13,8 +13,8 @@ from defocus_core.renderer.compositing.openings import Openings
 from defocus_core.renderer.compositing.saturating_sum import (
     add_within,
     filled_up_to,
+    fraction_behind,
     is_full,
-    share_behind,
     summed,
 )
 from defocus_core.tensors.box import Box
@@ -22,7 +22,7 @@ from defocus_core.tensors.box import Box
 # Gap in coverage that is not worth filling: dividing by the coverage makes up for it.
 _NEGLIGIBLE = 0.05
 # Share of the aperture that is too small to see anything through.
-_LEAST_ROOM = 1e-4
+_MIN_ROOM = 1e-4
 # Gap beside what a near surface covers, as a share of this, that is an error of what it hides.
 _ERROR = 0.2
 
@@ -72,16 +72,16 @@ class TileCompositor:
 
     def add(self, layers: list[dict[int, ShownLayer]]) -> None:
         """Add visible surfaces, given for each group as layers by their numbers."""
-        for group, (surfaces, most) in enumerate(zip(layers, self._full, strict=True)):
+        for group, (surfaces, maximum) in enumerate(zip(layers, self._full, strict=True)):
             front = self.by_group[group]
             for number in sorted(surfaces):
                 box, layer, by = surfaces[number]
-                within = box.of(most) if isinstance(most, Tensor) else most
-                share = share_behind(box.of(front), layer, within)
-                front = add_within(front, box, layer, share)
+                within = box.of(maximum) if isinstance(maximum, Tensor) else maximum
+                fraction = fraction_behind(box.of(front), layer, within)
+                front = add_within(front, box, layer, fraction)
                 if by is not None:
                     moved = torch.zeros_like(front[:, :-1]) if self.moved is None else self.moved
-                    self.moved = add_within(moved, box, by, share)
+                    self.moved = add_within(moved, box, by, fraction)
             self.by_group[group] = front
 
     def add_known(
@@ -108,11 +108,11 @@ class TileCompositor:
     def close(self, openings: Openings) -> None:
         """Close the gaps in opaque surfaces through which nothing is seen: they are errors."""
         closed = 1 - openings.room
-        for group, most in enumerate(self._full):
+        for group, maximum in enumerate(self._full):
             front = self.by_group[group]
             covered = front[:, -1:]
-            gap = (most - covered).clamp(min=0) * closed
-            larger = 1 + gap / covered.clamp(min=_LEAST_ROOM)
+            gap = (maximum - covered).clamp(min=0) * closed
+            larger = 1 + gap / covered.clamp(min=_MIN_ROOM)
             self.by_group[group] = front * larger
             if group == 0 and self.invented is not None:
                 self.invented = self.invented * larger[:, 0]
@@ -129,11 +129,11 @@ class TileCompositor:
         """
         aside = Aside(self.by_group, [], self.invented)
         self.by_group, self.invented = [], None
-        for front, own, most in zip(aside.fronts, near, self._full, strict=True):
-            full = torch.as_tensor(most).to(front)
+        for front, own, maximum in zip(aside.fronts, near, self._full, strict=True):
+            full = torch.as_tensor(maximum).to(front)
             # where these cover all, nothing is seen behind: as if it were full
-            ends = own > full - _LEAST_ROOM
-            covered = torch.where(ends, full, front[:, -1:] - own)
+            limits = own > full - _MIN_ROOM
+            covered = torch.where(limits, full, front[:, -1:] - own)
             aside.covered.append(covered)
             self.by_group.append(torch.cat([torch.zeros_like(front[:, :-1]), covered], 1))
         return aside
@@ -146,7 +146,7 @@ class TileCompositor:
         """
         for group, covered in enumerate(aside.covered):
             front = self.by_group[group]
-            room = (self._full[group] - covered).clamp(min=_LEAST_ROOM)
+            room = (self._full[group] - covered).clamp(min=_MIN_ROOM)
             gap = (self._full[group] - front[:, -1:]).clamp(min=0)
             near = (aside.fronts[group][:, -1:] - covered).clamp(min=0)
             error = _ERROR * near
@@ -154,7 +154,7 @@ class TileCompositor:
             grown = gap / torch.where(between, error, 1.0) - 1
             kept = gap * torch.where(between, grown, (gap >= 2 * error).to(gap))
             added = gap - kept
-            larger = 1 + added / (room - gap).clamp(min=_LEAST_ROOM)
+            larger = 1 + added / (room - gap).clamp(min=_MIN_ROOM)
             color, coverage = front.tensor_split([-1], 1)
             self.by_group[group] = torch.cat([color * larger, coverage + added], 1)
             if group == 0 and self.invented is not None:
@@ -166,15 +166,15 @@ class TileCompositor:
         for group, (front, covered) in enumerate(zip(aside.fronts, aside.covered, strict=True)):
             color, coverage = self.by_group[group].tensor_split([-1], 1)
             layer = torch.cat([color, coverage - covered], 1)
-            share = share_behind(front, layer, self._full[group])
-            self.by_group[group] = torch.addcmul(front, layer, share)
+            fraction = fraction_behind(front, layer, self._full[group])
+            self.by_group[group] = torch.addcmul(front, layer, fraction)
             if group == 0 and since is not None:
-                more = since * share[:, 0]
+                more = since * fraction[:, 0]
                 self.invented = more if before is None else before + more
 
     def are_full(self, *, known: bool) -> bool:
         """Whether no gap is left that a hidden surface, known or invented, may fill."""
-        return all(is_full(front, self._most(i, known)) for i, front in enumerate(self.by_group))
+        return all(is_full(front, self._maximum(i, known)) for i, front in enumerate(self.by_group))
 
     def fill(self, hidden: list[Tensor | None], *, known: bool) -> None:
         """Add a hidden surface.
@@ -185,14 +185,14 @@ class TileCompositor:
             known: Whether the surface is known, not invented.
         """
         for group, layer in enumerate(hidden):
-            front, most = self.by_group[group], self._most(group, known)
-            if layer is None or is_full(front, most):
+            front, maximum = self.by_group[group], self._maximum(group, known)
+            if layer is None or is_full(front, maximum):
                 continue
-            whole, share = Box(0, 0, *front.shape[-2:]), share_behind(front, layer, most)
+            whole, fraction = Box(0, 0, *front.shape[-2:]), fraction_behind(front, layer, maximum)
             if group == 0 and not known:
-                more = (share * layer[:, -1:])[:, 0]
+                more = (fraction * layer[:, -1:])[:, 0]
                 self.invented = more if self.invented is None else self.invented + more
-            self.by_group[group] = add_within(front, whole, layer, share)
+            self.by_group[group] = add_within(front, whole, layer, fraction)
 
     def reserve(self, layers: list[dict[int, ShownLayer]]) -> None:
         """Keep invented surfaces out of the coverage of layers, given for each group."""
@@ -204,7 +204,7 @@ class TileCompositor:
     def are_nearly_full(self) -> bool:
         """Whether the gaps that are left are not worth filling."""
         gaps = zip(self.by_group, self._full, strict=True)
-        return all(is_full(front, most, _NEGLIGIBLE) for front, most in gaps)
+        return all(is_full(front, maximum, _NEGLIGIBLE) for front, maximum in gaps)
 
     def add_alpha(self) -> None:
         """Add to the colours a last channel that is the coverage."""
@@ -215,18 +215,20 @@ class TileCompositor:
 
     def leave_open(self) -> None:
         """Count the gaps that are left as covered: nothing is seen there."""
-        for group, most in enumerate(self._full):
+        for group, maximum in enumerate(self._full):
             color, covered = self.by_group[group].tensor_split([-1], 1)
-            whole = torch.maximum(covered, torch.as_tensor(most).to(covered))
+            whole = torch.maximum(covered, torch.as_tensor(maximum).to(covered))
             self.by_group[group] = torch.cat([color, whole], 1)
 
-    def _most(self, group: int, known: bool) -> Tensor | float:
+    def _maximum(self, group: int, known: bool) -> Tensor | float:
         """Greatest coverage of a group once a hidden surface is added."""
-        most, reserved = self._full[group], self._reserved[group]
+        maximum, reserved = self._full[group], self._reserved[group]
         if known:
-            return most
+            return maximum
         if reserved is not None:
-            most = most - reserved
+            maximum = maximum - reserved
         return (
-            most if self._doubt is None else filled_up_to(self.by_group[group], most, self._doubt)
+            maximum
+            if self._doubt is None
+            else filled_up_to(self.by_group[group], maximum, self._doubt)
         )

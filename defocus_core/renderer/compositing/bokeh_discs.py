@@ -68,16 +68,16 @@ def draw(
     Args:
         highlights: As `highlights.split` finds them.
         screens: The surfaces of all pixels.
-        radii: The ladder of their slices.
+        radii: The radii of slices.
         aperture: The pupil.
         parts: M parts of the pupil.
         box: The rectangle of the frame to draw.
         barrel: The pupil, as each highlight sees it.
     """
-    most = max(*screens[0].places.shape, box.top + box.height, box.left + box.width)
+    maximum = max(*screens[0].positions.shape, box.top + box.height, box.left + box.width)
     canvas = _Canvas(len(parts), highlights.light, box)
     obstruction = Obstruction(screens, radii)
-    for alike in _alike(highlights, most, box, barrel):
+    for alike in _alike(highlights, maximum, box, barrel):
         squares = Squares.of(alike.extent)
         rims, cut = [], []
         for part in parts:
@@ -96,24 +96,24 @@ def draw(
                 which = chunk.which[occluded.light]
                 for m, kernels in enumerate(cut):
                     index = torch.nonzero(lit[m][which, occluded.row, occluded.column])[:, 0]
-                    light, row, column, share = (x.index_select(0, index) for x in occluded)
-                    values = kernels[which[index], row, column] * share
+                    light, row, column, fraction = (x.index_select(0, index) for x in occluded)
+                    values = kernels[which[index], row, column] * fraction
                     corner = at[light] + squares.corners(row, column)
                     canvas.subtract(m, corner, values, chunk.highlights.light[light])
     return canvas.summed(highlights.light.dtype)
 
 
-def _alike(highlights: Highlights, most: int, box: Box, barrel: View | None) -> Iterator[_Alike]:
-    """The highlights whose discs, `most` px wide at most, reach a box: in groups, widest first."""
-    everything, spreads = _widest_first(highlights, most, box, barrel)
+def _alike(highlights: Highlights, maximum: int, box: Box, barrel: View | None) -> Iterator[_Alike]:
+    """The highlights whose discs, up to `maximum` px wide, reach a box: in groups, widest first."""
+    everything, spreads = _widest_first(highlights, maximum, box, barrel)
     counts = torch.bincount(everything.which, minlength=len(spreads))
-    ends = [0, *counts.cumsum(0).tolist()]  # where the highlights of each radius begin and end
+    limits = [0, *counts.cumsum(0).tolist()]  # where the highlights of each radius begin and end
     first = 0
     while first < len(spreads):
         extent = spreads[first]
         count = max(1, _SAMPLES // (2 * extent + 1) ** 2)
         end = first + sum(_AS_WIDE * spread >= extent for spread in spreads[first : first + count])
-        chosen = everything.between(ends[first], ends[end])
+        chosen = everything.between(limits[first], limits[end])
         if len(chosen.which):
             yield _Alike(
                 chosen.highlights,
@@ -126,14 +126,14 @@ def _alike(highlights: Highlights, most: int, box: Box, barrel: View | None) -> 
 
 
 def _widest_first(
-    highlights: Highlights, most: int, box: Box, barrel: View | None
+    highlights: Highlights, maximum: int, box: Box, barrel: View | None
 ) -> tuple[_Alike, list[int]]:
     """All highlights whose discs reach a box, and the extent [U] in px for each radius."""
     radii, at = highlights.signed_radius, highlights.at
     which = torch.arange(len(radii), device=radii.device)
     if not radii.requires_grad and barrel is None:  # many highlights are equally far away
         radii, which = torch.unique(radii, return_inverse=True)
-    spread = torch.tensor([reach(r, most) for r in radii.tolist()], device=radii.device)
+    spread = torch.tensor([reach(r, maximum) for r in radii.tolist()], device=radii.device)
     wide = spread.argsort(descending=True, stable=True)
     radii, spread, which = radii[wide], spread[wide], wide.argsort()[which]
     corner = at.new_tensor([box.top, box.left])
@@ -143,7 +143,7 @@ def _widest_first(
     order = order[(away <= spread[which])[order]]
     reaching = Highlights(*(values[order] for values in highlights))
     barrel = barrel and barrel.of(wide)
-    return _Alike(reaching, radii, which[order], most, barrel), spread.tolist()
+    return _Alike(reaching, radii, which[order], maximum, barrel), spread.tolist()
 
 
 class _DiscRim:

@@ -69,13 +69,13 @@ class Occluded(NamedTuple):
         light: [n] index of the light.
         row: [n] row of the square in the disc.
         column: [n] column of the square in the disc.
-        share: [n, side, side] in [0, 1], the occluded share.
+        fraction: [n, side, side] in [0, 1], the occluded share.
     """
 
     light: Tensor
     row: Tensor
     column: Tensor
-    share: Tensor
+    fraction: Tensor
 
 
 class _Lights(NamedTuple):
@@ -110,7 +110,7 @@ class Obstruction:
 
         Args:
             screens: The surfaces, at least one.
-            radii: The ladder.
+            radii: The slice radii.
         """
         self._radii, self._screens = radii, Occluders(screens, len(radii))
         blocks = self._screens.blocks
@@ -127,34 +127,41 @@ class Obstruction:
             squares: The division of the discs.
             wanted: [n, across, across] bool, squares to test.
         """
-        rungs, lights = self._lights(at, radius)
-        if not len(rungs):
+        slice_indices, lights = self._lights(at, radius)
+        if not len(slice_indices):
             return
-        count = max(1, _SAMPLES // (len(rungs) * squares.across**2))
+        count = max(1, _SAMPLES // (len(slice_indices) * squares.across**2))
         for start in range(0, len(at), count):
             chunk = lights.select(slice(start, start + count))
-            in_front = self._in_front(chunk, rungs, squares) & wanted[start : start + count, None]
+            in_front = (
+                self._in_front(chunk, slice_indices, squares) & wanted[start : start + count, None]
+            )
             where = torch.nonzero(in_front.any(1))  # [m, 3]
             for positions in torch.split(where, max(1, _SAMPLES // squares.side**2)):
                 light, row, column = positions.unbind(1)
                 corner, slices = squares.corners(row, column), in_front[light, :, row, column]
-                share = self._share(chunk.select(light), rungs, slices, corner, squares.side)
-                yield Occluded(light + start, row, column, share)
+                fraction = self._fraction(
+                    chunk.select(light), slice_indices, slices, corner, squares.side
+                )
+                yield Occluded(light + start, row, column, fraction)
 
     def _lights(self, at: Tensor, radius: Tensor) -> tuple[Tensor, _Lights]:
-        """The rungs [k] that may stand before any of the lights, and the lights."""
+        """The slice radii [k] that may stand before any of the lights, and the lights."""
         limit = nearer_than(radius.detach())
         radii = torch.tensor(self._radii, dtype=torch.float64).to(radius)
         before = (limit[:, None] > radii) & (self._sums[:, -1, -1] > 0)  # [n, K]
-        rungs = torch.nonzero(before.any(0))[:, 0]
+        slice_indices = torch.nonzero(before.any(0))[:, 0]
         r, small = radius[:, None], radius.abs() < _SMALL
-        spread = r - radii[rungs]
+        spread = r - radii[slice_indices]
         scale = spread / torch.where(small[:, None], 1.0, r)
-        return rungs, _Lights(at, limit, before[:, rungs], scale, small, spread)
+        return slice_indices, _Lights(at, limit, before[:, slice_indices], scale, small, spread)
 
-    def _in_front(self, lights: _Lights, rungs: Tensor, squares: Squares) -> Tensor:
+    def _in_front(self, lights: _Lights, slice_indices: Tensor, squares: Squares) -> Tensor:
         """Whether slices are in blocks before squares of discs: [n, k, across, across] bool."""
-        first = torch.arange(squares.across, device=rungs.device) * squares.side - squares.extent
+        first = (
+            torch.arange(squares.across, device=slice_indices.device) * squares.side
+            - squares.extent
+        )
         last = (first + squares.side - 1).clamp(max=squares.extent)
         ends = []
         for axis, length in enumerate(self._screens.size):
@@ -168,7 +175,7 @@ class Obstruction:
             ends.append((_block(low, length), _block(high, length) + 1))
         (top, below), (left, beside) = ends
         columns, sums = self._sums.shape[2], self._sums.flatten()
-        plane = (rungs * self._sums[0].numel())[:, None, None]
+        plane = (slice_indices * self._sums[0].numel())[:, None, None]
 
         def corner(y: Tensor, x: Tensor) -> Tensor:
             return sums[plane + y[..., :, None] * columns + x[..., None, :]]
@@ -177,24 +184,24 @@ class Obstruction:
         inside = inside - corner(below, left) + corner(top, left)
         return (inside > 0) & lights.before[..., None, None]
 
-    def _share(
-        self, lights: _Lights, rungs: Tensor, slices: Tensor, corner: Tensor, side: int
+    def _fraction(
+        self, lights: _Lights, slice_indices: Tensor, slices: Tensor, corner: Tensor, side: int
     ) -> Tensor:
         """The occluded share of squares of discs: [m, side, side].
 
         Args:
             lights: The light of each of m squares.
-            rungs: [k] rungs to test.
-            slices: [m, k] bool, whether the slice of each rung is before the square.
+            slice_indices: [k] slice radii to test.
+            slices: [m, k] bool, whether the slice of each slice radius is before the square.
             corner: [m, 2] px from the light to the first pixel of its square.
             side: Width of a square in px.
         """
         H, W = self._screens.size
         offset = corner[..., None] + torch.arange(side, device=corner.device)  # [m, 2, side]
-        occluded_share = lights.scale.new_zeros(len(corner), side, side)
+        occluded_fraction = lights.scale.new_zeros(len(corner), side, side)
         points = _lens_points(lights.scale)
-        lens_shares = lights.scale.new_zeros(len(corner), len(points))
-        for k, rung in enumerate(rungs.tolist()):
+        lens_weights = lights.scale.new_zeros(len(corner), len(points))
+        for k, slice_index in enumerate(slice_indices.tolist()):
             small_index = torch.nonzero(slices[:, k] & lights.small)[:, 0]
             if len(small_index):
                 subset = lights.select(small_index)
@@ -203,8 +210,8 @@ class Obstruction:
                     for axis, u, length in ((0, points[:, 1], H), (1, points[:, 0], W))
                 )
                 spots, limits = row * W + column, subset.limit[:, None].expand_as(row)
-                share = self._screens.coverage(spots.flatten(), rung, limits.flatten())
-                lens_shares.index_add_(0, small_index, share.view(row.shape))
+                fraction = self._screens.coverage(spots.flatten(), slice_index, limits.flatten())
+                lens_weights.index_add_(0, small_index, fraction.view(row.shape))
             large_index = torch.nonzero(slices[:, k] & ~lights.small)[:, 0]
             subset = lights.select(large_index)
             away = subset.scale[:, k, None, None] * offset[large_index]
@@ -212,17 +219,19 @@ class Obstruction:
                 _pixel(subset.at[:, axis, None], away[:, axis], length)
                 for axis, length in enumerate((H, W))
             )
-            place = (subset.at[..., None] + away).unbind(1)
-            share = self._screens.beside((row, column), place, rung, subset.limit)
-            occluded_share.index_add_(0, large_index, share)
-        mean = lens_shares.clamp(max=1).mean(1)[:, None, None]
-        return torch.where(lights.small[:, None, None], mean, occluded_share.clamp(max=1))
+            position = (subset.at[..., None] + away).unbind(1)
+            fraction = self._screens.beside((row, column), position, slice_index, subset.limit)
+            occluded_fraction.index_add_(0, large_index, fraction)
+        mean = lens_weights.clamp(max=1).mean(1)[:, None, None]
+        return torch.where(lights.small[:, None, None], mean, occluded_fraction.clamp(max=1))
 
 
 def _lens_points(like: Tensor) -> Tensor:
     """[J, 2] lens points, x and y, spread evenly over the pupil."""
-    place = (torch.arange(-_POINTS, _POINTS, dtype=like.dtype, device=like.device) + 0.5) / _POINTS
-    points = torch.cartesian_prod(place, place)
+    position = (
+        torch.arange(-_POINTS, _POINTS, dtype=like.dtype, device=like.device) + 0.5
+    ) / _POINTS
+    points = torch.cartesian_prod(position, position)
     return points[points.square().sum(1) < 1]
 
 

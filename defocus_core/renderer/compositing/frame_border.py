@@ -18,10 +18,10 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import Part
 from defocus_core.optics.pupil_field import View
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.sparse_masks import exceeding, numbers_of
+from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero
 
 # Least share: a disc much larger than the frame would divide by nearly 0.
-_LEAST_SHARE = 0.01
+_MIN_FRACTION = 0.01
 # Coverage that a pixel's own surface has besides what a pupil sees with its light aside, or with an
 # opaque middle that may hide the frame: there errors of a small coverage are larger.
 ASIDE, OPAQUE = 1e-6, 1e-3
@@ -29,7 +29,7 @@ ASIDE, OPAQUE = 1e-6, 1e-3
 _STEPS = 128
 
 
-def share_in_frame(
+def fraction_in_frame(
     signed_radius: Tensor,
     box: Box,
     size: tuple[int, int],
@@ -52,11 +52,11 @@ def share_in_frame(
     Returns:
         [M, 1, h, w] in [0.01, 1].
     """
-    places = (torch.arange(s.first, s.end).to(signed_radius) + 0.5 for s in box.sides)
+    positions = (torch.arange(s.first, s.end).to(signed_radius) + 0.5 for s in box.sides)
     # [h, 2] and [w, 2] px from both borders of an axis to a pixel
-    down, across = (torch.stack([at, at - n], -1) for at, n in zip(places, size, strict=True))
+    down, across = (torch.stack([at, at - n], -1) for at, n in zip(positions, size, strict=True))
     nearest = torch.minimum(down.abs().amin(-1)[:, None], across.abs().amin(-1))
-    index = numbers_of(exceeding(signed_radius.abs() - nearest, 0.0))
+    index = flat_nonzero(exceeding(signed_radius.abs() - nearest, 0.0))
     rows = index.div(box.width, rounding_mode="floor")
     columns = index - rows * box.width
     r = signed_radius.flatten().index_select(0, index)[:, None]
@@ -66,31 +66,31 @@ def share_in_frame(
     )
     # the frame is between two of the points u that see its corners, in x and in y
     corners = torch.stack([x[:, None].expand(-1, 2, -1), y[..., None].expand(-1, -1, 2)], -1)
-    known = aperture if aperture.learns else aperture.fixed
-    area_below = _area_below.__wrapped__ if aperture.learns or views else _area_below
+    known = aperture if aperture.requires_grad else aperture.fixed
+    area_below = _summed_area.__wrapped__ if aperture.requires_grad or views else _summed_area
     tables = [area_below(known, part, view) for part in parts for view in views or (None,)]
     areas = torch.stack(tables)[None].to(r)
     below = grid_sample(areas, corners.reshape(1, -1, 4, 2), align_corners=True)[0]  # [M, n, 4]
     within = (below[..., 0] + below[..., 3] - below[..., 1] - below[..., 2]).abs()
-    share = signed_radius.new_ones(len(tables), *signed_radius.shape)
-    share = share.flatten(1).index_copy(1, index, within.clamp(min=_LEAST_SHARE))
-    return share.view(len(tables), 1, *signed_radius.shape)
+    fraction = signed_radius.new_ones(len(tables), *signed_radius.shape)
+    fraction = fraction.flatten(1).index_copy(1, index, within.clamp(min=_MIN_FRACTION))
+    return fraction.view(len(tables), 1, *signed_radius.shape)
 
 
 @lru_cache(maxsize=256)
-def _area_below(aperture: Aperture, part: Part, view: View | None) -> Tensor:
+def _summed_area(aperture: Aperture, part: Part, view: View | None) -> Tensor:
     """The share [y, x] of a part of the pupil that lies below u.y and left of u.x, over [-1, 1]."""
     with torch.inference_mode(False):  # the cache serves calls that need gradients, too
-        ends = torch.linspace(-1, 1, _STEPS + 1, dtype=torch.float64)
+        limits = torch.linspace(-1, 1, _STEPS + 1, dtype=torch.float64)
         if part.is_uneven or view:
             r = torch.tensor(_STEPS / 2, dtype=torch.float64)
             below = aperture.kernel(r, _STEPS, part, view).cumsum(0).cumsum(1)
             return torch.nn.functional.pad(below, (1, 0, 1, 0))
-        up_to = torch.stack([torch.full_like(ends, -1), ends], -1)
-        return aperture.share_between(part, up_to[None], up_to[:, None])
+        up_to = torch.stack([torch.full_like(limits, -1), limits], -1)
+        return aperture.fraction_between(part, up_to[None], up_to[:, None])
 
 
-def own_light(color: Tensor, trace: float) -> Tensor:
+def border_fallback(color: Tensor, trace: float) -> Tensor:
     """A trace of each pixel's own surface [C, h, w], colour and coverage [C + 1, h, w].
 
     A pupil that is given as a picture may have its light aside: at a border of the frame it sees

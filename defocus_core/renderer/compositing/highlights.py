@@ -15,7 +15,7 @@ from torch import Tensor
 
 from defocus_core.renderer.layers.stacked_samples import Sampled
 from defocus_core.tensors.order_statistics import Ranks
-from defocus_core.tensors.sparse_masks import exceeding, places_of
+from defocus_core.tensors.sparse_masks import exceeding, positions_of
 from defocus_core.tensors.tiling import BLOCK
 
 # A highlight is brighter than this many times the brightest of all but one pixel in 200.
@@ -40,24 +40,25 @@ class Highlights(NamedTuple):
     signed_radius: Tensor
 
 
-def threshold(brightness: Ranks, most: float, radius: float) -> float:
+def threshold(brightness: Ranks, maximum: float, radius: float) -> float:
     """The brightness above which a pixel is a highlight.
 
     Args:
         brightness: The brightness of all pixels of the frame.
-        most: The greatest brightness.
+        maximum: The greatest brightness.
         radius: The greatest radius of blur in px.
     """
-    most = max(most, 0.0)  # negative light is never a highlight, nor twice as much of it a bound
+    # negative light is never a highlight, nor twice as much of it a bound
+    maximum = max(maximum, 0.0)
     rank = max(1, int(_ORDINARY * brightness.total))
-    if brightness.about(rank)[0] >= most / _BRIGHTER:
-        return most
+    if brightness.about(rank)[0] >= maximum / _BRIGHTER:
+        return maximum
     ordinary = max(brightness.exactly(rank), 0.0)
-    if ordinary >= most / _BRIGHTER:
-        return most
+    if ordinary >= maximum / _BRIGHTER:
+        return maximum
     drawn = max(1, int(_FRAMES * brightness.total / (math.pi * max(radius, 1.0) ** 2)))
     beyond = brightness.about(max(1, brightness.total - drawn))[1]
-    return max(_BRIGHTER * ordinary, min(beyond, _ALWAYS * ordinary, most))
+    return max(_BRIGHTER * ordinary, min(beyond, _ALWAYS * ordinary, maximum))
 
 
 def reached_by(farthest: int) -> int:
@@ -80,7 +81,7 @@ def split(pixels: Tensor, signed_radius: Tensor, limit: float) -> tuple[Tensor, 
         return pixels, None
     brightness = pixels.detach().amax(0)
     bright = exceeding(brightness, limit)
-    at = places_of(bright)
+    at = positions_of(bright)
     rows, columns = at.unbind(-1)
     rest = torch.where(bright, 0.0, pixels)
     return rest, Highlights(at, pixels[:, rows, columns].T, signed_radius[rows, columns])
@@ -115,7 +116,7 @@ def split_samples(
     drawn = [(own.fringe.at[listed], layer[listed, :channels], own.fringe.signed_radius[listed])]
     colors = [(shown, signed_radius), *((sheet[:channels], radius) for sheet, radius in others)]
     for where, (color, radius) in zip(bright, colors, strict=True):
-        at = places_of(where)
+        at = positions_of(where)
         row, column = at.unbind(1)
         drawn.append((at, color[:, row, column].T, radius[row, column]))
     at, light, radius = (torch.cat(each) for each in zip(*drawn, strict=True))

@@ -17,11 +17,11 @@ from torch import Tensor
 
 from defocus_core.renderer.blur.layer_blur import ShownLayer
 from defocus_core.renderer.compositing.openings import Openings
-from defocus_core.renderer.compositing.saturating_sum import add_within, is_full, share_behind
+from defocus_core.renderer.compositing.saturating_sum import add_within, fraction_behind, is_full
 from defocus_core.tensors.box import Box
 
 # Coverage below which a hidden share is rounding.
-_LEAST = 1e-6
+_MINIMUM = 1e-6
 
 
 def add_known(
@@ -46,28 +46,28 @@ def add_known(
     Returns:
         The front, and the change of its colours by sub-pixel shifts if there are any.
     """
-    moved, hidden_shares = None, []
+    moved, hidden_fractions = None, []
     for number in sorted({*visible, *hidden}):
         shown, behind = visible.get(number), hidden.get(number)
         before = None if behind is None else behind.box.of(front)[:, -1:].clone()
         if shown is not None:
             within = _of(full, shown.box)
-            share = share_behind(shown.box.of(front), shown.layer, within)
-            share = share * openings.over(shown.box).to(number)
-            front = add_within(front, shown.box, shown.layer, share)
+            fraction = fraction_behind(shown.box.of(front), shown.layer, within)
+            fraction = fraction * openings.over(shown.box).to(number)
+            front = add_within(front, shown.box, shown.layer, fraction)
             if shown.moved is not None:
                 moved = torch.zeros_like(front[:, :-1]) if moved is None else moved
-                moved = add_within(moved, shown.box, shown.moved, share)
+                moved = add_within(moved, shown.box, shown.moved, fraction)
         if behind is not None and before is not None:
             room = openings.over(behind.box).to(number)
-            share = _share_hidden(before, front, shown, behind, full, room)
-            front = add_within(front, behind.box, behind.layer, share)
-            hidden_shares.append((behind, share, room))
-    for behind, share, room in hidden_shares if closed else ():
+            fraction = _fraction_hidden(before, front, shown, behind, full, room)
+            front = add_within(front, behind.box, behind.layer, fraction)
+            hidden_fractions.append((behind, fraction, room))
+    for behind, fraction, room in hidden_fractions if closed else ():
         within, window = _of(full, behind.box), behind.box.of(front)
         if not is_full(window, within):
-            rest = behind.layer * (1 - share)
-            left = share_behind(window, rest, within) * room
+            rest = behind.layer * (1 - fraction)
+            left = fraction_behind(window, rest, within) * room
             front = add_within(front, behind.box, rest, left)
     return front, moved
 
@@ -77,7 +77,7 @@ def _of(full: Tensor | float, box: Box) -> Tensor | float:
     return box.of(full) if isinstance(full, Tensor) else full
 
 
-def _share_hidden(
+def _fraction_hidden(
     before: Tensor,
     front: Tensor,
     shown: ShownLayer | None,
@@ -95,7 +95,7 @@ def _share_hidden(
         full: Greatest coverage.
         room: [h, w], the share of a gap in this box that is no error.
     """
-    box, most = behind.box, _of(full, behind.box)
+    box, maximum = behind.box, _of(full, behind.box)
     coverage = behind.layer[:, -1:].clamp(min=0)
     whole = coverage
     if shown is not None:
@@ -103,8 +103,8 @@ def _share_hidden(
         if both.height > 0 and both.width > 0:
             visible = both.seen_from(shown.box).of(shown.layer)[:, -1:].clamp(min=0)
             whole = add_within(coverage.clone(), both.seen_from(box), visible)
-    gap = (most - before).clamp(min=0) * room
-    expected = gap * (whole / most).clamp(max=1)
+    gap = (maximum - before).clamp(min=0) * room
+    expected = gap * (whole / maximum).clamp(max=1)
     added = (expected - (box.of(front)[:, -1:] - before)).clamp(min=0)
-    added = torch.where(coverage > _LEAST, added, 0.0)
-    return (added / coverage.clamp(min=_LEAST)).clamp(max=1)
+    added = torch.where(coverage > _MINIMUM, added, 0.0)
+    return (added / coverage.clamp(min=_MINIMUM)).clamp(max=1)

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import max_pool2d, pad
 
-from defocus_core.renderer.layers.ladder import position
+from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.tensors.box import Box
 
 # Neighbours are of two surfaces if their radii differ by more than this, in px and as a share of
@@ -26,11 +26,11 @@ class Openings(NamedTuple):
 
     Attributes:
         room: [h, w] from 0, where no edge of opaque samples is in reach, to 1.
-        number: [h, w] of the layer that the sample is in; inf where there is none.
+        layer_index: [h, w] of the layer that the sample is in; inf where there is none.
     """
 
     room: Tensor
-    number: Tensor
+    layer_index: Tensor
 
     @classmethod
     def of(cls, opaque: Tensor, radii: tuple[float, ...], layer_of: list[int]) -> Openings:
@@ -43,19 +43,19 @@ class Openings(NamedTuple):
         """
         opaque = opaque.detach()
         nearest = opaque.amin(0)
-        place = position(nearest.clamp(max=radii[-1]), radii).ceil().long()
-        number = torch.tensor(layer_of, dtype=nearest.dtype, device=nearest.device)[place]
+        position = slice_position(nearest.clamp(max=radii[-1]), radii).ceil().long()
+        layer_index = torch.tensor(layer_of, dtype=nearest.dtype, device=nearest.device)[position]
         none = nearest == torch.inf
         room = _spread(_reach_of_edges(opaque)).clamp(0, 1)
-        return cls(room.masked_fill(none, 1), number.masked_fill(none, torch.inf))
+        return cls(room.masked_fill(none, 1), layer_index.masked_fill(none, torch.inf))
 
     def over(self, box: Box) -> Openings:
         """Those in a box."""
         return Openings(*map(box.of, self))
 
-    def to(self, number: int) -> Tensor:
+    def to(self, layer_index: int) -> Tensor:
         """The room [h, w] for what is hidden in a layer."""
-        return torch.where(self.number < number, self.room, 1)
+        return torch.where(self.layer_index < layer_index, self.room, 1)
 
 
 def _reach_of_edges(opaque: Tensor) -> Tensor:
@@ -65,11 +65,13 @@ def _reach_of_edges(opaque: Tensor) -> Tensor:
     height, width = opaque.shape[1:]
     reach = opaque.new_zeros(opaque.shape[1:])
     for radius in opaque:
-        ends = torch.zeros_like(radius, dtype=torch.bool)
+        limits = torch.zeros_like(radius, dtype=torch.bool)
         for y, x in ((0, 1), (2, 1), (1, 0), (1, 2)):
             step = around[:, y : y + height, x : x + width] - radius
-            ends |= ~(step.abs() <= _NEAR + _FAR * radius.abs()).any(0)
-        reach = torch.where(ends & (radius < torch.inf), torch.maximum(reach, radius.abs()), reach)
+            limits |= ~(step.abs() <= _NEAR + _FAR * radius.abs()).any(0)
+        reach = torch.where(
+            limits & (radius < torch.inf), torch.maximum(reach, radius.abs()), reach
+        )
     return reach
 
 

@@ -18,7 +18,7 @@ from defocus_core.tensors.box import Box
 from defocus_core.tensors.source import Scalar
 
 # Guards 0 / 0 where no coverage is left; it changes no visible share.
-_LEAST_SHARE = 1e-12
+_MIN_FRACTION = 1e-12
 # Coverage below 1 / _STEEP is faded to 0, and negative coverage counts as 0.
 _STEEP = 1e9
 # Coverage below this many roundings is noise of the transforms: the share gets no gradient, for
@@ -32,7 +32,7 @@ _NEGLIGIBLE = 1e-3
 _EQUAL = 1e-6
 
 
-def share_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
+def fraction_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
     """The share of a layer that shows behind the layers composited so far.
 
     The layer adds min(1, (1 - A) / a) of itself, where A is the coverage so far and a that of the
@@ -48,23 +48,27 @@ def share_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Te
     """
     left, coverage = full - front[:, -1:], layer[:, -1:]
     added = torch.minimum(left, coverage * _STEEP).clamp_(min=0)
-    share = added / torch.maximum(coverage, left).clamp_(min=_LEAST_SHARE)
+    fraction = added / torch.maximum(coverage, left).clamp_(min=_MIN_FRACTION)
     if torch.is_grad_enabled():
         certain = torch.minimum(coverage, left) > _CERTAIN * torch.finfo(left.dtype).eps
-        share = torch.where(certain, share, share.detach())
-    return share
+        fraction = torch.where(certain, fraction, fraction.detach())
+    return fraction
 
 
 def add_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
     """Add a layer behind the layers composited so far.
 
     Args:
-        front: As in `share_behind`. Overwritten by the result unless gradients are enabled.
-        layer: As in `share_behind`.
-        full: As in `share_behind`.
+        front: As in `fraction_behind`. Overwritten by the result unless gradients are enabled.
+        layer: As in `fraction_behind`.
+        full: As in `fraction_behind`.
     """
-    share = share_behind(front, layer, full)
-    return front.addcmul(layer, share) if torch.is_grad_enabled() else front.addcmul_(layer, share)
+    fraction = fraction_behind(front, layer, full)
+    return (
+        front.addcmul(layer, fraction)
+        if torch.is_grad_enabled()
+        else front.addcmul_(layer, fraction)
+    )
 
 
 def filled_up_to(front: Tensor, full: Tensor | float, doubt: float) -> Tensor:
@@ -73,7 +77,7 @@ def filled_up_to(front: Tensor, full: Tensor | float, doubt: float) -> Tensor:
     A gap g smaller than the doubt d is filled by g / d alone: a gap of d / 10 by a tenth.
 
     Args:
-        front: [M, C + 1, h, w], as in `share_behind`.
+        front: [M, C + 1, h, w], as in `fraction_behind`.
         full: Greatest coverage without doubt.
         doubt: Gap in coverage up to which it may be an error.
     """
@@ -82,21 +86,21 @@ def filled_up_to(front: Tensor, full: Tensor | float, doubt: float) -> Tensor:
     return covered + left * (left / doubt).clamp(max=1)
 
 
-def add_within(total: Tensor, box: Box, values: Tensor, share: Tensor | None = None) -> Tensor:
+def add_within(total: Tensor, box: Box, values: Tensor, fraction: Tensor | None = None) -> Tensor:
     """Add values [M, C, h, w] of a rectangle, times a share, to a total [M, C, H, W].
 
     The total is overwritten by the result unless gradients are enabled.
     """
     if not torch.is_grad_enabled():
         window = box.of(total)
-        window.add_(values) if share is None else window.addcmul_(values, share)
+        window.add_(values) if fraction is None else window.addcmul_(values, fraction)
         return total
     H, W = total.shape[-2:]
-    ends = W - box.left - box.width, H - box.top - box.height
-    around = (box.left, ends[0], box.top, ends[1])
-    if share is None:
+    limits = W - box.left - box.width, H - box.top - box.height
+    around = (box.left, limits[0], box.top, limits[1])
+    if fraction is None:
         return total + pad(values, around)
-    return total.addcmul(pad(values, around), pad(share, around))
+    return total.addcmul(pad(values, around), pad(fraction, around))
 
 
 def add_light(front: Tensor, light: Tensor) -> Tensor:
@@ -117,8 +121,8 @@ def is_full(front: Tensor, full: Tensor | float = 1.0, gap: float = 0.0) -> bool
     the answer stalls for longer than it takes to add a layer of share 0.
 
     Args:
-        front: [M, C + 1, h, w], as in `share_behind`.
-        full: As in `share_behind`.
+        front: [M, C + 1, h, w], as in `fraction_behind`.
+        full: As in `fraction_behind`.
         gap: Gap that counts as none.
     """
     if front.requires_grad or not front.is_cpu:
@@ -145,7 +149,7 @@ def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tenso
 
 
 def picture(
-    front: Tensor, weights: Sequence[Scalar] | None = None, *, least: float | None = None
+    front: Tensor, weights: Sequence[Scalar] | None = None, *, minimum: float | None = None
 ) -> Tensor:
     """The image [C, h, w] of all parts together, divided by their coverage.
 
@@ -153,7 +157,8 @@ def picture(
         front: [M, C + 1, h, w].
         weights: M shares of the parts in the aperture, tensors if they learn; None if they are
             equal.
-        least: Least light of the picture, below which are rounding and overshoot; None bounds none.
+        minimum: Least light of the picture, below which are rounding and overshoot; None bounds
+            none.
 
     A pixel sees its own surface at least through the whole or a half of the aperture: the share is
     positive.
@@ -164,10 +169,10 @@ def picture(
             front = front * stacked(weights, front)[:, None, None, None]
     total = front.sum(0) if len(front) > 1 else front[0]
     image = total[:-1] / total[-1:]
-    return image if least is None else image.clamp_(min=least)
+    return image if minimum is None else image.clamp_(min=minimum)
 
 
-def count_negative(halves: Tensor, brightest: float, least: float = 0.0) -> dict[str, int]:
+def count_negative(halves: Tensor, brightest: float, minimum: float = 0.0) -> dict[str, int]:
     """Count the pixels whose left or right image is too dark, which `pair_of` bounds.
 
     A half of the aperture overshoots where detail is as fine as a pixel. What is smaller than a
@@ -177,16 +182,16 @@ def count_negative(halves: Tensor, brightest: float, least: float = 0.0) -> dict
     Args:
         halves: [2, C, h, w], left and right as composited.
         brightest: Light of the brightest pixel that is not a highlight.
-        least: Least light of the picture, 0 or less.
+        minimum: Least light of the picture, 0 or less.
     """
     if not halves.is_cpu:
         return {}
     darkest = halves.detach().amin(dim=(0, 1))
-    return {"pixels_clamped": int((darkest < least - _NEGLIGIBLE * brightest).sum())}
+    return {"pixels_clamped": int((darkest < minimum - _NEGLIGIBLE * brightest).sum())}
 
 
 def pair_of(
-    centre: Tensor, left: Tensor, right: Tensor, *, least: float = 0.0, share: Scalar = 0.5
+    centre: Tensor, left: Tensor, right: Tensor, *, minimum: float = 0.0, fraction: Scalar = 0.5
 ) -> Tensor:
     """Left and right images [2, C, h, w] whose mean is the centre, from halves composited alone.
 
@@ -197,37 +202,38 @@ def pair_of(
         centre: [C, h, w].
         left: The left half as composited, [C, h, w].
         right: The right half as composited, [C, h, w].
-        least: Least light of the picture, 0 or less (colours outside the gamut are negative).
-        share: The share of the aperture's light that the left half has: its weight in the mean.
+        minimum: Least light of the picture, 0 or less (colours outside the gamut are negative).
+        fraction: The share of the aperture's light that the left half has: its weight in the mean.
     """
-    if least:
-        centre = centre - least
-    left, right = ((half - least).clamp(min=0) for half in (left, right))  # transforms leave ±1e-8
-    if not _is_half(share):
-        left, right = left * (2 * share), right * (2 - 2 * share)
+    if minimum:
+        centre = centre - minimum
+    # transforms leave ±1e-8
+    left, right = ((half - minimum).clamp(min=0) for half in (left, right))
+    if not _is_half(fraction):
+        left, right = left * (2 * fraction), right * (2 - 2 * fraction)
     total = left + right
     lit = total > 0
     of_left = torch.where(lit, left / torch.where(lit, total, 1.0), 0.5)
     pair = 2 * centre * torch.stack([of_left, 1 - of_left])
-    if not _is_half(share):
-        pair = pair / stacked([2 * share, 2 - 2 * share], pair)[:, None, None, None]
-    return pair + least if least else pair
+    if not _is_half(fraction):
+        pair = pair / stacked([2 * fraction, 2 - 2 * fraction], pair)[:, None, None, None]
+    return pair + minimum if minimum else pair
 
 
-def _is_half(share: Scalar) -> bool:
-    return abs(float(share) - 0.5) <= _EQUAL
+def _is_half(fraction: Scalar) -> bool:
+    return abs(float(fraction) - 0.5) <= _EQUAL
 
 
-def within_alpha(pair: Tensor, share: Scalar) -> Tensor:
+def within_alpha(pair: Tensor, fraction: Scalar) -> Tensor:
     """Left and right [2, C, h, w] whose last channel, alpha, is 1 at most; their mean stays.
 
     What one of them has in excess is of a surface that the other half sees.
 
     Args:
         pair: Premultiplied colours, then alpha.
-        share: As for `pair_of`.
+        fraction: As for `pair_of`.
     """
     alpha = pair[:, -1:]
     excess = pair * ((alpha - 1) / alpha.clamp(min=1)).clamp(min=0)
-    weights = stacked([share, 1 - share], pair)[:, None, None, None]
+    weights = stacked([fraction, 1 - fraction], pair)[:, None, None, None]
     return pair - excess + (excess * weights).flip(0) / weights

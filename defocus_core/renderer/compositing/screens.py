@@ -13,8 +13,8 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.layers.block_index import blocks_of
-from defocus_core.renderer.layers.ladder import position
 from defocus_core.renderer.layers.matting import Unmixed
+from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.tensors.neighbourhoods import extreme_around
 from defocus_core.tensors.sparse_masks import exceeding
 
@@ -27,25 +27,29 @@ class Occluder(NamedTuple):
 
     Attributes:
         signed_radius: [H, W] px.
-        places: [H, W] positions on the ladder.
+        positions: [H, W] positions between slice radii.
         coverage: [H, W], the share of each pixel that the surface covers.
     """
 
     signed_radius: Tensor
-    places: Tensor
+    positions: Tensor
     coverage: Tensor
 
 
 def screens_of(
-    own: Unmixed, signed_radius: Tensor, places: Tensor, radii: tuple[float, ...]
+    own: Unmixed, signed_radius: Tensor, positions: Tensor, radii: tuple[float, ...]
 ) -> list[Occluder]:
     """The surfaces of pixels [H, W] that may stand before lights, with parts of mixed pixels."""
-    coverage = torch.ones_like(places) if own.coverage is None else own.coverage[0]
-    screens, fringe = [Occluder(signed_radius, places, coverage)], own.fringe
+    coverage = torch.ones_like(positions) if own.coverage is None else own.coverage[0]
+    screens, fringe = [Occluder(signed_radius, positions, coverage)], own.fringe
     if len(fringe.at):
-        values = (fringe.signed_radius, position(fringe.signed_radius, radii), fringe.layer[:, -1])
+        values = (
+            fringe.signed_radius,
+            slice_position(fringe.signed_radius, radii),
+            fringe.layer[:, -1],
+        )
         at = fringe.at.unbind(1)
-        blank = torch.zeros_like(places)
+        blank = torch.zeros_like(positions)
         screens.append(Occluder(*(blank.index_put(at, each) for each in values)))
     return screens
 
@@ -65,69 +69,69 @@ class Occluders:
             screens: The surfaces, at least one; depth edges are those of the first.
             slices: K, the number of slices.
         """
-        self.size = screens[0].places.shape[0], screens[0].places.shape[1]
+        self.size = screens[0].positions.shape[0], screens[0].positions.shape[1]
         self._screens = [Occluder(*(x.detach().flatten() for x in screen)) for screen in screens]
         r = screens[0].signed_radius.detach()
         nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
         self._edges = exceeding(farthest - nearest, _EDGE).flatten()
         held = [_blocks(screen, slices) for screen in screens]
-        self._rungs = [blocks.any(2).any(1).tolist() for blocks in held]
+        self._slice_indices = [blocks.any(2).any(1).tolist() for blocks in held]
         self.blocks = torch.stack(held).any(0)
 
     def beside(
         self,
         pixels: Sequence[Tensor],
-        places: Sequence[Tensor],
-        rung: int,
+        positions: Sequence[Tensor],
+        slice_index: int,
         limit: Tensor,
     ) -> Tensor:
         """The coverage by a slice in squares: [m, side, side].
 
         Args:
             pixels: The rows and columns of the nearest pixels, each [m, side].
-            places: The rows and columns, each [m, side].
-            rung: Number of the slice.
+            positions: The rows and columns, each [m, side].
+            slice_index: Number of the slice.
             limit: [m] px, the radius below which a surface counts.
         """
         m, side = pixels[0].shape
         spot = (pixels[0][:, :, None] * self.size[1] + pixels[1][:, None, :]).flatten()
-        share = self.coverage(spot, rung, limit.repeat_interleave(side * side))
+        fraction = self.coverage(spot, slice_index, limit.repeat_interleave(side * side))
         index = torch.nonzero(self._edges.index_select(0, spot))[:, 0]
         square = index.div(side * side, rounding_mode="floor")
         number = index.div(side, rounding_mode="floor")
-        y = places[0].flatten().index_select(0, number)
-        x = places[1].flatten().index_select(0, square * side + index - number * side)
-        between = self._between_pixels(y, x, rung, limit.index_select(0, square))
-        return share.index_copy(0, index, between).view(m, side, side)
+        y = positions[0].flatten().index_select(0, number)
+        x = positions[1].flatten().index_select(0, square * side + index - number * side)
+        between = self._between_pixels(y, x, slice_index, limit.index_select(0, square))
+        return fraction.index_copy(0, index, between).view(m, side, side)
 
-    def _between_pixels(self, y: Tensor, x: Tensor, rung: int, limit: Tensor) -> Tensor:
+    def _between_pixels(self, y: Tensor, x: Tensor, slice_index: int, limit: Tensor) -> Tensor:
         """The coverage by a slice at rows and columns [n], interpolated between four pixels."""
-        ends = []
-        for place, length in zip((y, x), self.size, strict=True):
-            below = place.floor()
-            beyond, pixel = place - below, below.long()
+        limits = []
+        for position, length in zip((y, x), self.size, strict=True):
+            below = position.floor()
+            beyond, pixel = position - below, below.long()
             pixels = (pixel.clamp(0, length - 1), (pixel + 1).clamp(0, length - 1))
-            ends.append(list(zip(pixels, (1 - beyond, beyond), strict=True)))
+            limits.append(list(zip(pixels, (1 - beyond, beyond), strict=True)))
         total = torch.zeros_like(y)
-        for row, down in ends[0]:
-            for column, across in ends[1]:
+        for row, down in limits[0]:
+            for column, across in limits[1]:
                 spot = row * self.size[1] + column
-                total.addcmul_(self.coverage(spot, rung, limit), down * across)
+                total.addcmul_(self.coverage(spot, slice_index, limit), down * across)
         return total
 
-    def coverage(self, spot: Tensor, rung: int, limit: Tensor) -> Tensor:
+    def coverage(self, spot: Tensor, slice_index: int, limit: Tensor) -> Tensor:
         """The coverage of pixels [n] by a slice, of surfaces whose radius is below a limit [n]."""
         total = torch.zeros_like(limit)
-        for screen, rungs in zip(self._screens, self._rungs, strict=True):
-            if rungs[rung]:
-                radius, places, coverage = (values.index_select(0, spot) for values in screen)
-                share = places.sub_(rung).abs_().neg_().add_(1).clamp_(min=0)
+        for screen, slice_indices in zip(self._screens, self._slice_indices, strict=True):
+            if slice_indices[slice_index]:
+                radius, positions, coverage = (values.index_select(0, spot) for values in screen)
+                fraction = positions.sub_(slice_index).abs_().neg_().add_(1).clamp_(min=0)
                 # not the light's own surface
-                total.addcmul_(share.mul_(radius.sub_(limit).lt_(0)), coverage)
+                total.addcmul_(fraction.mul_(radius.sub_(limit).lt_(0)), coverage)
         return total
 
 
 def _blocks(screen: Occluder, slices: int) -> Tensor:
     """For each slice the blocks that hold a pixel of a surface: [K, rows, columns] bool."""
     covered = screen.coverage.detach() > 0
-    return blocks_of(screen.places, slices, None if bool(covered.all()) else covered)
+    return blocks_of(screen.positions, slices, None if bool(covered.all()) else covered)

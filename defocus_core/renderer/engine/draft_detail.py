@@ -1,8 +1,8 @@
 """Drafts: the detail of pixels in focus, which half size loses.
 
-Cells become pixels again so that the mean of two by two pixels is their cell. To these pixels the
-detail is added, the difference between the picture and its own cells, as far as the blur leaves it
-and no nearer surface hides it.
+Coarse pixels become pixels again so that the mean of two by two pixels is their coarse pixel. To
+these pixels the detail is added, the difference between the picture and its own coarse pixels, as
+far as the blur leaves it and no nearer surface hides it.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate, pad
 
-from defocus_core.renderer.engine.draft_cells import means
-from defocus_core.renderer.layers.ladder import SHARP, SOFT
+from defocus_core.renderer.engine.draft_coarse import means
+from defocus_core.renderer.layers.slice_radii import SHARP, SOFT
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.neighbourhoods import ends_of
+from defocus_core.tensors.neighbourhoods import range_of
 
 # Radius in px from which on no detail is left; up to there the share that is left falls as a disc
 # leaves it of random textures, in the mean.
@@ -26,18 +26,18 @@ NO_DETAIL = 2.65
 _SHIFT = 0.8
 # How often the share of detail is squared to give the share of the pixel itself that is copied.
 _SQUARINGS = 4
-# Allowed overshoot of a pixel, as a share of the range of the cells around.
+# Allowed overshoot of a pixel, as a share of the range of the coarse pixels around.
 _OVERSHOOT = 0.25
 # Radii in px up to which detail is not shifted, and from which on it is shifted in full.
 _STILL = (2 * SHARP, 2 * SOFT)
-# Cells around a cell that decide its pixels.
+# Coarse pixels around a coarse pixel that decide its pixels.
 AROUND = 2
-# Share of each of the two cells beside a cell in a mean, along an axis.
+# Share of each of the two coarse pixels beside a coarse pixel in a mean, along an axis.
 _BESIDE = 1 / 8
 # Relative rounding error of a share that is wholly in view.
 _ROUNDING = 1e-5
 # Least share of detail by which its visible part is divided.
-_LEAST = 0.05
+_MINIMUM = 0.05
 
 
 def left_of_detail(signed_radius: Tensor) -> Tensor:
@@ -47,8 +47,8 @@ def left_of_detail(signed_radius: Tensor) -> Tensor:
     return left.clamp(0, 1).square().square()
 
 
-def share_left(signed_radius: Tensor) -> Tensor:
-    """The mean [h, w] of `left_of_detail` in each cell, for radii [2 h, 2 w] px."""
+def fraction_left(signed_radius: Tensor) -> Tensor:
+    """The mean [h, w] of `left_of_detail` in each coarse pixel, for radii [2 h, 2 w] px."""
     return means(left_of_detail(signed_radius))
 
 
@@ -56,37 +56,37 @@ class Original(NamedTuple):
     """A part of the picture before it is rendered.
 
     Attributes:
-        cells: [C, h, w], means of its pixels, with cells around.
-        share: [h, w], `share_left` of the same cells.
+        coarse: [C, h, w], means of its pixels, with coarse pixels around.
+        fraction: [h, w], `fraction_left` of the same coarse pixels.
         pixels: [C, H, W].
         signed_radius: [H, W] px.
     """
 
-    cells: Tensor
-    share: Tensor
+    coarse: Tensor
+    fraction: Tensor
     pixels: Tensor
     signed_radius: Tensor
 
 
 def with_detail(images: Tensor, shown: Tensor, original: Original, part: Box) -> Tensor:
-    """Pixels [k, C, H, W] of the centre view, or of centre, left and right, from rendered cells.
+    """Pixels [k, C, H, W] of the centre view, or of centre, left and right, from coarse ones.
 
     Args:
-        images: [k, C, h, w], the rendered cells, with cells around.
+        images: [k, C, h, w], the rendered coarse pixels, with coarse pixels around.
         shown: [k, h, w], the share of detail as it was rendered: nearer surfaces hide some of it.
         original: The part before it was rendered.
         part: As for `doubled`.
     """
     pixels, r = original.pixels, original.signed_radius
     height, width = r.shape
-    if not float(original.share.detach().amax()) > 0:
+    if not float(original.fraction.detach().amax()) > 0:
         return doubled(images, part)[..., :height, :width]
-    in_view = [_is_in_view(image, original.share) for image in shown]
+    in_view = [_is_in_view(image, original.fraction) for image in shown]
     if all(in_view) and _is_in_focus(r):
         return pixels.expand(len(images), *pixels.shape)
     # one by one: the rounding of the last numbers of a tensor depends on how many there are
-    *views, own = (doubled(x, part)[..., :height, :width] for x in (*images, original.cells))
-    visible = _visible(shown, original.share, in_view, part)[..., :height, :width]
+    *views, own = (doubled(x, part)[..., :height, :width] for x in (*images, original.coarse))
+    visible = _visible(shown, original.fraction, in_view, part)[..., :height, :width]
     blurred, detail = views[0], pixels - own
     left = (left_of_detail(r) * visible)[:, None]
     # in full view and in focus the pixel itself, edges too
@@ -106,12 +106,12 @@ def with_detail(images: Tensor, shown: Tensor, original: Original, part: Box) ->
     return torch.cat([centre[None], centre + halves])
 
 
-def _visible(shown: Tensor, share: Tensor, in_view: list[bool], part: Box) -> Tensor:
+def _visible(shown: Tensor, fraction: Tensor, in_view: list[bool], part: Box) -> Tensor:
     """The share of the detail of each pixel that no nearer surface hides: [k, H, W] or [k, 1, 1].
 
     Args:
         shown: As for `with_detail`.
-        share: [h, w], the share of detail that the blur leaves.
+        fraction: [h, w], the share of detail that the blur leaves.
         in_view: For each image whether nothing is hidden.
         part: As for `doubled`.
     """
@@ -119,21 +119,21 @@ def _visible(shown: Tensor, share: Tensor, in_view: list[bool], part: Box) -> Te
         return shown.new_ones(len(shown), 1, 1)
     # hidden surfaces show there, too, and have no detail
     left, *visible = (
-        smooth(x[None, None], part)[0, 0] for x in (share, *torch.minimum(shown, share))
+        smooth(x[None, None], part)[0, 0] for x in (fraction, *torch.minimum(shown, fraction))
     )
     return torch.stack(
         [
-            torch.ones_like(left) if whole else 1 - (left - x) / left.clamp(min=_LEAST)
+            torch.ones_like(left) if whole else 1 - (left - x) / left.clamp(min=_MINIMUM)
             for whole, x in zip(in_view, visible, strict=True)
         ]
     )
 
 
-def _is_in_view(shown: Tensor, share: Tensor) -> bool:
+def _is_in_view(shown: Tensor, fraction: Tensor) -> bool:
     """Whether no nearer surface hides detail; False if the answer would lose a gradient."""
-    if shown.requires_grad or share.requires_grad:
+    if shown.requires_grad or fraction.requires_grad:
         return False
-    return float(torch.sub(shown, share, alpha=1 - _ROUNDING).amin()) >= 0
+    return float(torch.sub(shown, fraction, alpha=1 - _ROUNDING).amin()) >= 0
 
 
 def _is_in_focus(signed_radius: Tensor) -> bool:
@@ -141,37 +141,38 @@ def _is_in_focus(signed_radius: Tensor) -> bool:
     return not signed_radius.requires_grad and float(signed_radius.abs().amax()) <= SHARP
 
 
-def doubled(cells: Tensor, part: Box) -> Tensor:
-    """Pixels [..., 2 h, 2 w] of a part of a picture in cells.
+def doubled(coarse: Tensor, part: Box) -> Tensor:
+    """Pixels [..., 2 h, 2 w] of a part of a picture in coarse pixels.
 
-    The mean of the four pixels of a cell is the cell, and polynomials of fourth order along a row
-    or a column are kept (Cohen, Daubechies and Feauveau 1992). But pixels do not ring: where the
-    cells around differ by more than the cell itself, its pixels lie within their range.
+    The mean of the four pixels of a coarse pixel is the coarse pixel, and polynomials of fourth
+    order along a row or a column are kept (Cohen, Daubechies and Feauveau 1992). But pixels do not
+    ring: where the coarse pixels around differ by more than the coarse pixel itself, its pixels lie
+        within their range.
 
     Args:
-        cells: [..., h + a, w + b], the part with two rows and columns of cells around; where these
-            lie beyond the frame they are missing, and the last ones are repeated.
-        part: The place of the part in these cells, of size h, w.
+        coarse: [..., h + a, w + b], the part with two rows and columns of coarse pixels around;
+            where these lie beyond the frame they are missing, and the last ones are repeated.
+        part: The place of the part in these coarse pixels, of size h, w.
     """
     below, beside = (
         whole - first - size
-        for whole, first, size in zip(cells.shape[-2:], part[:2], part[2:], strict=True)
+        for whole, first, size in zip(coarse.shape[-2:], part[:2], part[2:], strict=True)
     )
     left, right, above, below = (AROUND - n for n in (part.left, beside, part.top, below))
-    cells = _padded(cells, (left, right, above, below))
-    middle = cells[..., AROUND:-AROUND, AROUND:-AROUND]
-    downwards = _rise(cells, -2)
+    coarse = _padded(coarse, (left, right, above, below))
+    middle = coarse[..., AROUND:-AROUND, AROUND:-AROUND]
+    downwards = _rise(coarse, -2)
     down, bend = downwards[..., AROUND:-AROUND], _rise(downwards, -1)
-    across = _rise(cells[..., AROUND:-AROUND, :], -1)
-    least, most = _ends(cells[..., 1:-1, 1:-1])
+    across = _rise(coarse[..., AROUND:-AROUND, :], -1)
+    minimum, maximum = _limits(coarse[..., 1:-1, 1:-1])
     rise = down.abs() + across.abs() + bend.abs()
-    kept, differ = torch.minimum(most - middle, middle - least), most - least
+    kept, differ = torch.minimum(maximum - middle, middle - minimum), maximum - minimum
     beyond = torch.minimum(differ, middle.abs() - differ).clamp(min=0)
     bound = torch.add(kept, beyond, alpha=_OVERSHOOT)
-    share = bound / torch.maximum(rise, bound).clamp(min=torch.finfo(rise.dtype).tiny)
-    down, across, bend = down * share, across * share, bend * share
+    fraction = bound / torch.maximum(rise, bound).clamp(min=torch.finfo(rise.dtype).tiny)
+    down, across, bend = down * fraction, across * fraction, bend * fraction
     *others, rows, columns = middle.shape
-    px = cells.new_empty((*others, 2 * rows, 2 * columns))
+    px = coarse.new_empty((*others, 2 * rows, 2 * columns))
     for y, above_it in ((0, middle - down), (1, middle + down)):
         slope = across + (bend if y else -bend)
         px[..., y::2, ::2] = above_it - slope
@@ -179,42 +180,42 @@ def doubled(cells: Tensor, part: Box) -> Tensor:
     return px
 
 
-def _rise(cells: Tensor, dim: int) -> Tensor:
-    """Half the difference of the pixels of each cell along one axis, without cells at borders."""
-    n = cells.shape[dim] - 2 * AROUND
-    first, second, _, fourth, fifth = (cells.narrow(dim, k, n) for k in range(5))
+def _rise(coarse: Tensor, dim: int) -> Tensor:
+    """Half the difference of the pixels of each coarse pixel along an axis, borders left out."""
+    n = coarse.shape[dim] - 2 * AROUND
+    first, second, _, fourth, fifth = (coarse.narrow(dim, k, n) for k in range(5))
     return (fourth - second).mul_(22 / 128).add_(first - fifth, alpha=3 / 128)
 
 
-def _ends(cells: Tensor) -> tuple[Tensor, Tensor]:
-    """Least and greatest of the three by three cells around each, without cells at borders."""
-    least, most = cells, cells
+def _limits(coarse: Tensor) -> tuple[Tensor, Tensor]:
+    """Least and greatest of the three by three coarse pixels around each, borders left out."""
+    minimum, maximum = coarse, coarse
     for dim in (-2, -1):
-        n = cells.shape[dim] - 2
-        least, most = (
+        n = coarse.shape[dim] - 2
+        minimum, maximum = (
             pick(pick(x.narrow(dim, 0, n), x.narrow(dim, 1, n)), x.narrow(dim, 2, n))
-            for pick, x in ((torch.minimum, least), (torch.maximum, most))
+            for pick, x in ((torch.minimum, minimum), (torch.maximum, maximum))
         )
-    return least, most
+    return minimum, maximum
 
 
-def spread(cells: Tensor) -> Tensor:
-    """Means [..., h, w] of each cell with the two on each side that its pixels depend on."""
+def spread(coarse: Tensor) -> Tensor:
+    """Means [..., h, w] of each coarse px with the two on each side that its pixels depend on."""
     for dim in (-2, -1, -2, -1):
-        n = cells.shape[dim]
-        rim = [cells.narrow(dim, 0, 1), cells, cells.narrow(dim, n - 1, 1)]
+        n = coarse.shape[dim]
+        rim = [coarse.narrow(dim, 0, 1), coarse, coarse.narrow(dim, n - 1, 1)]
         around = torch.cat(rim, dim)
-        beside = around.narrow(dim, 0, n) + around.narrow(dim, 2, n) - 2 * cells
-        cells = torch.add(cells, beside, alpha=_BESIDE)
-    return cells
+        beside = around.narrow(dim, 0, n) + around.narrow(dim, 2, n) - 2 * coarse
+        coarse = torch.add(coarse, beside, alpha=_BESIDE)
+    return coarse
 
 
-def smooth(cells: Tensor, part: Box) -> Tensor:
-    """Pixels [N, C, 2 h, 2 w] of a part of cells [N, C, ...], within the range of cells beside."""
-    least, most = ends_of(cells.detach()).tolist()
-    if least == most and not cells.requires_grad:
-        return cells[..., :1, :1].expand(*cells.shape[:2], 2 * part.height, 2 * part.width)
-    px = interpolate(cells, scale_factor=2, mode="bilinear", align_corners=False)
+def smooth(coarse: Tensor, part: Box) -> Tensor:
+    """Pixels [N, C, 2 h, 2 w] of coarse pixels [N, C, ...], within the range of those beside."""
+    minimum, maximum = range_of(coarse.detach()).tolist()
+    if minimum == maximum and not coarse.requires_grad:
+        return coarse[..., :1, :1].expand(*coarse.shape[:2], 2 * part.height, 2 * part.width)
+    px = interpolate(coarse, scale_factor=2, mode="bilinear", align_corners=False)
     return Box(*(2 * n for n in part)).of(px)
 
 

@@ -1,7 +1,7 @@
-"""Drafts: a rendered picture of half size enlarged from cells to pixels.
+"""Drafts: a rendered picture of half size enlarged from coarse pixels to pixels.
 
-Beside its colours each cell is rendered with the share of detail that its blur leaves. The part of
-this share that is shown afterwards gives the share of detail that nearer surfaces hide.
+Beside its colours each coarse pixel is rendered with the share of detail that its blur leaves. The
+part of this share that is shown afterwards gives the share of detail that nearer surfaces hide.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.compositing.saturating_sum import count_negative, pair_of
-from defocus_core.renderer.engine.draft_cells import HalfSize, means
+from defocus_core.renderer.engine.draft_coarse import HalfSize, means
 from defocus_core.renderer.engine.draft_detail import (
     AROUND,
     Original,
-    share_left,
+    fraction_left,
     smooth,
     spread,
     with_detail,
@@ -30,31 +30,31 @@ from defocus_core.tensors.source import Pixels, banded
 from defocus_core.tensors.threads import threaded
 from defocus_core.tensors.views import Views, added, joined
 
-_PX = 2  # pixels on a side of a cell
-# Value of the channel of detail where a cell has all of it, as a share of the limit of highlights:
-# so little that it does not distinguish surfaces.
+_PX = 2  # pixels on a side of a coarse pixel
+# Value of the channel of detail where a coarse pixel has all of it, as a share of the limit of
+# highlights: so little that it does not distinguish surfaces.
 _UNIT = 2.0**-12
-# (height, width) in cells of tiles that are enlarged.
+# (height, width) in coarse pixels of tiles that are enlarged.
 _TILE = (32, 512)
-# Cells around a tile that decide its pixels.
+# Coarse pixels around a tile that decide its pixels.
 _AROUND = AROUND + 1
 
 
 class Enlarging:
-    """A picture in cells to be rendered, and its enlargement afterwards.
+    """A picture in coarse pixels to be rendered, and its enlargement afterwards.
 
     Attributes:
-        cells: [C + 1, h, w], the cells to render: colours, and the share of detail.
+        coarse: [C + 1, h, w], the coarse pixels to render: colours, and the share of detail.
     """
 
     def __init__(
         self, frame: SharedFrame, image: Pixels, pixels: Pixels, signed_radius: Pixels
     ) -> None:
-        """Add the channel of detail to the cells.
+        """Add the channel of detail to the coarse pixels.
 
         Args:
-            frame: The frame in cells.
-            image: [C, h, w] cells.
+            frame: The frame in coarse pixels.
+            image: [C, h, w] coarse pixels.
             pixels: [C, H, W] px of the picture.
             signed_radius: [H, W] px of the picture.
         """
@@ -64,68 +64,70 @@ class Enlarging:
         # less than no light in a picture that has none
         unit = self._unit = _UNIT * limit if limit > 0 else -1.0
         self._in_px = (pixels, signed_radius)
-        self._least = min(0.0, *(float(band.amin()) for band in banded(pixels)))
+        self._minimum = min(0.0, *(float(band.amin()) for band in banded(pixels)))
 
         def merged(px: Tensor, radius: Tensor) -> Tensor:
-            return torch.cat([means(px), unit * share_left(radius)[None]])
+            return torch.cat([means(px), unit * fraction_left(radius)[None]])
 
         if isinstance(image, Tensor):
-            share = HalfSize(share_left, signed_radius).at_once(self._threads)
-            self.cells: Pixels = torch.cat([image, unit * share[None]])
+            fraction = HalfSize(fraction_left, signed_radius).at_once(self._threads)
+            self.coarse: Pixels = torch.cat([image, unit * fraction[None]])
         else:
-            self.cells = HalfSize(merged, *self._in_px)
+            self.coarse = HalfSize(merged, *self._in_px)
 
     def enlarged(self, parts: Iterator[Views]) -> Iterator[Views]:
-        """Tiles in pixels, from regions in cells; the last rows wait for the cells below them."""
+        """Tiles in pixels, from regions in coarse pixels; the last rows wait for those below."""
         done, kept = 0, list[list[Views]]()
         counts: dict[str, int] = {}
         height, width = self._frame.size
         for row in in_rows(parts):
             counts = added([counts, *map(self._counts, row)])
-            cells = joined([*kept, row])
-            end = cells.box.sides[0].end
+            coarse = joined([*kept, row])
+            end = coarse.box.sides[0].end
             ready = end if end == height else end - _AROUND
             tiles = [
                 Box(top, left, min(_TILE[0], ready - top), min(_TILE[1], width - left))
                 for top in range(done, ready, _TILE[0])
                 for left in range(0, width, _TILE[1])
             ]
-            tile = recomputed(partial(self._tile, cells))
+            tile = recomputed(partial(self._tile, coarse))
             for part in threaded(tile, tiles, self._threads):
                 yield part._replace(stats=added([counts, part.stats]))
                 counts = {}
-            first = max(ready - _AROUND, cells.box.top)
-            done, kept = ready, [[cells.within(Box(first, 0, end - first, width))]]
+            first = max(ready - _AROUND, coarse.box.top)
+            done, kept = ready, [[coarse.within(Box(first, 0, end - first, width))]]
 
-    def _tile(self, cells: Views, tile: Box) -> Views:
-        """A tile of cells in pixels, which counts those that are clamped."""
+    def _tile(self, coarse: Views, tile: Box) -> Views:
+        """A tile of coarse pixels in pixels, which counts those that are clamped."""
         wide = tile.grown(1, self._frame.box)  # for gradients of detail
         around = wide.grown(AROUND, self._frame.box)
-        part, rendered = wide.seen_from(around), cells.within(around)
+        part, rendered = wide.seen_from(around), coarse.within(around)
         images = torch.stack(list(rendered.images))
-        own = around.of(self.cells).to(images.dtype)
+        own = around.of(self.coarse).to(images.dtype)
         px = (self._px(wide).of(x).to(images.dtype) for x in self._in_px)
         original = Original(own[:-1], own[-1] / self._unit, *px)
         images = with_detail(images[:, :-1], images[:, -1] / self._unit, original, part)
         content, counts, box = self._frame.content, dict[str, int](), self._px(tile)
         inner = box.seen_from(self._px(wide))
         if len(images) > 1:
-            counts |= count_negative(inner.of(images[1:]), content.limit, self._least)
-        images = images.clamp(min=self._least)
+            counts |= count_negative(inner.of(images[1:]), content.limit, self._minimum)
+        images = images.clamp(min=self._minimum)
         if len(images) > 1:
-            pair = pair_of(*images, least=self._least, share=self._frame.division.left_share)
+            pair = pair_of(
+                *images, minimum=self._minimum, fraction=self._frame.division.left_fraction
+            )
             images = torch.cat([images[:1], pair])
         trust = smooth(spread(rendered.trust[None]), part)[0]
         return Views(list(inner.of(images)), inner.of(trust), counts, box)
 
-    def _px(self, cells: Box) -> Box:
-        """The pixels of a rectangle of cells."""
-        return Box(*(_PX * n for n in cells)).grown(0, self._frame_px)
+    def _px(self, coarse: Box) -> Box:
+        """The pixels of a rectangle of coarse pixels."""
+        return Box(*(_PX * n for n in coarse)).grown(0, self._frame_px)
 
     def _counts(self, part: Views) -> dict[str, int]:
-        """The counts of a part in cells, with pixels counted in pixels."""
+        """The counts of a part in coarse pixels, with pixels counted in pixels."""
         pixels = self._px(part.box).area
         copied = part.stats["pixels_copied"] * pixels // part.box.area
         counts = {**part.stats, "pixels": pixels, "pixels_copied": copied}
-        counts.pop("pixels_clamped", None)  # of cells
+        counts.pop("pixels_clamped", None)  # of coarse pixels
         return counts

@@ -77,5 +77,5 @@ def darkened(part: Views, cat_eye: CatEye, frame: tuple[int, int]) -> Views:
     """
     like = part.images[0]
     y, x = (torch.arange(s.first, s.end).to(like) + 0.5 for s in part.box.sides)
-    share = falloff(cat_eye.apart(x[None, :], y[:, None], frame), cat_eye.size)
-    return part._replace(images=[image * share for image in part.images])
+    fraction = falloff(cat_eye.apart(x[None, :], y[:, None], frame), cat_eye.size)
+    return part._replace(images=[image * fraction for image in part.images])

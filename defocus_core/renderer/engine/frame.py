@@ -14,7 +14,7 @@ from defocus_core.optics.parts import LEFT, RIGHT, Part
 from defocus_core.renderer.blur.kernel_bank import TransformWindow
 from defocus_core.renderer.compositing.frame_border import ASIDE, OPAQUE
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.layers.octaves import Turns
+from defocus_core.renderer.layers.octaves import CompositeOrder
 from defocus_core.renderer.layers.quality import Quality
 from defocus_core.renderer.layers.subpixel_shifts import stacked
 from defocus_core.tensors.box import Box
@@ -29,22 +29,22 @@ class Content(NamedTuple):
     """Properties of all pixels together that decide what is computed.
 
     Attributes:
-        ends: Least and greatest signed radius in px of what is visible.
+        limits: Least and greatest signed radius in px of what is visible.
         edges: Whether surfaces hide others.
         tilted: Whether surfaces may be tilted.
         quantised: Whether depth had few levels: small gaps between surfaces may be its errors.
         uncertain: Whether edges of depth were soft or averages.
-        least: Least light, 0 unless pixels are negative (colours outside the gamut).
+        minimum: Least light, 0 unless pixels are negative (colours outside the gamut).
         limit: Brightness that a highlight exceeds.
         highlights: Whether there are highlights.
     """
 
-    ends: tuple[float, float]
+    limits: tuple[float, float]
     edges: bool
     tilted: bool
     quantised: bool
     uncertain: bool
-    least: float
+    minimum: float
     limit: float
     highlights: bool
 
@@ -54,19 +54,19 @@ class Slicing(NamedTuple):
 
     Attributes:
         stride: Whether every slice (1) or every other (2) is used.
-        halvings: How many times resolution is halved before the blur.
-        windows: The window of each slice of the frame, in cells of this resolution.
+        level: How many times resolution is halved before the blur.
+        windows: The window of each slice of the frame, in coarse pixels of this resolution.
         layers: For each slice the number of its layer; slices of a layer share a window, and are of
             one octave of blur if they are hidden.
-        cells: For each slice the greatest reach of its light in cells of this resolution.
+        coarse: For each slice the greatest reach of its light in coarse pixels of this resolution.
         reaches: For each slice the greatest reach of its light in px of the frame.
     """
 
     stride: int
-    halvings: int
+    level: int
     windows: list[TransformWindow]
     layers: list[int]
-    cells: list[int]
+    coarse: list[int]
     reaches: list[int]
 
 
@@ -75,7 +75,7 @@ class Slices(NamedTuple):
 
     Attributes:
         radii: Signed radius of each slice in px, ascending.
-        turns: Between which visible layers hidden octaves of blur are composited.
+        composite_order: Between which visible layers hidden octaves of blur are composited.
         octaves: For each slice the octave of a hidden surface.
         visible: How visible surfaces are blurred.
         known: How hidden surfaces that are known are blurred.
@@ -83,7 +83,7 @@ class Slices(NamedTuple):
     """
 
     radii: tuple[float, ...]
-    turns: Turns
+    composite_order: CompositeOrder
     octaves: list[int]
     visible: Slicing
     known: Slicing
@@ -114,10 +114,10 @@ class Division(NamedTuple):
         if dual_pixel and (len(divided) == 1 or dual_pixel.halves != (LEFT, RIGHT)):
             groups.append(slice(len(divided), len(divided) + 2))
             divided += dual_pixel.halves
-        return cls(aperture, divided, [aperture.share(part) for part in divided], groups)
+        return cls(aperture, divided, [aperture.fraction(part) for part in divided], groups)
 
     @property
-    def left_share(self) -> Scalar:
+    def left_fraction(self) -> Scalar:
         """The share of the light of left and right together that is of the left one.
 
         Half of it for photodiodes that were measured: each by its own light.
@@ -132,8 +132,8 @@ class Division(NamedTuple):
         """The mean [h, w] of values [m, h, w] over the m parts of the centre view."""
         if len(values) == 1:
             return values[0]
-        shares = stacked(self.weights[self.groups[0]], values)[:, None, None]
-        return (values * shares).sum(0) / shares.sum()
+        fractions = stacked(self.weights[self.groups[0]], values)[:, None, None]
+        return (values * fractions).sum(0) / fractions.sum()
 
 
 @dataclass(frozen=True)
@@ -141,9 +141,9 @@ class SharedFrame:
     """The data that all regions of one picture share.
 
     Attributes:
-        size: (height, width) in px; in cells for a picture that is rendered at half size.
+        size: (height, width) in px; in coarse pixels for a picture that is rendered at half size.
         settings: The options.
-        quality: Settings of the quality, in px or in cells as the size.
+        quality: Settings of the quality, in px or in coarse pixels as the size.
         dtype: Type of the numbers to compute with.
         beyond: Rows above and below, and columns on both sides, by which the scene goes on.
         cut: Whether light from farther away than that would reach the frame.

@@ -16,12 +16,12 @@ from defocus_core.renderer.blur.layer_blur import Blur, ShownLayer
 from defocus_core.renderer.compositing.saturating_sum import add_behind, summed
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-from defocus_core.renderer.layers.ladder import position
 from defocus_core.renderer.layers.samples import SurfaceSamples
+from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.pyramid import axes, halves, place_of
-from defocus_core.tensors.resampling import Shares, cells_read, linear_shares, resampled
-from defocus_core.tensors.sparse_masks import numbers_of
+from defocus_core.tensors.pyramid import axes, halves, position_of
+from defocus_core.tensors.resampling import AxisWeights, coarse_read, linear_weights, resampled
+from defocus_core.tensors.sparse_masks import flat_nonzero
 from defocus_core.tensors.tiling import Grid
 
 
@@ -34,9 +34,9 @@ class Hidden:
         """Keep the octaves of blur of the surface.
 
         Args:
-            octaves: For each group the octaves [m, C + 1, h, w], in cells; octaves of one side of
-                focus add up, the sides occlude each other.
-            enlarged: Makes px of cells.
+            octaves: For each group the octaves [m, C + 1, h, w], in coarse pixels; octaves of one
+                side of focus add up, the sides occlude each other.
+            enlarged: Makes px of coarse pixels.
         """
         self._octaves = octaves
         self._enlarged = enlarged
@@ -44,7 +44,7 @@ class Hidden:
     def of(self, octave: int) -> list[Tensor | None]:
         """For each group one octave alone [m, C + 1, h, w]; None if nothing is of this octave."""
         groups = (octaves.get(octave) for octaves in self._octaves)
-        return [None if cells is None else self._enlarged(cells) for cells in groups]
+        return [None if coarse is None else self._enlarged(coarse) for coarse in groups]
 
     def whole(self) -> list[Tensor | None]:
         """For each group all octaves [m, C + 1, h, w]; None if there is nothing."""
@@ -60,9 +60,9 @@ class Filling:
 
     Attributes:
         known: Whether the surface is known, not invented.
-        plan: For each tile the rungs that reach it, nearest first.
-        windows: The window of each rung.
-        halvings: How many times resolution is halved before the blur.
+        plan: For each tile the slice radii that reach it, nearest first.
+        windows: The window of each slice radius.
+        level: How many times resolution is halved before the blur.
     """
 
     def __init__(
@@ -84,28 +84,28 @@ class Filling:
             known: Whether it is known, not invented.
         """
         slicing = frame.slices.known if known else frame.slices.invented
-        self.known, self.halvings, self._stride = known, slicing.halvings, slicing.stride
+        self.known, self.level, self._stride = known, slicing.level, slicing.stride
         self.windows = slicing.windows[:: slicing.stride]
         self._octave_of_slice = frame.slices.octaves
         self._octave_of_layer = dict(zip(slicing.layers, frame.slices.octaves, strict=True))
         held, inner = boxes
         self._fine = self._coarse = axes(frame.size, inner.top, inner.left)
         self._tiles, around = grid.seen_from(inner), inner.seen_from(held)
-        cells = self._tiles
-        if self.halvings:
+        coarse = self._tiles
+        if self.level:
             down, across = (halves(n, axis) for n, axis in zip(inner[2:], self._fine, strict=True))
             self._coarse = (down.axis, across.axis)
             own = axes(frame.size, held.top, held.left)
             rows, columns = (halves(n, axis) for n, axis in zip(held[2:], own, strict=True))
             corner = rows.axis.middle - down.axis.middle, columns.axis.middle - across.axis.middle
             around = Box(*corner, down.length, across.length)
-            read = [cells_read(tile, self._fine, self._coarse, 1) for tile in cells.tiles]
-            cells = cells._replace(tiles=read)
-        self._cells_of = cells.tiles
+            read = [coarse_read(tile, self._fine, self._coarse, 1) for tile in coarse.tiles]
+            coarse = coarse._replace(tiles=read)
+        self._coarse_of = coarse.tiles
         self._blur = Blur(
             slicing.windows,
-            slicing.cells,
-            cells,
+            slicing.coarse,
+            coarse,
             frame.division.groups,
             self._coarse,
             by_corners=frame.settings.field is not None,
@@ -113,7 +113,7 @@ class Filling:
         samples = _samples(hidden, frame.slices.radii[:: slicing.stride])._replace(around=around)
         self._sliced = self._blur.sliced(samples, slicing.stride, slicing.layers)
         self.plan = self._sliced.surface.plan
-        self._shares: dict[tuple[float, int], Shares] = {}
+        self._fractions: dict[tuple[float, int], AxisWeights] = {}
 
     def has(self, octave: int, index: int) -> bool:
         """Whether a part of the surface over a tile is of an octave of blur."""
@@ -121,16 +121,16 @@ class Filling:
 
     def over_tile(self, index: int) -> Hidden:
         """The surface over a tile."""
-        tile, cells = self._tiles.tiles[index], self._cells_of[index]
-        size = cells.height, cells.width
+        tile, coarse = self._tiles.tiles[index], self._coarse_of[index]
+        size = coarse.height, coarse.width
         octaves = [
             self._octaves(layers, size) for layers in self._blur.over_tile(self._sliced, index)
         ]
 
         def enlarged(surface: Tensor) -> Tensor:
-            if not self.halvings:
+            if not self.level:
                 return surface
-            rows, columns = (self._between(d, tile, cells, surface) for d in (0, 1))
+            rows, columns = (self._between(d, tile, coarse, surface) for d in (0, 1))
             return resampled(surface, rows, columns)
 
         return Hidden(octaves, enlarged)
@@ -143,31 +143,35 @@ class Filling:
         sums = {octave: summed(octave_layers, size) for octave, octave_layers in octaves.items()}
         return {octave: total for octave, total in sums.items() if total is not None}
 
-    def _between(self, dim: int, tile: Box, cells: Box, like: Tensor) -> Shares:
-        """The shares of cells in the pixels of a tile, along one axis."""
-        first = place_of(tile[dim], self._fine[dim], self._coarse[dim], self.halvings) - cells[dim]
+    def _between(self, dim: int, tile: Box, coarse: Box, like: Tensor) -> AxisWeights:
+        """The shares of coarse pixels in the pixels of a tile, along one axis."""
+        first = position_of(tile[dim], self._fine[dim], self._coarse[dim], self.level) - coarse[dim]
         key = (first, tile[dim + 2])
-        if key not in self._shares:
-            self._shares[key] = linear_shares(*key, 0.5**self.halvings, like)
-        return self._shares[key]
+        if key not in self._fractions:
+            self._fractions[key] = linear_weights(*key, 0.5**self.level, like)
+        return self._fractions[key]
 
 
 def _samples(hidden: HiddenLayer, radii: tuple[float, ...]) -> SurfaceSamples:
-    """The pixels of a hidden surface, with their places on the ladder of its slices."""
+    """The pixels of a hidden surface, with their places among the slice radii of its slices."""
     color, radius, mask = hidden
-    index = numbers_of(mask)
-    places = torch.zeros_like(radius).flatten()
-    places = places.index_copy(0, index, position(radius.flatten().index_select(0, index), radii))
-    places = places.reshape(radius.shape)
-    nowhere = torch.zeros((0, 2), dtype=torch.long, device=places.device)
+    index = flat_nonzero(mask)
+    positions = torch.zeros_like(radius).flatten()
+    positions = positions.index_copy(
+        0, index, slice_position(radius.flatten().index_select(0, index), radii)
+    )
+    positions = positions.reshape(radius.shape)
+    nowhere = torch.zeros((0, 2), dtype=torch.long, device=positions.device)
     no_fringe, coverage = color.new_zeros(0, len(color) + 1), mask[None].to(color.dtype)
-    return SurfaceSamples(color, coverage, places, nowhere, no_fringe, places[0, :0], None, None)
+    return SurfaceSamples(
+        color, coverage, positions, nowhere, no_fringe, positions[0, :0], None, None
+    )
 
 
 def _side(octaves: dict[int, Tensor], side: int) -> Tensor | None:
     """The sum of the octaves nearer than focus (-1), in focus (0) or beyond (1); None for none."""
-    cells = [x for octave, x in octaves.items() if (octave > 0) - (octave < 0) == side]
-    return reduce(torch.add, cells) if cells else None
+    coarse = [x for octave, x in octaves.items() if (octave > 0) - (octave < 0) == side]
+    return reduce(torch.add, coarse) if coarse else None
 
 
 def _occluding(layers: list[Tensor]) -> Tensor:

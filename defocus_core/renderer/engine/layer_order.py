@@ -16,14 +16,14 @@ from __future__ import annotations
 from defocus_core.renderer.blur.layer_blur import ShownLayer
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.engine.hidden_fill import Filling, Hidden
-from defocus_core.renderer.layers.octaves import Turns
+from defocus_core.renderer.layers.octaves import CompositeOrder
 
 
 def add_in_order(
     fronts: TileCompositor,
     visible: list[dict[int, ShownLayer]],
     hidden: list[Filling],
-    turns: Turns,
+    composite_order: CompositeOrder,
     index: int,
 ) -> list[Filling]:
     """Add the surfaces over a tile to its views.
@@ -32,7 +32,7 @@ def add_in_order(
         fronts: The views of the parts of the aperture; changed.
         visible: For each group of parts the visible layers by number, nearest first.
         hidden: The surfaces that may fill the gaps of these, known before invented.
-        turns: Between which visible layers octaves of hidden surfaces come.
+        composite_order: Between which visible layers octaves of hidden surfaces come.
         index: Number of the tile.
 
     Returns:
@@ -50,32 +50,46 @@ def add_in_order(
             if surface.has(octave, index) and not fronts.are_full(known=surface.known):
                 fronts.fill(over_tile(surface).of(octave), known=surface.known)
 
-    def show(numbers: set[int]) -> None:
-        fronts.add([{n: layers[n] for n in layers if n in numbers} for layers in visible])
+    def show(layer_indices: set[int]) -> None:
+        fronts.add([{n: layers[n] for n in layers if n in layer_indices} for layers in visible])
 
-    numbers = {number for layers in visible for number in layers}
-    near = {number for number in numbers if number < turns.around}
+    layer_indices = {layer_index for layers in visible for layer_index in layers}
+    near = {layer_index for layer_index in layer_indices if layer_index < composite_order.around}
     show(near)
-    covered = fronts.coverage() if near and (hidden or max(numbers) >= turns.beyond) else None
-    show({number for number in numbers - near if number < turns.beyond})
+    covered = (
+        fronts.coverage()
+        if near and (hidden or max(layer_indices) >= composite_order.beyond)
+        else None
+    )
+    show(
+        {
+            layer_index
+            for layer_index in layer_indices - near
+            if layer_index < composite_order.beyond
+        }
+    )
     fill(0)
     aside = None
     if covered is not None:
         before = fronts.coverage()
-        for octave in sorted(octave for octave in turns.ahead if octave < 0):
+        for octave in sorted(octave for octave in composite_order.ahead if octave < 0):
             fill(octave)
         added = (c - b for c, b in zip(fronts.coverage(), before, strict=True))
         aside = fronts.set_aside([c + a for c, a in zip(covered, added, strict=True)])
     # before layers that the tile lacks, too: a pixel does not depend on the tile that it is in
-    beyond = {number for number in numbers if number >= turns.beyond} | set(turns.ahead.values())
-    for number in sorted(beyond):
-        for octave in (octave for octave, first in turns.ahead.items() if first == number):
+    beyond = {
+        layer_index for layer_index in layer_indices if layer_index >= composite_order.beyond
+    } | set(composite_order.ahead.values())
+    for layer_index in sorted(beyond):
+        for octave in (
+            octave for octave, first in composite_order.ahead.items() if first == layer_index
+        ):
             if aside is None:
                 fill(octave)
             elif octave > 0:
                 fill(octave)
                 fronts.close_gaps(aside)
-        show({number})
+        show({layer_index})
     for surface in hidden:
         if not fronts.are_full(known=surface.known):
             fronts.fill(over_tile(surface).whole(), known=surface.known)

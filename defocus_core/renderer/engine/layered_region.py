@@ -9,7 +9,7 @@ from torch import Tensor
 
 from defocus_core.renderer.blur.layer_blur import Sliced
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
-from defocus_core.renderer.compositing.frame_border import own_light
+from defocus_core.renderer.compositing.frame_border import border_fallback
 from defocus_core.renderer.compositing.highlights import Highlights, split_samples
 from defocus_core.renderer.compositing.openings import Openings
 from defocus_core.renderer.compositing.saturating_sum import within_alpha
@@ -22,9 +22,9 @@ from defocus_core.renderer.engine.shared_fill import FillOfColors, continued
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.renderer.inpainting.known_layer import Behind, separated
-from defocus_core.renderer.layers.ladder import position
 from defocus_core.renderer.layers.matting import Unmixed, whole
 from defocus_core.renderer.layers.samples import SurfaceSamples
+from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.stacked_samples import Layered, Sampled, SampleStack
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.pyramid import axes
@@ -60,7 +60,7 @@ class LayeredRegion(Region):
         super().__init__(frame, grid, pixels, signed_radius, None, backdrop)
         if self._own is not None:  # with alpha, and without the light of highlights
             plain = grid.box.of(pixels).to(frame.dtype).clamp(max=frame.content.limit)
-            self._own = own_light(plain, frame.trace)
+            self._own = border_fallback(plain, frame.trace)
 
     def _surfaces(
         self, pixels: Tensor, signed_radius: Tensor, outer: Box
@@ -76,7 +76,7 @@ class LayeredRegion(Region):
             self._behind = self._sliced(self._within(hidden, stack.signed_radius[0]))
         if self._layered.open and self._layered.is_continued:
             self._nothing = self._sliced(self._uncovered(stack))
-        self._solid, radius = stack.solid(self._layered.ends[1]), stack.signed_radius[0]
+        self._solid, radius = stack.solid(self._layered.limits[1]), stack.signed_radius[0]
         slices, opaque = frame.slices, stack.opaque()
         self._openings = Openings.of(opaque, slices.radii, slices.visible.layers).over(inmost)
         samples, highlights = split_samples(
@@ -85,37 +85,40 @@ class LayeredRegion(Region):
         self._others = samples.others
         return samples.own, radius, highlights
 
-    def _shares_within(
+    def _fractions_within(
         self, bounds: Box, signed_radius: Tensor, groups: list[slice]
     ) -> list[Tensor] | None:
         """As of a picture, but the mean over what shows of the samples of each pixel."""
-        total = super()._shares_within(bounds, signed_radius, groups)
+        total = super()._fractions_within(bounds, signed_radius, groups)
         if total is None:
             return None
         radii, weights = self._shown
-        total = [share * (1 - weights.sum(0)) for share in total]
+        total = [fraction * (1 - weights.sum(0)) for fraction in total]
         for radius, weight in zip(radii, weights, strict=True):
-            shares = super()._shares_within(bounds, radius, groups) or []
-            total = [so_far + share * weight for so_far, share in zip(total, shares, strict=True)]
+            fractions = super()._fractions_within(bounds, radius, groups) or []
+            total = [
+                so_far + fraction * weight
+                for so_far, fraction in zip(total, fractions, strict=True)
+            ]
         return total
 
     def _drawn(self, highlights: Highlights, screens: Sequence[Occluder], core: Box) -> Tensor:
         """The discs of highlights; what hides a part of a light is in its coverage already."""
-        places = position(self._solid, self._frame.slices.radii)
-        solid = Occluder(self._solid, places, torch.ones_like(places))
+        positions = slice_position(self._solid, self._frame.slices.radii)
+        solid = Occluder(self._solid, positions, torch.ones_like(positions))
         return super()._drawn(highlights, [solid], core)
 
     def _within(self, samples: Sampled, signed_radius: Tensor) -> SurfaceSamples:
         """The samples that reach the tiles, of the pixels of the rectangle around."""
         radii, inside = self._frame.slices.radii, self._inside
-        places = position(inside.of(signed_radius), radii)
-        return SurfaceSamples.within(inside, samples.own, places, radii, others=samples.others)
+        positions = slice_position(inside.of(signed_radius), radii)
+        return SurfaceSamples.within(inside, samples.own, positions, radii, others=samples.others)
 
     def _uncovered(self, stack: SampleStack) -> SurfaceSamples:
         """What no sample covers, as a surface without colours."""
         rest = stack.through[-1:]
         blank = whole(rest[:0], rest[0])._replace(coverage=rest)
-        return self._within(Sampled(blank, []), torch.full_like(rest[0], self._layered.ends[1]))
+        return self._within(Sampled(blank, []), torch.full_like(rest[0], self._layered.limits[1]))
 
     def _fillings(
         self,
@@ -139,7 +142,7 @@ class LayeredRegion(Region):
     def _paired(self, centre: Tensor, left: Tensor, right: Tensor) -> Tensor:
         """As of a picture; alpha is 1 at most."""
         pair = super()._paired(centre, left, right)
-        return within_alpha(pair, self._frame.division.left_share)
+        return within_alpha(pair, self._frame.division.left_fraction)
 
     def _fronts(self, index: int) -> tuple[TileCompositor, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
@@ -149,8 +152,8 @@ class LayeredRegion(Region):
         if self._nothing is not None:
             fronts.reserve(self._blur.over_tile(self._nothing, index))
         if self._behind is None:
-            turns = self._frame.slices.turns
-            needed = add_in_order(fronts, visible, reaching, turns, index)
+            composite_order = self._frame.slices.composite_order
+            needed = add_in_order(fronts, visible, reaching, composite_order, index)
         else:
             hidden = self._blur.over_tile(self._behind, index)
             fronts.add_known(visible, hidden, openings, closed=not self._layered.open)

@@ -11,11 +11,11 @@ from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repair_depth, repaired
-from defocus_core.renderer.engine.draft_cells import (
+from defocus_core.renderer.engine.draft_coarse import (
     behind_at_half_size,
+    coarse_radii,
     half_size,
     means,
-    radii_in_cells,
 )
 from defocus_core.renderer.engine.draft_enlarging import Enlarging
 from defocus_core.renderer.engine.field import darkened
@@ -24,14 +24,14 @@ from defocus_core.renderer.engine.preparation import frame_of
 from defocus_core.renderer.engine.region_schedule import rendered_regions
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.engine.shared_fill import FillOfColors, SharedFill
-from defocus_core.renderer.engine.statistics import border_ends
+from defocus_core.renderer.engine.statistics import border_range
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.inpainting.known_layer import Behind
-from defocus_core.renderer.layers.ladder import SHARP
 from defocus_core.renderer.layers.quality import find
+from defocus_core.renderer.layers.slice_radii import SHARP
 from defocus_core.renderer.layers.stacked_samples import Layered
 from defocus_core.tensors.device_plan import launches_cost
-from defocus_core.tensors.neighbourhoods import ends_of
+from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.source import Pixels, Scalar, banded
 from defocus_core.tensors.views import Views
 
@@ -42,13 +42,13 @@ class FramedPicture:
     Attributes:
         size: (height, width) in px.
         repair: Repair of its depth.
-        at_half_size: Whether it is rendered in cells of two by two px.
-        frame: The frame, in px or in cells.
-        image: [C, h, w] pixels to render; at half size cells, with one channel more.
-        signed_radius: [h, w] radii to render by, in px or in cells.
+        at_half_size: Whether it is rendered in coarse pixels of two by two px.
+        frame: The frame, in px or in coarse pixels.
+        image: [C, h, w] pixels to render; at half size coarse pixels, with one channel more.
+        signed_radius: [h, w] radii to render by, in px or in coarse pixels.
         layered: The layers of which it is the picture; None for a picture of its own.
         fill: What is continued for all colours of which these are some; None if it is not shared.
-        reaching: [h, w] the radii whose light reaches farthest, in px or in cells.
+        reaching: [h, w] the radii whose light reaches farthest, in px or in coarse pixels.
     """
 
     def __init__(
@@ -75,8 +75,8 @@ class FramedPicture:
             repair: The repair by which the radii were made already; None to repair them here.
             fill: What is continued for all colours of which these are some; for a picture that is
                 not rendered at half size.
-            hold: Whether there is room for the repaired radii and the cells of a large picture that
-                is no tensor; without room they are computed anew for each window.
+            hold: Whether there is room for the repaired radii and the coarse pixels of a large
+                picture that is no tensor; without room they are computed anew for each window.
 
         Raises:
             ValueError: If a value is not finite, or a CoC does not fit psf_ks.
@@ -103,9 +103,12 @@ class FramedPicture:
         by_scene = quality.half_size and settings.by_scene
         self.at_half_size = by_scene and _is_blurred(signed_radius)
         if self.at_half_size:
-            quality, cells = quality.in_cells(), partial(half_size, threads=threads, hold=hold)
-            self.image = cells(means, image)
-            self.signed_radius = cells(radii_in_cells, signed_radius, image)
+            quality, coarse = (
+                quality.in_coarse_pixels(),
+                partial(half_size, threads=threads, hold=hold),
+            )
+            self.image = coarse(means, image)
+            self.signed_radius = coarse(coarse_radii, signed_radius, image)
             self._hidden = hidden and behind_at_half_size(hidden, threads, hold=hold)
         counted, self.reaching = self.image, self.signed_radius
         if layered is not None:
@@ -121,13 +124,13 @@ class FramedPicture:
             quantised=self.repair.quantised and not self.at_half_size,
             uncertain=self.repair.uncertain_edges,
             layered=layered,
-            all_ends=self.fill and self.fill.shared.ends,
-            border=None if layered is None else border_ends(self.reaching),
+            all_ranges=self.fill and self.fill.shared.limits,
+            border=None if layered is None else border_range(self.reaching),
         )
         self._enlarging: Enlarging | None = None
         if self.at_half_size:
             self._enlarging = Enlarging(self.frame, self.image, image, signed_radius)
-            self.image = self._enlarging.cells
+            self.image = self._enlarging.coarse
 
     def parts(
         self,
@@ -181,8 +184,8 @@ def shared_fill(
         offsets: Px that are added to the radii of each group of colours.
         keep: Whether there is room to keep it for all of them; it is the same without.
     """
-    learns = (getattr(x, "requires_grad", False) for x in (image, signed_radius, *offsets))
-    wanted = torch.is_grad_enabled() and any(learns)
+    requires_grad = (getattr(x, "requires_grad", False) for x in (image, signed_radius, *offsets))
+    wanted = torch.is_grad_enabled() and any(requires_grad)
     if wanted or not any(_has_edges(band) for band in banded(signed_radius)):
         return None
 
@@ -210,10 +213,10 @@ def repaired_once(
 def _has_edges(radii: Tensor) -> bool:
     """Whether surfaces hide others in a band [h, W] of radii."""
     steps = (radii.diff(dim=0), radii.diff(dim=1))
-    return any(step.numel() > 0 and float(ends_of(step).abs().amax()) > EDGE for step in steps)
+    return any(step.numel() > 0 and float(range_of(step).abs().amax()) > EDGE for step in steps)
 
 
 def _is_blurred(signed_radius: Pixels) -> bool:
     """Whether a pixel is out of focus."""
-    ends = (ends_of(band).tolist() for band in banded(signed_radius))
-    return any(not (least >= -SHARP and most <= SHARP) for least, most in ends)
+    limits = (range_of(band).tolist() for band in banded(signed_radius))
+    return any(not (minimum >= -SHARP and maximum <= SHARP) for minimum, maximum in limits)

@@ -27,7 +27,7 @@ from defocus_core.renderer.engine.frame import (
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.engine.statistics import (
     Survey,
-    border_ends,
+    border_range,
     needs_double,
     surveyed,
     with_hidden,
@@ -35,9 +35,9 @@ from defocus_core.renderer.engine.statistics import (
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.inpainting.hidden_layers import PX_AROUND
 from defocus_core.renderer.inpainting.known_layer import Behind
-from defocus_core.renderer.layers.ladder import SHARP, evenly, layers, rungs
-from defocus_core.renderer.layers.octaves import kept_apart, turns
+from defocus_core.renderer.layers.octaves import composite_order, kept_apart
 from defocus_core.renderer.layers.quality import Quality
+from defocus_core.renderer.layers.slice_radii import SHARP, evenly, layers, slice_radii
 from defocus_core.renderer.layers.stacked_samples import Layered
 from defocus_core.tensors.device_plan import launches_cost, pieces, tile_pixels
 from defocus_core.tensors.source import Pixels
@@ -61,21 +61,21 @@ def frame_of(
     quantised: bool = False,
     uncertain: bool = False,
     layered: Layered | None = None,
-    all_ends: tuple[float, float] | None = None,
+    all_ranges: tuple[float, float] | None = None,
     border: tuple[float, float] | None = None,
 ) -> SharedFrame:
     """The frame of a picture: its statistics, slices, windows, tiles and parts.
 
     Args:
-        pixels: [C, H, W], in px or in cells.
-        signed_radius: [H, W], repaired, in px or in cells.
+        pixels: [C, H, W], in px or in coarse pixels.
+        signed_radius: [H, W], repaired, in px or in coarse pixels.
         settings: The options.
-        quality: Settings of the quality, in px or in cells.
+        quality: Settings of the quality, in px or in coarse pixels.
         hidden: The known layer behind the visible surface.
         quantised: Whether radii had few levels before they were repaired.
         uncertain: Whether edges of depth were soft or averages before they were repaired.
-        all_ends: Least and greatest signed radius of all colours that are rendered apart; None for
-            those of these pixels.
+        all_ranges: Least and greatest signed radius of all colours that are rendered apart; None
+            for those of these pixels.
         layered: The layers of which `pixels` and `signed_radius` are the picture.
         border: Least and greatest signed radius on the edge of the frame; None for those of
             `signed_radius`.
@@ -87,35 +87,35 @@ def frame_of(
     dtype = torch.promote_types(torch.promote_types(pixels.dtype, signed_radius.dtype), torch.float)
     survey = surveyed(pixels, signed_radius, dtype, settings.threads)
     edges = layered is not None or max(survey.steepest) > EDGE
-    content = _content(survey, quality, all_ends, edges, (quantised, uncertain))
-    ends = content.ends if hidden is None else with_hidden(hidden, content.ends)
-    ends = layered.ends if layered is not None else ends
-    radii = _slice_radii(*ends, quality, settings)
-    numbers = layers(radii, quality)
+    content = _content(survey, quality, all_ranges, edges, (quantised, uncertain))
+    limits = content.limits if hidden is None else with_hidden(hidden, content.limits)
+    limits = layered.limits if layered is not None else limits
+    radii = _slice_radii(*limits, quality, settings)
+    layer_indices = layers(radii, quality)
     exact = settings.num_layers is not None
-    stride, halvings = (1, 0) if exact else (quality.hidden_stride, quality.hidden_halvings)
-    halvings *= content.edges
-    border = border or border_ends(signed_radius)
+    stride, level = (1, 0) if exact else (quality.hidden_stride, quality.hidden_level)
+    level *= content.edges
+    border = border or border_range(signed_radius)
     inwards = 0
     if exact or max(map(abs, border)) > SHARP:
-        coarse_too = (halvings, stride) if edges else None
-        inwards = _inwards(border, radii, numbers, quality, coarse_too)
+        coarse_too = (level, stride) if edges else None
+        inwards = _inwards(border, radii, layer_indices, quality, coarse_too)
     # whole blocks, so that those of the frame stay where they are
     rows, columns = (-(-min(inwards, max(n, _BEYOND)) // BLOCK) * BLOCK for n in size)
-    most = max(size[0] + rows, size[1] + columns) - 1
-    fine = _at_resolution(radii, numbers, quality, most, 0)
-    coarse = _at_resolution(radii, numbers, quality, most, halvings)
+    maximum = max(size[0] + rows, size[1] + columns) - 1
+    fine = _at_resolution(radii, layer_indices, quality, maximum, 0)
+    coarse = _at_resolution(radii, layer_indices, quality, maximum, level)
     farthest = max(fine.reaches + coarse.reaches if content.edges else fine.reaches)
     margin = _margin(farthest, edges=content.edges, highlights=content.highlights)
     division = _division(settings, quality)
     dtype = torch.float64 if needs_double(survey, content.limit) else dtype
     sample = (pixels.shape[0] + 1 + (layered is not None)) * dtype.itemsize
-    grid = _grid_of(settings, size, pixels.device, numbers, sample * len(division.parts))
+    grid = _grid_of(settings, size, pixels.device, layer_indices, sample * len(division.parts))
     tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
     slicing = partial(
         _slicing, radii, (tile, region), settings.aperture, division.parts, dtype, pixels.device
     )
-    slices = _slices(radii, numbers, (fine, coarse), tile, stride, slicing)
+    slices = _slices(radii, layer_indices, (fine, coarse), tile, stride, slicing)
     return SharedFrame(
         size,
         settings,
@@ -166,8 +166,8 @@ def _grid_of(
     """
     if not launches_cost(device):
         return grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
-    most = tile_pixels(device, bytes_each * copies_of_tile(layer_of))
-    sides = settings.tile or few_tiles(*size, most)
+    maximum = tile_pixels(device, bytes_each * copies_of_tile(layer_of))
+    sides = settings.tile or few_tiles(*size, maximum)
     region = math.isqrt(pieces(device, 0, _COPIES_OF_REGION * bytes_each))
     return grid_over(*size, sides)._replace(region=region)
 
@@ -176,12 +176,12 @@ class _Resolution(NamedTuple):
     """The slices at the resolution at which their blur begins.
 
     Attributes:
-        halvings: How many times the resolution of the frame is halved.
-        spreads: The spread of each slice, in cells of this resolution.
+        level: How many times the resolution of the frame is halved.
+        spreads: The spread of each slice, in coarse pixels of this resolution.
         reaches: For each slice the greatest reach of its light in px of the frame.
     """
 
-    halvings: int
+    level: int
     spreads: list[Spread]
     reaches: list[int]
 
@@ -189,19 +189,19 @@ class _Resolution(NamedTuple):
 def _content(
     survey: Survey,
     quality: Quality,
-    all_ends: tuple[float, float] | None,
+    all_ranges: tuple[float, float] | None,
     edges: bool,
     depth: tuple[bool, bool],
 ) -> Content:
     """What a picture holds; `depth` says whether it had few levels, and uncertain edges."""
-    limit = threshold(survey.brightness, survey.brightest, max(-survey.least, survey.most))
+    limit = threshold(survey.brightness, survey.brightest, max(-survey.minimum, survey.maximum))
     return Content(
-        ends=all_ends or (survey.least, survey.most),
+        limits=all_ranges or (survey.minimum, survey.maximum),
         edges=edges,
-        tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.least_slope**2,
+        tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.min_slope**2,
         quantised=depth[0],
         uncertain=depth[1],
-        least=min(survey.darkest, 0.0),
+        minimum=min(survey.darkest, 0.0),
         limit=limit,
         highlights=survey.brightest > limit,
     )
@@ -209,7 +209,7 @@ def _content(
 
 def _slices(
     radii: tuple[float, ...],
-    numbers: list[int],
+    layer_indices: list[int],
     resolutions: tuple[_Resolution, _Resolution],
     tile: tuple[int, int],
     stride: int,
@@ -217,15 +217,15 @@ def _slices(
 ) -> Slices:
     """The slices of what is visible, known and invented, of fine and of coarse resolution."""
     fine, coarse = resolutions
-    order = turns(radii, numbers)
+    order = composite_order(radii, layer_indices)
     octaves = kept_apart(radii, order.ahead)
-    known = merged_layers(numbers, octaves, fine.spreads, tile)
-    invented = merged_layers(numbers, octaves, coarse.spreads, _halved(tile, coarse.halvings))
+    known = merged_layers(layer_indices, octaves, fine.spreads, tile)
+    invented = merged_layers(layer_indices, octaves, coarse.spreads, _halved(tile, coarse.level))
     return Slices(
         radii,
         order,
         octaves,
-        visible=slicing(fine, numbers, 1),
+        visible=slicing(fine, layer_indices, 1),
         known=slicing(fine, known, 1),
         invented=slicing(coarse, invented, stride),
     )
@@ -234,7 +234,7 @@ def _slices(
 def _inwards(
     border: tuple[float, float],
     radii: tuple[float, ...],
-    numbers: list[int],
+    layer_indices: list[int],
     quality: Quality,
     hidden: tuple[int, int] | None,
 ) -> int:
@@ -243,15 +243,15 @@ def _inwards(
     Args:
         border: Least and greatest signed radius on the edge of the frame.
         radii: Signed radii of the slices.
-        numbers: The layer of each slice.
+        layer_indices: The layer of each slice.
         quality: The settings of the quality.
         hidden: Halvings and stride of what is invented; None if nothing is.
     """
-    unbounded = _at_resolution(radii, numbers, quality, _ANY_PX, 0)
+    unbounded = _at_resolution(radii, layer_indices, quality, _ANY_PX, 0)
     inwards = _reach_of(border, radii, unbounded.reaches)
     if hidden is not None:
-        halvings, stride = hidden
-        unbounded = _at_resolution(radii, numbers, quality, _ANY_PX, halvings)
+        level, stride = hidden
+        unbounded = _at_resolution(radii, layer_indices, quality, _ANY_PX, level)
         inwards = max(inwards, _reach_of(border, radii, unbounded.reaches, stride))
     return inwards
 
@@ -268,44 +268,46 @@ def _slicing(
     stride: int,
 ) -> Slicing:
     """The slices of a surface at a resolution; sizes (height, width) are of a tile and a region."""
-    halvings, spreads, reaches = resolution
+    level, spreads, reaches = resolution
     slice_windows = windows(
-        tuple(r / (1 << halvings) for r in radii),
+        tuple(r / (1 << level) for r in radii),
         spreads,
         layer_of,
-        _halved(sizes[0], halvings),
-        _halved(sizes[1], halvings),
+        _halved(sizes[0], level),
+        _halved(sizes[1], level),
         aperture,
         parts,
         dtype,
         device,
     )
-    cells = [spread.px for spread in spreads]
-    return Slicing(stride, halvings, slice_windows, layer_of, cells, reaches)
+    reached = [spread.px for spread in spreads]
+    return Slicing(stride, level, slice_windows, layer_of, reached, reaches)
 
 
 def _at_resolution(
     radii: tuple[float, ...],
-    numbers: list[int],
+    layer_indices: list[int],
     quality: Quality,
-    most: int,
-    halvings: int,
+    maximum: int,
+    level: int,
 ) -> _Resolution:
-    """The slices at a resolution; their light reaches `most` px at most."""
-    step = 1 << halvings
+    """The slices at a resolution; their light reaches `maximum` px at most."""
+    step = 1 << level
     scaled = tuple(r / step for r in radii)
-    spreads = spreads_of(scaled, numbers, quality.full_resolution / step, -(-most // step))
+    spreads = spreads_of(scaled, layer_indices, quality.full_resolution / step, -(-maximum // step))
     reaches = [spread.px for spread in spreads]
-    if halvings:  # a pixel has shares in cells beside it, and is read between two
-        reaches = [min((px + 2) * step - 1, most) for px in reaches]
-    return _Resolution(halvings, spreads, reaches)
+    if level:  # a pixel has shares in coarse pixels beside it, and is read between two
+        reaches = [min((px + 2) * step - 1, maximum) for px in reaches]
+    return _Resolution(level, spreads, reaches)
 
 
 def _reach_of(
-    ends: tuple[float, float], radii: tuple[float, ...], reaches: list[int], stride: int = 1
+    limits: tuple[float, float], radii: tuple[float, ...], reaches: list[int], stride: int = 1
 ) -> int:
     """The greatest reach in px of surfaces of a range of radii, by that of each slice."""
-    first, last = sorted((max(bisect_right(radii, ends[0]) - 1, 0), bisect_left(radii, ends[1])))
+    first, last = sorted(
+        (max(bisect_right(radii, limits[0]) - 1, 0), bisect_left(radii, limits[1]))
+    )
     return max(reaches[::stride][first // stride : -(-last // stride) + 1])
 
 
@@ -324,26 +326,28 @@ def _margin(farthest: int, *, edges: bool, highlights: bool) -> int:
     return margin + margin % 2
 
 
-def _halved(size: tuple[int, int], halvings: int) -> tuple[int, int]:
-    """(height, width) in cells of a tile or a region, after `halvings` of its resolution."""
-    # pixels lie between cells, and may begin in the middle of one
-    more = 3 if halvings else 0
-    return (size[0] >> halvings) + more, (size[1] >> halvings) + more
+def _halved(size: tuple[int, int], level: int) -> tuple[int, int]:
+    """(height, width) in coarse pixels of a tile or a region, after `level` of its resolution."""
+    # pixels lie between coarse pixels, and may begin in the middle of one
+    more = 3 if level else 0
+    return (size[0] >> level) + more, (size[1] >> level) + more
 
 
 def _slice_radii(
-    least: float, most: float, quality: Quality, settings: Settings
+    minimum: float, maximum: float, quality: Quality, settings: Settings
 ) -> tuple[float, ...]:
-    """Radii in px of slices over a range: as many as asked for, or by the ladder of the quality.
+    """Radii in px of slices over a range: as many as asked for, or by the slices of the quality.
 
     Raises:
         ValueError: If a CoC does not fit psf_ks.
     """
     count, psf_ks = settings.num_layers, settings.psf_ks
-    radii = rungs(least, most, quality) if count is None else evenly(least, most, count)
+    radii = (
+        slice_radii(minimum, maximum, quality) if count is None else evenly(minimum, maximum, count)
+    )
     if psf_ks is None:
         return radii
-    spread = max(abs(least), abs(most))
+    spread = max(abs(minimum), abs(maximum))
     needed = 2 * reach(spread, 1 << 30) + 1
     if needed > psf_ks:
         raise ValueError(

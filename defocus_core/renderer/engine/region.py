@@ -16,7 +16,7 @@ from defocus_core.renderer.blur.field_blend import blended
 from defocus_core.renderer.blur.layer_blur import Blur, Sliced
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.bokeh_discs import draw
-from defocus_core.renderer.compositing.frame_border import own_light, share_in_frame
+from defocus_core.renderer.compositing.frame_border import border_fallback, fraction_in_frame
 from defocus_core.renderer.compositing.highlights import Highlights, split
 from defocus_core.renderer.compositing.saturating_sum import (
     add_light,
@@ -32,9 +32,9 @@ from defocus_core.renderer.engine.layer_order import add_in_order
 from defocus_core.renderer.engine.shared_fill import FillOfColors, continued
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
 from defocus_core.renderer.inpainting.known_layer import Behind, separated
-from defocus_core.renderer.layers.ladder import position
 from defocus_core.renderer.layers.matting import Unmixed, unmixed, whole
 from defocus_core.renderer.layers.samples import Sheet, SurfaceSamples
+from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.slopes import AROUND as AROUND_SLOPES
 from defocus_core.renderer.layers.slopes import slopes
 from defocus_core.renderer.layers.subpixel_shifts import AROUND as AROUND_SHIFTS
@@ -84,7 +84,7 @@ class Region:
         self._held, self._inner, self._inside = held, inner, held.seen_from(outer)
         self._blur = Blur(
             slices.visible.windows,
-            slices.visible.cells,
+            slices.visible.coarse,
             grid.seen_from(inner),
             frame.division.groups,
             axes(frame.size, inner.top, inner.left),
@@ -97,18 +97,18 @@ class Region:
         self._others: list[Sheet] = []
         own, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
         radius, groups = inmost.of(signed_radius), frame.division.groups
-        self._in_frame = self._shares_within(frame.box, radius, groups[:1])
-        self._in_scene = self._shares_within(frame.scene, radius, groups) if frame.cut else None
+        self._in_frame = self._fractions_within(frame.box, radius, groups[:1])
+        self._in_scene = self._fractions_within(frame.scene, radius, groups) if frame.cut else None
         self._like = own.color
-        self._own = own_light(inmost.of(own.color), frame.trace) if frame.trace else None
-        places = position(signed_radius, slices.radii) if highlights else None
-        self._visible = self._in_front(own, signed_radius, places)
+        self._own = border_fallback(inmost.of(own.color), frame.trace) if frame.trace else None
+        positions = slice_position(signed_radius, slices.radii) if highlights else None
+        self._visible = self._in_front(own, signed_radius, positions)
         self._hidden: list[Filling] = []
         if backdrop is not None:
             self._hidden = self._fillings(own.color, signed_radius, behind, backdrop, outer)
         self._highlights: Tensor | None = None
-        if highlights and places is not None:
-            screens = screens_of(own, signed_radius, places, slices.radii)
+        if highlights and positions is not None:
+            screens = screens_of(own, signed_radius, positions, slices.radii)
             self._highlights = self._drawn(highlights, screens, inmost)
 
     def _surfaces(
@@ -130,7 +130,7 @@ class Region:
         barrel = views_of(self._frame, highlights.at, core, self._grid.box)
         return draw(highlights, screens, radii, aperture, parts, core, barrel)
 
-    def _shares_within(
+    def _fractions_within(
         self, bounds: Box, signed_radius: Tensor, groups: list[slice]
     ) -> list[Tensor] | None:
         """For each group the shares of its parts that look into a box; None if all are 1."""
@@ -138,29 +138,29 @@ class Region:
         if self._is_inside(core, bounds):
             return None
         aperture, parts, *_ = frame.division
-        seen, place, size = corner_views(frame, core), core.seen_from(bounds), bounds[2:]
-        shares = [
-            share_in_frame(signed_radius, place, size, aperture, parts[group], seen)
+        seen, position, size = corner_views(frame, core), core.seen_from(bounds), bounds[2:]
+        fractions = [
+            fraction_in_frame(signed_radius, position, size, aperture, parts[group], seen)
             for group in groups
         ]
-        return [blended(share, core, core) for share in shares] if seen else shares
+        return [blended(fraction, core, core) for fraction in fractions] if seen else fractions
 
-    def _in_front(self, own: Unmixed, signed_radius: Tensor, places: Tensor | None) -> Sliced:
+    def _in_front(self, own: Unmixed, signed_radius: Tensor, positions: Tensor | None) -> Sliced:
         """The visible surfaces, from pixels, their radii, and their positions if known."""
         frame, inside = self._frame, self._inside
         radii, (aperture, parts, _, groups) = frame.slices.radii, frame.division
         around = inside.grown(_AROUND, Box(0, 0, *signed_radius.shape))
         inner, radius = inside.seen_from(around), around.of(signed_radius)
-        places = position(radius, radii) if places is None else around.of(places)
+        positions = slice_position(radius, radii) if positions is None else around.of(positions)
         lean = shifts = None
         if frame.content.tilted:
-            lean = slopes(radius, frame.quality.least_slope)
+            lean = slopes(radius, frame.quality.min_slope)
         if frame.settings.left_right and frame.copies_in_focus:
             color = around.of(own.color)
-            shifts = Shifts(color, radius, places, inner, radii, aperture, parts[groups[-1]])
+            shifts = Shifts(color, radius, positions, inner, radii, aperture, parts[groups[-1]])
         lean = None if lean is None else inner.of(lean)
         samples = SurfaceSamples.within(
-            inside, own, inner.of(places), radii, lean, shifts, self._others
+            inside, own, inner.of(positions), radii, lean, shifts, self._others
         )
         return self._sliced(samples)
 
@@ -201,7 +201,7 @@ class Region:
         trust = self._trust(whole[:, -1], fronts.invented, box)
         counts, content = self._counts(index, needed), frame.content
         _, parts, weights, groups = frame.division
-        centre = picture(whole, weights[groups[0]], least=content.least)
+        centre = picture(whole, weights[groups[0]], minimum=content.minimum)
         if not frame.settings.left_right:
             return Views([centre], trust, counts, box)
         both = halves[0] if halves else whole
@@ -210,15 +210,15 @@ class Region:
         cut = sum(part.is_left for part in parts[groups[-1]])
         left = picture(both[:cut], weights[groups[-1]][:cut])
         right = picture(both[cut:], weights[groups[-1]][cut:])
-        counts |= count_negative(torch.stack([left, right]), content.limit, content.least)
+        counts |= count_negative(torch.stack([left, right]), content.limit, content.minimum)
         images = self._paired(centre, left, right)
         images = frame.settings.dual_pixel.crossed(images, centre)
         return Views([centre, *images], trust, counts, box)
 
     def _paired(self, centre: Tensor, left: Tensor, right: Tensor) -> Tensor:
         """Left and right [2, C, h, w], whose mean is the centre [C, h, w]."""
-        share, least = self._frame.division.left_share, self._frame.content.least
-        return pair_of(centre, left, right, least=least, share=share)
+        fraction, minimum = self._frame.division.left_fraction, self._frame.content.minimum
+        return pair_of(centre, left, right, minimum=minimum, fraction=fraction)
 
     def _trust(self, covered: Tensor, invented: Tensor | None, box: Box) -> Tensor:
         """The share of the aperture that saw the scene, [1, h, w].
@@ -228,22 +228,22 @@ class Region:
         """
         mean = self._frame.division.mean
         observed = covered if invented is None else covered - invented
-        share = mean(observed) / mean(covered)
+        fraction = mean(observed) / mean(covered)
         if self._in_frame is not None and not self._is_inside(box, self._frame.box):
             expected = box.seen_from(self._tiles[0]).of(self._in_frame[0])
-            share = share * mean(expected[:, 0])
-        return share.clamp(0, 1)[None]
+            fraction = fraction * mean(expected[:, 0])
+        return fraction.clamp(0, 1)[None]
 
     def _fronts(self, index: int) -> tuple[TileCompositor, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
         fronts, visible = self._blank(index), self._blur.over_tile(self._visible, index)
-        turns, reaching = self._frame.slices.turns, self._reaching(index)
-        return fronts, add_in_order(fronts, visible, reaching, turns, index)
+        composite_order, reaching = self._frame.slices.composite_order, self._reaching(index)
+        return fronts, add_in_order(fronts, visible, reaching, composite_order, index)
 
     def _blank(self, index: int) -> TileCompositor:
         """The views of a tile without surfaces."""
         content, quality = self._frame.content, self._frame.quality
-        doubt = _DOUBT * quality.least_slope if content.quantised else None
+        doubt = _DOUBT * quality.min_slope if content.quantised else None
         size, like = self._tiles[index][2:], self._like
         blank = [
             like.new_zeros(group.stop - group.start, len(like) + 1, *size)
@@ -269,10 +269,10 @@ class Region:
         lit, groups = box.of(self._highlights), self._frame.division.groups
         inside: list[Tensor | float] = [1.0 for _ in groups]
         if self._in_scene is not None:
-            inside = [box.of(share) for share in self._in_scene]
+            inside = [box.of(fraction) for fraction in self._in_scene]
         return [
-            add_light(view, lit[group] * (view[:, -1:] / share))
-            for view, group, share in zip(views, groups, inside, strict=True)
+            add_light(view, lit[group] * (view[:, -1:] / fraction))
+            for view, group, fraction in zip(views, groups, inside, strict=True)
         ]
 
     def _is_inside(self, box: Box, bounds: Box) -> bool:
@@ -285,7 +285,7 @@ class Region:
         if self._in_scene is None or not frame.content.edges or self._is_inside(tile, frame.scene):
             return [1.0 for _ in frame.division.groups]
         box = tile.seen_from(self._tiles[0])
-        return [box.of(share) for share in self._in_scene]
+        return [box.of(fraction) for fraction in self._in_scene]
 
     def _counts(self, index: int, needed: list[Filling]) -> dict[str, int]:
         """Counts of the work done for a tile, and of the work of a renderer that skips nothing.
@@ -296,13 +296,17 @@ class Region:
         """
         windows, area = self._frame.slices.visible.windows, self._tiles[index].area
         reaching, pieces = self._reaching(index), self._visible.pieces[index]
-        visible = [windows[rung] for rung in self._visible.surface.plan[index]]
-        hidden = [surface.windows[rung] for surface in reaching for rung in surface.plan[index]]
-        done = [(window, window.halvings) for window in visible]
+        visible = [windows[slice_index] for slice_index in self._visible.surface.plan[index]]
+        hidden = [
+            surface.windows[slice_index]
+            for surface in reaching
+            for slice_index in surface.plan[index]
+        ]
+        done = [(window, window.level) for window in visible]
         done += [
-            (surface.windows[rung], surface.halvings + surface.windows[rung].halvings)
+            (surface.windows[slice_index], surface.level + surface.windows[slice_index].level)
             for surface in needed
-            for rung in surface.plan[index]
+            for slice_index in surface.plan[index]
         ]
         return {
             "pixels": area,
@@ -311,7 +315,7 @@ class Region:
             "slice_tiles": 2 * len(windows),
             "slice_tiles_done": len(done),
             "slice_tiles_blurred": sum(window.margin > 0 for window, _ in done),
-            "slice_tiles_reduced": sum(halvings > 0 for _, halvings in done),
+            "slice_tiles_reduced": sum(level > 0 for _, level in done),
             "slice_tiles_culled": len(visible) + len(hidden) - len(done),
             "layer_pixels": area * len(pieces),
             "layer_pixels_done": sum(piece.patch.shown.area for piece in pieces),

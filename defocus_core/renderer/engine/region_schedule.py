@@ -15,7 +15,7 @@ from defocus_core.renderer.engine.region import Region
 from defocus_core.renderer.engine.shared_fill import FillOfColors
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.inpainting.known_layer import Behind
-from defocus_core.renderer.layers.ladder import SHARP
+from defocus_core.renderer.layers.slice_radii import SHARP
 from defocus_core.renderer.layers.stacked_samples import Layered
 from defocus_core.tensors.box import Box, Span
 from defocus_core.tensors.checkpointing import recomputed, unrecorded
@@ -67,7 +67,7 @@ def rendered_regions(
                 in_memory = isinstance(pixels, Tensor)
                 shown = pixels[:-1] if in_memory else layered.picture(alpha=False)
             limit = max(limit, 1.0)  # alpha is no light
-        backdrop = backdrop_of(shown, signed_radius, limit, frame.dtype, threads, content.ends)
+        backdrop = backdrop_of(shown, signed_radius, limit, frame.dtype, threads, content.limits)
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     at_once = min(threads, len(grids), at_once or threads)
     # a copied pixel has no gradient to the radius
@@ -197,8 +197,8 @@ def _reached(frame: SharedFrame, around: Box, radii: Tensor) -> Tensor:
         around: A part of the frame.
         radii: [h, w] px of the part.
     """
-    least, most = (torch.cat([end(1), end(0)]) for end in (radii.amin, radii.amax))
-    blurred, reach = (least < -SHARP) | (most > SHARP), _reach(frame, least, most)
+    minimum, maximum = (torch.cat([end(1), end(0)]) for end in (radii.amin, radii.amax))
+    blurred, reach = (minimum < -SHARP) | (maximum > SHARP), _reach(frame, minimum, maximum)
     lines = [torch.arange(side.first, side.end, device=radii.device) for side in around.sides]
     at, sizes = torch.cat(lines), [len(line) for line in lines]
     first = torch.split(torch.where(blurred, at - reach, _NOWHERE), sizes)
@@ -207,13 +207,13 @@ def _reached(frame: SharedFrame, around: Box, radii: Tensor) -> Tensor:
     return torch.stack([torch.stack([one.amin(), other.amax()]) for one, other in pairs])
 
 
-def _reach(frame: SharedFrame, least: Tensor, most: Tensor) -> Tensor | int:
+def _reach(frame: SharedFrame, minimum: Tensor, maximum: Tensor) -> Tensor | int:
     """Px around pixels of radii [n] from least to most in which their blur changes the picture."""
     if frame.content.edges:  # which reveal hidden surfaces, too
         return frame.margin
-    ladder = torch.tensor(frame.slices.radii, dtype=torch.float64, device=least.device)
-    spread = torch.tensor(frame.slices.visible.reaches, device=least.device)
-    nearest = torch.searchsorted(ladder, least.double(), right=True) - 1
-    farthest = torch.searchsorted(ladder, most.double())
-    ends = (end.clamp(0, len(ladder) - 1) for end in (nearest, farthest))
-    return NEIGHBOURHOOD + torch.maximum(*(spread.index_select(0, end) for end in ends))
+    slice_radii = torch.tensor(frame.slices.radii, dtype=torch.float64, device=minimum.device)
+    spread = torch.tensor(frame.slices.visible.reaches, device=minimum.device)
+    nearest = torch.searchsorted(slice_radii, minimum.double(), right=True) - 1
+    farthest = torch.searchsorted(slice_radii, maximum.double())
+    limits = (end.clamp(0, len(slice_radii) - 1) for end in (nearest, farthest))
+    return NEIGHBOURHOOD + torch.maximum(*(spread.index_select(0, end) for end in limits))

@@ -17,7 +17,7 @@ from defocus_core.renderer.layers.quality import find
 from defocus_core.tensors.tiling import BLOCK
 from defocus_core.tensors.validation import described, flag, number, whole
 
-_MOST_LAYERS = 1 << 16  # the number of levels of depth in 16 bits
+_MAX_LAYERS = 1 << 16  # the number of levels of depth in 16 bits
 _BY_SCENE = "None lets the scene decide"
 
 
@@ -72,11 +72,11 @@ class Settings:
         checked: dict[str, float] = {
             "threads": whole("threads", self.threads, "it is how many tiles are computed at once")
         }
-        for name, least in {"num_layers": 1, "psf_ks": 1, "tile": BLOCK}.items():
+        for name, minimum in {"num_layers": 1, "psf_ks": 1, "tile": BLOCK}.items():
             if (count := getattr(self, name)) is not None:
-                checked[name] = whole(name, count, _BY_SCENE, least)
-        if checked.get("num_layers", 1) > _MOST_LAYERS:
-            problem = f"num_layers must be {_MOST_LAYERS} at most, got {self.num_layers}"
+                checked[name] = whole(name, count, _BY_SCENE, minimum)
+        if checked.get("num_layers", 1) > _MAX_LAYERS:
+            problem = f"num_layers must be {_MAX_LAYERS} at most, got {self.num_layers}"
             raise ValueError(f"{problem}; {_BY_SCENE}")
         if self.infinity is not None:
             radius = checked["infinity"] = number("infinity", self.infinity, "in px")

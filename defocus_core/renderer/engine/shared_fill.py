@@ -20,7 +20,7 @@ from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, hidden_layer
 from defocus_core.renderer.layers.matting import unmixed, whole
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.neighbourhoods import ends_of
+from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.source import Pixels, banded
 
 _Place = tuple[Box, Box]
@@ -30,7 +30,7 @@ class SharedFill:
     """The hidden surfaces of a picture, for colours of different radii.
 
     Attributes:
-        ends: Least and greatest signed radius in px of all colours.
+        limits: Least and greatest signed radius in px of all colours.
         colors: The number of channels.
         keeps: Whether there is room to keep what is continued.
     """
@@ -56,9 +56,9 @@ class SharedFill:
         self.keeps = keep
         self._made, self._pixels, self._radius = frame, pixels, signed_radius
         self._groups, self.colors = len(offsets), pixels.shape[0]
-        ends = torch.stack([ends_of(band) for band in banded(signed_radius)])
-        least, most = float(ends[:, 0].amin()), float(ends[:, 1].amax())
-        self.ends = least + min(offsets), most + max(offsets)
+        limits = torch.stack([range_of(band) for band in banded(signed_radius)])
+        minimum, maximum = float(limits[:, 0].amin()), float(limits[:, 1].amax())
+        self.limits = minimum + min(offsets), maximum + max(offsets)
         self._layers: dict[_Place, HiddenLayer | None] = {}
         self._taken: Counter[_Place] = Counter()
 
@@ -73,13 +73,13 @@ class SharedFill:
         """
         if not self.keeps:
             return self._continued(outer, inside)
-        place = outer, inside
-        if place not in self._layers:
-            self._layers[place] = self._continued(outer, inside)
-        self._taken[place] += 1
-        if self._taken[place] == self._groups:
-            return self._layers.pop(place)
-        return self._layers[place]
+        position = outer, inside
+        if position not in self._layers:
+            self._layers[position] = self._continued(outer, inside)
+        self._taken[position] += 1
+        if self._taken[position] == self._groups:
+            return self._layers.pop(position)
+        return self._layers[position]
 
     def _continued(self, outer: Box, inside: Box) -> HiddenLayer | None:
         frame = self._frame
@@ -107,7 +107,7 @@ class SharedFill:
             frame.content.limit,
             frame.dtype,
             frame.settings.threads,
-            frame.content.ends,
+            frame.content.limits,
         )
 
 
@@ -152,5 +152,5 @@ def continued(
     """
     if isinstance(backdrop, FillOfColors):
         return backdrop.layer(outer, inside)
-    halvings = frame.slices.invented.halvings
-    return hidden_layer(color, signed_radius, backdrop, outer, inside, halvings=halvings)
+    level = frame.slices.invented.level
+    return hidden_layer(color, signed_radius, backdrop, outer, inside, level=level)

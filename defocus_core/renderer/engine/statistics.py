@@ -11,13 +11,13 @@ from torch import Tensor
 
 from defocus_core.renderer.inpainting.known_layer import Behind
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.neighbourhoods import ends_of
+from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.order_statistics import Ranks, counted
 from defocus_core.tensors.source import Pixels, banded, bands
 from defocus_core.tensors.threads import threaded
 
 # Greatest radius in px: any picture is a point beside it.
-_MOST_PX = 1e8
+_MAX_PX = 1e8
 # Greatest light of either sign: beyond it, sums over an aperture or a frame would overflow float32.
 BRIGHTEST = 1e30
 # Brightness as a multiple of the median, and by itself, beyond which float32 is too coarse.
@@ -28,16 +28,16 @@ class Survey(NamedTuple):
     """Statistics of a picture. The brightness of a pixel is that of its brightest channel.
 
     Attributes:
-        least: Least signed radius in px.
-        most: Greatest signed radius in px.
+        minimum: Least signed radius in px.
+        maximum: Greatest signed radius in px.
         steepest: Greatest differences of radius between neighbours in px: down, across.
         darkest: Least value of all channels.
         brightest: Greatest value of all channels.
         brightness: Order statistics of the brightness of all pixels.
     """
 
-    least: float
-    most: float
+    minimum: float
+    maximum: float
     steepest: tuple[float, float]
     darkest: float
     brightest: float
@@ -65,20 +65,20 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
         radii = _radius_statistics(signed_radius[rows[0] : rows[1] + 1].detach().to(dtype), rows)
         return radii, torch.stack([band.amin(), brightness.amax()]), counted(brightness)
 
-    radius_ends, color_ends, counts = [], [], torch.zeros((), dtype=torch.long)
+    radius_range, color_range, counts = [], [], torch.zeros((), dtype=torch.long)
     for radii, pair, band_counts in threaded(band_statistics, bands(pixels), threads):
-        radius_ends.append(radii)
-        color_ends.append(pair)
+        radius_range.append(radii)
+        color_range.append(pair)
         counts = band_counts + counts
-    lows, highs = torch.stack(radius_ends).T, torch.stack(color_ends).T
+    lows, highs = torch.stack(radius_range).T, torch.stack(color_range).T
     found = [lows[0].amin(), *lows[1:].amax(1), highs[0].amin(), highs[1].amax()]
-    least, most, down, across, darkest, brightest = torch.stack(found).tolist()
-    for name, *two in (("signed_radius", least, most), ("image", darkest, brightest)):
+    minimum, maximum, down, across, darkest, brightest = torch.stack(found).tolist()
+    for name, *two in (("signed_radius", minimum, maximum), ("image", darkest, brightest)):
         if not all(map(math.isfinite, two)):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
-    if max(-least, most) > _MOST_PX:
+    if max(-minimum, maximum) > _MAX_PX:
         raise ValueError(
-            f"signed_radius must be within {_MOST_PX:g} px, got {least:.3g} to {most:.3g} px; "
+            f"signed_radius must be within {_MAX_PX:g} px, got {minimum:.3g} to {maximum:.3g} px; "
             "check the units of depth and lens, and write inf for sky"
         )
     if max(-darkest, brightest) > float(torch.tensor(BRIGHTEST, dtype=dtype)):
@@ -91,8 +91,8 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
         return (band.to(dtype).amax(0) for band in banded(pixels))
 
     return Survey(
-        least=least,
-        most=most,
+        minimum=minimum,
+        maximum=maximum,
         steepest=(down, across),
         darkest=darkest,
         brightest=brightest,
@@ -100,27 +100,27 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
     )
 
 
-def border_ends(signed_radius: Pixels) -> tuple[float, float]:
+def border_range(signed_radius: Pixels) -> tuple[float, float]:
     """The least and the greatest signed radius [H, W] on the edge of the frame."""
     H, W = signed_radius.shape
     lines = [signed_radius[:1], signed_radius[H - 1 :]]
     for first, last in bands(signed_radius):
         lines += [signed_radius[first:last, :1], signed_radius[first:last, W - 1 :]]
-    least, most = ends_of(torch.cat([line.detach().flatten() for line in lines])).tolist()
-    return least, most
+    minimum, maximum = range_of(torch.cat([line.detach().flatten() for line in lines])).tolist()
+    return minimum, maximum
 
 
-def with_hidden(hidden: Behind, ends: tuple[float, float]) -> tuple[float, float]:
+def with_hidden(hidden: Behind, limits: tuple[float, float]) -> tuple[float, float]:
     """The least and greatest signed radius in px of visible surfaces and of a known hidden layer.
 
     Args:
         hidden: The known layer.
-        ends: Least and greatest signed radius of the visible surfaces.
+        limits: Least and greatest signed radius of the visible surfaces.
 
     Raises:
         ValueError: If a value within the mask is not finite, or beyond `BRIGHTEST`.
     """
-    least, most = ends
+    minimum, maximum = limits
     for color, radius, mask in zip(*map(banded, hidden), strict=True):
         where = mask.bool()
         known = radius[where]
@@ -131,9 +131,9 @@ def with_hidden(hidden: Behind, ends: tuple[float, float]) -> tuple[float, float
                     "true; leave unknown pixels out"
                 )
         if len(known):
-            nearest, farthest = ends_of(known).tolist()
-            least, most = min(least, nearest), max(most, farthest)
-    return least, most
+            nearest, farthest = range_of(known).tolist()
+            minimum, maximum = min(minimum, nearest), max(maximum, farthest)
+    return minimum, maximum
 
 
 def needs_double(survey: Survey, limit: float) -> bool:
@@ -167,6 +167,6 @@ def _radius_statistics(band: Tensor, rows: tuple[int, int]) -> Tensor:
     radii = band[: rows[1] - rows[0]]
     steps = band.diff(dim=0), radii.diff(dim=1)
     steepest = [
-        ends_of(step).abs().amax() if step.numel() else radii.new_zeros(()) for step in steps
+        range_of(step).abs().amax() if step.numel() else radii.new_zeros(()) for step in steps
     ]
-    return torch.cat([ends_of(radii), torch.stack(steepest)])
+    return torch.cat([range_of(radii), torch.stack(steepest)])

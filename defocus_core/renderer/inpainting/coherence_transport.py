@@ -36,13 +36,13 @@ def structure(half: PyramidLevel) -> PyramidLevel:
     Args:
         half: Linear colour and radius in px, at half of the resolution.
     """
-    radius = torch.where(half.edges, torch.nan, half.first.most)
+    radius = torch.where(half.edges, torch.nan, half.first.maximum)
     picture, r = (x.reshape(*x.shape[:-1], *half.size) for x in (half.first.values, radius))
     x, y = (_slope(picture[:-1], r, dim) for dim in (-1, -2))
     tensor = torch.stack([(x * x).sum(0), (x * y).sum(0), (y * y).sum(0)])
     second = half.second
     if second is not None:  # a second sheet has too few pixels for slopes
-        second = second.with_values(second.data.new_zeros(3, len(second.most)))
+        second = second.with_values(second.data.new_zeros(3, len(second.maximum)))
     return half._replace(first=half.first.with_values(tensor.flatten(1)), second=second)
 
 
@@ -70,7 +70,7 @@ def transported(
     border: Tensor,
     smooth: Tensor,
     tensor: Tensor,
-    halvings: int = 0,
+    level: int = 0,
 ) -> Tensor:
     """Colours [n, C] behind nearer surfaces, with lines continued from the visible picture.
 
@@ -80,22 +80,22 @@ def transported(
         border: [n] px of radius, beyond which a pixel is of a farther surface.
         smooth: [n, C + 1] colour and radius as continued without a direction.
         tensor: [n, 3] structure tensor, continued without a direction.
-        halvings: How many times the resolution of the picture is halved.
+        level: How many times the resolution of the picture is halved.
     """
     r, color, size = picture[-1].detach().flatten(), smooth[:, :-1], picture.shape[1:]
     along, coherence = _direction(tensor, color)
     ways = (torch.cat([at, at]), torch.cat([border, border]), torch.cat([along, -along]))
-    spot, away = _first_beyond(r, size, *ways, 0.5**halvings)
+    spot, away = _first_beyond(r, size, *ways, 0.5**level)
     expected = smooth[:, -1].detach().repeat(2)
     near = (away < FARTHEST) & ((r.index_select(0, spot) - expected).abs() < _ALIKE)
-    ends = picture[:-1].flatten(1).index_select(1, spot).T
+    limits = picture[:-1].flatten(1).index_select(1, spot).T
     n = len(at)
-    first, second, to_first, to_second = ends[:n], ends[n:], away[:n], away[n:]
+    first, second, to_first, to_second = limits[:n], limits[n:], away[:n], away[n:]
     is_first, is_second = near[:n], near[n:]
     both = is_first & is_second
     # the nearer one of two ends has more weight; a single end has less the farther it is
-    share = torch.where(both, to_second / (to_first + to_second), is_first.to(r.dtype))[:, None]
-    between = share * first + (1 - share) * second
+    fraction = torch.where(both, to_second / (to_first + to_second), is_first.to(r.dtype))[:, None]
+    between = fraction * first + (1 - fraction) * second
     fading = 1 - torch.where(is_first, to_first, to_second) / FARTHEST
     weight = torch.where(both, 1.0, torch.where(is_first | is_second, fading, 0.0)) * coherence
     return color + weight[:, None] * (between - color)

@@ -36,13 +36,13 @@ _NOWHERE = -2 << _LEVELS << _BITS
 # in the middle between two grains.
 _BETWEEN = 0.013
 # Radii of more px count as this one; no frame is as wide.
-_MOST = 4096.0
-# Number of cells dilated at once on a CPU, and bytes that each takes elsewhere.
+_MAXIMUM = 4096.0
+# Number of coarse pixels dilated at once on a CPU, and bytes that each takes elsewhere.
 _PIXELS, _BYTES_EACH = 1 << 20, 8
 
 
 class Revealed(NamedTuple):
-    """The surface that may show behind each cell.
+    """The surface that may show behind each coarse pixel.
 
     Attributes:
         shown: [h, w] px, the radius in front of which the surface shows; below all radii where no
@@ -61,7 +61,7 @@ class Revealed(NamedTuple):
 
 
 class Reach(NamedTuple):
-    """The edges of a frame, by cells of half resolution; radii are integers, in grains.
+    """The edges of a frame, by coarse pixels of half resolution; radii are integers, in grains.
 
     Attributes:
         farthest: [h, w], the greatest cone in the upper bits, and the radius of its edge in the
@@ -76,22 +76,21 @@ class Reach(NamedTuple):
     grain: float
     fine: tuple[Axis, Axis]
 
-    def behind(
-        self, near: Tensor, cells: Box, middle: tuple[Axis, Axis], halvings: int
-    ) -> Revealed:
-        """The surface that may show behind each cell.
+    def behind(self, near: Tensor, coarse: Box, middle: tuple[Axis, Axis], level: int) -> Revealed:
+        """The surface that may show behind each coarse pixel.
 
         Args:
             near: [height, width] px, the surface in front.
-            cells: The cells, at full (0) or half (1) of the resolution, in a part of the frame.
+            coarse: The coarse pixels, at full (0) or half (1) of the resolution, in a part of the
+                frame.
             middle: Where the middle of the frame is in that part.
-            halvings: 0 or 1.
+            level: 0 or 1.
         """
-        cone, far = self._read(self.farthest, cells, middle, halvings)
-        # two pixels of neighbouring cells may be a px apart, and not two
+        cone, far = self._read(self.farthest, coarse, middle, level)
+        # two pixels of neighbouring coarse pixels may be a px apart, and not two
         cone = torch.minimum(cone + math.floor(DECAY / self.grain), far)
         shown, source = cone.to(near.dtype) * self.grain, far.to(near.dtype) * self.grain
-        away, radius = self._read(self.closest, cells, middle, halvings)
+        away, radius = self._read(self.closest, coarse, middle, level)
         spent, closest = -DECAY * away.to(near.dtype), radius.to(near.dtype) * self.grain
         comes_next = (closest - spent > near + STEP) & (source > closest + STEP)
         # a gap in the more blurred one of two surfaces is hardly seen
@@ -106,33 +105,33 @@ class Reach(NamedTuple):
         )
 
     def _read(
-        self, edges: Tensor, cells: Box, middle: tuple[Axis, Axis], halvings: int
+        self, edges: Tensor, coarse: Box, middle: tuple[Axis, Axis], level: int
     ) -> tuple[Tensor, Tensor]:
-        """The upper and the lower bits of the edges in each cell."""
+        """The upper and the lower bits of the edges in each coarse pixel."""
         cuts = []
         for d, axis in enumerate(middle):
-            fine, start, length = self.fine[d].middle, cells[d] - axis.middle, cells[d + 2]
-            # the middle is an even number of pixels after the beginning of the first cell
+            fine, start, length = self.fine[d].middle, coarse[d] - axis.middle, coarse[d + 2]
+            # the middle is an even number of pixels after the beginning of the first coarse pixel
             origin = (fine + fine % 2) // 2
-            if halvings:
+            if level:
                 first, last = start + origin, start + origin + length - 1
             else:
                 start += 2 * origin
                 first, last = start // 2, (start + length - 1 + axis.odd) // 2
                 cuts.append(slice(start - 2 * first, start - 2 * first + length))
             edges = edges.narrow(d, first, last + 1 - first)
-        if not halvings:
+        if not level:
             edges = spread_out(edges, (middle[0].odd, middle[1].odd))[cuts[0], cuts[1]]
         return edges >> _BITS, (edges & _RADIUS) - (1 << _LEVELS)
 
 
-def grain_of(least: float, most: float) -> float:
-    """The grain in px for radii from `least` to `most` px."""
-    largest = min(max(-least, most, 1.0), _MOST)
+def grain_of(minimum: float, maximum: float) -> float:
+    """The grain in px for radii from `minimum` to `maximum` px."""
+    largest = min(max(-minimum, maximum, 1.0), _MAXIMUM)
     return 2.0 ** max(_FINEST, math.ceil(math.log2(largest)) - _LEVELS)
 
 
-def edges_in_cells(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis, Axis]) -> Tensor:
+def coarse_edges(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis, Axis]) -> Tensor:
     """The radii of the farther pixels at edges, at half resolution: cones that reach nowhere yet.
 
     Args:
@@ -141,21 +140,21 @@ def edges_in_cells(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis,
         grain: Px of one grain.
         middle: Of the frame.
     """
-    grains = r.flatten()[farther].clamp(-_MOST, _MOST) / grain
+    grains = r.flatten()[farther].clamp(-_MAXIMUM, _MAXIMUM) / grain
     radii = (grains + _BETWEEN).round().to(torch.int32)
     row = farther.div(r.shape[1], rounding_mode="floor")
     column = farther - row * r.shape[1]
     source = (radii << _BITS) + (radii + (1 << _LEVELS))
     down, across = (halves(n, axis) for n, axis in zip(r.shape, middle, strict=True))
     cone = source.new_full((down.length * across.length,), _NOWHERE)
-    for cell_down in _cells(row, down):
-        for cell_across in _cells(column, across):
-            cone.scatter_reduce_(0, cell_down * across.length + cell_across, source, "amax")
+    for coarse_row in _coarse_size(row, down):
+        for coarse_column in _coarse_size(column, across):
+            cone.scatter_reduce_(0, coarse_row * across.length + coarse_column, source, "amax")
     return cone.reshape(down.length, across.length)
 
 
 def reach_of(edges: Tensor, grain: float, span: float, fine: tuple[Axis, Axis]) -> Reach:
-    """The reach of edges [h, w] from `edges_in_cells`, whose radii differ by `span` px at most.
+    """The reach of edges [h, w] from `coarse_edges`, whose radii differ by `span` px at most.
 
     The edges are overwritten.
     """
@@ -168,24 +167,24 @@ def reach_of(edges: Tensor, grain: float, span: float, fine: tuple[Axis, Axis]) 
     )
 
 
-def _cells(place: Tensor, axis: AxisHalving) -> list[Tensor]:
-    """The one or two cells of half resolution that pixels are part of, along an axis."""
-    place = place + axis.before
+def _coarse_size(position: Tensor, axis: AxisHalving) -> list[Tensor]:
+    """The one or two coarse pixels of half resolution that pixels are part of, along an axis."""
+    position = position + axis.before
     if not axis.axis.odd:
-        return [place.div(2, rounding_mode="floor")]
-    return [place.div(2, rounding_mode="floor"), (place + 1).div(2, rounding_mode="floor")]
+        return [position.div(2, rounding_mode="floor")]
+    return [position.div(2, rounding_mode="floor"), (position + 1).div(2, rounding_mode="floor")]
 
 
 def _dilated(edges: Tensor, decay: int, span: float) -> Tensor:
     """Edges [h, w] whose upper bits fall by the decay per px, by `span` at most; in place."""
-    reached, stride, cells = 0, 1, pieces(edges.device, _PIXELS, _BYTES_EACH)
+    reached, stride, coarse = 0, 1, pieces(edges.device, _PIXELS, _BYTES_EACH)
     while 2 * reached * decay < span:
         fall = (2 * decay * stride) << _BITS
         for dim in (0, 1):
             n = edges.shape[dim] - stride
             if n < 1:
                 continue
-            for lines in torch.split(edges, max(1, cells // edges.shape[dim]), 1 - dim):
+            for lines in torch.split(edges, max(1, coarse // edges.shape[dim]), 1 - dim):
                 fallen = lines - fall
                 for target, source in ((0, stride), (stride, 0)):
                     side = lines.narrow(dim, target, n)

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.inpainting.coherence_transport import structure
-from defocus_core.renderer.inpainting.disocclusion import Reach, edges_in_cells, grain_of, reach_of
+from defocus_core.renderer.inpainting.disocclusion import Reach, coarse_edges, grain_of, reach_of
 from defocus_core.renderer.inpainting.two_layer_pyramid import (
     PyramidLevel,
     coarser,
@@ -24,10 +24,10 @@ from defocus_core.renderer.inpainting.two_layer_pyramid import (
 )
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import launches_cost, pieces
-from defocus_core.tensors.neighbourhoods import ends_of
+from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.pyramid import Axis, axes, halves
 from defocus_core.tensors.source import Pixels, banded
-from defocus_core.tensors.sparse_masks import exceeding, places_of
+from defocus_core.tensors.sparse_masks import exceeding, positions_of
 from defocus_core.tensors.threads import threaded
 
 # Edges of radius, in px per pixel, above which one surface hides another.
@@ -38,8 +38,8 @@ _MIXED = 0.25
 # CPU, and bytes that a pixel takes elsewhere; rows of quarter resolution around a band that it
 # depends on.
 _BAND, _PIXELS, _BYTES_EACH, _AROUND = 32, 1 << 20, 120, 2
-# The last level has cells this many times as wide as the range of radii; no round number, so that
-# rounding decides nothing.
+# The last level has coarse pixels this many times as wide as the range of radii; no round number,
+# so that rounding decides nothing.
 _WIDER = 1.99
 
 
@@ -64,7 +64,7 @@ def backdrop_of(
     limit: float = math.inf,
     dtype: torch.dtype | None = None,
     threads: int = 1,
-    ends: tuple[float, float] | None = None,
+    limits: tuple[float, float] | None = None,
 ) -> Backdrop:
     """The pyramid of a frame, and the reach of its edges.
 
@@ -74,16 +74,16 @@ def backdrop_of(
         limit: Brightness above which a pixel is a highlight, which is not continued.
         dtype: Type to compute in; None for the type of the pixels.
         threads: Number of bands computed at once.
-        ends: Least and greatest radius in px; None to find them.
+        limits: Least and greatest radius in px; None to find them.
     """
     H, W = signed_radius.shape
     device = signed_radius.device
     dtype = dtype or pixels.dtype
-    if ends is None:
-        band_ends = torch.stack([ends_of(b) for b in banded(signed_radius)])
-        ends = (float(band_ends.amin()), float(band_ends.amax()))
-    least, most = ends
-    grain = grain_of(least, most)
+    if limits is None:
+        band_ranges = torch.stack([range_of(b) for b in banded(signed_radius)])
+        limits = (float(band_ranges.amin()), float(band_ranges.amax()))
+    minimum, maximum = limits
+    grain = grain_of(minimum, maximum)
     fine = axes((H, W))
     half = halves(H, fine[0])
     quarter = halves(half.length, half.axis)
@@ -119,9 +119,9 @@ def backdrop_of(
             yield level, first, end
 
     levels = [stacked(bands(), quarter.length, quarter.axis)]
-    while max(levels[-1].size) > 1 and 1 << levels[-1].halvings < _WIDER * (most - least):
+    while max(levels[-1].size) > 1 and 1 << levels[-1].level < _WIDER * (maximum - minimum):
         levels.append(coarser(levels[-1]))
-    return Backdrop(levels, reach_of(edges, grain, most - least, fine), fine)
+    return Backdrop(levels, reach_of(edges, grain, maximum - minimum, fine), fine)
 
 
 def _coarsely(
@@ -137,7 +137,7 @@ def _coarsely(
     weight = exceeding(pixels.detach().amax(0), limit).logical_not_().to(r.dtype)
     weight.flatten()[farther] *= _MIXED
     half = coarser(pixels_of([pixels, signed_radius[None]], signed_radius, middle, weight))
-    edges = edges_in_cells(r, farther, grain, middle)
+    edges = coarse_edges(r, farther, grain, middle)
     return coarser(structure(half)), edges, half.middle[0].middle
 
 
@@ -146,6 +146,6 @@ def _beside_edges(r: Tensor) -> Tensor:
     numbers = []
     for dim, stride in ((0, r.shape[1]), (1, 1)):
         step = r.diff(dim=dim)
-        row, column = places_of(exceeding(step.abs(), EDGE)).unbind(1)
+        row, column = positions_of(exceeding(step.abs(), EDGE)).unbind(1)
         numbers.append(row * r.shape[1] + column + stride * (step[row, column] > 0))
     return torch.cat(numbers)

@@ -22,7 +22,7 @@ from defocus_core.renderer.inpainting.push_pull import HiddenQueries, continued,
 from defocus_core.renderer.inpainting.region_view import View, half_view, whole_view
 from defocus_core.renderer.inpainting.two_layer_pyramid import PyramidLevel, coarser, pixels_of
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.sparse_masks import numbers_of
+from defocus_core.tensors.sparse_masks import flat_nonzero
 
 # Where between the radii of the near and the far surface the border is that tells them apart. A
 # surface in front of an edge may rise towards it, like the top of a box seen from above: with a
@@ -59,7 +59,7 @@ def hidden_layer(
     box: Box | None = None,
     wanted: Box | None = None,
     *,
-    halvings: int = 0,
+    level: int = 0,
 ) -> HiddenLayer | None:
     """Continue farther surfaces behind nearer ones, as far as the aperture sees them.
 
@@ -69,7 +69,7 @@ def hidden_layer(
         backdrop: The frame that this is a part of; None if it is the whole.
         box: Where in the frame it is.
         wanted: Where in it the layer matters; None if everywhere.
-        halvings: How many times the resolution of the layer is halved, at most once.
+        level: How many times the resolution of the layer is halved, at most once.
 
     Returns:
         The layer within `wanted`, None where nothing is hidden.
@@ -83,15 +83,15 @@ def hidden_layer(
     )
     whole = pixels_of([image, signed_radius[None]], signed_radius, middle)
     half = coarser(whole)
-    view = half_view(half, middle) if halvings else whole_view(whole)
-    cells = view.cells(wanted or Box(0, 0, H, W))
-    near = cells.of(view.near)
-    revealed = backdrop.reach.behind(near, cells, view.middle, halvings)
-    index = numbers_of(revealed.shown > near + STEP)
+    view = half_view(half, middle) if level else whole_view(whole)
+    coarse = view.coarse(wanted or Box(0, 0, H, W))
+    near = coarse.of(view.near)
+    revealed = backdrop.reach.behind(near, coarse, view.middle, level)
+    index = flat_nonzero(revealed.shown > near + STEP)
     if not len(index):
         return None
-    row = index.div(cells.width, rounding_mode="floor")
-    at = torch.stack([row + cells.top, index - row * cells.width + cells.left], 1)
+    row = index.div(coarse.width, rounding_mode="floor")
+    at = torch.stack([row + coarse.top, index - row * coarse.width + coarse.left], 1)
     shown, source, front, ceiling = (x.flatten().index_select(0, index) for x in revealed)
     asked = HiddenQueries(at, front + (source - front) * _BETWEEN, ceiling)
     values, tensor, weight = _from_frame(
@@ -103,7 +103,7 @@ def hidden_layer(
     if len(lines):
         spot, border, smooth = (x.index_select(0, lines) for x in (*asked[:2], surface))
         way = tensor.index_select(1, lines).T
-        colors = transported(view.picture, spot, border, smooth, way, halvings)
+        colors = transported(view.picture, spot, border, smooth, way, level)
         surface = surface.index_copy(0, lines, torch.cat([colors, smooth[:, -1:]], 1))
     if not bool((weight > 0).all()):
         exists = torch.nonzero(weight > 0)[:, 0]
@@ -126,27 +126,27 @@ def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tenso
     """
     finest, *levels = backdrop.levels
     both, weight = nearby(finest, asked, backdrop.fine)
-    colors = [level.channels(slice(-3)) for level in levels]
+    colors = [pyramid_level.channels(slice(-3)) for pyramid_level in levels]
     values, weight = continued((both[:-3], weight), colors, asked, backdrop.fine)
     tensor = both[-3:]
-    for level in levels[: _DIRECTIONS - 1]:
-        tensor = tensor + nearby(level.channels(slice(-3, None)), asked, backdrop.fine)[0]
+    for pyramid_level in levels[: _DIRECTIONS - 1]:
+        tensor = tensor + nearby(pyramid_level.channels(slice(-3, None)), asked, backdrop.fine)[0]
     return values, tensor, weight
 
 
 def _with_adjacent_surface(
     values: Tensor, weight: Tensor, half: PyramidLevel, view: View, asked: HiddenQueries
 ) -> tuple[Tensor, Tensor]:
-    """Values and weights, but first those of the surface next to each cell, at half resolution."""
-    offsets = (-0.25, 0.25) if view.halvings else (0.0,)
+    """Values and weights at half resolution, first those of the surface next to each pixel."""
+    offsets = (-0.25, 0.25) if view.level else (0.0,)
     offset = asked.border.new_tensor([(y, x) for y in offsets for x in offsets])
     n, count = len(asked.at), len(offset)
     spots = view.pixels((offset[:, None] + asked.at).flatten(0, 1))
     each = HiddenQueries(spots, asked.border.repeat(count), asked.ceiling.repeat(count))
-    next_values, share = nearby(half, each, view.fine)
+    next_values, fraction = nearby(half, each, view.fine)
     next_values = next_values.reshape(-1, count, n).mean(1)
-    share = share.reshape(count, n).mean(0)
-    most = (share * _NEXT).clamp(max=1)
-    left = 1 - most
-    next_values = next_values * (most / torch.where(share > 0, share, 1.0))
-    return torch.addcmul(next_values, values, left), torch.addcmul(most, weight, left)
+    fraction = fraction.reshape(count, n).mean(0)
+    maximum = (fraction * _NEXT).clamp(max=1)
+    left = 1 - maximum
+    next_values = next_values * (maximum / torch.where(fraction > 0, fraction, 1.0))
+    return torch.addcmul(next_values, values, left), torch.addcmul(maximum, weight, left)

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from defocus_core.renderer.inpainting.disocclusion import STEP
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-from defocus_core.renderer.inpainting.region_view import in_cells, in_pixels
+from defocus_core.renderer.inpainting.region_view import in_coarse_pixels, in_pixels
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.pyramid import Axis
 from defocus_core.tensors.source import Pixels
@@ -61,5 +61,5 @@ def separated(
     farther = radius > known.signed_radius + STEP
     needed = mask & (~known.mask | farther)
     if halved:
-        needed = hidden.mask & in_cells(needed, middle)
+        needed = hidden.mask & in_coarse_pixels(needed, middle)
     return known._replace(mask=mask & known.mask), hidden._replace(mask=needed)

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from defocus_core.renderer.inpainting.two_layer_pyramid import CellSurface, PyramidLevel
 from defocus_core.tensors.device_plan import pieces
-from defocus_core.tensors.pyramid import Axis, places
+from defocus_core.tensors.pyramid import Axis, positions
 
 # Weight from which on a pixel takes nothing from coarser levels.
 _ENOUGH = 0.5
@@ -64,17 +64,17 @@ def continued(
         lacking = torch.nonzero(weight < _ENOUGH)[:, 0]
         if not len(lacking):
             break
-        more, share = nearby(level, asked.select(lacking), fine)
+        more, fraction = nearby(level, asked.select(lacking), fine)
         missing = 1 - weight.index_select(0, lacking)
         values = values.index_add(1, lacking, more * missing)
-        weight = weight.index_add(0, lacking, share * missing)
+        weight = weight.index_add(0, lacking, fraction * missing)
     return values, weight
 
 
 def nearby(
     level: PyramidLevel, asked: HiddenQueries, fine: tuple[Axis, Axis]
 ) -> tuple[Tensor, Tensor]:
-    """The mean of the four cells of one level around each pixel, weighted by distance.
+    """The mean of the four coarse pixels of one level around each pixel, weighted by distance.
 
     Arguments and result are those of `continued`.
     """
@@ -89,41 +89,46 @@ def _nearby(
     level: PyramidLevel, asked: HiddenQueries, fine: tuple[Axis, Axis]
 ) -> tuple[Tensor, Tensor]:
     """The same for few pixels at once."""
-    n, ends = len(asked.at), (asked.border.detach().repeat(4), asked.ceiling.detach().repeat(4))
-    place = torch.stack(places(asked.at, fine, level.middle, level.halvings))
-    (row, column), (down, across) = _neighbours(place.to(asked.border.dtype), level.size)
-    cell = (row[:, None] * level.size[1] + column).flatten()
-    share = (down[:, None] * across).flatten()
-    values, weight = _weighed(level.first, cell, ends, share)
-    if level.second is not None and level.number is not None:
-        number = level.number.index_select(0, cell)
-        share = share * (number + 1).clamp_(max=1)  # 0 where a cell has no second sheet
-        second_values, second_weight = _weighed(level.second, number.clamp_(min=0), ends, share)
+    n, limits = len(asked.at), (asked.border.detach().repeat(4), asked.ceiling.detach().repeat(4))
+    position = torch.stack(positions(asked.at, fine, level.middle, level.level))
+    (row, column), (down, across) = _neighbours(position.to(asked.border.dtype), level.size)
+    coarse_pixel = (row[:, None] * level.size[1] + column).flatten()
+    fraction = (down[:, None] * across).flatten()
+    values, weight = _weighed(level.first, coarse_pixel, limits, fraction)
+    if level.second is not None and level.second_index is not None:
+        second_index = level.second_index.index_select(0, coarse_pixel)
+        # 0 where a coarse pixel has no second sheet
+        fraction = fraction * (second_index + 1).clamp_(max=1)
+        second_values, second_weight = _weighed(
+            level.second, second_index.clamp_(min=0), limits, fraction
+        )
         values, weight = values + second_values, weight + second_weight
     values, weight = values.reshape(-1, 4, n).sum(1), weight.reshape(4, n).sum(0)
-    most = weight.clamp(min=1)
-    return values / most, weight / most
+    maximum = weight.clamp(min=1)
+    return values / maximum, weight / maximum
 
 
 def _weighed(
-    sheet: CellSurface, cell: Tensor, ends: tuple[Tensor, Tensor], share: Tensor
+    sheet: CellSurface, coarse_pixel: Tensor, limits: tuple[Tensor, Tensor], fraction: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Values [K, n] of cells times weights, and weights [n]; 0 unless radii lie between `ends`."""
-    values, weight, least, _ = sheet.select(cell).parts
-    between = torch.minimum(least - ends[0], ends[1] - least).gt_(0)
-    weight = share * weight * between
+    """Values [K, n] of coarse pixels by weights, and weights [n]; 0 for radii beyond `limits`."""
+    values, weight, minimum, _ = sheet.select(coarse_pixel).parts
+    between = torch.minimum(minimum - limits[0], limits[1] - minimum).gt_(0)
+    weight = fraction * weight * between
     return values * weight, weight
 
 
-def _neighbours(place: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
-    """The two cells beside each place [2, n] along both axes, and their shares; 0 outside.
+def _neighbours(position: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    """The two coarse pixels beside each place [2, n] along both axes, and their shares; 0 outside.
 
     Returns:
         Numbers and shares, each [2, 2, n]: rows first, then columns.
     """
-    below = place.floor()
+    below = position.floor()
     last = below.new_tensor(size)[:, None] - 1
-    share = place - below
+    fraction = position - below
     exists = torch.stack([below + 1, last - below], 1).clamp_(0, 1)
-    number = torch.stack([below, below + 1], 1).clamp_(min=0)
-    return torch.minimum(number, last[:, None]).long(), torch.stack([1 - share, share], 1) * exists
+    second_index = torch.stack([below, below + 1], 1).clamp_(min=0)
+    return torch.minimum(second_index, last[:, None]).long(), torch.stack(
+        [1 - fraction, fraction], 1
+    ) * exists

@@ -1,9 +1,9 @@
-"""A pyramid of two layers: in each cell the farthest surface, and the next one in front of it.
+"""A pyramid of two layers: in each coarse px the farthest surface, and the next one in front of it.
 
-A cell on a depth edge holds two surfaces. Their mean is neither, and hidden content is continued
-from the farther one alone. So each cell keeps two sheets, each the mean of pixels of like radii.
-From the second halving on cells overlap (Burt 1981), so that their values hardly depend on where an
-edge lies among them.
+A coarse pixel on a depth edge holds two surfaces. Their mean is neither, and hidden content is
+continued from the farther one alone. So each coarse pixel keeps two sheets, each the mean of pixels
+of like radii. From the second halving on coarse pixels overlap (Burt 1981), so that their values
+hardly depend on where an edge lies among them.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from torch import Tensor
 
 from defocus_core.tensors.device_plan import launches_cost, pieces
 from defocus_core.tensors.pyramid import Axis, AxisHalving, extended, halved, halves, pulled
-from defocus_core.tensors.sparse_masks import numbers_of
+from defocus_core.tensors.sparse_masks import flat_nonzero
 
-# Range of radii in px that counts as one surface in a cell of two by two pixels; and the factor by
-# which the range grows at each further level.
+# Range of radii in px that counts as one surface in a coarse pixel of two by two pixels; and the
+# factor by which the range grows at each further level.
 _ALIKE, _GROWTH = 1.013, 1.5
-# Cells on edges that are split into two sheets at once on a CPU, and bytes that each takes
+# Coarse pixels on edges that are split into two sheets at once on a CPU, and bytes that each takes
 # elsewhere: bounds memory.
-_CELLS, _BYTES_EACH = 1 << 12, 1 << 13
-# Cells of a level all of which are split where an operation takes long to begin.
+_COARSE, _BYTES_EACH = 1 << 12, 1 << 13
+# Coarse pixels of a level all of which are split where an operation takes long to begin.
 _FEW = 1 << 14
 
 
 class CellSurface(NamedTuple):
-    """A surface in each of n cells.
+    """A surface in each of n coarse pixels.
 
     Attributes:
         data: [K + 3, n], all of the below, one after another.
@@ -44,26 +44,26 @@ class CellSurface(NamedTuple):
 
     @property
     def weight(self) -> Tensor:
-        """[n] in [0, 1], the share of the cell that the surface takes."""
+        """[n] in [0, 1], the share of the coarse pixel that the surface takes."""
         return self.data[-3]
 
     @property
-    def least(self) -> Tensor:
+    def minimum(self) -> Tensor:
         """[n] px, its least radius; infinite where there is none."""
         return self.data[-2].detach()
 
     @property
-    def most(self) -> Tensor:
+    def maximum(self) -> Tensor:
         """[n] px, its greatest radius; -infinite where there is none."""
         return self.data[-1].detach()
 
     @property
     def parts(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Values, weight, least and greatest radius."""
-        return self.values, self.weight, self.least, self.most
+        return self.values, self.weight, self.minimum, self.maximum
 
     def select(self, index: Tensor) -> CellSurface:
-        """The cells of these indices."""
+        """The coarse pixels of these indices."""
         return CellSurface(self.data.index_select(1, index))
 
     def with_values(self, more: Tensor) -> CellSurface:
@@ -79,22 +79,23 @@ class PyramidLevel(NamedTuple):
     """A picture, or a part of one, at some resolution.
 
     Attributes:
-        size: (height, width) in cells.
-        first: The farthest surface in each cell, row by row.
-        second: The surface in front of the first, for the cells that hold two.
-        number: [height * width] the index of each cell in `second`, or -1; None if all are -1.
-        middle: The middle of the frame, in cells.
-        halvings: How many times resolution is halved.
-        edges: [height * width] bool, the cells that hold a depth edge.
+        size: (height, width) in coarse pixels.
+        first: The farthest surface in each coarse pixel, row by row.
+        second: The surface in front of the first, for the coarse pixels that hold two.
+        second_index: [height * width] the index of each coarse pixel in `second`, or -1; None if
+            all are -1.
+        middle: The middle of the frame, in coarse pixels.
+        level: How many times resolution is halved.
+        edges: [height * width] bool, the coarse pixels that hold a depth edge.
         whole: Whether all weights are 1.
     """
 
     size: tuple[int, int]
     first: CellSurface
     second: CellSurface | None
-    number: Tensor | None
+    second_index: Tensor | None
     middle: tuple[Axis, Axis]
-    halvings: int
+    level: int
     edges: Tensor
     whole: bool = False
 
@@ -120,81 +121,91 @@ def pixels_of(
     """
     r = signed_radius.detach()
     size = (r.shape[0], r.shape[1])
-    least = most = r = r.flatten()
+    minimum = maximum = r = r.flatten()
     whole = weight is None
     weight = torch.ones_like(r) if weight is None else weight.flatten()
     if not whole and not bool((counted := weight.bool()).all()):
-        least, most = torch.where(counted, r, torch.inf), torch.where(counted, r, -torch.inf)
-    rows = [each.flatten(1) for each in values] + [each[None] for each in (weight, least, most)]
+        minimum, maximum = torch.where(counted, r, torch.inf), torch.where(counted, r, -torch.inf)
+    rows = [each.flatten(1) for each in values] + [
+        each[None] for each in (weight, minimum, maximum)
+    ]
     first = CellSurface(torch.cat(rows))
     return PyramidLevel(size, first, None, None, middle, 0, r.new_zeros(0).bool(), whole)
 
 
-def coarser(level: PyramidLevel) -> PyramidLevel:
+def coarser(pyramid_level: PyramidLevel) -> PyramidLevel:
     """The next coarser level, at half the resolution."""
-    down, across = (halves(n, axis) for n, axis in zip(level.size, level.middle, strict=True))
-    overlapping = level.halvings > 0
-    alike = _ALIKE * _GROWTH ** max(level.halvings - 1, 0)
+    down, across = (
+        halves(n, axis) for n, axis in zip(pyramid_level.size, pyramid_level.middle, strict=True)
+    )
+    overlapping = pyramid_level.level > 0
+    alike = _ALIKE * _GROWTH ** max(pyramid_level.level - 1, 0)
     middle, size = (down.axis, across.axis), (down.length, across.length)
-    device, count = level.first.data.device, size[0] * size[1]
+    device, count = pyramid_level.first.data.device, size[0] * size[1]
     if launches_cost(device) and count <= _FEW:
         every = torch.arange(count, device=device)
-        dense, near = _split(level, every, (down, across), overlapping, alike)
-        is_edge = near.most > -torch.inf
-        number = torch.where(is_edge, every, -1)
-        return PyramidLevel(size, dense, near, number, middle, level.halvings + 1, is_edge)
-    values, weight, least, most = _dense(level, (down, across), overlapping)
-    is_edge = (most > -torch.inf) & ~(most + least < alike)
-    edges = numbers_of(is_edge)
-    dense = CellSurface(torch.cat([values, torch.stack([weight, least.neg_(), most])]))
-    result = PyramidLevel(size, dense, None, None, middle, level.halvings + 1, is_edge)
+        dense, near = _split(pyramid_level, every, (down, across), overlapping, alike)
+        is_edge = near.maximum > -torch.inf
+        second_index = torch.where(is_edge, every, -1)
+        return PyramidLevel(
+            size, dense, near, second_index, middle, pyramid_level.level + 1, is_edge
+        )
+    values, weight, minimum, maximum = _dense(pyramid_level, (down, across), overlapping)
+    is_edge = (maximum > -torch.inf) & ~(maximum + minimum < alike)
+    edges = flat_nonzero(is_edge)
+    dense = CellSurface(torch.cat([values, torch.stack([weight, minimum.neg_(), maximum])]))
+    result = PyramidLevel(size, dense, None, None, middle, pyramid_level.level + 1, is_edge)
     if not len(edges):
         return result
     pairs = [
-        _split(level, chunk, (down, across), overlapping, alike)
-        for chunk in torch.split(edges, pieces(device, _CELLS, _BYTES_EACH))
+        _split(pyramid_level, chunk, (down, across), overlapping, alike)
+        for chunk in torch.split(edges, pieces(device, _COARSE, _BYTES_EACH))
     ]
     far, near = (_joined([pair[i] for pair in pairs]) for i in (0, 1))
     dense.data.index_copy_(1, edges, far.data)
-    held = numbers_of(near.most > -torch.inf)
+    held = flat_nonzero(near.maximum > -torch.inf)
     if not len(held):
         return result
-    number = torch.full((count,), -1, dtype=torch.int32, device=device)
-    number[edges.index_select(0, held)] = torch.arange(len(held), dtype=torch.int32, device=device)
-    return result._replace(second=near.select(held), number=number)
+    second_index = torch.full((count,), -1, dtype=torch.int32, device=device)
+    second_index[edges.index_select(0, held)] = torch.arange(
+        len(held), dtype=torch.int32, device=device
+    )
+    return result._replace(second=near.select(held), second_index=second_index)
 
 
 def _dense(
-    level: PyramidLevel, axes: tuple[AxisHalving, AxisHalving], overlapping: bool
+    pyramid_level: PyramidLevel, axes: tuple[AxisHalving, AxisHalving], overlapping: bool
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """The cells of half resolution as if all that is in one were of one surface.
+    """The coarse pixels of half resolution as if all that is in one were of one surface.
 
     Returns:
         Means [K, n], weights [n], minus the least radius [n], and the greatest one [n].
     """
-    H, W = level.size
+    H, W = pyramid_level.size
     odd = (axes[0].axis.odd, axes[1].axis.odd)
-    first, least = level.first, level.first.least
-    if level.number is not None:
-        least = torch.where(level.number < 0, least, -torch.inf)
+    first, minimum = pyramid_level.first, pyramid_level.first.minimum
+    if pyramid_level.second_index is not None:
+        minimum = torch.where(pyramid_level.second_index < 0, minimum, -torch.inf)
 
-    def cells(values: Tensor, outside: float) -> Tensor:
+    def coarse(values: Tensor, outside: float) -> Tensor:
         return extended(values.reshape(-1, H, W), *axes, outside)
 
     weighed = first.data[:-2]
-    if not level.whole:
+    if not pyramid_level.whole:
         weighed = weighed.clone()
         weighed[:-1] *= first.weight
-    sums = (pulled if overlapping else halved)(cells(weighed, 0.0), odd).flatten(1)
+    sums = (pulled if overlapping else halved)(coarse(weighed, 0.0), odd).flatten(1)
     values, weight = sums[:-1], sums[-1]
     values = values / torch.where(weight > 0, weight, 1.0)
-    ends = _greatest_of(cells(torch.stack([-least, first.most]), -torch.inf), odd, overlapping)
-    least, most = ends.flatten(1).unbind()
-    return values, weight.clamp(max=1), least, most
+    limits = _greatest_of(
+        coarse(torch.stack([-minimum, first.maximum]), -torch.inf), odd, overlapping
+    )
+    minimum, maximum = limits.flatten(1).unbind()
+    return values, weight.clamp(max=1), minimum, maximum
 
 
 def _greatest_of(values: Tensor, odd: tuple[bool, bool], overlapping: bool) -> Tensor:
-    """The greatest value [..., h, w] among the pixels [..., H, W] with a share in each cell."""
+    """The greatest value [..., h, w] of the pixels [..., H, W] with a share in a coarse one."""
     for dim in (-2, -1):
         even, other = (values[..., i::2, :] if dim == -2 else values[..., i::2] for i in (0, 1))
         values = even.clone() if odd[dim] else torch.maximum(even, other)
@@ -212,7 +223,7 @@ def _greatest_of(values: Tensor, odd: tuple[bool, bool], overlapping: bool) -> T
 
 
 def _taps(axis: AxisHalving, overlapping: bool) -> list[tuple[int, float]]:
-    """The pixels that have a share in cell i, counted from 2 i, and their shares."""
+    """The pixels that have a share in coarse pixel i, counted from 2 i, and their shares."""
     if axis.axis.odd:
         return [(-1, 0.5), (0, 1.0), (1, 0.5)]
     if overlapping:
@@ -221,58 +232,61 @@ def _taps(axis: AxisHalving, overlapping: bool) -> list[tuple[int, float]]:
 
 
 def _split(
-    level: PyramidLevel,
-    cells: Tensor,
+    pyramid_level: PyramidLevel,
+    coarse: Tensor,
     axes: tuple[AxisHalving, AxisHalving],
     overlapping: bool,
     alike: float,
 ) -> tuple[CellSurface, CellSurface]:
-    """The farthest surface and the next one in cells [n] of half resolution.
+    """The farthest surface and the next one in coarse pixels [n] of half resolution.
 
     Args:
-        level: The level whose resolution is halved.
-        cells: Numbers of the cells.
+        pyramid_level: The level whose resolution is halved.
+        coarse: Numbers of the coarse pixels.
         axes: How rows and columns are halved.
-        overlapping: Whether cells share pixels.
+        overlapping: Whether coarse pixels share pixels.
         alike: Range of radii in px that counts as one surface.
     """
-    row = cells.div(axes[1].length, rounding_mode="floor")
-    places, shares = [], []
-    for number, axis, length in zip(
-        (row, cells - row * axes[1].length), axes, level.size, strict=True
+    row = coarse.div(axes[1].length, rounding_mode="floor")
+    positions, fractions = [], []
+    for second_index, axis, length in zip(
+        (row, coarse - row * axes[1].length), axes, pyramid_level.size, strict=True
     ):
         offsets, by = zip(*_taps(axis, overlapping), strict=True)
-        first = torch.tensor(offsets, device=cells.device) - axis.before
-        place = torch.add(first[:, None], number, alpha=2)
-        inside = place.clamp(0, length - 1)
-        shares.append(level.first.data.new_tensor(by)[:, None] * (inside == place))
-        places.append(inside)
-    index = torch.add(places[1], places[0][:, None], alpha=level.size[1]).flatten()
-    share = (shares[0][:, None] * shares[1]).flatten()
-    data, count = level.first.data.index_select(1, index), len(cells)
-    if level.second is not None and level.number is not None:
-        number = level.number.index_select(0, index)
-        nearer = level.second.data.index_select(1, number.clamp(min=0))
-        # 0 where a cell has no second surface
-        data, share = torch.cat([data, nearer], 1), torch.cat([share, share * (number >= 0)])
-    values, weight, least, most = CellSurface(data.view(len(data), -1, count)).parts
-    weight = weight * share.view(-1, count)
+        first = torch.tensor(offsets, device=coarse.device) - axis.before
+        position = torch.add(first[:, None], second_index, alpha=2)
+        inside = position.clamp(0, length - 1)
+        fractions.append(pyramid_level.first.data.new_tensor(by)[:, None] * (inside == position))
+        positions.append(inside)
+    index = torch.add(positions[1], positions[0][:, None], alpha=pyramid_level.size[1]).flatten()
+    fraction = (fractions[0][:, None] * fractions[1]).flatten()
+    data, count = pyramid_level.first.data.index_select(1, index), len(coarse)
+    if pyramid_level.second is not None and pyramid_level.second_index is not None:
+        second_index = pyramid_level.second_index.index_select(0, index)
+        nearer = pyramid_level.second.data.index_select(1, second_index.clamp(min=0))
+        # 0 where a coarse pixel has no second surface
+        data, fraction = (
+            torch.cat([data, nearer], 1),
+            torch.cat([fraction, fraction * (second_index >= 0)]),
+        )
+    values, weight, minimum, maximum = CellSurface(data.view(len(data), -1, count)).parts
+    weight = weight * fraction.view(-1, count)
     remaining, sheets = weight > 0, []
     for _ in range(2):
-        top = torch.where(remaining, most, -torch.inf).amax(0)
-        chosen = remaining & (least > top - alike)
+        top = torch.where(remaining, maximum, -torch.inf).amax(0)
+        chosen = remaining & (minimum > top - alike)
         remaining = remaining & ~chosen
         part = weight * chosen
         total = part.sum(0)
         mean = (values * part).sum(1) / torch.where(total > 0, total, 1.0)
-        lowest = torch.where(chosen, least, torch.inf).amin(0)
+        lowest = torch.where(chosen, minimum, torch.inf).amin(0)
         further = torch.stack([total.clamp(max=1), lowest, top])
         sheets.append(CellSurface(torch.cat([mean, further])))
     return sheets[0], sheets[1]
 
 
 def _joined(sheets: list[CellSurface]) -> CellSurface:
-    """Sheets joined along their cells."""
+    """Sheets joined along their coarse pixels."""
     if len(sheets) == 1:
         return sheets[0]
     return CellSurface(torch.cat([sheet.data for sheet in sheets], 1))
@@ -295,28 +309,32 @@ def stacked(
         width = band.size[1]
         if whole is None:
             blank = band.first.data.new_empty(len(band.first.data), height * width)
-            number = torch.full_like(band.first.least[:1], -1, dtype=torch.int32)
-            number = number.repeat(height * width)
+            second_index = torch.full_like(band.first.minimum[:1], -1, dtype=torch.int32)
+            second_index = second_index.repeat(height * width)
             middle = (axis, band.middle[1])
             whole = PyramidLevel(
                 (height, width),
                 CellSurface(blank),
                 None,
-                number,
+                second_index,
                 middle,
-                band.halvings,
+                band.level,
                 band.edges[:0],
             )
-        rows, cells = slice(first * width, end * width), (end - first) * width
-        whole.first.data[:, done : done + cells].copy_(band.first.data[:, rows])
-        if band.second is not None and band.number is not None and whole.number is not None:
-            number = band.number[rows]
-            kept = numbers_of(number >= 0)
-            seconds.append(band.second.select(number.index_select(0, kept)))
-            whole.number[kept + done] = torch.arange(
+        rows, coarse = slice(first * width, end * width), (end - first) * width
+        whole.first.data[:, done : done + coarse].copy_(band.first.data[:, rows])
+        if (
+            band.second is not None
+            and band.second_index is not None
+            and whole.second_index is not None
+        ):
+            second_index = band.second_index[rows]
+            kept = flat_nonzero(second_index >= 0)
+            seconds.append(band.second.select(second_index.index_select(0, kept)))
+            whole.second_index[kept + done] = torch.arange(
                 held, held + len(kept), dtype=torch.int32, device=kept.device
             )
             held += len(kept)
-        done += cells
+        done += coarse
     assert whole is not None
-    return whole._replace(second=_joined(seconds)) if held else whole._replace(number=None)
+    return whole._replace(second=_joined(seconds)) if held else whole._replace(second_index=None)

@@ -1,12 +1,13 @@
-"""A picture cut into layers of like blur: slice ladder, sliced surfaces, slopes, matting.
+"""A picture cut into layers of like blur: slice radii, sliced surfaces, slopes, matting.
 
-rung: a signed blur radius on the ladder, and its number.
-slice: the pixels whose radii are near one rung, each with its share in this slice.
+slice_index: a signed blur radius among the slice radii, and its number.
+slice: the pixels whose radii are near one slice radius, each with its share in this slice.
 layer: neighbouring slices. Slices of one layer are added; layers occlude each other.
 surface: a layer of the scene before it is cut into slices: what is visible, or hidden content.
 sample: what one surface has in one pixel, with its coverage; a stack holds those of a pixel,
 nearest first. sheet: samples of a surface, one a pixel. fringe: a list of samples.
-places: positions of pixels on the ladder, between two rungs. `at`: rows and columns of pixels.
+positions: of pixels among the slice radii, between two slice radii. `at`: rows and columns of
+pixels.
 block: a square of 16 x 16 px in an index that says where slices have pixels.
 tile: a rectangle of the result that is rendered at once. window: the larger rectangle around it
 that a transform reads.

@@ -49,36 +49,38 @@ def _reached(sides: list[Span], reach: Tensor, count: int) -> Tensor:
     return ((block >= first_block[..., None]) & (block < end_block[..., None])).float()
 
 
-def blocks_of(places: Tensor, slices: int, present: Tensor | None = None) -> Tensor:
+def blocks_of(positions: Tensor, slices: int, present: Tensor | None = None) -> Tensor:
     """For each slice the blocks of 16 px that hold a pixel of it: [K, rows, columns] bool.
 
     Args:
-        places: [H, W] positions of pixels on the ladder.
+        positions: [H, W] positions of pixels among the slice radii.
         slices: K, the number of slices.
         present: [H, W] bool, which pixels exist; None if all do.
     """
-    places = places.detach()
+    positions = positions.detach()
     if present is not None:
         at = torch.nonzero(present)
-        return blocks_at(places[at[:, 0], at[:, 1]], at, slices, (places.shape[0], places.shape[1]))
-    extremes = block_ends(places)
-    occupied = torch.zeros((*extremes[0].shape, slices), dtype=torch.bool, device=places.device)
+        return blocks_at(
+            positions[at[:, 0], at[:, 1]], at, slices, (positions.shape[0], positions.shape[1])
+        )
+    extremes = block_ranges(positions)
+    occupied = torch.zeros((*extremes[0].shape, slices), dtype=torch.bool, device=positions.device)
     (first, above), (below, last) = (
         (extreme.floor().long(), extreme.ceil().long()) for extreme in extremes
     )
-    for rung in (first, above, below, last):
-        occupied.scatter_(2, rung[..., None], True)
-    # which rungs between the least and the greatest have a pixel?
+    for slice_index in (first, above, below, last):
+        occupied.scatter_(2, slice_index[..., None], True)
+    # which slice radii between the least and the greatest have a pixel?
     row, column = torch.nonzero(below - above > 1).unbind(1)
     if len(row):
-        mixed = _in_blocks(places)[row, :, column].flatten(1)
-        rungs_held = torch.zeros((len(row), slices), dtype=torch.bool, device=places.device)
-        rungs_held.scatter_(1, mixed.floor().long(), True).scatter_(1, mixed.ceil().long(), True)
-        occupied[row, column] = rungs_held
+        mixed = _in_blocks(positions)[row, :, column].flatten(1)
+        slices_held = torch.zeros((len(row), slices), dtype=torch.bool, device=positions.device)
+        slices_held.scatter_(1, mixed.floor().long(), True).scatter_(1, mixed.ceil().long(), True)
+        occupied[row, column] = slices_held
     return occupied.permute(2, 0, 1)
 
 
-def block_ends(values: Tensor) -> tuple[Tensor, Tensor]:
+def block_ranges(values: Tensor) -> tuple[Tensor, Tensor]:
     """The least and the greatest value of each block of [..., H, W]."""
     blocks = _in_blocks(values)
     return blocks.amin(-3).amin(-1), blocks.amax(-3).amax(-1)
@@ -91,12 +93,12 @@ def _in_blocks(values: Tensor) -> Tensor:
     return torch.unflatten(torch.unflatten(padded, -1, (-1, BLOCK)), -3, (-1, BLOCK))
 
 
-def blocks_at(places: Tensor, at: Tensor, slices: int, size: tuple[int, int]) -> Tensor:
+def blocks_at(positions: Tensor, at: Tensor, slices: int, size: tuple[int, int]) -> Tensor:
     """As `blocks_of`, for n samples: their places [n], and their rows and columns [n, 2]."""
     rows, columns = (-(-n // BLOCK) for n in size)
-    occupied = torch.zeros(slices * rows * columns, dtype=torch.bool, device=places.device)
+    occupied = torch.zeros(slices * rows * columns, dtype=torch.bool, device=positions.device)
     block = at.div(BLOCK, rounding_mode="floor")
     number = block[:, 0] * columns + block[:, 1]
-    for rung in (places.detach().floor(), places.detach().ceil()):
-        occupied.index_fill_(0, rung.long() * (rows * columns) + number, True)
+    for slice_index in (positions.detach().floor(), positions.detach().ceil()):
+        occupied.index_fill_(0, slice_index.long() * (rows * columns) + number, True)
     return occupied.view(slices, rows, columns)

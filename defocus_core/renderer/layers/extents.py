@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.tensors.box import Box, Span, least_transform
+from defocus_core.tensors.box import Box, Span, min_transform
 from defocus_core.tensors.tiling import BLOCK
 
 
@@ -27,10 +27,10 @@ class Patch(NamedTuple):
     margin: int
 
     @property
-    def least(self) -> tuple[int, int]:
+    def minimum(self) -> tuple[int, int]:
         """The least (height, width) of a transform that blurs the layer."""
         down, across = (
-            least_transform(lit, shown, self.margin)
+            min_transform(lit, shown, self.margin)
             for lit, shown in zip(self.lit.sides, self.shown.sides, strict=True)
         )
         return down, across
@@ -40,12 +40,14 @@ class Patch(NamedTuple):
         """The first row and column of both rectangles."""
         return min(self.lit.top, self.shown.top), min(self.lit.left, self.shown.left)
 
-    def transformed(self, size: tuple[int, int], tile: Box, most: tuple[int, int]) -> Box:
+    def transformed(self, size: tuple[int, int], tile: Box, maximum: tuple[int, int]) -> Box:
         """The window that a transform of the given (height, width) reads.
 
-        It lies within the window of the whole tile, whose size is `most`.
+        It lies within the window of the whole tile, whose size is `maximum`.
         """
-        top, left = (min(self.corner[d], tile[d] - self.margin + most[d] - size[d]) for d in (0, 1))
+        top, left = (
+            min(self.corner[d], tile[d] - self.margin + maximum[d] - size[d]) for d in (0, 1)
+        )
         return Box(top, left, *size)
 
 

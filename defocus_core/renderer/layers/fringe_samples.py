@@ -14,52 +14,52 @@ class FringeSamples:
     """The fringe samples of a surface, each with its share in one slice, sorted by layer."""
 
     def __init__(
-        self, at: Tensor, samples: Tensor, places: Tensor, layers: list[int], height: int
+        self, at: Tensor, samples: Tensor, positions: Tensor, layers: list[int], height: int
     ) -> None:
         """Sort samples by layer and by rows of blocks.
 
         Args:
             at: [n, 2] rows and columns.
             samples: [n, C + 1], colour premultiplied by coverage, then coverage.
-            places: [n] positions on the ladder.
-            layers: For each rung, the number of its layer.
+            positions: [n] positions between slice radii.
+            layers: For each slice radius, the number of its layer.
             height: Rows of the surface.
         """
-        lower = places.detach().floor()
-        rung = torch.cat([lower, lower + 1])
-        share = 1 - (torch.cat([places, places]) - rung).abs()
+        lower = positions.detach().floor()
+        slice_index = torch.cat([lower, lower + 1])
+        fraction = 1 - (torch.cat([positions, positions]) - slice_index).abs()
         self._rows = -(-height // BLOCK)
-        number = torch.tensor([*layers, layers[-1]], device=at.device)[rung.long()]
-        band = number * self._rows + at[:, 0].div(BLOCK, rounding_mode="floor").repeat(2)
+        layer_index = torch.tensor([*layers, layers[-1]], device=at.device)[slice_index.long()]
+        band = layer_index * self._rows + at[:, 0].div(BLOCK, rounding_mode="floor").repeat(2)
         order = band.argsort(stable=True)
-        self._rung = rung.long().index_select(0, order)
+        self._slice_index = slice_index.long().index_select(0, order)
         sample = order % max(len(at), 1)
         self._y, self._x = at.index_select(0, sample).unbind(1)
-        self._samples = samples.index_select(0, sample).T * share.index_select(0, order)
+        self._samples = samples.index_select(0, sample).T * fraction.index_select(0, order)
         counts = torch.bincount(band, minlength=(max(layers) + 1) * self._rows)
         self._starts = [0, *counts.cumsum(0).tolist()]
 
-    def _range(self, number: int, first: int, end: int) -> slice:
+    def _range(self, layer_index: int, first: int, end: int) -> slice:
         """Range of the sorted samples of a layer in rows of blocks from `first` to before `end`."""
-        offset = number * self._rows
+        offset = layer_index * self._rows
         return slice(self._starts[offset + first], self._starts[offset + end])
 
-    def add(self, slices: Tensor, number: int, first: int, window: Box, lit: Box) -> None:
+    def add(self, slices: Tensor, layer_index: int, first: int, window: Box, lit: Box) -> None:
         """Add the samples in a rectangle to slices of a layer.
 
         Args:
             slices: [C + 1, k, height, width]; changed in place.
-            number: Number of the layer.
+            layer_index: Number of the layer.
             first: Rung of the first slice; the others follow.
             window: The rectangle of the slices.
             lit: The rectangle, within the window.
         """
-        chosen = self._range(number, lit.top // BLOCK, -(-(lit.top + lit.height) // BLOCK))
+        chosen = self._range(layer_index, lit.top // BLOCK, -(-(lit.top + lit.height) // BLOCK))
         if chosen.start == chosen.stop:
             return
         _, k, height, width = slices.shape
         slot, y, x = (
-            self._rung[chosen] - first,
+            self._slice_index[chosen] - first,
             self._y[chosen] - lit.top,
             self._x[chosen] - lit.left,
         )
@@ -72,31 +72,34 @@ class FringeSamples:
     def averaged(
         self,
         pixels: Tensor,
-        number: int,
-        rung: int,
+        layer_index: int,
+        slice_index: int,
         step: int,
-        cells: Box,
+        coarse: Box,
         middle: tuple[Axis, Axis],
     ) -> None:
         """Add the samples of a slice to this slice at reduced resolution.
 
         Args:
             pixels: [C + 1, height, width], the slice without the samples; changed in place.
-            number: Number of its layer.
-            rung: Rung of the slice.
-            step: Px from one cell to the next.
-            cells: The rectangle of the slice, in cells from the first at or after the middle of
-                the frame.
+            layer_index: Number of its layer.
+            slice_index: Rung of the slice.
+            step: Px from one coarse pixel to the next.
+            coarse: The rectangle of the slice, in coarse pixels from the first at or after the
+                middle of the frame.
             middle: The middle of the frame, counted from the first sample.
         """
-        layer_range = self._range(number, 0, self._rows)
-        rung_index = torch.nonzero(self._rung[layer_range] == rung)[:, 0] + layer_range.start
-        if not len(rung_index):
+        layer_range = self._range(layer_index, 0, self._rows)
+        index_of_slice = (
+            torch.nonzero(self._slice_index[layer_range] == slice_index)[:, 0] + layer_range.start
+        )
+        if not len(index_of_slice):
             return
-        samples = self._samples.index_select(1, rung_index) / step**2
-        sides = []  # for each axis: the cells that have a share of a sample, and their shares
-        for position, axis, start in zip((self._y, self._x), middle, cells[:2], strict=True):
-            offset = position[rung_index] - axis.middle
+        samples = self._samples.index_select(1, index_of_slice) / step**2
+        # for each axis: the coarse pixels that have a share of a sample, and their shares
+        sides = []
+        for position, axis, start in zip((self._y, self._x), middle, coarse[:2], strict=True):
+            offset = position[index_of_slice] - axis.middle
             lower = offset.div(step, rounding_mode="floor")
             upper = (offset - lower * step).to(samples.dtype) / step
             sides.append(
@@ -106,10 +109,10 @@ class FringeSamples:
             )
         flat = pixels.view(len(pixels), -1)
         channel = torch.arange(len(pixels), device=pixels.device)[:, None]
-        for y, row_share in sides[0]:
-            for x, column_share in sides[1]:
-                inside = (y >= 0) & (y < cells.height) & (x >= 0) & (x < cells.width)
-                spot = torch.where(inside, y * cells.width + x, 0)
-                shares = row_share * column_share * inside
+        for y, row_weight in sides[0]:
+            for x, column_weight in sides[1]:
+                inside = (y >= 0) & (y < coarse.height) & (x >= 0) & (x < coarse.width)
+                spot = torch.where(inside, y * coarse.width + x, 0)
+                fractions = row_weight * column_weight * inside
                 # in a fixed order on a GPU, too, where index_add_ has none
-                flat.index_put_((channel, spot), samples * shares, accumulate=True)
+                flat.index_put_((channel, spot), samples * fractions, accumulate=True)

@@ -24,12 +24,12 @@ from defocus_core.depth.edge_surfaces import (
     Side,
     around_edge,
     closeness,
-    share_deviation,
+    fraction_deviation,
     side_of,
 )
 from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.neighbourhoods import extreme_around, halfway
-from defocus_core.tensors.sparse_masks import exceeding, places_of
+from defocus_core.tensors.sparse_masks import exceeding, positions_of
 
 # Difference of radii of two neighbours, in px, beyond which one hides the other; less is a slope.
 _STEP = 1.013
@@ -84,18 +84,18 @@ def unmixed(image: Tensor, signed_radius: Tensor, *, uncertain: bool = False) ->
     r = signed_radius.detach()
     nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
     edge = exceeding(farthest - nearest, EDGE)
-    places = places_of(edge)
-    if not len(places):
+    positions = positions_of(edge)
+    if not len(positions):
         return whole(image, signed_radius)
     border, deviation = halfway(nearest, farthest), _UNCERTAIN if uncertain else _EXPECTED
     chunks = [
         _taken_apart(image, signed_radius, edge, border, at, deviation)
-        for at in torch.split(places, pieces(places.device, AT_ONCE, BYTES_EACH))
+        for at in torch.split(positions, pieces(positions.device, AT_ONCE, BYTES_EACH))
     ]
-    at, own, share, fringe_at, fringe, fringe_radius = map(torch.cat, zip(*chunks, strict=True))
+    at, own, fraction, fringe_at, fringe, fringe_radius = map(torch.cat, zip(*chunks, strict=True))
     index = at[:, 0] * edge.shape[1] + at[:, 1]
     color = image.flatten(1).index_copy(1, index, own.T).reshape(image.shape)
-    coverage = torch.ones_like(image[:1]).flatten().index_copy(0, index, share)
+    coverage = torch.ones_like(image[:1]).flatten().index_copy(0, index, fraction)
     coverage = coverage.reshape(image[:1].shape)
     return Unmixed(color, coverage, Fringe(fringe_at, fringe, fringe_radius))
 
@@ -122,7 +122,7 @@ def _taken_apart(
     """
     around = around_edge(image, signed_radius, edge, border, at)
     own = side_of(around, around.nearness * around.own())
-    unlike = _color_deviation(around.color, own) > _least_deviation(deviation)
+    unlike = _color_deviation(around.color, own) > _min_deviation(deviation)
     mixed = torch.nonzero(own.known & unlike)[:, 0]
     around = around.select(mixed)
     stepped = _has_step(around.radii.detach())
@@ -198,7 +198,7 @@ def _color_deviation(color: Tensor, side: Side) -> Tensor:
     return (off * off / side.variance.detach()).sum(1)
 
 
-def _least_deviation(deviation: float) -> float:
+def _min_deviation(deviation: float) -> float:
     """Sum of squared deviations from its own surface up to which no pixel is clearly mixed.
 
     With evidence e its coverage deviates by d √e / (1 / deviation² + e) at most; d² is up to twice
@@ -212,9 +212,9 @@ def _chosen(first: Tensor, a: Tensor, b: Tensor) -> Tensor:
     return torch.where(first if a.dim() == 1 else first[:, None], a, b)
 
 
-def _rest(mixed: Tensor, color: Tensor, share: Tensor) -> Tensor:
+def _rest(mixed: Tensor, color: Tensor, fraction: Tensor) -> Tensor:
     """The second colour of mixed pixels, if the first one has a share [n, 1]."""
-    return (mixed - share * color) / torch.where(share < 1, 1 - share, 1.0)
+    return (mixed - fraction * color) / torch.where(fraction < 1, 1 - fraction, 1.0)
 
 
 def _within(side: Side, other: Tensor, color: Tensor) -> Tensor:
@@ -230,6 +230,6 @@ def _mixture(color: Tensor, near: Side, far: Side, own: Tensor, deviation: float
 
     Small deviations from `own` count as none: only clearly mixed pixels are taken apart.
     """
-    by = share_deviation(color, near, far, own, deviation)
+    by = fraction_deviation(color, near, far, own, deviation)
     clear = by.abs() > _CLEAR
     return own + torch.where(clear, by - _CLEAR**2 / torch.where(clear, by, 1.0), 0.0)

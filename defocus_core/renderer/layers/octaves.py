@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from defocus_core.renderer.layers.ladder import ALONE
+from defocus_core.renderer.layers.slice_radii import ALONE
 
 # A hidden octave comes before visible layers whose radius is this many times its greatest one.
 # Surfaces of like radii cover each other by chance; for them the order stays.
@@ -19,7 +19,7 @@ _MORE = 1.263
 _REST = 64
 
 
-class Turns(NamedTuple):
+class CompositeOrder(NamedTuple):
     """The places of hidden octaves in the order of visible layers.
 
     Attributes:
@@ -41,21 +41,21 @@ def octaves(radii: tuple[float, ...]) -> list[int]:
     return [size if r > 0 else -size for size, r in zip(sizes, radii, strict=True)]
 
 
-def turns(radii: tuple[float, ...], numbers: list[int]) -> Turns:
-    """The turns of hidden octaves, from the radii in px of slices and their numbers of layers."""
-    least: dict[int, float] = {}
-    for r, number in zip(radii, numbers, strict=True):
+def composite_order(radii: tuple[float, ...], layer_indices: list[int]) -> CompositeOrder:
+    """The composite order of hidden octaves, by the radii in px and the layers of slices."""
+    minimum: dict[int, float] = {}
+    for r, number in zip(radii, layer_indices, strict=True):
         if r >= ALONE:
-            least[number] = min(least.get(number, r), r)
+            minimum[number] = min(minimum.get(number, r), r)
     ahead = {}
     for octave in sorted({o for o in octaves(radii) if o}):
-        most = ALONE * 2.0 ** abs(octave)
-        later = [number for number, r in least.items() if r >= _MORE * most]
+        maximum = ALONE * 2.0 ** abs(octave)
+        later = [number for number, r in minimum.items() if r >= _MORE * maximum]
         if later:
             ahead[octave] = min(later)
     around = sum(r <= -ALONE for r in radii)
-    first = numbers[around] if around < len(radii) else len(radii)
-    return Turns(first, min(least, default=len(radii)), ahead)
+    first = layer_indices[around] if around < len(radii) else len(radii)
+    return CompositeOrder(first, min(minimum, default=len(radii)), ahead)
 
 
 def kept_apart(radii: tuple[float, ...], ahead: dict[int, int]) -> list[int]:

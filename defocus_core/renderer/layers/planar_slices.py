@@ -9,7 +9,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.layers.block_index import block_ends
+from defocus_core.renderer.layers.block_index import block_ranges
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.tiling import BLOCK
 
@@ -31,36 +31,36 @@ class Planes:
             slopes: [2, H, W], x and y, px per px.
             blocks: [K, rows, columns] bool, where slices are, on the CPU.
         """
-        self._lowest, self._highest = (end.cpu() for end in block_ends(slopes))
+        self._lowest, self._highest = (end.cpu() for end in block_ranges(slopes))
         self._blocks = blocks
         self.tilted: Tensor = ((self._lowest < 0) | (self._highest > 0)).any(0)
         every, all_blocks = list(range(len(blocks))), slice(None)
         self._everywhere = self._common(every, all_blocks, all_blocks)
 
-    def slopes(self, numbers: list[int], box: Box) -> list[tuple[float, float] | None]:
+    def slopes(self, layer_indices: list[int], box: Box) -> list[tuple[float, float] | None]:
         """The slopes of slices, x and y; None for a slice of several slopes within the rectangle.
 
         Args:
-            numbers: Numbers of slices that have pixels in the rectangle.
+            layer_indices: Numbers of slices that have pixels in the rectangle.
             box: The rectangle.
         """
-        everywhere = [self._everywhere[number] for number in numbers]
+        everywhere = [self._everywhere[number] for number in layer_indices]
         if None not in everywhere:
             return everywhere
         rows, columns = (
             slice(max(side.first // BLOCK, 0), -(-side.end // BLOCK)) for side in box.sides
         )
-        local = self._common(numbers, rows, columns)
+        local = self._common(layer_indices, rows, columns)
         return [common or own for common, own in zip(everywhere, local, strict=True)]
 
     def _common(
-        self, numbers: list[int], rows: slice, columns: slice
+        self, layer_indices: list[int], rows: slice, columns: slice
     ) -> list[tuple[float, float] | None]:
         """The slopes of slices, x and y, in a rectangle of blocks; None if there are several."""
         lowest, highest = (x[:, rows, columns] for x in (self._lowest, self._highest))
         if not lowest.numel():
-            return [None] * len(numbers)
-        occupied = self._blocks[numbers, rows, columns][:, None]
+            return [None] * len(layer_indices)
+        occupied = self._blocks[layer_indices, rows, columns][:, None]
         low = torch.where(occupied, lowest, torch.inf).flatten(2).amin(2)
         high = torch.where(occupied, highest, -torch.inf).flatten(2).amax(2)
         same = (high - low <= _SAME).all(1) & (low < torch.inf).all(1)  # infinite: no block

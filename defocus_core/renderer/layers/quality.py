@@ -22,8 +22,8 @@ class Quality:
         unmixes: Whether a pixel that holds parts of two surfaces is taken apart; pictures that are
             rendered at half size gain nothing by it.
         hidden_stride: Hidden content uses every slice (1) or every other (2).
-        hidden_halvings: How many times the resolution of hidden content is halved.
-        least_slope: Slopes of the radius in px per px below which a surface counts as not tilted.
+        hidden_level: How many times the resolution of hidden content is halved.
+        min_slope: Slopes of the radius in px per px below which a surface counts as not tilted.
         full_resolution: Radius in px from which on slices are blurred at half resolution; from
             twice this radius at a quarter, and so on.
         half_size: Whether a picture is rendered at half its size, and gets the detail of its parts
@@ -38,8 +38,8 @@ class Quality:
     layer_ratio: float
     unmixes: bool
     hidden_stride: int
-    hidden_halvings: int
-    least_slope: float
+    hidden_level: int
+    min_slope: float
     full_resolution: float
     half_size: bool
     parts: int
@@ -54,8 +54,8 @@ class Quality:
         parts = self.parts if deepest == 1 else self.known_parts
         return replace(self, half_size=False, parts=parts)
 
-    def in_cells(self) -> Quality:
-        """The same settings for a picture at half size: lengths in cells of two px."""
+    def in_coarse_pixels(self) -> Quality:
+        """The same settings for a picture at half size: lengths in coarse pixels of two px."""
         near, full = self.near_spacing / 2, self.full_resolution / 2
         return replace(self, near_spacing=near, full_resolution=full, half_size=False)
 
@@ -66,8 +66,8 @@ _DRAFT = Quality(
     layer_ratio=2.0,
     unmixes=False,
     hidden_stride=2,
-    hidden_halvings=1,
-    least_slope=0.2013,
+    hidden_level=1,
+    min_slope=0.2013,
     full_resolution=28.0,
     half_size=True,
     parts=1,
@@ -79,7 +79,7 @@ _STANDARD = replace(
     far_spacing=0.12,
     layer_ratio=1.6,
     unmixes=True,
-    least_slope=0.1013,
+    min_slope=0.1013,
     full_resolution=20.0,
     half_size=False,
     known_parts=4,
@@ -89,8 +89,8 @@ _HIGH = replace(
     far_spacing=0.06,
     layer_ratio=4 / 3,
     hidden_stride=1,
-    hidden_halvings=0,
-    least_slope=0.0513,
+    hidden_level=0,
+    min_slope=0.0513,
     full_resolution=40.0,
     parts=4,
 )
@@ -98,7 +98,7 @@ _REFERENCE = replace(
     _HIGH,
     far_spacing=0.04,
     layer_ratio=1.2,
-    least_slope=0.0213,
+    min_slope=0.0213,
     full_resolution=60.0,
     parts=16,
     known_parts=16,

@@ -7,27 +7,27 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from defocus_core.renderer.layers.ladder import position
 from defocus_core.renderer.layers.matting import Unmixed
+from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.subpixel_shifts import Shifts
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.sparse_masks import numbers_of
+from defocus_core.tensors.sparse_masks import flat_nonzero
 
 # Samples of pixels: [C + 1, H, W], colour premultiplied by coverage, then coverage; and [H, W],
-# their radii in px, or their positions on the ladder.
+# their radii in px, or their positions between slice radii.
 Sheet = tuple[Tensor, Tensor]
 
 
 class SurfaceSamples(NamedTuple):
-    """A layer of the scene as samples with positions on the ladder of slices.
+    """A layer of the scene as samples with positions between slice radii.
 
     Attributes:
         color: [C, H, W].
         coverage: [1, H, W], the share of each pixel that the layer covers; None if all are whole.
-        places: [H, W] positions.
+        positions: [H, W] positions.
         at: [n, 2] rows and columns of fringe samples.
         extra: [n, C + 1] fringe samples: parts of nearer surfaces in the same pixels.
-        extra_places: [n] positions of fringe samples.
+        extra_positions: [n] positions of fringe samples.
         slopes: [2, H, W] of the radius, px per px; None where no surface is tilted.
         shifts: Sub-pixel shifts of the colours near focus; None if they are not rendered.
         others: Further samples of the same pixels, at their positions.
@@ -37,10 +37,10 @@ class SurfaceSamples(NamedTuple):
 
     color: Tensor
     coverage: Tensor | None
-    places: Tensor
+    positions: Tensor
     at: Tensor
     extra: Tensor
-    extra_places: Tensor
+    extra_positions: Tensor
     slopes: Tensor | None
     shifts: Shifts | None
     others: Sequence[Sheet] = ()
@@ -51,7 +51,7 @@ class SurfaceSamples(NamedTuple):
         cls,
         box: Box,
         pixels: Unmixed,
-        places: Tensor,
+        positions: Tensor,
         radii: tuple[float, ...],
         slopes: Tensor | None = None,
         shifts: Shifts | None = None,
@@ -62,8 +62,8 @@ class SurfaceSamples(NamedTuple):
         Args:
             box: The box.
             pixels: [C, H, W].
-            places: [h, w] positions of the pixels in the box.
-            radii: The ladder.
+            positions: [h, w] positions of the pixels in the box.
+            radii: The slice radii.
             slopes: [2, h, w] of the radius in the box.
             shifts: Sub-pixel shifts in the box.
             others: Further samples [C + 1, H, W] and their radii [H, W] px.
@@ -73,15 +73,17 @@ class SurfaceSamples(NamedTuple):
         if len(at):
             at = at - at.new_tensor(box[:2])
             inside = (at >= 0).all(1) & (at[:, 0] < box.height) & (at[:, 1] < box.width)
-            at, extra, radius = (x.index_select(0, numbers_of(inside)) for x in (at, extra, radius))
+            at, extra, radius = (
+                x.index_select(0, flat_nonzero(inside)) for x in (at, extra, radius)
+            )
         return cls(
             box.of(pixels.color),
             None if coverage is None else box.of(coverage),
-            places,
+            positions,
             at,
             extra,
-            position(radius, radii),
+            slice_position(radius, radii),
             slopes,
             shifts,
-            [(box.of(layer), position(box.of(radius), radii)) for layer, radius in others],
+            [(box.of(layer), slice_position(box.of(radius), radii)) for layer, radius in others],
         )

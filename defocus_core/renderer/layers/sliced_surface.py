@@ -12,11 +12,11 @@ from torch import Tensor
 from defocus_core.renderer.layers.block_index import blocks_at, blocks_of, visible_slices
 from defocus_core.renderer.layers.extents import Patch, patches
 from defocus_core.renderer.layers.fringe_samples import FringeSamples
-from defocus_core.renderer.layers.ladder import membership
 from defocus_core.renderer.layers.planar_slices import Planes
 from defocus_core.renderer.layers.samples import SurfaceSamples
+from defocus_core.renderer.layers.slice_radii import membership
 from defocus_core.tensors.box import Box, Span
-from defocus_core.tensors.continuing import continue_edges, level_beyond, places_continued
+from defocus_core.tensors.continuing import continue_edges, level_beyond, positions_continued
 from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.pyramid import Axis, averaged
 from defocus_core.tensors.tiling import BLOCK, Grid
@@ -26,17 +26,17 @@ from defocus_core.tensors.tiling import BLOCK, Grid
 _BAND, _AREA, _BYTES_EACH = 64, 1 << 16, 120
 
 
-class _SampleSheet(NamedTuple):
+class _SampleTensors(NamedTuple):
     """Samples of which no two are of one pixel.
 
     Attributes:
         layer: [C + 1, H, W] in a frame of zeros, continued around the samples.
-        places: [H, W] positions on the ladder, in the same frame.
+        positions: [H, W] positions between slice radii, in the same frame.
         blocks: [K, rows, columns] bool, the blocks that hold samples of a slice.
     """
 
     layer: Tensor
-    places: Tensor
+    positions: Tensor
     blocks: Tensor
 
 
@@ -44,8 +44,8 @@ class Surface:
     """A layer of the scene, and its slices that each tile of a grid sees.
 
     Attributes:
-        plan: For each tile the rungs whose slices reach it, nearest first.
-        tilted_plan: For each tile the rungs in `plan` whose slices have slopes.
+        plan: For each tile the slice radii whose slices reach it, nearest first.
+        tilted_plan: For each tile the slice radii in `plan` whose slices have slopes.
     """
 
     def __init__(
@@ -61,13 +61,13 @@ class Surface:
 
         Args:
             samples: The layer.
-            reaches: Blur radius of each rung, in px.
-            layers: For each rung the number of its layer.
+            reaches: Blur radius of each slice radius, in px.
+            layers: For each slice radius the number of its layer.
             grid: The tiles, counted from the first sample.
             before: Greatest distance in px from the first row or column of a window to its tile.
             beyond: Greatest distance in px from the first row of a tile to the end of a window.
         """
-        size = samples.places.shape[0], samples.places.shape[1]
+        size = samples.positions.shape[0], samples.positions.shape[1]
         around = samples.around or Box(0, 0, *size)
         # counted from the first sample that is repeated
         self._given = Box(-around.top, -around.left, *size)
@@ -79,18 +79,20 @@ class Surface:
         self._framed_box = Box(top, left, below - top, beside - left)
         count = len(reaches)
         whole = samples.coverage is None
-        own = self._sheet(self._layer(samples), samples.places, count, whole=whole)
-        others = [self._sheet(self._framed([x]), places, count) for x, places in samples.others]
+        own = self._sheet(self._layer(samples), samples.positions, count, whole=whole)
+        others = [
+            self._sheet(self._framed([x]), positions, count) for x, positions in samples.others
+        ]
         self._sheets = [own, *others]
-        self._places, self._shifts = self._sheets[0].places, samples.shifts
+        self._positions, self._shifts = self._sheets[0].positions, samples.shifts
         self._coverage = samples.coverage
         blocks = reduce(torch.logical_or, [sheet.blocks for sheet in self._sheets])
         self._fringe = None
         if len(samples.at):
-            at, number = places_continued(samples.at, size, around)
-            extra, places = (x[number] for x in (samples.extra, samples.extra_places))
-            blocks = blocks | blocks_at(places, at, count, (H, W)).cpu()
-            self._fringe = FringeSamples(at, extra, places, layers, H)
+            at, layer_index = positions_continued(samples.at, size, around)
+            extra, positions = (x[layer_index] for x in (samples.extra, samples.extra_positions))
+            blocks = blocks | blocks_at(positions, at, count, (H, W)).cpu()
+            self._fringe = FringeSamples(at, extra, positions, layers, H)
         self.plan = visible_slices(blocks, reaches, grid.tiles)
         self._blocks = blocks
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
@@ -101,7 +103,9 @@ class Surface:
             self.tilted_plan = visible_slices(blocks & planes.tilted, reaches, grid.tiles)
             if not samples.slopes.requires_grad:
                 self._planes = planes
-        self._ladder = torch.arange(count, dtype=self._places.dtype, device=self._places.device)
+        self._slice_numbers = torch.arange(
+            count, dtype=self._positions.dtype, device=self._positions.device
+        )
 
     @cached_property
     def _slopes(self) -> Tensor | None:
@@ -113,15 +117,15 @@ class Surface:
         return framed
 
     def _sheet(
-        self, layer: Tensor, places: Tensor, count: int, *, whole: bool = False
-    ) -> _SampleSheet:
+        self, layer: Tensor, positions: Tensor, count: int, *, whole: bool = False
+    ) -> _SampleTensors:
         """Samples, from a framed layer and their places [H, W]; without coverage none exists."""
-        framed = self._framed([places[None]])[0]
+        framed = self._framed([positions[None]])[0]
         own, exists = self._unframed(self._own, framed), None
         if not whole:
             covered = self._unframed(self._own, layer.detach()[-1].bool())
             exists = None if bool(covered.all()) else covered
-        return _SampleSheet(layer, framed, blocks_of(own, count, exists).cpu())
+        return _SampleTensors(layer, framed, blocks_of(own, count, exists).cpu())
 
     def _layer(self, samples: SurfaceSamples) -> Tensor:
         """The pixels themselves, colour times coverage and coverage, framed."""
@@ -147,58 +151,73 @@ class Surface:
     def patches(self, margins: dict[int, int]) -> list[list[Patch | None]]:
         """The patches of layers in each tile; margins are blur radii in px, by number of layer."""
         blocks = [
-            self._blocks[[rung for rung, other in enumerate(self._layers) if other == number]]
-            for number in margins
+            self._blocks[
+                [
+                    slice_index
+                    for slice_index, other in enumerate(self._layers)
+                    if other == layer_index
+                ]
+            ]
+            for layer_index in margins
         ]
         occupied = torch.stack([each.any(0) for each in blocks])
         return patches(occupied, self._tiles, list(margins.values()), self._own[2:])
 
-    def members(self, rungs: range, window: Box, lit: Box) -> Tensor:
+    def members(self, slice_indices: range, window: Box, lit: Box) -> Tensor:
         """Slices of one layer within a window, [C + 1, k, height, width].
 
         Args:
-            rungs: Their numbers on the ladder.
+            slice_indices: Their index among the slices.
             window: Counted from the first sample.
             lit: The rectangle of the window that is not zero. It begins at the first row and column
                 of the layer or of the window; samples after its end are set to 0.
         """
         slices = None
-        for sheet in self._sheets_of(rungs, lit):
+        for sheet in self._sheets_of(slice_indices, lit):
             layer = self._unframed(window, sheet.layer)[:, None]
-            shares = self._lit_shares(sheet.places, rungs, window, lit)
-            slices = layer * shares if slices is None else slices.addcmul_(layer, shares)
+            fractions = self._lit_fractions(sheet.positions, slice_indices, window, lit)
+            slices = layer * fractions if slices is None else slices.addcmul_(layer, fractions)
         if slices is None:
             first = self._sheets[0].layer
-            slices = first.new_zeros(len(first), len(rungs), window.height, window.width)
+            slices = first.new_zeros(len(first), len(slice_indices), window.height, window.width)
         if self._fringe:
-            self._fringe.add(slices, self._layers[rungs.start], rungs.start, window, lit)
+            self._fringe.add(
+                slices, self._layers[slice_indices.start], slice_indices.start, window, lit
+            )
         return slices
 
-    def _sheets_of(self, rungs: range, box: Box) -> list[_SampleSheet]:
+    def _sheets_of(self, slice_indices: range, box: Box) -> list[_SampleTensors]:
         """The sheets that have pixels of slices in the blocks of a box, the nearest first."""
         if len(self._sheets) == 1:
             return self._sheets
         rows, columns = (
             slice(max(span.first, 0) // BLOCK, -(-span.end // BLOCK)) for span in box.sides
         )
-        within = slice(rungs.start, rungs.stop), rows, columns
+        within = slice(slice_indices.start, slice_indices.stop), rows, columns
         return [sheet for sheet in self._sheets if bool(sheet.blocks[within].any())]
 
-    def _lit_shares(self, places: Tensor, rungs: range, window: Box, lit: Box) -> Tensor:
+    def _lit_fractions(
+        self, positions: Tensor, slice_indices: range, window: Box, lit: Box
+    ) -> Tensor:
         """Shares [k, height, width] of the pixels of a window in slices; 0 after the end of lit."""
-        shares = membership(self._unframed(window, places), self._ladder[rungs.start : rungs.stop])
-        ends = lit.seen_from(window).sides
-        below, beside = window.height - ends[0].end, window.width - ends[1].end
+        fractions = membership(
+            self._unframed(window, positions),
+            self._slice_numbers[slice_indices.start : slice_indices.stop],
+        )
+        limits = lit.seen_from(window).sides
+        below, beside = window.height - limits[0].end, window.width - limits[1].end
         if below > 0:
-            shares[:, -below:].zero_()
+            fractions[:, -below:].zero_()
         if beside > 0:
-            shares[..., -beside:].zero_()
-        return shares
+            fractions[..., -beside:].zero_()
+        return fractions
 
-    def shares(self, rungs: range, box: Box) -> Tensor:
+    def fractions(self, slice_indices: range, box: Box) -> Tensor:
         """The share [h, w] of each pixel in a range of slices."""
-        places = self._unframed(box, self._places)
-        return membership(places, self._ladder[rungs.start : rungs.stop]).sum(0)
+        positions = self._unframed(box, self._positions)
+        return membership(
+            positions, self._slice_numbers[slice_indices.start : slice_indices.stop]
+        ).sum(0)
 
     def shifts(self, index: int) -> Tensor | None:
         """Sub-pixel shifts of a tile for each aperture part, [M, C, h, w]; None if it has none."""
@@ -213,23 +232,25 @@ class Surface:
         assert self._slopes is not None
         return self._unframed(window, self._slopes)
 
-    def planes(self, rungs: list[int], box: Box) -> list[tuple[float, float] | None]:
+    def planes(self, slice_indices: list[int], box: Box) -> list[tuple[float, float] | None]:
         """The slopes of slices within a rectangle; None for a slice of several slopes.
 
         Slopes that need a gradient give None, too. The box is counted from the first sample.
         """
-        return self._planes.slopes(rungs, box) if self._planes else [None] * len(rungs)
+        return (
+            self._planes.slopes(slice_indices, box) if self._planes else [None] * len(slice_indices)
+        )
 
-    def bounds(self, rungs: list[int], within: Box | None = None) -> Box:
+    def bounds(self, slice_indices: list[int], within: Box | None = None) -> Box:
         """The rectangle of blocks that hold samples of the given slices.
 
         Args:
-            rungs: Numbers of the slices.
+            slice_indices: Numbers of the slices.
             within: A rectangle whose rows alone are looked at; None for all rows.
         """
         rows = (within or self._own).sides[0]
         first = rows.first // BLOCK
-        occupied = self._blocks[rungs, first : -(-rows.end // BLOCK)].any(0)
+        occupied = self._blocks[slice_indices, first : -(-rows.end // BLOCK)].any(0)
         down, across = (torch.nonzero(occupied.any(dim))[:, 0].tolist() for dim in (1, 0))
         if not down:
             return Box(0, 0, 0, 0)
@@ -239,9 +260,9 @@ class Surface:
 
     def averaged(
         self,
-        rung: int,
-        halvings: int,
-        cells: Box,
+        slice_index: int,
+        level: int,
+        coarse: Box,
         middle: tuple[Axis, Axis],
         *,
         tilted: bool,
@@ -249,18 +270,18 @@ class Surface:
         """A slice at reduced resolution; if tilted also times its slopes: [1 or 3, C + 1, h, w].
 
         Args:
-            rung: Its number on the ladder.
-            halvings: How many times resolution is halved.
-            cells: The rectangle to return, in cells of that resolution, counted from the first at
-                or after the middle of the frame.
+            slice_index: Its index among the slices.
+            level: How many times resolution is halved.
+            coarse: The rectangle to return, in coarse pixels of that resolution, counted from the
+                first at or after the middle of the frame.
             middle: The middle of the frame, counted from the first sample.
             tilted: Whether the slice has slopes.
         """
         kinds = 3 if tilted and self._slopes is not None else 1
         first = self._sheets[0].layer
-        result = first.new_zeros(kinds, len(first), *cells[2:])
-        for band in self._bands(rung, 1 << halvings, middle):
-            pixels = self._slice(rung, band)[None]
+        result = first.new_zeros(kinds, len(first), *coarse[2:])
+        for band in self._bands(slice_index, 1 << level, middle):
+            pixels = self._slice(slice_index, band)[None]
             if tilted and self._slopes is not None:
                 slopes = self._unframed(band, self._slopes)
                 pixels = torch.cat([pixels, pixels * slopes[:, None]])
@@ -268,34 +289,37 @@ class Surface:
                 Axis(axis.middle - start, axis.odd)
                 for axis, start in zip(middle, band[:2], strict=True)
             )
-            pixels, (down, across) = averaged(pixels, halvings, (down, across))
+            pixels, (down, across) = averaged(pixels, level, (down, across))
             mean_box = Box(-down.middle, -across.middle, *pixels.shape[-2:])
-            overlap = mean_box.grown(0, cells)
+            overlap = mean_box.grown(0, coarse)
             if overlap.height > 0 and overlap.width > 0:
-                overlap.seen_from(cells).of(result).add_(overlap.seen_from(mean_box).of(pixels))
+                overlap.seen_from(coarse).of(result).add_(overlap.seen_from(mean_box).of(pixels))
         if self._fringe:
-            number = self._layers[rung]
-            self._fringe.averaged(result[0], number, rung, 1 << halvings, cells, middle)
+            layer_index = self._layers[slice_index]
+            self._fringe.averaged(result[0], layer_index, slice_index, 1 << level, coarse, middle)
         return result
 
-    def _slice(self, rung: int, box: Box) -> Tensor:
+    def _slice(self, slice_index: int, box: Box) -> Tensor:
         """The pixels [C + 1, h, w] of a slice in a box, without fringe."""
         layer, *others = (
             self._unframed(box, sheet.layer)
-            * membership(self._unframed(box, sheet.places), self._ladder[rung : rung + 1])
+            * membership(
+                self._unframed(box, sheet.positions),
+                self._slice_numbers[slice_index : slice_index + 1],
+            )
             for sheet in self._sheets
         )
         return sum(others, layer)
 
-    def _bands(self, rung: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
+    def _bands(self, slice_index: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
         """Rectangles that cover a slice once; they begin multiples of `step` from the middle."""
-        bounds, width = self.bounds([rung]), self._own.width
-        area = pieces(self._places.device, _AREA, _BYTES_EACH)
+        bounds, width = self.bounds([slice_index]), self._own.width
+        area = pieces(self._positions.device, _AREA, _BYTES_EACH)
         rows = max(step, area // max(bounds.width, 1) // _BAND * _BAND, _BAND)
         whole = _aligned(bounds, rows, middle)
         for top in range(whole.top, whole.top + whole.height, rows):
             band = Box(top, 0, rows, width).grown(0, self._own)
-            extent = self.bounds([rung], band)
+            extent = self.bounds([slice_index], band)
             if extent.width:
                 aligned = _aligned(extent._replace(top=band.top, height=0), step, middle)
                 yield band._replace(left=aligned.left, width=aligned.width).grown(0, self._own)
@@ -303,12 +327,12 @@ class Surface:
 
 def _aligned(box: Box, step: int, middle: tuple[Axis, Axis]) -> Box:
     """The least rectangle around a box whose sides are multiples of `step` from the middle."""
-    ends = [
+    limits = [
         (
             axis.middle + (start - axis.middle) // step * step,
             axis.middle - (axis.middle - start - length) // step * step,
         )
         for start, length, axis in zip(box[:2], box[2:], middle, strict=True)
     ]
-    (top, below), (left, beside) = ends
+    (top, below), (left, beside) = limits
     return Box(top, left, below - top, beside - left)

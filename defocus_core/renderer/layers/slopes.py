@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.tensors.neighbourhoods import ends_of
+from defocus_core.tensors.neighbourhoods import range_of
 
 # Slopes in px per px, below which the limiter is nearly a plain mean.
 _SMALL = 0.05
@@ -23,7 +23,7 @@ _AREA = 0.345  # no share of whole pixels, so that rounding decides nothing
 AROUND = _AROUND + 1
 
 
-def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
+def slopes(signed_radius: Tensor, minimum: float = 0.0) -> Tensor | None:
     """∇r in px per px, x then y: [2, H, W] of radii [H, W]; at most 1 long.
 
     At an edge of depth it is the slope of the pixel's own surface, to 0.01. Beyond a length of 1
@@ -31,20 +31,20 @@ def slopes(signed_radius: Tensor, least: float = 0.0) -> Tensor | None:
 
     Args:
         signed_radius: [H, W] px.
-        least: Slopes up to this become 0. So do steep lines, like the limb of a ball: a steep pixel
-            counts if a third of the pixels around it are steep.
+        minimum: Slopes up to this become 0. So do steep lines, like the limb of a ball: a steep
+            pixel counts if a third of the pixels around it are steep.
 
     Returns:
         None if all slopes are 0.
     """
     x, y = _limited(signed_radius, -1), _limited(signed_radius, -2)
     square = torch.addcmul(x * x, y, y)
-    lowest, highest = ends_of(square.detach()).tolist()
-    if highest <= least * least:
+    lowest, highest = range_of(square.detach()).tolist()
+    if highest <= minimum * minimum:
         return None
-    steep = square.detach() > least * least
-    some_flat = lowest <= least * least
-    if least and some_flat:
+    steep = square.detach() > minimum * minimum
+    some_flat = lowest <= minimum * minimum
+    if minimum and some_flat:
         steep &= _many_around(steep)
         if not bool(steep.any()):
             return None
@@ -59,8 +59,8 @@ def _many_around(mask: Tensor) -> Tensor:
     """Where enough of the square around each pixel, cut to the frame, is in a mask [H, W]."""
     count, area = mask.to(torch.int32), torch.ones((), device=mask.device)
     for dim, n in enumerate(mask.shape):
-        place = torch.arange(n, device=mask.device)
-        first, end = (place - _AROUND).clamp(min=0), (place + _AROUND + 1).clamp(max=n)
+        position = torch.arange(n, device=mask.device)
+        first, end = (position - _AROUND).clamp(min=0), (position + _AROUND + 1).clamp(max=n)
         sums = pad(count.cumsum(dim, dtype=torch.int32), (1, 0) if dim else (0, 0, 1, 0))
         count = sums.index_select(dim, end) - sums.index_select(dim, first)
         area = area[..., None] * (end - first)

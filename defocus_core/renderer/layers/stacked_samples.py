@@ -19,12 +19,12 @@ from defocus_core.renderer.layers.samples import Sheet
 from defocus_core.tensors.box import Box, Span
 from defocus_core.tensors.derived import Derived, held
 from defocus_core.tensors.source import Pixels, banded
-from defocus_core.tensors.sparse_masks import places_of
+from defocus_core.tensors.sparse_masks import positions_of
 
 # Greatest radius in px: any picture is a point beside it.
-_MOST_PX = 1e8
+_MAX_PX = 1e8
 # Share of a pixel up to which coverage counts as rounding.
-_LEAST = 1e-7
+_MINIMUM = 1e-7
 # Samples of one pixel are of one surface if their radii differ by less than half of this step, in
 # px and as a share of the radius, and of two from the whole step on: no layer tells them apart.
 _NEAR, _FAR = 1.0, 0.1
@@ -43,7 +43,7 @@ class Layered(NamedTuple):
         colors: [L, C, H, W] linear, premultiplied by coverage; undefined where it is 0.
         signed_radius: [L, H, W] px; undefined where coverage is 0.
         coverage: [L, H, W] in [0, 1].
-        ends: Least and greatest signed radius in px of what is there.
+        limits: Least and greatest signed radius in px of what is there.
         open: Whether there are pixels that are not covered fully.
         deepest: The greatest number of samples in one pixel.
     """
@@ -51,7 +51,7 @@ class Layered(NamedTuple):
     colors: Pixels
     signed_radius: Pixels
     coverage: Pixels
-    ends: tuple[float, float]
+    limits: tuple[float, float]
     open: bool
     deepest: int
 
@@ -63,7 +63,7 @@ class Layered(NamedTuple):
             ValueError: If coverage is not in [0, 1], or a radius is not within 1e8 px where there
                 is coverage.
         """
-        least, most, is_open, deepest = torch.inf, -torch.inf, False, 1
+        minimum, maximum, is_open, deepest = torch.inf, -torch.inf, False, 1
         for radius, cover in zip(banded(signed_radius), banded(coverage), strict=True):
             if not bool(((cover >= 0) & (cover <= 1)).all()):
                 raise ValueError(
@@ -73,18 +73,21 @@ class Layered(NamedTuple):
             covered = cover > 0
             deepest = max(deepest, int(covered.sum(0).amax()))
             present = radius[covered]
-            if not bool((present.abs() <= _MOST_PX).all()):
+            if not bool((present.abs() <= _MAX_PX).all()):
                 raise ValueError(
-                    f"signed_radius must be finite and within {_MOST_PX:g} px where coverage is "
+                    f"signed_radius must be finite and within {_MAX_PX:g} px where coverage is "
                     "above 0; check the units of depth and lens"
                 )
             if len(present):
-                least, most = min(least, float(present.min())), max(most, float(present.max()))
+                minimum, maximum = (
+                    min(minimum, float(present.min())),
+                    max(maximum, float(present.max())),
+                )
             is_open = is_open or bool((cover < 1).all(0).any())
-        ends = (least, most) if least <= most else (0.0, 0.0)
+        limits = (minimum, maximum) if minimum <= maximum else (0.0, 0.0)
         if is_open:  # what is not covered is as far as the farthest surface, or in focus
-            ends = ends[0], max(ends[1], 0.0)
-        return cls(colors, signed_radius, coverage, ends, is_open, deepest)
+            limits = limits[0], max(limits[1], 0.0)
+        return cls(colors, signed_radius, coverage, limits, is_open, deepest)
 
     @property
     def dtype(self) -> torch.dtype:
@@ -129,7 +132,7 @@ class Layered(NamedTuple):
     def radii(self, box: Box) -> tuple[Tensor, Tensor]:
         """Radii and coverage [L, h, w] in a box; the radius of nothing where it is 0."""
         radius, coverage = (box.of(x).to(self.dtype) for x in (self.signed_radius, self.coverage))
-        return torch.where(coverage > 0, radius, self.ends[1]), coverage
+        return torch.where(coverage > 0, radius, self.limits[1]), coverage
 
     def stack(self, box: Box, dtype: torch.dtype | None = None) -> SampleStack:
         """The samples of the pixels in a box, nearest first; of equal radii in order of layers."""
@@ -144,8 +147,8 @@ class Layered(NamedTuple):
             order = _ascending(distance)
             radius = radius.gather(0, order)
             color = color.gather(0, order[:, None].expand_as(color))
-        most = max(1, int(there.sum(0).amax()))
-        color, radius = color[:most], radius[:most]
+        maximum = max(1, int(there.sum(0).amax()))
+        color, radius = color[:maximum], radius[:maximum]
         left = torch.cumprod(1 - color[:, -1], 0)
         through = torch.cat([torch.ones_like(left[:1]), left])
         return SampleStack(color, radius, through, self.blurs_alpha)
@@ -195,7 +198,7 @@ class SampleStack(NamedTuple):
         if len(self.color) == 1:
             return None
         weights = torch.stack([self._behind(k) for k in range(len(self.color))])
-        if not bool((weights * self.color[:, -1] > _LEAST).any()):
+        if not bool((weights * self.color[:, -1] > _MINIMUM).any()):
             return None
         return self._weighted(weights)
 
@@ -221,7 +224,7 @@ class SampleStack(NamedTuple):
         parts, others = [_fringe(self._layer(0, weights), nothing, self.signed_radius[0])], []
         for k in range(1, len(weights)):
             layer = self._layer(k, weights)
-            if int((coverage[k] > _LEAST).sum()) * _FEW > coverage[k].numel():
+            if int((coverage[k] > _MINIMUM).sum()) * _FEW > coverage[k].numel():
                 others.append((layer, self.signed_radius[k]))
             else:
                 parts.append(_fringe(layer, coverage[k], self.signed_radius[k]))
@@ -249,7 +252,7 @@ class Sampled(NamedTuple):
 
 def _fringe(layer: Tensor, coverage: Tensor, signed_radius: Tensor) -> Fringe:
     """The samples [C, h, w] of pixels that have coverage [h, w]."""
-    at = places_of(coverage.detach() > _LEAST)
+    at = positions_of(coverage.detach() > _MINIMUM)
     y, x = at.unbind(1)
     return Fringe(at, layer[:, y, x].T, signed_radius[y, x])
 

@@ -19,7 +19,7 @@ from torch.nn.functional import pad
 
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import LEFT, Part
-from defocus_core.renderer.layers.ladder import SHARP, SOFT
+from defocus_core.renderer.layers.slice_radii import SHARP, SOFT
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.source import Scalar
 
@@ -47,7 +47,7 @@ class Shifts:
         self,
         color: Tensor,
         signed_radius: Tensor,
-        places: Tensor,
+        positions: Tensor,
         inner: Box,
         radii: tuple[float, ...],
         aperture: Aperture,
@@ -58,25 +58,25 @@ class Shifts:
         Args:
             color: [C, H, W].
             signed_radius: [H, W] px.
-            places: [H, W] positions on the ladder of slices.
+            positions: [H, W] positions between slice radii.
             inner: Where in it rectangles are counted from.
             radii: [K] px, of the slices.
             aperture: The pupil.
             parts: M parts of it.
         """
-        self._color, self._radius, self._places = color, signed_radius, places
+        self._color, self._radius, self._positions = color, signed_radius, positions
         self._whole = Box(-inner.top, -inner.left, *signed_radius.shape)
-        learns = aperture.learns
-        apparent = _apparent.__wrapped__ if learns else _apparent
+        requires_grad = aperture.requires_grad
+        apparent = _apparent.__wrapped__ if requires_grad else _apparent
         half = parts[0] if parts[0].is_uneven else LEFT
-        known = aperture if learns else aperture.fixed
-        self._apparent = stacked(apparent(radii, known, half), places)
+        known = aperture if requires_grad else aperture.fixed
+        self._apparent = stacked(apparent(radii, known, half), positions)
         # pixels of lesser radii have shares in slices near focus
         self._end = min((abs(r) for r in radii if abs(r) >= NEAR), default=math.inf)
         centroids = [aperture.centroid(part) for part in parts]
         # x, and y where it makes a difference
         dims = 1 if all(bool(y * y < _LEVEL**2) for _, y in centroids) else 2
-        means = stacked([mean for pair in centroids for mean in pair], places)
+        means = stacked([mean for pair in centroids for mean in pair], positions)
         self._centroids = means.view(-1, 2)[:, :dims]
 
     def over(self, box: Box) -> Tensor | None:
@@ -88,17 +88,17 @@ class Shifts:
         around = box.grown(AROUND, self._whole)
         inner, around = box.seen_from(around), around.seen_from(self._whole)
         color, radius = around.of(self._color), around.of(self._radius)
-        places, r = inner.of(around.of(self._places)), inner.of(radius)
+        positions, r = inner.of(around.of(self._positions)), inner.of(radius)
         size = r.abs()
         if size.is_cpu and not bool(((size < self._end) & (size > SHARP)).any()):
             return None
-        lower = places.detach().floor().clamp(max=max(len(self._apparent) - 2, 0))
-        share, number = places - lower, lower.long().flatten()
+        lower = positions.detach().floor().clamp(max=max(len(self._apparent) - 2, 0))
+        fraction, number = positions - lower, lower.long().flatten()
         first, second = (
             self._apparent.index_select(0, (number + i).clamp(max=len(self._apparent) - 1))
             for i in (0, 1)
         )
-        apparent = torch.lerp(first, second, share.flatten()).reshape(r.shape)
+        apparent = torch.lerp(first, second, fraction.flatten()).reshape(r.shape)
         # as positions do, it begins between SHARP and SOFT
         begun = ((size - SHARP) / (SOFT - SHARP)).clamp(0, 1)
         dims = (-1, -2)[: self._centroids.shape[1]]

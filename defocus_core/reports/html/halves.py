@@ -35,8 +35,8 @@ def common_scale(planes: Sequence[NDArray[Any]], kind: str) -> float:
     step = _INTEGERS.get(kind)
     if step is not None and all(_is_whole(plane / step) for plane in planes):
         return step
-    most = _largest(planes)
-    return 2.0 ** math.ceil(math.log2(most / _LARGEST)) if most > _LARGEST else 1.0
+    maximum = _largest(planes)
+    return 2.0 ** math.ceil(math.log2(maximum / _LARGEST)) if maximum > _LARGEST else 1.0
 
 
 def _is_whole(plane: NDArray[Any]) -> bool:
@@ -45,17 +45,17 @@ def _is_whole(plane: NDArray[Any]) -> bool:
 
 def unit_scale(planes: Sequence[NDArray[Any]]) -> float:
     """The factor that brings the greatest value of planes to between ½ and 1."""
-    most = _largest(planes)
-    return 2.0 ** math.ceil(math.log2(most)) if most else 1.0
+    maximum = _largest(planes)
+    return 2.0 ** math.ceil(math.log2(maximum)) if maximum else 1.0
 
 
 def _largest(planes: Sequence[NDArray[Any]]) -> float:
     """The largest finite magnitude."""
-    most = 0.0
+    maximum = 0.0
     for plane in planes:
         size = np.abs(plane)
-        most = max(most, float(np.max(size, where=np.isfinite(size), initial=0.0)))
-    return most
+        maximum = max(maximum, float(np.max(size, where=np.isfinite(size), initial=0.0)))
+    return maximum
 
 
 def is_exact(planes: Sequence[NDArray[Any]], scale: float) -> bool:

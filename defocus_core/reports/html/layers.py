@@ -35,10 +35,10 @@ def shown_channels(
     """The channels of a file that are shown: its first colour, or those that differ most."""
     groups = [] if is_map(names) else list(color_layers(names))
     groups += [(name,) for name in names if not any(name in group for group in groups)]
-    most = [max((differences or {}).get(name, 0.0) for name in group) for group in groups]
-    if not any(most) or most[0] > 0:
+    maximum = [max((differences or {}).get(name, 0.0) for name in group) for group in groups]
+    if not any(maximum) or maximum[0] > 0:
         return groups[0]
-    return groups[most.index(max(most))]
+    return groups[maximum.index(max(maximum))]
 
 
 def draw(

@@ -145,8 +145,8 @@ def _full(greatest: NDArray[Any]) -> float:
     finite = greatest[np.isfinite(greatest)]
     if finite.size == 0 or not finite.any():
         return 0.0 if finite.size == greatest.size else 1.0
-    most = float(np.percentile(finite, 99.9)) or float(finite.max())
-    return float(2.0 ** np.ceil(np.log2(most)))
+    maximum = float(np.percentile(finite, 99.9)) or float(finite.max())
+    return float(2.0 ** np.ceil(np.log2(maximum)))
 
 
 def lens_words(metadata: Mapping[str, str]) -> str:

@@ -75,8 +75,8 @@ def ends_of(plane: NDArray[Any], kind: str) -> tuple[float, float]:
     if kind in (LIGHT, SHARE):
         return 0.0, 1.0
     if kind == SIGNED:
-        most = largest(np.asarray(plane, np.float32)) or 1.0
-        return -most, most
+        maximum = largest(np.asarray(plane, np.float32)) or 1.0
+        return -maximum, maximum
     finite = plane[np.isfinite(plane)]
     if not finite.size:
         return 0.0, 1.0

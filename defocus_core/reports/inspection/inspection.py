@@ -43,7 +43,7 @@ from defocus_core.system.memory import MB
 # A file with more numbers, 256 MB as floats, is read into scratch files.
 _NUMBERS_IN_MEMORY = 2**26
 # Most MB of samples of an interlaced PNG or a JPEG, of which a decoder may hold two copies.
-_MOST_AT_ONCE = 512
+_MAX_AT_ONCE = 512
 _BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float64": 8}
 
 
@@ -114,7 +114,7 @@ def _too_large(info: FileInfo) -> str:
     """Why a file takes too much memory to decode; empty if it does not."""
     samples = max(sum(_BYTES.get(kind, 4) for _, kind in part.channels) for part in info.parts)
     decoded = info.at_once * info.width * info.height * samples / MB
-    if decoded <= _MOST_AT_ONCE:
+    if decoded <= _MAX_AT_ONCE:
         return ""
     return f"takes {decoded:.0f} MB to decode; save it as EXR, or not interlaced"
 
@@ -126,7 +126,7 @@ def _samples_of(path: Path, part: PartInfo) -> dict[str, Any]:
     found = summary(path, read_headers(path)[part.index])
     return {
         "samples": {
-            "most_of_a_pixel": found.most,
+            "most_of_a_pixel": found.maximum,
             "total": found.total,
             "pixels": found.pixels,
             "range_z": None if found.ends is None else list(found.ends),

@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 _WINDOW = 2048  # px, side of the middle of the picture that is measured
 # Widths of edges are measured at two scales, standard deviations in px.
 _FINE, _COARSE = 1, 2
-_LEAST_STEP = 0.02  # least gradient of an edge, in parts of white a px
+_MIN_STEP = 0.02  # least gradient of an edge, in parts of white a px
 # Of the edges at one range of depths, the sharpest quarter tells how sharp the colour is there.
-_QUARTER, _LEAST_EDGES, _RANGES = 25, 300, 6
+_QUARTER, _MIN_EDGES, _RANGES = 25, 300, 6
 _SHARP_PX, _BLURRED_PX = 1.0, 1.6  # standard deviation of an edge: as good as sharp, surely blurred
 _JUMP = 0.1  # least step of depth at an edge, as a share of the nearer
-_LEAST_JUMPS = 500
+_MIN_JUMPS = 500
 _REACH = 0.06  # farthest shift that is tried, as a share of the side
-_LEAST_SHIFT = 3  # px; depth edges of networks lie less exactly
+_MIN_SHIFT = 3  # px; depth edges of networks lie less exactly
 # A place is told if colour has so many standard deviations more gradient there than at a typical
 # place, and so many times what it has above a typical place where the depth lies now.
 _CLEAR, _CLEARER = 7.0, 2.0
@@ -90,13 +90,13 @@ def _middle(length: int) -> slice:
 def _blurred(seen: Floats, disparity: Floats) -> str:
     """A sentence if edges are wide at one range of depths, or at all; else empty."""
     fine, coarse = (_gradient(_smoothed(seen, scale)) for scale in (_FINE, _COARSE))
-    is_edge = _is_crest(fine) & (fine > _LEAST_STEP)
+    is_edge = _is_crest(fine) & (fine > _MIN_STEP)
     # An edge of standard deviation s, smoothed by a, has a gradient that goes with 1/√(s² + a²).
     ratio = np.square(fine[is_edge] / np.maximum(coarse[is_edge], 1e-6))
     variance = (_COARSE**2 - ratio * _FINE**2) / np.maximum(ratio - 1, 1e-3)
     order = np.argsort(disparity[is_edge], kind="stable")
     groups = np.array_split(order, _RANGES)
-    if len(groups[-1]) < _LEAST_EDGES:
+    if len(groups[-1]) < _MIN_EDGES:
         return ""
     widths = [float(np.percentile(variance[group], _QUARTER)) for group in groups]
     widths = [max(width, 0) ** 0.5 for width in widths]
@@ -122,11 +122,11 @@ def _misplaced(seen: Floats, disparity: Floats) -> str:
     strength = np.minimum(gradient, np.percentile(gradient, 95))
     strength = strength - strength.mean()
     jumps = _jumps(disparity)
-    if jumps.sum() < _LEAST_JUMPS:
+    if jumps.sum() < _MIN_JUMPS:
         return ""
     reach = int(_REACH * max(seen.shape))
     here, at, score = _best_place(strength, jumps, reach)
-    if max(map(abs, at)) >= _LEAST_SHIFT and score > _CLEAR and score > _CLEARER * max(here, 0):
+    if max(map(abs, at)) >= _MIN_SHIFT and score > _CLEAR and score > _CLEARER * max(here, 0):
         right, down = at
         shift = f"{right:+d} px to the right and {down:+d} px down"
         problem = "colour and depth do not lie on each other"

@@ -14,7 +14,7 @@ from defocus_core.io.images.describe import describe
 from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
 from defocus_core.reports.inspection.inspection import inspect
 
-MOST_READ = 25  # frames that are decoded, evenly spread over the shot
+MAX_READ = 25  # frames that are decoded, evenly spread over the shot
 
 
 def summarise(
@@ -54,7 +54,7 @@ def _summary(
         info = describe(path)
         by_size.setdefault((info.width, info.height), []).append(number)
     numbers = [*files]
-    count = min(MOST_READ, len(numbers))
+    count = min(MAX_READ, len(numbers))
     places = {round(k * (len(numbers) - 1) / max(count - 1, 1)) for k in range(count)}
     depth = []
     for number in (numbers[place] for place in sorted(places)):

@@ -110,11 +110,11 @@ def test_a_histogram_is_a_table_with_counts(reference: Path) -> None:
         for line in (reference / "hist" / "journal.jsonl").read_text().splitlines()
         if line
     ]
-    most = np.array(asked)[:, 2]
-    assert (most.min(), most.max()) == (6, 12)
-    assert np.median(most) < 8
+    maximum = np.array(asked)[:, 2]
+    assert (maximum.min(), maximum.max()) == (6, 12)
+    assert np.median(maximum) < 8
     reached = [entry["coc_p99_px"] for entry in entries(reference / "hist")]
-    assert np.mean(reached) == pytest.approx(most.mean(), rel=0.1)
+    assert np.mean(reached) == pytest.approx(maximum.mean(), rel=0.1)
 
 
 def test_fit_writes_lens_files_whose_radii_are_those_of_the_set(reference: Path) -> None:

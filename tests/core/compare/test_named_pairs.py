@@ -27,7 +27,7 @@ def judged(pair: compare_pairs.Pair) -> Comparison:
     [("spheres", 94, 5), ("lights", 78, 8), ("leaves", 82, 8)],
 )
 def test_faults_are_named_or_said_and_none_is_silent(
-    scene: str, least_right: int, most_wrong: int, tmp_path: Path
+    scene: str, min_right: int, max_wrong: int, tmp_path: Path
 ) -> None:
     right, wrong = 0, []
     for pair in compare_pairs.faults(tmp_path, scene):
@@ -39,8 +39,8 @@ def test_faults_are_named_or_said_and_none_is_silent(
             right += 1
         elif names:
             wrong.append(f"{pair.kind}: {names}")
-    assert right >= least_right
-    assert len(wrong) <= most_wrong, wrong
+    assert right >= min_right
+    assert len(wrong) <= max_wrong, wrong
 
 
 @pytest.mark.bench

@@ -34,8 +34,10 @@ def softened(metres: Tensor, deviation: float = 2.0, levels: int = 255) -> Tenso
     soft = pad(metres[None, None], (8,) * 4, mode="replicate")[0, 0]
     for _ in range(2):
         soft = conv1d(soft[:, None], kernel[None, None])[:, 0].T
-    least, most = float(soft.min()), float(soft.max())
-    return least + ((soft - least) / (most - least) * levels).round() / levels * (most - least)
+    minimum, maximum = float(soft.min()), float(soft.max())
+    return minimum + ((soft - minimum) / (maximum - minimum) * levels).round() / levels * (
+        maximum - minimum
+    )
 
 
 def test_edges_soft_in_distance_become_steps_where_they_are() -> None:

@@ -156,9 +156,9 @@ def test_uncertain_edges_are_taken_apart_by_less_contrast(alpha: float) -> None:
     image[:, :, column] = alpha * inside + (1 - alpha) * outside
     image += 0.008 * torch.randn(image.shape, generator=torch.Generator().manual_seed(1))
     certain, uncertain = (unmixed(image, radius, uncertain=u) for u in (False, True))
-    least, most = (
+    minimum, maximum = (
         float((u.fringe.layer[:, -1] if alpha < 0.5 else 1 - coverage_of(u, column)).sum())
         for u in (certain, uncertain)
     )
-    assert least < 0.02 * SIZE[0]
-    assert 0.1 * SIZE[0] < most < 0.4 * SIZE[0]
+    assert minimum < 0.02 * SIZE[0]
+    assert 0.1 * SIZE[0] < maximum < 0.4 * SIZE[0]

@@ -70,7 +70,7 @@ def test_slopes_go_on_up_to_an_edge() -> None:
     image, depth = disc()
     x = torch.arange(SIZE[1], dtype=torch.float64)
     slanted = torch.where(depth == NEAR, 0.6 + 0.001 * x, 0.1 + 0.0005 * x)
-    small = avg_pool2d(slanted[None, None], 1, stride=2)[0, 0]  # cells at 2 x, for x + 0.5
+    small = avg_pool2d(slanted[None, None], 1, stride=2)[0, 0]  # coarse pixels at 2 x, for x + 0.5
     found = 1 / whole(1 / small, image)
     right = (found - (slanted - torch.where(depth == NEAR, 0.0005, 0.00025))).abs() < 1e-3
     assert right[:, 2:-2].double().mean() > 0.995

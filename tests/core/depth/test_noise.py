@@ -165,8 +165,8 @@ def test_what_is_held_and_what_is_made_again_are_alike(monkeypatch: pytest.Monke
 
     image, radius = scene(card()), (card() + scatter(0.3)).float()
     whole = render(image, radius).render
-    for most in (0, 1 << 22):
-        monkeypatch.setattr(derived, "_HELD", most)
+    for maximum in (0, 1 << 22):
+        monkeypatch.setattr(derived, "_HELD", maximum)
         stream = Stream(image, Lazily(radius))
         assert stream.repair.noise == pytest.approx(0.3, rel=0.1)
         for part in stream.regions():

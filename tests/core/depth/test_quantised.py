@@ -23,9 +23,9 @@ def slope() -> Tensor:
 
 def in_levels(radius: Tensor, count: int = LEVELS) -> Tensor:
     """The same in so many levels, evenly spaced."""
-    least, most = torch.aminmax(radius)
-    step = (most - least) / (count - 1)
-    return least + ((radius - least) / step).round() * step
+    minimum, maximum = torch.aminmax(radius)
+    step = (maximum - minimum) / (count - 1)
+    return minimum + ((radius - minimum) / step).round() * step
 
 
 def seen(radius: Tensor) -> bool:

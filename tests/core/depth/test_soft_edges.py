@@ -75,9 +75,9 @@ def bumpy(seed: int, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
 @pytest.mark.parametrize("size", [(20, 30), (1, 9), (9, 1), (3, 4), (1, 1)])
 def test_extremes_are_those_of_squares(by: int, size: tuple[int, int]) -> None:
     values = torch.randn(2, *size)
-    most = max_pool2d(values, 2 * by + 1, stride=1, padding=by)
-    assert torch.equal(extreme_around(values, by, torch.maximum), most)
-    assert torch.equal(extreme_around(-values, by, torch.minimum), -most)
+    maximum = max_pool2d(values, 2 * by + 1, stride=1, padding=by)
+    assert torch.equal(extreme_around(values, by, torch.maximum), maximum)
+    assert torch.equal(extreme_around(-values, by, torch.minimum), -maximum)
     some = values[0] > 0.5
     expected = max_pool2d(some[None].float(), 2 * by + 1, stride=1, padding=by)[0] > 0
     assert torch.equal(extreme_around(some, by, torch.maximum), expected)

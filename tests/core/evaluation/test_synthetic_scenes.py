@@ -16,8 +16,8 @@ def radius(kind: str, r: float = 8.0) -> torch.Tensor:
 def test_a_scene_is_as_large_and_as_blurred_as_asked_for(kind: str) -> None:
     image, r = scenery(kind, *SIZE, 8.0)
     assert (image.shape, r.shape) == ((3, *SIZE), SIZE)
-    most = float(r.abs().max())
-    assert most <= 0.5 if kind == "focus" else 7.5 < most <= 8.0
+    maximum = float(r.abs().max())
+    assert maximum <= 0.5 if kind == "focus" else 7.5 < maximum <= 8.0
     assert float(image.min()) >= 0.0
     assert float(image.max()) > 1.0 if kind == "lights" else float(image.max()) <= 1.0
 

@@ -30,9 +30,9 @@ def test_the_radii_of_a_blur_of_the_picture_are_met(focus: float, k: float, seed
 def test_radii_that_no_focus_reaches_are_approached_from_both_sides() -> None:
     """A ramp has no plane: with a greatest radius of 8 px its median is 2.7 px at least."""
     found = matched_blur(torch.linspace(0, 1, 2000), (2.0, 0.2, 8.0))
-    mean, median, most = found.radii
+    mean, median, maximum = found.radii
     assert median > 0.2
-    assert most < 8.0 < 2 * most
+    assert maximum < 8.0 < 2 * maximum
     assert mean == pytest.approx(2.0, rel=0.5)
 
 

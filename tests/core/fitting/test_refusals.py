@@ -35,10 +35,10 @@ def scene(name: str, width: int) -> tuple[Tensor, Tensor]:
     return small, interpolate(disparity[None, None], size, mode="nearest")[0, 0]
 
 
-def lens(disparity: Tensor, most: float) -> Candidate:
+def lens(disparity: Tensor, maximum: float) -> Candidate:
     """Focus on the middle of the disparities, and the greatest radius in px."""
     focus = float(disparity.median())
-    return Candidate(most / float((focus - disparity).abs().max()), focus)
+    return Candidate(maximum / float((focus - disparity).abs().max()), focus)
 
 
 @cache

@@ -129,12 +129,12 @@ def test_sky_is_not_focused_on_unless_there_is_nothing_else() -> None:
 
 def test_a_lens_that_blurs_too_much_is_drawn_again_and_the_others_stay() -> None:
     _, free = draft()(image(), depth(), [1, 2, 3])
-    most = free.signed_radius.abs().amax((1, 2, 3))
-    bound = float(most.median()) * (1 + 1e-5)
+    maximum = free.signed_radius.abs().amax((1, 2, 3))
+    bound = float(maximum.median()) * (1 + 1e-5)
     _, bounded = draft(max_radius=bound)(image(), depth(), [1, 2, 3])
     assert bounded.signed_radius.abs().max() <= bound * (1 + 1e-5)
-    assert (bounded.fnum == free.fnum).tolist() == (most <= bound).tolist()
-    assert int((most <= bound).sum()) == 2
+    assert (bounded.fnum == free.fnum).tolist() == (maximum <= bound).tolist()
+    assert int((maximum <= bound).sum()) == 2
     assert bool(((bounded.fnum >= 1.4) & (bounded.fnum <= 16)).all())
 
 

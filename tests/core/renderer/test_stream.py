@@ -96,9 +96,9 @@ def test_another_side_of_tiles_changes_the_last_digits_alone(kind: str, tile: in
     assert other.stats["tiles"] != usual.stats["tiles"]
     for name in KINDS:
         a, b = getattr(usual, name), getattr(other, name)
-        most = torch.nn.functional.max_pool2d(a.abs()[None], 33, stride=1, padding=16)[0]
+        maximum = torch.nn.functional.max_pool2d(a.abs()[None], 33, stride=1, padding=16)[0]
         limit = 2e-6 if name == "render" else 4e-6  # of halves: each rests on half of the light
-        assert float(((a - b).abs() / most.clamp(min=1e-3)).max()) < limit, name
+        assert float(((a - b).abs() / maximum.clamp(min=1e-3)).max()) < limit, name
     assert torch.equal(render(image, radius, tile=TILE).render, usual.render)
 
 

@@ -96,9 +96,9 @@ def test_depth_is_averaged_along_motion() -> None:
     along = moved._replace(motion=torch.tensor([3.0, 0.0])[:, None, None].expand(2, *SIZE))
     frame = Frame(image, noisy(0) - 5 + slope)
     inner = (slice(None), slice(4, -8))
-    for neighbour, least, most in ((moved, 1.0, 1.1), (along, 1.9, 2.0)):
+    for neighbour, minimum, maximum in ((moved, 1.0, 1.1), (along, 1.9, 2.0)):
         mean, count = temporal_mean(frame, [neighbour], 0.3)
-        assert least <= count[inner].mean() <= most
+        assert minimum <= count[inner].mean() <= maximum
     assert (mean - slope)[inner].std() == pytest.approx(0.3 / math.sqrt(2), rel=0.1)
 
 

@@ -1,13 +1,15 @@
-"""Cells read in pixels: polynomials stay what they are, and cells that are not there are 0."""
+"""Coarse pixels read in pixels: polynomials stay what they are, and coarse pixels that are not
+there are 0.
+"""
 
 import pytest
 import torch
 from torch import Tensor
 
-from defocus_core.tensors.resampling import cubic_shares, linear_shares, resampled
+from defocus_core.tensors.resampling import cubic_weights, linear_weights, resampled
 
 # By kind the degree of the polynomials that it keeps.
-KINDS = {"tents": (linear_shares, 1), "cubics": (cubic_shares, 2)}
+KINDS = {"tents": (linear_weights, 1), "cubics": (cubic_weights, 2)}
 LIKE = torch.zeros((), dtype=torch.float64)
 FIRSTS = (2.25, 2.75)
 
@@ -17,49 +19,49 @@ def line(count: int, step: float = 1.0, first: float = 0.0) -> Tensor:
 
 
 def polynomial(down: Tensor, across: Tensor, degree: int) -> Tensor:
-    """Of two channels; numbers of order one where there are a hundred cells."""
+    """Of two channels; numbers of order one where there are a hundred coarse pixels."""
     values = 1 + down[:, None] / 100 - across / 200
     return torch.stack([values, 1 - values]) ** degree
 
 
-def read(cells: Tensor, kind: str, size: tuple[int, int], halvings: int) -> Tensor:
-    make, step = KINDS[kind][0], 0.5**halvings
+def read(coarse: Tensor, kind: str, size: tuple[int, int], level: int) -> Tensor:
+    make, step = KINDS[kind][0], 0.5**level
     return resampled(
-        cells, *(make(first, n, step, LIKE) for first, n in zip(FIRSTS, size, strict=True))
+        coarse, *(make(first, n, step, LIKE) for first, n in zip(FIRSTS, size, strict=True))
     )
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("halvings", [1, 2, 3])
 @pytest.mark.parametrize("size", [(192, 192), (120, 55), (9, 1)])
-def test_polynomials_stay_what_they_are(kind: str, halvings: int, size: tuple[int, int]) -> None:
-    degree, step = KINDS[kind][1], 0.5**halvings
-    cells = polynomial(line(110), line(120), degree)
+def test_polynomials_stay_what_they_are(kind: str, level: int, size: tuple[int, int]) -> None:
+    degree, step = KINDS[kind][1], 0.5**level
+    coarse = polynomial(line(110), line(120), degree)
     down, across = (line(n, step, first) for first, n in zip(FIRSTS, size, strict=True))
     expected = polynomial(down, across, degree)
-    torch.testing.assert_close(read(cells, kind, size, halvings), expected, rtol=0, atol=1e-13)
+    torch.testing.assert_close(read(coarse, kind, size, level), expected, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_cells_that_are_not_there_are_dark(kind: str) -> None:
     """As if there were zeros around them; whatever the last block lacks is among these."""
-    cells = torch.rand(1, 40, 31, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    framed = torch.nn.functional.pad(cells, (5, 60, 5, 60))
+    coarse = torch.rand(1, 40, 31, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    framed = torch.nn.functional.pad(coarse, (5, 60, 5, 60))
     make, starts, size = KINDS[kind][0], (-3.25, 2.75), (120, 55)
     read_of, read_within = (
         resampled(of, *(make(at + more, n, 0.5, LIKE) for at, n in zip(starts, size, strict=True)))
-        for of, more in ((cells, 0), (framed, 5))
+        for of, more in ((coarse, 0), (framed, 5))
     )
     torch.testing.assert_close(read_of, read_within, rtol=0, atol=1e-14)
 
 
 def test_products_are_not_rounded_to_fewer_bits() -> None:
-    cells = torch.rand(1, 64, 64, generator=torch.Generator().manual_seed(1))
-    shares = cubic_shares(2.25, 100, 0.5, cells)
-    exact = resampled(cells, shares, shares)
+    coarse = torch.rand(1, 64, 64, generator=torch.Generator().manual_seed(1))
+    shares = cubic_weights(2.25, 100, 0.5, coarse)
+    exact = resampled(coarse, shares, shares)
     torch.set_float32_matmul_precision("medium")
     try:
-        found = resampled(cells, shares, shares)
+        found = resampled(coarse, shares, shares)
     finally:
         torch.set_float32_matmul_precision("highest")
     torch.testing.assert_close(found, exact, rtol=0, atol=1e-6)

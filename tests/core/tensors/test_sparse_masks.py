@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from defocus_core.tensors.sparse_masks import exceeding, numbers_of, places_of
+from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, positions_of
 
 SIZES = [(0, 5), (1, 1), (1, 7), (1, 8), (2, 4), (3, 3), (5, 13), (16, 16), (31, 65)]
 
@@ -16,15 +16,15 @@ SIZES = [(0, 5), (1, 1), (1, 7), (1, 8), (2, 4), (3, 3), (5, 13), (16, 16), (31,
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 1.0])
 def test_pixels_of_a_mask_are_found_in_their_order(size: tuple[int, int], share: float) -> None:
     mask = torch.rand(size, generator=torch.Generator().manual_seed(1)) < share
-    assert torch.equal(places_of(mask), torch.nonzero(mask))
-    assert torch.equal(numbers_of(mask), torch.nonzero(mask.flatten())[:, 0])
+    assert torch.equal(positions_of(mask), torch.nonzero(mask))
+    assert torch.equal(flat_nonzero(mask), torch.nonzero(mask.flatten())[:, 0])
 
 
 @pytest.mark.parametrize("start", range(9))
 def test_so_are_those_of_a_part_of_a_mask(start: int) -> None:
     mask = torch.rand(20, 40, generator=torch.Generator().manual_seed(2)) < 0.1
     for part in (mask[start:], mask[:, start:], mask.mT[start:], mask.flatten()[start:][None]):
-        assert torch.equal(places_of(part), torch.nonzero(part))
+        assert torch.equal(positions_of(part), torch.nonzero(part))
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])

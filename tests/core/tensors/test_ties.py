@@ -23,8 +23,8 @@ def cards(seed: int) -> tuple[Tensor, Tensor]:
     """Thirty cards over each other, some as thin as wires, in equal steps of radius."""
     generator = torch.Generator().manual_seed(seed)
 
-    def some(below: int, least: int = 0) -> int:
-        return int(torch.randint(least, below, (1,), generator=generator))
+    def some(below: int, minimum: int = 0) -> int:
+        return int(torch.randint(minimum, below, (1,), generator=generator))
 
     H, W = 120 + seed % 2, 160 + seed // 2 % 2
     step, levels = STEPS[seed % len(STEPS)]

@@ -13,7 +13,7 @@ import torch
 
 from defocus_core import Aperture, DefocusLens, Distribution, HiddenLayer, RandomDefocus, render
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.layers.ladder import cheapest_within, quantisation
+from defocus_core.renderer.layers.slice_radii import cheapest_within, quantisation
 from defocus_core.renderer.stream import Stream
 
 IMAGE, RADIUS = torch.rand(3, 12, 16), torch.linspace(-2, 3, 16).expand(12, 16)

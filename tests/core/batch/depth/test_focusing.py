@@ -86,8 +86,8 @@ def drawn(index: int, fnumber: str, max_coc: float) -> Lens:
 
 def test_a_lens_that_does_not_suit_the_picture_is_drawn_again_within_its_range() -> None:
     depth = depth_of(ramp())
-    most = reach(replace(LENS, fnum=4.0), depth)
-    lenses = [drawn(index, "loguniform(1, 16)", most) for index in range(20)]
+    maximum = reach(replace(LENS, fnum=4.0), depth)
+    lenses = [drawn(index, "loguniform(1, 16)", maximum) for index in range(20)]
     found = [focused(lens, depth) for lens in lenses]
     assert all(4 <= lens.fnum <= 16 and lens.blades == 6 for lens in found)
     again = [one.draw.attempt > 0 for one in found if one.draw]

@@ -49,12 +49,12 @@ def test_a_kind_is_written_alone_with_its_name(kind: Kind, tmp_path: Path) -> No
 def test_info_tells_what_a_map_shows(kind: Kind, tmp_path: Path) -> None:
     file = written(tmp_path, kind)
     values = read_exr(file)[kind.channel or kind.name]
-    least, most = float(values.min()), float(values.max())
-    reach = f"{least:.2f} to {most:.2f} {kind.unit}".rstrip()
+    minimum, maximum = float(values.min()), float(values.max())
+    reach = f"{minimum:.2f} to {maximum:.2f} {kind.unit}".rstrip()
     assert f"  {kind.title}: {reach}\n" in run("info", file).out
     shown: dict[str, Any] = json.loads(run("info", file, "--json").out)["files"][0]["maps"][0]
     assert shown["kind"] == kind.name
-    assert shown[f"range_{kind.unit}" if kind.unit else "range"] == [least, most]
+    assert shown[f"range_{kind.unit}" if kind.unit else "range"] == [minimum, maximum]
 
 
 def test_help_has_a_line_for_each_kind() -> None:

@@ -39,10 +39,10 @@ def scene(size: tuple[int, int], r: float) -> tuple[Tensor, Tensor]:
 
 @pytest.mark.parametrize("halvings", [1, 2, 3])
 @pytest.mark.parametrize("size", [(24, 40), (25, 41), (24, 41)])
-def test_a_slice_is_averaged_as_its_pixels_are(size: tuple[int, int], halvings: int) -> None:
+def test_a_slice_is_averaged_as_its_pixels_are(size: tuple[int, int], level: int) -> None:
     """Wherever it lies in the frame, and with what nearer surfaces have in the same pixels."""
     H, W = size
-    generator = torch.Generator().manual_seed(halvings)
+    generator = torch.Generator().manual_seed(level)
     color, coverage = torch.rand(4, H, W, generator=generator, dtype=torch.float64).split([3, 1])
     places = torch.full(size, 2.0, dtype=torch.float64)
     places[5:17, 9:30] = 0.25
@@ -56,15 +56,15 @@ def test_a_slice_is_averaged_as_its_pixels_are(size: tuple[int, int], halvings: 
         whole[:, y, x] += values * share
     middle = axes(size)
     down, across = middle
-    for _ in range(halvings):
+    for _ in range(level):
         y, x = halves(whole.shape[1], down), halves(whole.shape[2], across)
         whole = halved(extended(whole, y, x, 0.0), (down.odd, across.odd)) / 4
         down, across = y.axis, x.axis
-    cells = Box(-down.middle, -across.middle, *whole.shape[1:])
-    found = surface.averaged(0, halvings, cells, middle, tilted=False)
+    coarse = Box(-down.middle, -across.middle, *whole.shape[1:])
+    found = surface.averaged(0, level, coarse, middle, tilted=False)
     assert worst(found[0], whole) < 1e-12
-    part = Box(cells.top + 1, cells.left - 1, 3, 4)
-    found = surface.averaged(0, halvings, part, middle, tilted=False)
+    part = Box(coarse.top + 1, coarse.left - 1, 3, 4)
+    found = surface.averaged(0, level, part, middle, tilted=False)
     assert worst(found[0, :, :2, 1:], whole[:, 1:3, :3]) < 1e-12
 
 

@@ -12,7 +12,7 @@ from defocus_core.optics.parts import FULL, LEFT, RIGHT, Part
 from defocus_core.renderer.compositing.bokeh_discs import draw
 from defocus_core.renderer.compositing.highlights import Highlights, threshold
 from defocus_core.renderer.compositing.screens import Occluder
-from defocus_core.renderer.layers.ladder import position
+from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.order_statistics import Ranks, counted
 
@@ -25,7 +25,7 @@ class Scene:
     """Radii of pixels, their places between slices, and which lie beside an edge of depth."""
 
     def __init__(self, signed_radius: Tensor) -> None:
-        self.places = position(signed_radius, RADII).tolist()
+        self.places = slice_position(signed_radius, RADII).tolist()
         self.radii = radii = signed_radius.tolist()
         self.edges = [[beside_an_edge(y, x, radii) for x in range(W)] for y in range(H)]
 
@@ -112,9 +112,9 @@ def come_through(
                 free -= share_at(y, x, k, limit, scene)
                 continue
             down, across = (_ends(a + d) for a, d in zip(at, far, strict=True))
-            for row, row_share in down:
-                for column, column_share in across:
-                    free -= row_share * column_share * share_at(row, column, k, limit, scene)
+            for row, row_weight in down:
+                for column, column_weight in across:
+                    free -= row_weight * column_weight * share_at(row, column, k, limit, scene)
     return max(free, 0.0)
 
 
@@ -145,7 +145,9 @@ def _at(light: int, away: float) -> int:
 def drawn(
     some: Highlights, signed_radius: Tensor, aperture: Aperture, parts: list[Part], box: Box = WHOLE
 ) -> Tensor:
-    screen = Occluder(signed_radius, position(signed_radius, RADII), torch.ones_like(signed_radius))
+    screen = Occluder(
+        signed_radius, slice_position(signed_radius, RADII), torch.ones_like(signed_radius)
+    )
     return draw(some, [screen], RADII, aperture, parts, box)
 
 
@@ -208,10 +210,10 @@ def test_a_shadow_is_as_dark_as_its_surface_covers(share: float) -> None:
     wire[:, 44] = True
     empty, whole = torch.zeros_like(radius), torch.ones_like(radius)
     front = torch.where(wire, 0.0, radius)
-    places = [position(r, RADII) for r in (front, torch.where(wire, 0.0, radius))]
+    places = [slice_position(r, RADII) for r in (front, torch.where(wire, 0.0, radius))]
     own = Occluder(front, places[0], torch.where(wire, share, whole))
     fringe = Occluder(front, places[1], torch.where(wire, share, empty))
-    behind = Occluder(radius, position(radius, RADII), whole)
+    behind = Occluder(radius, slice_position(radius, RADII), whole)
     some = Highlights(torch.tensor([[30, 40]]), radius.new_ones(1, 1), radius.new_tensor([24.0]))
     clear = draw(some, [behind], RADII, Aperture(), [FULL], WHOLE)[0, 0]
     for screens in ([own], [behind, fringe]):
@@ -228,8 +230,8 @@ def test_the_shadow_of_a_slanted_wire_has_no_saw_teeth() -> None:
     front = torch.where(away < 1.5, -8.0, 24.0)
     share = (1.5 - away).clamp(0.0, 1.0)
     whole = torch.ones_like(front)
-    wire = Occluder(front, position(front, RADII), torch.where(away < 1.5, share, whole))
-    behind = Occluder(24 * whole, position(24 * whole, RADII), whole)
+    wire = Occluder(front, slice_position(front, RADII), torch.where(away < 1.5, share, whole))
+    behind = Occluder(24 * whole, slice_position(24 * whole, RADII), whole)
     light = Highlights(torch.tensor([[30, 40]]), front.new_ones(1, 1), front.new_tensor([24.0]))
     clear, seen = (
         draw(light, [screen], RADII, Aperture(), [FULL], WHOLE)[0, 0, 14:47]
@@ -248,9 +250,9 @@ def test_discs_are_drawn_one_by_one_as_long_as_all_of_them_are_few_frames(
     light = torch.full((400, 500), 0.5)
     brightness = light.flatten()
 
-    def limit(most: float) -> float:
-        brightness[:count] = most
-        return threshold(Ranks(counted(light), lambda: [light], light.dtype), most, radius)
+    def limit(maximum: float) -> float:
+        brightness[:count] = maximum
+        return threshold(Ranks(counted(light), lambda: [light], light.dtype), maximum, radius)
 
     assert (limit(16.0) < 16.0) == alone
     assert limit(1600.0) < 1600.0, "the rounding noise of their transforms would be seen"

@@ -49,8 +49,8 @@ def test_coverage_saturates_at_one() -> None:
 @pytest.mark.parametrize(("gap", "filled"), [(0.3, 0.3), (0.1, 0.1), (0.05, 0.025), (0.01, 0.001)])
 def test_small_gaps_are_filled_by_their_share_of_the_doubt(gap: float, filled: float) -> None:
     seen = composite((0.9 - gap, 1.0))
-    most = filled_up_to(seen, 0.9, 0.1)
-    assert worst(add_behind(seen, layer(1.0, 0.5), most)[:, 1], 0.9 - gap + filled) < EXACT
+    maximum = filled_up_to(seen, 0.9, 0.1)
+    assert worst(add_behind(seen, layer(1.0, 0.5), maximum)[:, 1], 0.9 - gap + filled) < EXACT
     assert worst(filled_up_to(seen, 0.5 - gap, 0.1), seen[:, 1:]) == 0  # more is covered already
 
 
@@ -64,13 +64,13 @@ def test_a_picture_is_divided_by_what_was_seen() -> None:
 
 @pytest.mark.parametrize("least", [0.0, -0.3])
 @pytest.mark.parametrize("share", [0.5, 0.4])
-def test_the_mean_of_a_pair_is_the_centre(share: float, least: float) -> None:
+def test_the_mean_of_a_pair_is_the_centre(share: float, minimum: float) -> None:
     random = torch.Generator().manual_seed(0)
     centre, left, right = torch.rand(3, 2, 5, 7, generator=random, dtype=torch.float64)
     left[0, 0] = right[0, 0] = 0.0
-    one, other = pair_of(centre, left, right, least=least, share=share)
+    one, other = pair_of(centre, left, right, minimum=minimum, share=share)
     assert worst(share * one + (1 - share) * other, centre) < EXACT
-    exact = pair_of(share * left + (1 - share) * right, left, right, least=least, share=share)
+    exact = pair_of(share * left + (1 - share) * right, left, right, minimum=minimum, share=share)
     assert worst(exact, torch.stack([left, right])) < EXACT
 
 

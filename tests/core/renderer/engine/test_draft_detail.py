@@ -1,10 +1,10 @@
-"""Cells become pixels: nothing is lost, nothing rings, and detail in focus comes back."""
+"""Coarse pixels become pixels: nothing is lost, nothing rings, and detail in focus comes back."""
 
 import pytest
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.engine.draft_cells import means
+from defocus_core.renderer.engine.draft_coarse import means
 from defocus_core.renderer.engine.draft_detail import (
     AROUND,
     NO_DETAIL,
@@ -15,17 +15,17 @@ from defocus_core.renderer.engine.draft_detail import (
     smooth,
     with_detail,
 )
-from defocus_core.renderer.layers.ladder import SHARP
+from defocus_core.renderer.layers.slice_radii import SHARP
 from defocus_core.tensors.box import Box
 
 
-def whole(cells: Tensor) -> Box:
-    return Box(0, 0, cells.shape[-2], cells.shape[-1])
+def whole(coarse: Tensor) -> Box:
+    return Box(0, 0, coarse.shape[-2], coarse.shape[-1])
 
 
-def pixels_of(cells: Tensor) -> Tensor:
+def pixels_of(coarse: Tensor) -> Tensor:
     """All of them."""
-    return doubled(cells, whole(cells))
+    return doubled(coarse, whole(coarse))
 
 
 def noise(*size: int) -> Tensor:
@@ -33,13 +33,13 @@ def noise(*size: int) -> Tensor:
 
 
 def test_means_of_pixels_are_their_cells() -> None:
-    cells = 0.5 + noise(2, 3, 9, 11) ** 8  # with contrasts that would ring
-    assert torch.allclose(means(pixels_of(cells)), cells, atol=1e-14)
+    coarse = 0.5 + noise(2, 3, 9, 11) ** 8  # with contrasts that would ring
+    assert torch.allclose(means(pixels_of(coarse)), coarse, atol=1e-14)
 
 
 @pytest.mark.parametrize("power", [0, 1, 2, 3, 4])
 def test_polynomials_of_fourth_order_stay_what_they_are(power: int) -> None:
-    """Of a row or a column; means over pixels and over cells are exact integrals here."""
+    """Of a row or a column; means over pixels and over coarse pixels are exact integrals here."""
     x = torch.arange(-16, 17, dtype=torch.float64) / 16
     row = 3 + (x[1:] ** (power + 1) - x[:-1] ** (power + 1)) * 16 / (power + 1)
     px = row.expand(32, 32).clone()
@@ -52,20 +52,20 @@ def test_polynomials_of_fourth_order_stay_what_they_are(power: int) -> None:
 @pytest.mark.parametrize("low", [0.0, 0.4])
 def test_beside_a_step_little_rings(low: float) -> None:
     """Nothing where contrast is high, a twelfth of the step where it is low."""
-    cells = torch.full((1, 12, 12), low, dtype=torch.float64)
-    cells[:, 3:9, 3:9] = 1.0
-    px = pixels_of(cells)
+    coarse = torch.full((1, 12, 12), low, dtype=torch.float64)
+    coarse[:, 3:9, 3:9] = 1.0
+    px = pixels_of(coarse)
     assert float(px.min()) >= low * 0.9
     assert float(px.max()) <= 1.0 + 0.25 * low
 
 
 def test_a_part_is_a_part_of_the_whole() -> None:
-    cells = noise(3, 12, 9)
-    px = pixels_of(cells)
-    assert torch.equal(doubled(cells[:, 2:10, 1:9], Box(2, 2, 4, 4)), px[:, 8:16, 6:14])
-    assert torch.equal(doubled(cells[:, :7], Box(0, 0, 5, 9)), px[:, :10])
-    some = smooth(cells[None, :, 2:9], Box(2, 0, 4, 9))
-    assert torch.equal(some, smooth(cells[None], Box(4, 0, 4, 9)))
+    coarse = noise(3, 12, 9)
+    px = pixels_of(coarse)
+    assert torch.equal(doubled(coarse[:, 2:10, 1:9], Box(2, 2, 4, 4)), px[:, 8:16, 6:14])
+    assert torch.equal(doubled(coarse[:, :7], Box(0, 0, 5, 9)), px[:, :10])
+    some = smooth(coarse[None, :, 2:9], Box(2, 0, 4, 9))
+    assert torch.equal(some, smooth(coarse[None], Box(4, 0, 4, 9)))
 
 
 def test_a_disc_leaves_less_of_detail_the_larger_it_is() -> None:
@@ -78,13 +78,13 @@ def test_a_disc_leaves_less_of_detail_the_larger_it_is() -> None:
 
 
 def at(r: float, shown: float, copies: int = 1) -> tuple[Tensor, Tensor]:
-    """Pixels at a radius, and what cells that show a share of them become."""
+    """Pixels at a radius, and what coarse pixels that show a share of them become."""
     pixels = 0.25 + 0.5 * noise(2, 12, 16)
     radius = torch.full((12, 16), r, dtype=torch.float64)
-    cells, share = means(pixels), share_left(radius)
-    original = Original(cells, share, pixels, radius)
-    images = cells.expand(copies, *cells.shape)
-    return pixels, with_detail(images, shown * share.expand(copies, 6, 8), original, whole(cells))
+    coarse, share = means(pixels), share_left(radius)
+    original = Original(coarse, share, pixels, radius)
+    images = coarse.expand(copies, *coarse.shape)
+    return pixels, with_detail(images, shown * share.expand(copies, 6, 8), original, whole(coarse))
 
 
 def test_in_focus_and_in_full_view_a_pixel_is_as_it_was() -> None:
@@ -122,10 +122,10 @@ def test_detail_is_shifted_apart_as_the_halves_are(r: float) -> None:
     pixels = (0.5 + 0.1 * torch.sin(0.3 * torch.pi * x)).expand(1, 12, 64)
     radius = torch.full((12, 64), r, dtype=torch.float64)
     share = share_left(radius)
-    cells = means(pixels)
-    images, shown = cells.expand(3, 1, 6, 32), share.expand(3, 6, 32)
+    coarse = means(pixels)
+    images, shown = coarse.expand(3, 1, 6, 32), share.expand(3, 6, 32)
     centre, left, right = with_detail(
-        images, shown, Original(cells, share, pixels, radius), whole(cells)
+        images, shown, Original(coarse, share, pixels, radius), whole(coarse)
     )
     assert torch.allclose((left + right) / 2, centre, atol=1e-15)
     wave = torch.exp(0.3j * torch.pi * x)[8:48]  # twelve half waves

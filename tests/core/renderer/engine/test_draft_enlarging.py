@@ -26,12 +26,12 @@ def half(x: Tensor) -> Tensor:
 
 
 def test_far_from_focus_a_draft_is_a_picture_of_half_the_size_enlarged() -> None:
-    """Its cells are those of a picture rendered in cells."""
+    """Its coarse pixels are those of a picture rendered in coarse pixels."""
     image = noise(3, 80, 100)
     radius = torch.full((80, 100), 6.0)
     draft = render(image, radius, quality="draft").render
     standard = render(image, radius).render
-    # not at the border: a cell on the edge, which goes on, is two px wide
+    # not at the border: a coarse pixel on the edge, which goes on, is two px wide
     assert worst(inner(half(draft), 4), inner(half(standard), 4)) < 0.03
     assert draft.shape == image.shape
 
@@ -101,7 +101,7 @@ def test_slices_asked_for_are_those_of_the_picture() -> None:
 def test_a_stream_of_a_draft_is_its_rendering(
     kind: str, held: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also where its cells are not kept, and where regions end between bands."""
+    """Also where its coarse pixels are not kept, and where regions end between bands."""
     image, radius = scenery(kind, 1401, 1303, 8.0)
     hidden = HiddenLayer(image.flip(-1), radius + 9, radius < radius.mean())
     behind = hidden if kind == "cards" else None
@@ -136,7 +136,7 @@ def test_gradients_of_a_draft_are_slopes() -> None:
 
 
 def test_depth_of_photographs_is_repaired_before_it_is_halved() -> None:
-    """Its edges are several px wide: in cells they might be taken for averages."""
+    """Its edges are several px wide: in coarse pixels they might be taken for averages."""
     image, radius = scenery("cards", 300, 400, 24.0)
     around = torch.nn.functional.pad(radius[None, None], (4, 4, 4, 4), mode="replicate")
     soft = torch.nn.functional.avg_pool2d(around, 9, stride=1)[0, 0]

@@ -33,7 +33,7 @@ def test_the_steepest_step_is_seen_wherever_it_is(row: int) -> None:
     radius[row, 5] = 1.0
     survey = surveyed(noise(3, *SIZE), radius, torch.float32, 1)
     assert survey.steepest == (7.0, 1.0)
-    assert (survey.least, survey.most) == (0.0, 7.0)
+    assert (survey.minimum, survey.maximum) == (0.0, 7.0)
 
 
 @pytest.mark.parametrize("row", [1, 254, 255, 256, 598])

@@ -79,8 +79,8 @@ def test_without_a_direction_nothing_is_transported() -> None:
         smooth = torch.tensor([[0.7, FAR], [0.1, FAR]], dtype=torch.float64)
         _, radius = behind_a_bar(image)
         picture = torch.cat([image, radius[None]])
-        cells = tensor_of(image, torch.zeros_like(radius))
-        tensor = cells[:, at[:, 0] // 4, at[:, 1] // 4].T
+        coarse = tensor_of(image, torch.zeros_like(radius))
+        tensor = coarse[:, at[:, 0] // 4, at[:, 1] // 4].T
         border = torch.zeros(2, dtype=torch.float64)
         found = transported(picture, at, border, smooth, tensor)
         assert worst(found, smooth[:, :1]) < 0.05

@@ -32,11 +32,11 @@ def street(wires: slice = WIRES) -> tuple[Tensor, Tensor]:
 
 
 @pytest.mark.parametrize("halvings", [0, 1])
-def test_behind_a_wire_comes_what_is_beside_it(halvings: int) -> None:
+def test_behind_a_wire_comes_what_is_beside_it(pyramid_level: int) -> None:
     image, radius = street()
-    hidden = hidden_layer(image, radius, halvings=halvings)
+    hidden = hidden_layer(image, radius, pyramid_level=pyramid_level)
     assert hidden is not None
-    step = 1 << halvings
+    step = 1 << pyramid_level
     on_wire = (slice(None), slice(WIRES.start // step, WIRES.stop // step))
     of_sign, of_sky = (slice(a // step, b // step) for a, b in ((14, 50), (0, 6)))
     assert bool(hidden.mask[on_wire].all())
@@ -47,13 +47,13 @@ def test_behind_a_wire_comes_what_is_beside_it(halvings: int) -> None:
 
 
 @pytest.mark.parametrize("halvings", [0, 1])
-def test_behind_a_wire_before_a_blurred_card_comes_what_is_sharper(halvings: int) -> None:
+def test_behind_a_wire_before_a_blurred_card_comes_what_is_sharper(pyramid_level: int) -> None:
     wires = slice(24, 26)
     image, radius = street(wires)
     radius = torch.where(radius == WIRE, -12.0, torch.where(radius == SIGN, -9.0, 0.0)).double()
-    hidden = hidden_layer(image, radius, halvings=halvings)
+    hidden = hidden_layer(image, radius, pyramid_level=pyramid_level)
     assert hidden is not None
-    step = 1 << halvings
+    step = 1 << pyramid_level
     rows, columns = slice(26 // step, 38 // step), slice(wires.start // step, wires.stop // step)
     assert bool(hidden.mask[rows, columns].all())
     assert hidden.signed_radius[rows, columns].abs().max() < 1e-6
@@ -111,12 +111,12 @@ def crossing(wall: float = 0.0, wire: float = -8.0) -> tuple[Tensor, Tensor]:
 @pytest.mark.parametrize("halvings", [0, 1])
 @pytest.mark.parametrize(("wall", "channel"), [(0.0, 0), (12.0, 1)])
 def test_behind_a_crossing_goes_on_what_is_sharper(
-    wall: float, channel: int, halvings: int
+    wall: float, channel: int, pyramid_level: int
 ) -> None:
     image, radius = crossing(wall)
-    layer = hidden_layer(image, radius, halvings=halvings)
+    layer = hidden_layer(image, radius, pyramid_level=pyramid_level)
     assert layer is not None
-    step, sharper = 1 << halvings, min(wall, -8.0, key=abs)
+    step, sharper = 1 << pyramid_level, min(wall, -8.0, key=abs)
     rows, columns = slice(32 // step, 34 // step), slice(-(-38 // step), 41 // step)
     assert bool(layer.mask[rows, columns].all())
     assert (layer.signed_radius[rows, columns] - sharper).abs().max() < 2
@@ -158,7 +158,7 @@ def test_how_far_an_edge_shows_is_the_greatest_cone(kind: str) -> None:
     away = (y[:, None] - y[at]).abs() + (x[:, None] - x[at]).abs()
     cone = (r[at] - DECAY * away).amax(1).reshape(SIZE)
     alone = revealed.ceiling == torch.inf
-    # cells are two px wide, radii are told in grains
+    # coarse pixels are two px wide, radii are told in grains
     assert (revealed.shown - cone)[alone].abs().max() < 4 * DECAY + 2 / 16
     closest = away.amin(1).reshape(SIZE)[~alone]
     assert bool((radius + STEP < revealed.shown)[~alone].all())

@@ -68,7 +68,7 @@ def test_a_surface_that_rises_towards_an_edge_is_not_behind_itself() -> None:
 
 @pytest.mark.parametrize("edge", range(16, 24))
 def test_beside_an_edge_hidden_content_is_as_what_is_next_to_it(edge: int) -> None:
-    """Wherever in the frame it is: cells of a coarser resolution do not show."""
+    """Wherever in the frame it is: coarse pixels of a coarser resolution do not show."""
     x = torch.arange(56, dtype=torch.float64).expand(SIZE)
     image = ((x >= edge - 2) & (x < edge)).to(x)
     found = hidden_layer(image[None], torch.where(x < edge, 6.0, -6.0).to(x))

@@ -30,9 +30,12 @@ def planes(level: PyramidLevel) -> list[Tensor]:
     """All that a level tells, as pictures [..., h, w]; of the second surface 0 where it is none."""
     found = list(level.first.parts)
     if level.second is not None:
-        assert level.number is not None
-        number = level.number.long()
-        found += [torch.where(number < 0, 0.0, each[..., number]) for each in level.second.parts]
+        assert level.second_index is not None
+        second_index = level.second_index.long()
+        found += [
+            torch.where(second_index < 0, 0.0, each[..., second_index])
+            for each in level.second.parts
+        ]
     return [each.reshape(*each.shape[:-1], *level.size) for each in found]
 
 
@@ -53,10 +56,10 @@ def test_cells_on_an_edge_hold_both_surfaces_apart(edge: int) -> None:
     near, color = x < edge, torch.where(x < edge, 0.2, 0.7)
     radius = torch.where(near, -5.0, 4.0).to(x)
     for level in levels(color[None], radius, 3)[1:]:
-        assert torch.equal(level.first.least, level.first.most)
-        expected = torch.where(level.first.least < 0, 0.2, 0.7)
+        assert torch.equal(level.first.minimum, level.first.maximum)
+        expected = torch.where(level.first.minimum < 0, 0.2, 0.7)
         assert worst(level.first.values[0], expected) < 1e-12
-        both = int(level.halvings > 1 or edge % 2)
+        both = int(level.level > 1 or edge % 2)
         assert (level.second is not None) == both
         if level.second is not None:
             assert worst(level.second.values, torch.tensor([[0.2], [-5.0]])) < 1e-12
@@ -80,7 +83,7 @@ def test_pixels_that_do_not_count_leave_no_trace() -> None:
     for level in levels(image, radius.double(), 3, counts.double()):
         held = level.first.weight > 0
         assert worst(level.first.values[0, held], 0.5) < 1e-12
-        assert not held.all() or level.halvings > 1
+        assert not held.all() or level.level > 1
 
 
 @pytest.mark.parametrize("cut", [4, 6])

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from defocus_core.renderer.layers.extents import patches
-from defocus_core.tensors.box import Box, Span, least_transform
+from defocus_core.tensors.box import Box, Span, min_transform
 from defocus_core.tensors.tiling import BLOCK, grid_over
 
 SIZE = (70, 110)
@@ -46,8 +46,8 @@ def test_all_that_reaches_a_tile_is_in_its_patch(layer: torch.Tensor, margin: in
             assert shown == shown.grown(0, patch.shown)
         if int(layer.sum()) == 1:
             assert max(patch.lit.height, patch.lit.width) <= BLOCK
-        most = (tile.height + 2 * margin, tile.width + 2 * margin)
-        assert all(n <= m for n, m in zip(patch.least, most, strict=True))
+        maximum = (tile.height + 2 * margin, tile.width + 2 * margin)
+        assert all(n <= m for n, m in zip(patch.minimum, maximum, strict=True))
 
 
 @given(some=st.lists(st.tuples(layers(), st.integers(0, 40)), min_size=1, max_size=4))
@@ -73,7 +73,7 @@ def test_what_wraps_around_falls_outside(
     seen = source.grown(margin).within(Span(start, start + size))
     if seen.length <= 0:
         return
-    n = least_transform(source, seen, margin)
+    n = min_transform(source, seen, margin)
     for i in range(*source):
         for x in range(*seen):
             distance = (x - i) % n
@@ -82,15 +82,15 @@ def test_what_wraps_around_falls_outside(
 
 
 @pytest.mark.parametrize("most", [(96, 128), (48, 64)])
-def test_a_transform_lies_within_that_of_the_tile(most: tuple[int, int]) -> None:
+def test_a_transform_lies_within_that_of_the_tile(maximum: tuple[int, int]) -> None:
     layer = torch.zeros(SIZE, dtype=torch.bool)
     layer[60:, 100:] = True
-    tile, margin = Box(32, 64, most[0] - 16, most[1] - 16), 8
+    tile, margin = Box(32, 64, maximum[0] - 16, maximum[1] - 16), 8
     ((patch,),) = patches(blocks(layer)[None], [tile], [margin], SIZE)
     assert patch is not None
-    for size in (most, patch.least):
-        box = patch.transformed(size, tile, most)
-        whole = Box(tile.top - margin, tile.left - margin, *most)
+    for size in (maximum, patch.minimum):
+        box = patch.transformed(size, tile, maximum)
+        whole = Box(tile.top - margin, tile.left - margin, *maximum)
         assert box == box.grown(0, whole)
         assert patch.lit == patch.lit.grown(0, box)
         assert patch.shown == patch.shown.grown(0, box)

@@ -31,7 +31,7 @@ def test_halves_are_as_far_apart_as_their_centroids(r: float, quality: str) -> N
     apart = shift(o.right) - shift(o.left)
     few = 0.01 if abs(r) <= 1 else 0.065  # px
     if quality == "draft":
-        few = 0.26  # up to 0.3 px is in focus in cells of two px
+        few = 0.26  # up to 0.3 px is in focus in coarse pixels of two px
     assert apart == pytest.approx(expected(r), abs=few)
     assert expected(r) == pytest.approx(8 * r / (3 * math.pi), rel=0.03)
     assert torch.allclose((o.left + o.right) / 2, o.render)

@@ -1,15 +1,15 @@
-"""Cells of two by two px: what they hold, whichever window asks for them."""
+"""Coarse pixels of two by two px: what they hold, whichever window asks for them."""
 
 import pytest
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.engine.draft_cells import (
+from defocus_core.renderer.engine.draft_coarse import (
     HalfSize,
     behind_at_half_size,
+    coarse_radii,
     half_size,
     means,
-    radii_in_cells,
     surface_radii,
 )
 from defocus_core.renderer.inpainting.known_layer import Behind
@@ -28,10 +28,10 @@ def test_colours_of_a_cell_are_the_means_of_its_pixels() -> None:
 
 def test_the_last_pixels_of_an_odd_frame_count_twice() -> None:
     image = noise(3, 5, 7)
-    cells = HalfSize(means, image)
-    assert tuple(cells.shape) == (3, 3, 4)
-    assert torch.allclose(cells[...][:, -1, -1], image[:, -1, -1])
-    assert torch.allclose(cells[...][:, 0, -1], image[:, :2, -1].mean(1))
+    coarse = HalfSize(means, image)
+    assert tuple(coarse.shape) == (3, 3, 4)
+    assert torch.allclose(coarse[...][:, -1, -1], image[:, -1, -1])
+    assert torch.allclose(coarse[...][:, 0, -1], image[:, :2, -1].mean(1))
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def test_the_radius_of_a_cell_is_that_of_the_surface_which_holds_most_of_it(
         radius = torch.tensor([px[i] for i in order], dtype=torch.float64).view(2, 2)
         plain = noise(3, 2, 2)
         assert float(surface_radii(radius, plain)) == pytest.approx(expected, abs=1e-12)
-        assert float(radii_in_cells(radius, plain)) == pytest.approx(expected / 2, abs=1e-12)
+        assert float(coarse_radii(radius, plain)) == pytest.approx(expected / 2, abs=1e-12)
 
 
 def test_the_light_of_a_cell_belongs_where_its_pixel_is() -> None:
@@ -65,11 +65,11 @@ def test_a_known_layer_in_cells_has_the_known_pixels_of_each_cell() -> None:
     mask = torch.tensor([[True, False, False, False], [True, True, False, False]])
     color = torch.tensor([[[0.3, 99.0, 99.0, 99.0], [0.6, 0.9, 99.0, 99.0]]])
     radius = torch.tensor([[4.0, torch.nan, 9.0, 9.0], [4.2, 4.4, 9.0, 9.0]])
-    cells = behind_at_half_size(Behind(color, radius, mask), threads=1, hold=False)
-    assert torch.equal(cells.mask[:], torch.tensor([[True, False]]))
-    assert torch.allclose(cells.color[...][0], torch.tensor([[0.6, 0.0]]))
-    assert torch.equal(cells.color[...][1], torch.zeros(1, 2))
-    assert torch.allclose(cells.signed_radius[:], torch.tensor([[2.1, 0.0]]))
+    coarse = behind_at_half_size(Behind(color, radius, mask), threads=1, hold=False)
+    assert torch.equal(coarse.mask[:], torch.tensor([[True, False]]))
+    assert torch.allclose(coarse.color[...][0], torch.tensor([[0.6, 0.0]]))
+    assert torch.equal(coarse.color[...][1], torch.zeros(1, 2))
+    assert torch.allclose(coarse.signed_radius[:], torch.tensor([[2.1, 0.0]]))
 
 
 def test_windows_are_cuts_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,13 +77,13 @@ def test_windows_are_cuts_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     image = noise(2, 21, 34)
     whole = half_size(means, image, threads=2, hold=False)
     assert isinstance(whole, Tensor)
-    cells = HalfSize(means, image)
-    assert torch.equal(cells[...], whole)
-    assert torch.equal(cells[..., 3:9, 2:17], whole[..., 3:9, 2:17])
-    assert torch.equal(cells[..., 8:20, :], whole[..., 8:20, :])
-    assert torch.equal(cells[2:5], whole[:, 2:5])
-    assert torch.equal(cells[1:10:4, ::2], whole[:, 1:10:4, ::2])
-    assert torch.equal(cells[::8, 3::8], whole[:, ::8, 3::8])
+    coarse = HalfSize(means, image)
+    assert torch.equal(coarse[...], whole)
+    assert torch.equal(coarse[..., 3:9, 2:17], whole[..., 3:9, 2:17])
+    assert torch.equal(coarse[..., 8:20, :], whole[..., 8:20, :])
+    assert torch.equal(coarse[2:5], whole[:, 2:5])
+    assert torch.equal(coarse[1:10:4, ::2], whole[:, 1:10:4, ::2])
+    assert torch.equal(coarse[::8, 3::8], whole[:, ::8, 3::8])
 
 
 def test_gradients_reach_the_pixels_of_the_surface() -> None:

@@ -7,31 +7,31 @@ import torch
 from tolerances import ROUNDING
 
 from defocus_core import QUALITIES
-from defocus_core.renderer.layers.ladder import (
+from defocus_core.renderer.layers.quality import find
+from defocus_core.renderer.layers.slice_radii import (
     SHARP,
     UnreachableTolerance,
     cheapest_within,
     evenly,
     membership,
-    position,
     quantisation,
-    rungs,
+    slice_position,
+    slice_radii,
 )
-from defocus_core.renderer.layers.quality import find
 
 RADII = torch.linspace(-23.0, 31.0, 217, dtype=torch.float64)[None]
 EXACT = ROUNDING[torch.float64]
 
 
-def shares(ladder: tuple[float, ...]) -> torch.Tensor:
+def shares(spaced: tuple[float, ...]) -> torch.Tensor:
     """[K, 1, n] of RADII."""
-    slices = torch.arange(len(ladder), dtype=torch.float64)
-    return membership(position(RADII, ladder), slices)
+    slices = torch.arange(len(spaced), dtype=torch.float64)
+    return membership(slice_position(RADII, spaced), slices)
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_shares_are_a_partition_of_unity(quality: str) -> None:
-    share = shares(rungs(-23.0, 31.0, find(quality)))
+    share = shares(slice_radii(-23.0, 31.0, find(quality)))
     assert (share.sum(0) - 1).abs().max() < EXACT
     assert share.min() >= 0
     assert (share > EXACT).sum(0).max() <= 2
@@ -39,8 +39,8 @@ def test_shares_are_a_partition_of_unity(quality: str) -> None:
 
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_shares_keep_the_second_moment(quality: str) -> None:
-    ladder = rungs(-23.0, 31.0, find(quality))
-    square = (shares(ladder) * torch.tensor(ladder, dtype=torch.float64)[:, None, None] ** 2).sum(0)
+    spaced = slice_radii(-23.0, 31.0, find(quality))
+    square = (shares(spaced) * torch.tensor(spaced, dtype=torch.float64)[:, None, None] ** 2).sum(0)
     off = (square - RADII**2) / RADII.abs().clamp(min=1) ** 2
     near = RADII.abs() < 0.25  # up to SHARP a pixel is in focus
     assert off[~near].abs().max() < EXACT
@@ -52,7 +52,7 @@ def test_shares_keep_the_second_moment(quality: str) -> None:
 def test_shares_have_no_step() -> None:
     radii = torch.linspace(-1.2, 1.2, 24001, dtype=torch.float64)
     for quality in QUALITIES:
-        found = position(radii, rungs(-1.2, 1.2, find(quality)))
+        found = slice_position(radii, slice_radii(-1.2, 1.2, find(quality)))
         assert found.diff().min() >= 0
         assert found.diff().max() < 1e-3
 
@@ -60,27 +60,29 @@ def test_shares_have_no_step() -> None:
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("reach", [0.1, 5.0, 200.0, 1e6])
 def test_a_pixel_stands_between_the_rungs_beside_it(reach: float, dtype: torch.dtype) -> None:
-    """On a rung and next to it, too; on long ladders as on short ones, and with equal rungs."""
+    """On a slice radius and next to it, too; on long slice radii as on short ones, and with equal
+    slice radii.
+    """
     generator = torch.Generator().manual_seed(3)
     some = (torch.rand(4000, generator=generator, dtype=dtype) * 1.7 - 1) * reach
-    for ladder in (
-        rungs(-reach, 0.7 * reach, find("standard")),
+    for spaced in (
+        slice_radii(-reach, 0.7 * reach, find("standard")),
         evenly(-reach, 0.7 * reach, 7),
         evenly(reach, reach, 3),
     ):
-        rung = torch.tensor(ladder, dtype=torch.float64).to(dtype)
-        beside = [torch.nextafter(rung, rung + way) for way in (-1, 1)]
-        r = torch.cat([some, rung, *beside]).clamp(rung[0], rung[-1])
-        at = position(r, ladder)
-        low, high = rung[at.floor().long()], rung[at.ceil().long()]
-        slack = 4 * torch.finfo(dtype).eps * rung.abs().amax()
+        slice_index = torch.tensor(spaced, dtype=torch.float64).to(dtype)
+        beside = [torch.nextafter(slice_index, slice_index + way) for way in (-1, 1)]
+        r = torch.cat([some, slice_index, *beside]).clamp(slice_index[0], slice_index[-1])
+        at = slice_position(r, spaced)
+        low, high = slice_index[at.floor().long()], slice_index[at.ceil().long()]
+        slack = 4 * torch.finfo(dtype).eps * slice_index.abs().amax()
         assert ((low - slack <= r) & (r <= high + slack) | (r.abs() <= SHARP)).all()
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_the_ladder_stands_where_it_stands(quality: str) -> None:
-    """A range only chooses which rungs are there, focus among them, mirrored about it."""
-    wide, narrow = rungs(-40.0, 40.0, find(quality)), rungs(-3.3, 7.9, find(quality))
+    """A range only chooses which slice radii are there, focus among them, mirrored about it."""
+    wide, narrow = slice_radii(-40.0, 40.0, find(quality)), slice_radii(-3.3, 7.9, find(quality))
     assert set(narrow) <= set(wide)
     assert 0.0 in narrow
     assert narrow[0] <= -3.3
@@ -109,9 +111,9 @@ def test_an_unreachable_tolerance_says_which_one_can_be_had() -> None:
     with pytest.raises(UnreachableTolerance) as caught:
         cheapest_within(finest * 0.9, -23.0, 31.0)
     error = caught.value
-    assert (error.tolerance, error.least, error.most) == (finest * 0.9, -23.0, 31.0)
+    assert (error.tolerance, error.minimum, error.maximum) == (finest * 0.9, -23.0, 31.0)
     assert finest <= error.finest <= finest + 0.01
-    assert cheapest_within(error.finest, error.least, error.most) == error.quality
+    assert cheapest_within(error.finest, error.minimum, error.maximum) == error.quality
     sent = pickle.loads(pickle.dumps(error))  # from a worker
     assert (str(sent), vars(sent)) == (str(error), vars(error))
 

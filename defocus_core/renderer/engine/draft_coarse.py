@@ -1,9 +1,9 @@
-"""Drafts: a picture at half size, in cells of two by two px.
+"""Drafts: a picture at half size, in coarse pixels of two by two px.
 
-The colour of a cell is the mean of its pixels. Where a depth edge runs through a cell, its radius
-is that of the surface that has more of its pixels, and of the nearer one if both have two. But if a
-pixel is much brighter than the others, the cell has the radius of this pixel, for most of its light
-comes from there.
+The colour of a coarse pixel is the mean of its pixels. Where a depth edge runs through a coarse
+pixel, its radius is that of the surface that has more of its pixels, and of the nearer one if both
+have two. But if a pixel is much brighter than the others, the coarse pixel has the radius of this
+pixel, for most of its light comes from there.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from defocus_core.tensors.derived import Derived, held
 from defocus_core.tensors.neighbourhoods import halfway
 from defocus_core.tensors.pyramid import halved
 from defocus_core.tensors.source import Pixels
-from defocus_core.tensors.sparse_masks import exceeding, places_of
+from defocus_core.tensors.sparse_masks import exceeding, positions_of
 
-# Greatest difference of radii in px within one surface in a cell.
+# Greatest difference of radii in px within one surface in a coarse pixel.
 _STEEP = 1.013
-# A pixel this many times as bright as the other three together gives the cell its radius.
+# A pixel this many times as bright as the other three together gives the coarse pixel its radius.
 _BRIGHTER = 4.0
 _EVEN = (False, False)
 
 
 class HalfSize(Derived):
-    """Cells [..., ceil(H / 2), ceil(W / 2)] of pictures, merged when they are cut."""
+    """Coarse pixels [..., ceil(H / 2), ceil(W / 2)] of pictures, merged when they are cut."""
 
     def __init__(self, merge: Callable[..., Tensor], *pictures: Pixels) -> None:
         """Keep the pictures.
 
         Args:
-            merge: Makes cells [..., h, w] of the px [..., 2 h, 2 w] of each picture.
+            merge: Makes coarse pixels [..., h, w] of the px [..., 2 h, 2 w] of each picture.
             pictures: [..., H, W]; `merge` gets them in float32 at least.
         """
         self._merge, self._pictures = merge, pictures
@@ -45,46 +45,46 @@ class HalfSize(Derived):
         self.dtype, self.device = first.dtype, first.device
 
     def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """The window [rows, columns] of cells, each from the first to before the end."""
+        """The window [rows, columns] of coarse pixels, each from the first to before the end."""
         down, across = (slice(2 * first, 2 * max(end, first)) for first, end in (rows, columns))
         return self._merge(*(_evened(x[..., down, across]) for x in self._pictures))
 
 
 def half_size(merge: Callable[..., Tensor], *pictures: Pixels, threads: int, hold: bool) -> Pixels:
-    """Cells of pictures, `held` or merged whenever they are cut.
+    """Coarse pixels of pictures, `held` or merged whenever they are cut.
 
     Args:
         merge: As for `HalfSize`.
         pictures: As for `HalfSize`.
         threads: Number of bands merged at once.
-        hold: Whether there is room for the cells.
+        hold: Whether there is room for the coarse pixels.
     """
     return held(HalfSize(merge, *pictures), *pictures, threads=threads, hold=hold)
 
 
 def behind_at_half_size(behind: Behind, threads: int, *, hold: bool) -> Behind:
-    """A known layer in cells, with one more channel of 0."""
+    """A known layer in coarse pixels, with one more channel of 0."""
     color, radius, mask = behind
-    cells = partial(half_size, threads=threads, hold=hold)
+    coarse = partial(half_size, threads=threads, hold=hold)
     return Behind(
-        cells(_known_means, color, mask),
-        cells(_known_radii_in_cells, radius, mask),
-        cells(_any_known, mask),
+        coarse(_known_means, color, mask),
+        coarse(_known_coarse_radii, radius, mask),
+        coarse(_any_known, mask),
     )
 
 
-def radii_in_cells(signed_radius: Tensor, pixels: Tensor) -> Tensor:
-    """`surface_radii` in cells."""
+def coarse_radii(signed_radius: Tensor, pixels: Tensor) -> Tensor:
+    """`surface_radii` in coarse pixels."""
     return surface_radii(signed_radius, pixels) / 2
 
 
 def means(values: Tensor) -> Tensor:
-    """The mean [..., h, w] of each cell, of px [..., 2 h, 2 w]."""
+    """The mean [..., h, w] of each coarse pixel, of px [..., 2 h, 2 w]."""
     return halved(values, _EVEN) / 4
 
 
 def surface_radii(signed_radius: Tensor, pixels: Tensor) -> Tensor:
-    """Radii [h, w] in px of the surfaces that cells show.
+    """Radii [h, w] in px of the surfaces that coarse pixels show.
 
     Args:
         signed_radius: [2 h, 2 w] px.
@@ -92,7 +92,7 @@ def surface_radii(signed_radius: Tensor, pixels: Tensor) -> Tensor:
     """
     radii = torch.stack(_corners(signed_radius))
     steps = radii.detach().amax(0).sub_(radii.detach().amin(0))
-    y, x = places_of(exceeding(steps, _STEEP)).unbind(1)
+    y, x = positions_of(exceeding(steps, _STEEP)).unbind(1)
     radii = radii[:, y, x]
     light = torch.stack([corner[:, y, x].amax(0) for corner in _corners(pixels.detach())])
     brightest = light.amax(0)
@@ -102,40 +102,40 @@ def surface_radii(signed_radius: Tensor, pixels: Tensor) -> Tensor:
 
 
 def _known_means(color: Tensor, known: Tensor) -> Tensor:
-    """Means of the known px of each cell, 0 where none is known; and one more channel of 0."""
+    """Means of the known px of each coarse px, 0 where none is known; and one more channel of 0."""
     count = halved(known.to(color.dtype), _EVEN)
-    cells = halved(torch.where(known.bool(), color, 0.0), _EVEN) / count.clamp(min=1)
-    return torch.cat([cells, torch.zeros_like(cells[:1])])
+    coarse = halved(torch.where(known.bool(), color, 0.0), _EVEN) / count.clamp(min=1)
+    return torch.cat([coarse, torch.zeros_like(coarse[:1])])
 
 
-def _known_radii_in_cells(signed_radius: Tensor, known: Tensor) -> Tensor:
-    """Radii in cells of the known surfaces of cells; 0 where no pixel is known."""
-    radii, share = (torch.stack(_corners(x)) for x in (signed_radius, known.to(signed_radius)))
-    return _majority_radius(torch.where(share > 0, radii, 0.0), share) / 2
+def _known_coarse_radii(signed_radius: Tensor, known: Tensor) -> Tensor:
+    """Radii in coarse pixels of the known surfaces of coarse pixels; 0 where no pixel is known."""
+    radii, fraction = (torch.stack(_corners(x)) for x in (signed_radius, known.to(signed_radius)))
+    return _majority_radius(torch.where(fraction > 0, radii, 0.0), fraction) / 2
 
 
 def _any_known(known: Tensor) -> Tensor:
-    """Whether a pixel of each cell is known."""
+    """Whether a pixel of each coarse pixel is known."""
     return halved(known.float(), _EVEN) > 0
 
 
-def _majority_radius(radii: Tensor, share: Tensor) -> Tensor:
-    """The mean radius [...] in px of the surface that has most of the pixels of a cell.
+def _majority_radius(radii: Tensor, fraction: Tensor) -> Tensor:
+    """The mean radius [...] in px of the surface that has most of the pixels of a coarse pixel.
 
     Args:
         radii: [4, ...] px of the pixels.
-        share: [4, ...], 1 for the pixels that count, 0 for the others.
+        fraction: [4, ...], 1 for the pixels that count, 0 for the others.
     """
-    least = torch.where(share > 0, radii, torch.inf).amin(0).detach()
-    most = torch.where(share > 0, radii, -torch.inf).amax(0).detach()
-    near = share * (radii <= halfway(least, most))
-    larger = torch.where(2 * near.sum(0) >= share.sum(0), near, share - near)
-    chosen = torch.where(most - least > _STEEP, larger, share)
+    minimum = torch.where(fraction > 0, radii, torch.inf).amin(0).detach()
+    maximum = torch.where(fraction > 0, radii, -torch.inf).amax(0).detach()
+    near = fraction * (radii <= halfway(minimum, maximum))
+    larger = torch.where(2 * near.sum(0) >= fraction.sum(0), near, fraction - near)
+    chosen = torch.where(maximum - minimum > _STEEP, larger, fraction)
     return (radii * chosen).sum(0) / chosen.sum(0).clamp(min=1)
 
 
 def _corners(px: Tensor) -> list[Tensor]:
-    """The upper left, upper right, lower left and lower right px [..., h, w] of each cell."""
+    """The upper left, upper right, lower left and lower right px [..., h, w] of each coarse px."""
     return [px[..., y::2, x::2] for y in (0, 1) for x in (0, 1)]
 
 

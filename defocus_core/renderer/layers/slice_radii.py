@@ -1,0 +1,201 @@
+"""Slice radii: slices by signed CoC radius, and the share of each pixel in them.
+
+Slice radii, in px, depend on the quality alone. A pixel between two slice radii
+belongs to both, by weights that sum to one and keep the second moment of its blur: linear in r².
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.allowed_values import QUALITIES
+from defocus_core.renderer.layers.quality import Quality, find
+from defocus_core.tensors.validation import number
+
+# Up to a radius of SHARP px a pixel counts as in focus: its disc is much narrower than the pixel.
+# From there to SOFT its blur rises to what its radius says, so that shares have no step.
+SHARP, SOFT = 0.15, 0.25
+# Radius in px below which each slice is a layer of its own.
+ALONE = 2.0
+_PX = "radii are in px, negative nearer than focus"
+
+
+class UnreachableTolerance(ValueError):  # noqa: N818 - named for the argument at fault
+    """No quality has slices as close to the radii of pixels as the tolerance asks for.
+
+    Attributes:
+        tolerance: The tolerance that was asked for, in px of radius.
+        finest: The least tolerance that a quality reaches, in px of radius, rounded up to 0.01 px.
+        minimum: Signed radius in px of the nearest pixel.
+        maximum: Signed radius in px of the farthest pixel.
+        quality: The quality that has the finest slices.
+    """
+
+    def __init__(
+        self, tolerance: float, finest: float, minimum: float, maximum: float, quality: str
+    ) -> None:
+        # All of the data are arguments of the exception, so that it can be pickled.
+        super().__init__(tolerance, finest, minimum, maximum, quality)
+        self.tolerance, self.finest, self.quality = tolerance, finest, quality
+        self.minimum, self.maximum = minimum, maximum
+
+    def __str__(self) -> str:
+        """The name of the argument, wanted, got and remedy."""
+        return (
+            f"tolerance must be at least {self.finest:g} px where radii go from {self.minimum:.1f} "
+            f"to {self.maximum:.1f} px, got {self.tolerance:g}; that is what {self.quality} has"
+        )
+
+
+def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float, ...]:
+    """The slice radii that hold radii from least to most.
+
+    It begins and ends on slice radii that are an even number from focus, and has three at least:
+    every other slice radius is a slice radius over the same range.
+    """
+    reach = max(abs(minimum), abs(maximum))
+    side = [0.0]
+    while side[-1] < reach or len(side) % 2 == 0 or len(side) < 3:
+        side.append(side[-1] + max(quality.near_spacing, quality.far_spacing * side[-1]))
+    spaced = [-r for r in reversed(side[1:])] + side
+    even = range(0, len(spaced), 2)
+    first = max(i for i in even if spaced[i] <= minimum and i < len(spaced) - 1)
+    last = min(i for i in even if spaced[i] >= maximum and i > first)
+    return tuple(spaced[first : last + 1])
+
+
+def quantisation(minimum: float, maximum: float, quality: str) -> float:
+    """The greatest distance in px from the radius of a pixel to the nearest rung: half a step.
+
+    A pixel belongs to the slices on both sides, so that its blur has the right width in any case.
+    If the quality renders at half size, the rounding to coarse pixels adds half a px.
+
+    Args:
+        minimum: Signed radius in px of the nearest pixel.
+        maximum: Signed radius in px of the farthest pixel.
+        quality: Name of the quality whose slice radii are used.
+
+    Raises:
+        ValueError: If there is no such quality, or radii are not finite and in order.
+    """
+    settings = find(quality)
+    if not -math.inf < number("least", minimum, _PX) <= number("most", maximum, _PX) < math.inf:
+        raise ValueError(
+            f"least and most must be finite and in order, got {minimum}, {maximum}; {_PX}"
+        )
+    spaced = slice_radii(minimum, maximum, settings)
+    steps = [b - a for a, b in pairwise(spaced) if b > minimum and a < maximum]
+    return max(steps, default=0.0) / 2 + (0.5 if settings.half_size else 0.0)
+
+
+def cheapest_within(tolerance: float, minimum: float, maximum: float) -> str:
+    """The cheapest quality whose `quantisation` is within a tolerance.
+
+    Args:
+        tolerance: In px of radius.
+        minimum: Signed radius in px of the nearest pixel.
+        maximum: Signed radius in px of the farthest pixel.
+
+    Raises:
+        UnreachableTolerance: If no quality is within the tolerance.
+        ValueError: If radii are not finite and in order.
+    """
+    tolerance = number("tolerance", tolerance, _PX)
+    for quality in QUALITIES:
+        if quantisation(minimum, maximum, quality) <= tolerance:
+            return quality
+    best = math.ceil(100 * quantisation(minimum, maximum, QUALITIES[-1])) / 100
+    raise UnreachableTolerance(tolerance, best, minimum, maximum, QUALITIES[-1])
+
+
+def evenly(minimum: float, maximum: float, count: int) -> tuple[float, ...]:
+    """Exactly `count` radii from least to most; one stands in the middle."""
+    if count == 1:
+        return ((minimum + maximum) / 2,)
+    return tuple(minimum + (maximum - minimum) * k / (count - 1) for k in range(count))
+
+
+def layers(radii: tuple[float, ...], quality: Quality) -> list[int]:
+    """For each slice the number of its layer, ascending: slices of a layer add, layers occlude.
+
+    Where |r| < 2 px each slice is a layer. Beyond, a layer holds the radii of one side of focus
+    whose ratio is at most that of the quality; the ranges are fixed, as the slice radii are. The
+    visible parts of two surfaces so close to each other are nearly complementary after the blur,
+    whichever is in front.
+    """
+    names: list[tuple[int, float]] = []
+    for r in radii:
+        steps = math.log(max(abs(r), ALONE) / ALONE) / math.log(quality.layer_ratio)
+        names.append((0, r) if abs(r) < ALONE else (1 if r > 0 else -1, math.floor(steps)))
+    number = {name: i for i, name in enumerate(dict.fromkeys(names))}
+    return [number[name] for name in names]
+
+
+def slice_position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
+    """Positions of radii [...] px among slice radii: k on the k-th, k + fraction beyond it.
+
+    A radius beyond an end of the slice radii gets the place of this end. Differentiable in the
+    radius.
+    """
+    if len(radii) == 1:
+        return torch.zeros_like(signed_radius)
+    pieces = _pieces(radii)
+    lower, a, b, c = (
+        torch.tensor(column, dtype=torch.float64).to(signed_radius.device, signed_radius.dtype)
+        for column in zip(*((p.slice_index, p.a, p.b, p.c) for p in pieces), strict=True)
+    )
+    r = signed_radius.flatten()
+    limits = torch.tensor([p.end for p in pieces[:-1]], dtype=torch.float64).to(r)
+    piece = torch.bucketize(r.detach(), limits, right=True, out_int32=True)
+    fraction = torch.addcmul(c.index_select(0, piece), a.index_select(0, piece), r * r)
+    if any(p.b for p in pieces):
+        fraction = fraction.addcmul(b.index_select(0, piece), r)
+    positions = lower.index_select(0, piece) + fraction.clamp(0, 1)
+    return positions.reshape(signed_radius.shape)
+
+
+class _QuadraticPiece(NamedTuple):
+    """Radii up to `end` px, whose share in the slice after `slice_index` is a r² + b r + c."""
+
+    slice_index: int
+    end: float
+    a: float
+    b: float
+    c: float
+
+
+def _pieces(radii: tuple[float, ...]) -> list[_QuadraticPiece]:
+    """The pieces of the function from radii to shares, in ascending order."""
+    pieces = []
+    for slice_index, (low, high) in enumerate(pairwise(radii)):
+        square, width = high * high - low * low, high - low
+        if low * high < 0:  # the slice radii has no slice radius in focus
+            pieces.append(_QuadraticPiece(slice_index, high, 0.0, 1 / width, -low / width))
+            continue
+        a = 1 / square if square else 0.0
+        whole = _QuadraticPiece(slice_index, high, a, 0.0, -a * low * low)
+        sharp = [] if min(abs(low), abs(high)) or max(-low, high) < 2 * SOFT else _sharp(whole)
+        pieces += [*sharp, whole] if high > 0 else [whole, *sharp]
+        if sharp and high == 0:
+            pieces[-3] = whole._replace(end=-SOFT)
+    return pieces
+
+
+def _sharp(whole: _QuadraticPiece) -> list[_QuadraticPiece]:
+    """Two pieces that replace one next to focus: from 0 to SHARP, and from SHARP to SOFT."""
+    k = whole.a * (SOFT / (SOFT - SHARP)) ** 2  # times (|r| - SHARP)²
+    if whole.end > 0:
+        between = _QuadraticPiece(whole.slice_index, SOFT, k, -2 * k * SHARP, k * SHARP**2)
+        return [_QuadraticPiece(whole.slice_index, SHARP, 0.0, 0.0, 0.0), between]
+    between = _QuadraticPiece(whole.slice_index, -SHARP, k, 2 * k * SHARP, 1 + k * SHARP**2)
+    return [between, _QuadraticPiece(whole.slice_index, 0.0, 0.0, 0.0, 1.0)]
+
+
+def membership(positions: Tensor, slices: Tensor) -> Tensor:
+    """Shares [K, H, W] of pixels of places [H, W] in slices [K]; over all slices they sum to 1."""
+    return (1 - (positions - slices[:, None, None]).abs_()).clamp_(min=0)
