@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from defocus_cli.options import comparing, shared
-from defocus_cli.options.batch import ShardType, crew_options, shards_size_option
+from defocus_cli.options.batch import ShardType, crew_options, dataset_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
@@ -46,7 +46,7 @@ from defocus_core.system.process import cores
     help="Whether the rest is done if a job fails.",
 )
 @click.option("--overwrite", is_flag=True, help="Do all again, whatever was done before.")
-@shards_size_option
+@dataset_options
 @comparing.html_option("Write a report to look at in a browser, with the pictures in it.")
 @click.option("--dry-run", is_flag=True, help="Say what is to do, in what time and space; stop.")
 @shared.json_option
@@ -61,6 +61,7 @@ def command(
     keep_going: bool,
     overwrite: bool,
     shards_size: int | None,
+    parquet: bool,
     html: Path | None,
     dry_run: bool,
     as_json: bool,
@@ -89,11 +90,10 @@ def command(
       defocus batch jobs.toml -o out --shard $SLURM_ARRAY_TASK_ID/8
       defocus batch jobs.toml -o out --scheduler tcp://head:8786
     """  # noqa: D301  click reads the backspace
-    if shard is not None and shards_size is not None:
-        problem = "needs the whole batch"
-        raise UsageProblem(
-            "whole-batch", problem, "give it to 'defocus merge'", field="shards-size"
-        )
+    for field, asked_for in (("shards-size", shards_size is not None), ("parquet", parquet)):
+        if shard is not None and asked_for:
+            problem = "needs the whole batch"
+            raise UsageProblem("whole-batch", problem, "give it to 'defocus merge'", field=field)
     jobs = read_jobs(jobs_file, Outputs(out, overwrite=overwrite), crew.machine)
     execution = Execution(
         crew.execute(),
@@ -114,6 +114,7 @@ def command(
         execution,
         shards_size,
         asked,
+        parquet=parquet,
         jobs_file=jobs_file,
         html=html,
         as_json=as_json,
@@ -128,6 +129,7 @@ def carry_out(
     shards_size: int | None,
     asked: Collection[str] | None,
     *,
+    parquet: bool,
     jobs_file: Path | None = None,
     html: Path | None = None,
     as_json: bool,
@@ -147,7 +149,7 @@ def carry_out(
         origin.keep(out, jobs_file)
     written = []
     if execution.shard is None and not summary.interrupted:
-        written = update.index(out, shards_size, asked)
+        written = update.index(out, shards_size, asked, parquet=parquet)
     console.stderr(batch_report.summary_line(summary))
     if html is not None:
         batches.write(out, html, asked, cores())

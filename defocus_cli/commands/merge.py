@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from defocus_cli.options import shared
-from defocus_cli.options.batch import shards_size_option
+from defocus_cli.options.batch import dataset_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import console
 from defocus_core.batch.datasets import update
@@ -17,9 +17,9 @@ from defocus_core.system.text import counted
 
 @click.command("merge", cls=GroupedCommand)
 @click.argument("out", type=FilePath())
-@shards_size_option
+@dataset_options
 @shared.json_option
-def command(out: Path, shards_size: int | None, as_json: bool) -> None:
+def command(out: Path, shards_size: int | None, parquet: bool, as_json: bool) -> None:
     """Make one journal of those that 'defocus batch --shard' left in OUT, and the index of samples.
 
     What comes of it is what a single run would have left, and the index lists the samples of all
@@ -32,7 +32,7 @@ def command(out: Path, shards_size: int | None, as_json: bool) -> None:
       defocus merge out --shards-size 1GB
     """  # noqa: D301  click reads the backspace
     merged = merging.merge(out)
-    written = update.index(out, shards_size)
+    written = update.index(out, shards_size, parquet=parquet)
     journals = counted(merged.journals, "journal")
     console.stderr(f"{out}: {counted(merged.jobs, 'job')}, from {journals} of shards")
     if merged.missing:

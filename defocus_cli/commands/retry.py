@@ -8,7 +8,7 @@ import click
 
 from defocus_cli.commands.batch import carry_out
 from defocus_cli.options import shared
-from defocus_cli.options.batch import crew_options, shards_size_option
+from defocus_cli.options.batch import crew_options, dataset_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import console
 from defocus_core.batch.datasets import sample_index
@@ -31,7 +31,7 @@ from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
     metavar="REASON",
     help="Only those that failed, or were rejected, for this reason; may be given several times.",
 )
-@shards_size_option
+@dataset_options
 @shared.json_option
 @shared.verbose_option
 @crew_options
@@ -39,6 +39,7 @@ def command(
     out: Path,
     reasons: tuple[str, ...],
     shards_size: int | None,
+    parquet: bool,
     as_json: bool,
     verbose: bool,
     crew: WorkerConfig,
@@ -62,4 +63,13 @@ def command(
     jobs = computed_by(jobs, crew.machine)
     before = sample_index.listed(out)
     asked = None if before is None else before | {job.sample_id for job in jobs}
-    carry_out(jobs, out, execution, shards_size, asked, as_json=as_json, verbose=verbose)
+    carry_out(
+        jobs,
+        out,
+        execution,
+        shards_size,
+        asked,
+        parquet=parquet,
+        as_json=as_json,
+        verbose=verbose,
+    )

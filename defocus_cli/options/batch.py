@@ -9,6 +9,7 @@ import click
 
 from defocus_cli.options.shared import device_option, machine_option, memory_options
 from defocus_cli.options.types import Command, Quantity, bundle, position_of
+from defocus_core.batch.datasets import parquet_index
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.lenses.quantities import byte_count
 from defocus_core.batch.workers.worker_config import WorkerConfig
@@ -65,8 +66,15 @@ class ShardType(click.ParamType[Shard]):
         return Shard(int(match[1]), int(match[2]))
 
 
-def shards_size_option(command: Command) -> Command:
-    """Hand a command ``shards_size``: bytes, or None."""
+def dataset_options(command: Command) -> Command:
+    """Hand a command ``shards_size``, bytes or None, and ``parquet``, refused without pyarrow."""
+    command = click.option(
+        "--parquet",
+        is_flag=True,
+        callback=_with_pyarrow,
+        help="When all is done, write the list of samples as OUT/samples.parquet, too "
+        "(pip install 'defocus[parquet]'); one that is there is written again if samples change.",
+    )(command)
     return click.option(
         "--shards-size",
         type=Quantity(byte_count, "SIZE"),
@@ -74,3 +82,9 @@ def shards_size_option(command: Command) -> Command:
         help="When all is done, pack the samples into WebDataset tars of this size, like 1GB; "
         "those that are there are packed again if samples change.",
     )(command)
+
+
+def _with_pyarrow(context: click.Context, param: click.Parameter, value: bool) -> bool:
+    if value:
+        parquet_index.require()
+    return value

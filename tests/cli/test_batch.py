@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from batches import JOBS, contents, in_process, jobs_file, make_believe, records
 from command_line import Terminal, color_exr, depth_exr, files_under, ramp, refused, run, texture
 
 from defocus_cli.main import main
+from defocus_core.batch.datasets import update
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.journal.lock import locked
 from defocus_core.batch.rendering import job_steps
@@ -288,6 +290,43 @@ def test_shards_size_packs_the_samples(tmp_path: Path, out: Path) -> None:
     assert (out / "shards" / "samples-000000.tar").exists()
     ran = run("batch", path, "-o", out, "--shards-size", "1GB", "--shard", "1/2")
     refused(ran, 2, "--shards-size", "merge")
+
+
+def test_a_parquet_table_lists_what_the_index_lists(tmp_path: Path, out: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    path, table = jobs_file(tmp_path), out / "samples.parquet"
+
+    def listed() -> bool:
+        rows = pandas.read_parquet(table).to_dict("records")
+        lines = [json.loads(one) for one in (out / "metadata.jsonl").read_text().splitlines()]
+        keys = [(line["sample_id"], line["lens"]["fnumber"]) for line in lines]
+        return [(row["sample_id"], row["lens"]["fnumber"]) for row in rows] == keys
+
+    run("batch", path, "-o", out, "--parquet")
+    assert listed()
+    first = table.read_bytes()
+    path.write_text(path.read_text().replace("fnumber = 2", "fnumber = 3"))
+    run("batch", path, "-o", out)
+    assert listed()
+    assert table.read_bytes() != first
+    update.withdraw(out, NAMES[:1], alone=True)
+    assert listed()
+    update.withdraw(out, NAMES, alone=False)
+    assert not table.exists()
+    refused(run("batch", path, "-o", out, "--parquet", "--shard", "1/2"), 2, "--parquet", "merge")
+
+
+def test_a_parquet_table_without_pyarrow(
+    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    refused(run("merge", out, "--parquet"), 2, "--parquet", "pip install 'defocus[parquet]'")
+    out.mkdir()
+    (out / "metadata.jsonl").write_text('{"sample_id": "a"}\n')
+    (out / "samples.parquet").write_bytes(b"of a")
+    update.withdraw(out, ["a"], alone=True)
+    assert not (out / "samples.parquet").exists()
 
 
 def test_shards_hold_what_the_index_lists_without_being_asked_for_again(

@@ -6,6 +6,7 @@ any more, though its files stay. Where several jobs files write to one OUT, the 
 `defocus render` replaces stays in it as it is now. Before a run changes files of listed samples, it
 takes them out of the index, which is true at every moment. Shards that are there go with the index:
 they are packed again in their size if samples changed, and till then hold what they were packed of.
+A Parquet table that is there is as true as the index.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
 
-from defocus_core.batch.datasets import card, sample_index, tar_shards
+from defocus_core.batch.datasets import card, parquet_index, sample_index, tar_shards
 from defocus_core.batch.datasets.origin import origin_of
 from defocus_core.batch.journal.journal import Record, read_all
 from defocus_core.batch.journal.ledger import Ledger
@@ -23,19 +24,27 @@ from defocus_core.system.log import note
 from defocus_core.system.text import counted
 
 
-def index(out: Path, shards_size: int | None, asked: Collection[str] | None = None) -> list[Path]:
-    """Write the index, and tars if asked for.
+def index(
+    out: Path,
+    shards_size: int | None,
+    asked: Collection[str] | None = None,
+    *,
+    parquet: bool = False,
+) -> list[Path]:
+    """Write the index, and tars and a table if asked for.
 
     Args:
         out: what was written to.
         shards_size: greatest size of a tar in bytes; None to pack only where shards exist.
         asked: names of the samples to list, as far as they are done; None for all in OUT.
+        parquet: whether to write it as a Parquet table, too; one that is there is written anyway.
 
     Returns:
         What was written.
 
     Raises:
         InputError: it cannot be.
+        UsageProblem: pyarrow is not installed.
     """
     records = Ledger(out, read_all(out)).live
     if asked is not None:
@@ -45,8 +54,10 @@ def index(out: Path, shards_size: int | None, asked: Collection[str] | None = No
     origin = origin_of(out)
     made = card.card_of(records, origin)
     written = [sample_index.write(out, records), *card.write(out, made)]
+    table = [parquet_index.write(out)] if parquet else parquet_index.follow(out)
     if words := card.match_words(made):
         note(f"{written[-1]}: radii and those of the set matched: {words}")
+    written += table
     if shards_size is None:
         return written + _followed(out, records)
     return written + tar_shards.write(out, records, shards_size)
@@ -68,6 +79,7 @@ def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
         for name in card.NAMES:  # it sums up what is no more
             with suppress(FileNotFoundError):
                 Folder(out).remove(name)
+        parquet_index.follow(out)
     return taken
 
 
@@ -90,6 +102,7 @@ def refresh(out: Path, done: Collection[str], withdrawn: Collection[str] = ()) -
     records = [one for one in Ledger(out, read_all(out)).live if one["sample_id"] in listed]
     origin = origin_of(out)
     path = sample_index.write(out, records)
+    parquet_index.follow(out)
     card.write(out, card.card_of(records, origin))
     note(f"{path}: written again, as it lists samples that were done now")
     _followed(out, records)
