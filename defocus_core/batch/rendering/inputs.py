@@ -15,7 +15,13 @@ from defocus_core.batch.elements.plate import Plate, nothing_of, read_over
 from defocus_core.batch.elements.reading import parts_of, read
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.rendering.memory_budget import Holding, capacity_mb, holding
+from defocus_core.batch.rendering.memory_budget import (
+    Holding,
+    base_mb,
+    capacity_mb,
+    holding,
+    refuse_small,
+)
 from defocus_core.errors import InputError, TooLarge, UsageProblem
 from defocus_core.io.arrays import computed
 from defocus_core.io.depth_formats.depth import Depth
@@ -116,6 +122,7 @@ def load_inputs(job: Job) -> Inputs:
     if job.reading.blur_channels and job.outputs.format != "exr":
         problem = f"has no effect in {job.outputs.format}, which holds the picture alone"
         raise UsageProblem("idle-option", problem, "use ‹format› exr", field="blur-channels")
+    refuse_small(job, base_mb())
     picture, held, left = job.picture, holding(job), capacity_mb(job.machine)
     if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"

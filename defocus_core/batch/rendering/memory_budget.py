@@ -48,7 +48,7 @@ _FOR_CELLS = 0.25
 _STRIPS_MB = 168.0
 # Least memory of the program itself; what a rendering usually takes beside it and the files, of
 # which a part goes with the pixels.
-_PROGRAM_MB, _FEW_MB, _LIKELY_BYTES = 150.0, 150.0, 45.0
+_PROGRAM_MB, _FEW_MB, _LIKELY_BYTES = 200.0, 150.0, 45.0
 # Greatest difference of base memory between two processes.
 _SPARE_MB = 4.0
 _FLOAT = 4  # bytes
@@ -84,8 +84,14 @@ def holding(job: Job) -> Holding:
     return _shared(*_sizes(job), capacity_mb(job.machine))
 
 
-def refuse_small(job: Job) -> None:
-    """Refuse a limit below what program and files take in any case, before either is loaded.
+def refuse_small(job: Job, program_mb: float = _PROGRAM_MB) -> None:
+    """Refuse a limit below what program and files take in any case, before files are decoded.
+
+    What the computation takes beside them depends on the blur, which no header tells.
+
+    Args:
+        job: the job.
+        program_mb: memory of the program; by default the least, before it is loaded.
 
     Raises:
         TooLarge: it is.
@@ -94,11 +100,11 @@ def refuse_small(job: Job) -> None:
         return
     pixels, (arrays, _) = describe(job.picture.color).pixels, _sizes(job)
     files, limit = min(_STRIPS_MB, arrays), limit_mb(job.machine)
-    if (minimum := _PROGRAM_MB + files) > limit:
+    if (minimum := program_mb + files) > limit:
         problem = (
             f"needs more than {math.ceil(minimum)} MB to render, but {limit:.0f} MB are allowed"
         )
-        likely = _PROGRAM_MB + 2 * files + _FEW_MB + pixels * _LIKELY_BYTES / memory.MB
+        likely = program_mb + 2 * files + _FEW_MB + pixels * _LIKELY_BYTES / memory.MB
         remedy = f"use ‹memory› {_size(likely)}"
         raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color)
 

@@ -15,12 +15,13 @@ import pytest
 import torch
 from command_line import color_exr, depth_exr, files_under, pair, ramp, refused, render, texture
 from image_files import save
+from refusals import refuses
 
 from defocus_core.batch.jobs import output_kinds as kinds
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.quantities import byte_count
-from defocus_core.batch.rendering import memory_budget
+from defocus_core.batch.rendering import inputs, memory_budget
 from defocus_core.batch.workers import worker_config
 from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
 from defocus_core.io import arrays
@@ -164,6 +165,15 @@ def job(tmp_path: Path, limit: int, size: tuple[int, int] = SIZE, kinds: str = "
     outputs = Outputs(tmp_path / "out", tuple(kinds.split(",")))
     machine = Machine(memory=limit)
     return Job(Picture("c", color, depth), Lens(50.0, 2.0, 2000.0), Reading(), outputs, machine)
+
+
+def test_memory_for_program_and_files_alone_is_refused_before_they_are_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(inputs, "base_mb", lambda: 900.0)
+    monkeypatch.setattr(inputs, "read", None)
+    with refuses("out-of-memory", "‹memory›"):
+        inputs.load_inputs(job(tmp_path, 900 * memory.MB, (70, 90)))
 
 
 def test_what_fits_into_half_of_the_memory_is_held(
