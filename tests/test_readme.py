@@ -126,7 +126,7 @@ def test_the_commands_of_a_document_run_one_after_another(
 
 def test_a_set_to_train_on_takes_a_dozen_lines() -> None:
     text = DOCUMENTS["python"].read_text()
-    training = text[text.index("## Training") : text.index("Shards are read")]
+    training = text[text.index("## Training") : text.index("Beside what the batch")]
     (jobs, script), words = (content.splitlines() for _, content in blocks(training)), training
     scenes = [folder for folder in SCENES if (ROOT / "sample_scenes" / folder).is_dir()]
     assert 32 * len(scenes) == 160
@@ -161,6 +161,7 @@ def test_the_python_of_a_document_runs(
         assert np.abs(written - names["defocused"][0].movedim(0, -1).numpy()).max() < 1e-3
         return
     assert names["left"].shape == names["image"].shape
+    assert names["drawn"].signed_radius.shape == names["seen"].shape
     assert names["lenses"].signed_radius.abs().max() <= 20.001
     assert (names["summary"].skipped, names["summary"].statuses["ok"]) == (1, 2)
     assert {job.lens.foc_dist for job in names["jobs"]} == {1500.0}
