@@ -23,11 +23,7 @@ from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images.color import read_color, require_finite
 from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.exr_channels import NoDepthChannel
-from defocus_core.io.images.primaries import (
-    declared_primaries,
-    primaries_name,
-    same_primaries,
-)
+from defocus_core.io.images.primaries import refuse_other_primaries
 from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
 
@@ -129,11 +125,7 @@ def _checked(element: Color, plate: Plate) -> Plate:
     if names[0] != names[1]:
         problem = f"has {', '.join(names[1])} but the element {', '.join(names[0])}"
         raise InputError("wrong-size", problem, "give a plate of the same channels", path=path)
-    primaries = [declared_primaries(color.attributes) for color in (plate.color, element)]
-    if not same_primaries(*primaries):
-        theirs, own = map(primaries_name, primaries)
-        problem = f"has the primaries {theirs} but the element {own}"
-        raise InputError("wrong-type", problem, "convert one of them first", path=path)
+    refuse_other_primaries(path, plate.color.attributes, element.attributes, "the element")
     beyond = glowing = 0
     for rows in bands(alpha.shape):
         share = np.asarray(alpha[rows])

@@ -26,6 +26,7 @@ from defocus_core.errors import InputError, TooLarge, UsageProblem
 from defocus_core.io.arrays import computed
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.primaries import refuse_other_primaries
 
 
 class SceneRadii(NamedTuple):
@@ -148,6 +149,7 @@ def load_inputs(job: Job) -> Inputs:
         raise InputError(
             "wrong-size", problem, "give ‹hidden› of the same kind", path=picture.hidden.color
         )
+    refuse_other_primaries(behind.path, behind.attributes, color.attributes, "the picture")
     return Inputs(held, color, depth, (behind, behind_depth))
 
 

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from defocus_core.errors import InputError
 from defocus_core.io.exr.header import Raw
 
 Chromaticities = tuple[float, ...]  # x and y of red, green, blue, white
@@ -55,6 +57,26 @@ def primaries_attribute(primaries: Chromaticities) -> dict[str, Raw]:
 def same_primaries(a: Chromaticities, b: Chromaticities) -> bool:
     """Whether two sets are the same but for rounding."""
     return max(abs(x - y) for x, y in zip(a, b, strict=True)) <= _SAME
+
+
+def refuse_other_primaries(
+    path: Path, attributes: Mapping[str, object], other: Mapping[str, object], name: str
+) -> None:
+    """Refuse a picture whose light would be mixed with that of another of other primaries.
+
+    Args:
+        path: of the picture.
+        attributes: of its header.
+        other: attributes of the other picture.
+        name: what the other is, in words.
+
+    Raises:
+        InputError: they are not the same.
+    """
+    theirs, own = declared_primaries(attributes), declared_primaries(other)
+    if not same_primaries(theirs, own):
+        problem = f"has the primaries {primaries_name(theirs)} but {name} {primaries_name(own)}"
+        raise InputError("wrong-type", problem, "convert one of them first", path=path)
 
 
 def primaries_name(primaries: Chromaticities) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import OpenEXR
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
-from command_line import render
+from command_line import refused, render
 from image_files import SCANLINE, save
 
 from defocus_core.errors import InputError
@@ -139,6 +139,14 @@ def test_srgb_of_an_exr_is_that_of_its_twin(name: str, tmp_path: Path) -> None:
     a, b = (png16(tmp_path / "out" / "render" / f"{n}.png") for n in ("twin", "wide"))
     assert np.abs(a - b).max() < 0.002
     assert f"primaries {name}" in read_color(wide).note
+
+
+def test_a_hidden_picture_of_other_primaries_is_refused(tmp_path: Path) -> None:
+    color = exr(tmp_path / "a.exr", patches())
+    wide = exr(tmp_path / "wide.exr", patches(), chromaticities=WIDE["ACES AP1"])
+    z = depth(tmp_path)
+    ran = render(color, z, "--hidden", wide, z, "-o", tmp_path / "out")
+    refused(ran, 3, "wide.exr", "primaries ACES AP1 but the picture Rec. 709")
 
 
 def test_an_exr_of_other_primaries_stays_one(tmp_path: Path) -> None:
