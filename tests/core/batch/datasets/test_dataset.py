@@ -102,11 +102,12 @@ class Killed(BaseException):
 
 
 def test_the_index_is_true_at_every_moment_of_a_run_that_changes_samples(tmp_path: Path) -> None:
-    moments = random.Random(4)
     pictures(tmp_path)
 
+    drawn = SAMPLE.replace('["render", "coc"]', '["coc"]')
+
     def run_until(seed: int, killed_after: int) -> None:
-        text = LENS + SAMPLE.replace("seed = 7", f"seed = {seed}") + DRAFT
+        text = LENS + drawn.replace("seed = 7", f"seed = {seed}")
         todo, count = jobs(tmp_path, text, inputs=INPUTS), 0
 
         def ended(job: Job, record: Record) -> None:
@@ -127,11 +128,11 @@ def test_the_index_is_true_at_every_moment_of_a_run_that_changes_samples(tmp_pat
 
     run_until(seed=0, killed_after=0)
     assert true_samples() == 8
-    for seed in range(1, 21):
-        run_until(seed, killed_after=moments.randrange(1, 9))
+    for seed, killed_after in enumerate((8, 5, 2, 1), 1):
+        run_until(seed, killed_after)
         assert true_samples() < 8
     assert not (tmp_path / "out" / "card.json").exists()
-    run_until(seed=21, killed_after=0)
+    run_until(seed=5, killed_after=0)
     assert true_samples() == 8
     assert (tmp_path / "out" / "card.json").exists()
 
