@@ -110,6 +110,11 @@ def test_overscan_takes_part_in_the_blur_and_is_cropped_after_it(tmp_path: Path)
     told = header(tmp_path / "k" / "render" / "a.exr")
     assert np.ravel(told["dataWindow"]).tolist() == np.ravel(data).tolist()
     assert np.ravel(told["displayWindow"]).tolist() == np.ravel(shown).tolist()
+    words = ("--outputs", "image,depth", "--keep-overscan")
+    assert run("render", made, "-o", tmp_path / "k", *LENS, "1m", *words).code == 0
+    for kind, name in (("image", "R"), ("depth", "Z")):
+        given = read_exr(tmp_path / "k" / kind / "a.exr")
+        np.testing.assert_array_equal(given[name], planes[name].astype(given[name].dtype))
 
 
 def test_overscan_that_the_depth_lacks_is_left_out_of_the_blur(tmp_path: Path) -> None:

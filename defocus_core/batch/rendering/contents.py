@@ -49,15 +49,20 @@ def contents_of(made: Rendered, kind: Kind) -> Contents:
         names, planes, extras = _image(made, kind)
     else:
         planes = made.images[kind.name]
-    outputs, (x, y), overscan = made.job.outputs, color.corner, color.overscan
-    if outputs.keep_overscan and any(overscan):
+    return _framed(made, Contents(names, planes, extras, Layout(color.corner, None, kind.views)))
+
+
+def _framed(made: Rendered, whole: Contents) -> Contents:
+    """Contents without the overscan that their arrays have, or with the display window in it."""
+    color = made.inputs.color
+    (x, y), overscan = color.corner, color.overscan
+    if made.job.outputs.keep_overscan and any(overscan):
         width, height = color.size
         display = Window(x, y, x + width - 1, y + height - 1)
         corner = (x - overscan.left, y - overscan.top)
-        return Contents(names, planes, extras, Layout(corner, display, kind.views))
-    planes = _shown(color, planes)
-    extras = dict(zip(extras, _shown(color, list(extras.values())), strict=True))
-    return Contents(names, planes, extras, Layout(color.corner, None, kind.views))
+        return whole._replace(layout=Layout(corner, display, whole.layout.views))
+    extras = dict(zip(whole.extras, _shown(color, list(whole.extras.values())), strict=True))
+    return whole._replace(planes=_shown(color, whole.planes), extras=extras)
 
 
 def _focus(made: Rendered) -> Contents:
@@ -71,14 +76,14 @@ def _focus(made: Rendered) -> Contents:
 def _given_color(made: Rendered) -> Contents:
     """The picture as it was given."""
     color = made.inputs.color
-    planes = _shown(color, color.planes[: len(color.channels)])
-    return Contents(color.channels, planes, {}, Layout(color.corner))
+    planes = tuple(color.planes[: len(color.channels)])
+    return _framed(made, Contents(color.channels, planes, {}, Layout(color.corner)))
 
 
 def _given_depth(made: Rendered) -> Contents:
     """The depth as it was given, in metres."""
-    color = made.inputs.color
-    return Contents(("Z",), _shown(color, [made.metres]), {}, Layout(color.corner))
+    layout = Layout(made.inputs.color.corner)
+    return _framed(made, Contents(("Z",), (made.metres,), {}, layout))
 
 
 _SOURCES = {"focus": _focus, "color": _given_color, "depth": _given_depth}
