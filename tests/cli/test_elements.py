@@ -117,6 +117,18 @@ def test_overscan_takes_part_in_the_blur_and_is_cropped_after_it(tmp_path: Path)
         np.testing.assert_array_equal(given[name], planes[name].astype(given[name].dtype))
 
 
+def test_overscan_wider_than_the_picture_is_kept_whole(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    planes = {name: rng.random(SIZE, np.float32) for name in "RGB"}
+    planes["Z"] = np.full(SIZE, METRES, np.float32)
+    data, shown = box(-40, -30, SIZE[1] - 41, SIZE[0] - 31), box(0, 0, 9, 4)
+    made = write(tmp_path / "a.exr", planes, dataWindow=data, displayWindow=shown)
+    kept = picture(made, tmp_path / "k", "--sensor-width", "5mm", "--keep-overscan")
+    whole = picture(write(tmp_path / "b.exr", planes), tmp_path / "p", "--sensor-width", "30mm")
+    for name in "RGB":
+        np.testing.assert_allclose(kept[name], whole[name], atol=2e-6)
+
+
 def test_overscan_that_the_depth_lacks_is_left_out_of_the_blur(tmp_path: Path) -> None:
     planes = {name: np.full(SIZE, 0.5, np.float32) for name in "RGB"}
     data, shown = box(-4, 0, SIZE[1] - 5, SIZE[0] - 1), box(0, 0, SIZE[1] - 5, SIZE[0] - 1)

@@ -23,7 +23,11 @@ from defocus_core.io.safe_files import read_head
 
 
 def overscan_of(
-    picture: Picture, reading: Reading, parts: tuple[int | None, int | None] = (None, None)
+    picture: Picture,
+    reading: Reading,
+    parts: tuple[int | None, int | None] = (None, None),
+    *,
+    whole: bool = False,
 ) -> Overscan:
     """The pixels beyond the display window that colour and depth of a picture both have.
 
@@ -31,6 +35,7 @@ def overscan_of(
         picture: where they are.
         reading: how they are read.
         parts: the part of the colour and of the depth file.
+        whole: whether pixels that no blur brings into the picture shown are wanted, too.
 
     Raises:
         InputError: a file cannot be read.
@@ -42,7 +47,7 @@ def overscan_of(
         return NO_OVERSCAN
     headers = in_view(picture.color, read_headers(picture.color), reading.view)
     color = choose_color(picture.color, headers, layer=reading.color_layer, part=color_part).header
-    overscan = color.data.beyond(color.display)
+    overscan = color.data.beyond(color.display, whole=whole)
     if not any(overscan):
         return NO_OVERSCAN
     if not is_exr(read_head(picture.depth)):
@@ -58,7 +63,7 @@ def overscan_of(
         depth = choose_depth_channel(picture.depth, headers, deeper).header
     except NoDepthChannel:  # a plate needs none; of others who reads it says it
         return overscan
-    return overscan.within(depth.data.beyond(depth.display))
+    return overscan.within(depth.data.beyond(depth.display, whole=whole))
 
 
 def reframed(array: Any, own: Overscan, wanted: Overscan, nothing: float | None) -> Any:

@@ -52,7 +52,12 @@ class Plate:
 
 
 def read_over(
-    picture: Picture, reading: Reading, keeping: Keeping, lens_focal: float | None
+    picture: Picture,
+    reading: Reading,
+    keeping: Keeping,
+    lens_focal: float | None,
+    *,
+    whole: bool = False,
 ) -> tuple[Color, Depth, Plate]:
     """Decode an element and its plate, with the overscan that both have.
 
@@ -63,14 +68,15 @@ def read_over(
         reading: the options.
         keeping: where the arrays are kept.
         lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
+        whole: whether overscan that no blur brings into the picture shown is wanted, too.
 
     Raises:
         InputError: a file cannot be read, or the two make no scene.
     """
     assert picture.over is not None
     own = _reading_of_plate(picture.over, reading)
-    overscan = overscan_of(picture.over, own)
-    color, depth = read(picture, reading, keeping, lens_focal, overscan)
+    overscan = overscan_of(picture.over, own, whole=whole)
+    color, depth = read(picture, reading, keeping, lens_focal, overscan, whole=whole)
     plate = _plate(picture.over, own, keeping, lens_focal, color.overscan)
     return color, depth, _checked(color, plate)
 
@@ -96,7 +102,7 @@ def _plate(
     """
     try:
         if picture.depth != picture.color or is_exr(read_head(picture.color)):
-            read_as = read(picture, reading, keeping, lens_focal, overscan)
+            read_as = read(picture, reading, keeping, lens_focal, overscan, whole=True)
             return Plate(picture, reading, *read_as)
     except NoDepthChannel:
         if picture.depth != picture.color:

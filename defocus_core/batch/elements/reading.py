@@ -44,6 +44,8 @@ def read(
     keeping: Keeping = IN_MEMORY,
     lens_focal: float | None = None,
     maximum: Overscan | None = None,
+    *,
+    whole: bool = False,
 ) -> tuple[Color, Depth]:
     """Colour and depth of the same size, whose pixels are all valid.
 
@@ -53,6 +55,7 @@ def read(
         keeping: whether they go to memory or to scratch files.
         lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
         maximum: the most pixels beyond the picture shown that are read; None for no limit.
+        whole: whether those of them that no blur brings into it are wanted, too.
 
     Raises:
         InputError: a file cannot be used.
@@ -61,7 +64,7 @@ def read(
     shared = picture.color == picture.depth
     parts = parts_of(picture, reading)
     require_view((picture.color, picture.depth), reading.view)
-    overscan = overscan_of(picture, reading, parts)
+    overscan = overscan_of(picture, reading, parts, whole=whole)
     overscan = overscan if maximum is None else overscan.within(maximum)
     color = read_color(
         picture.color,

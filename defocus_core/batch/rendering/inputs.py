@@ -132,14 +132,17 @@ def load_inputs(job: Job) -> Inputs:
         )
     if picture.over is not None:
         return _over_plate(job, held)
-    color, depth = read(picture, job.reading, held.keeping, job.lens_focal)
+    whole = job.outputs.keep_overscan
+    color, depth = read(picture, job.reading, held.keeping, job.lens_focal, whole=whole)
     if not job.outputs.need_rendering:
         return Inputs(held, color, depth)
     if (inputs := _with_layers(job, Inputs(held, color, depth))).layers is not None:
         return inputs
     if picture.hidden is None:
         return Inputs(held, color, depth)
-    behind, behind_depth = read(picture.hidden, job.reading, held.keeping, job.lens_focal)
+    behind, behind_depth = read(
+        picture.hidden, job.reading, held.keeping, job.lens_focal, whole=whole
+    )
     if behind.shape != color.shape:
         size, wanted = (
             f"{width}x{height} px of {channels} channels"
@@ -164,7 +167,13 @@ def _over_plate(job: Job, held: Holding) -> Inputs:
         raise UsageProblem(
             "contradiction", "stands beside ‹over›", "the plate is what lies behind", field="hidden"
         )
-    color, depth, plate = read_over(job.picture, job.reading, held.keeping, job.lens_focal)
+    color, depth, plate = read_over(
+        job.picture,
+        job.reading,
+        held.keeping,
+        job.lens_focal,
+        whole=job.outputs.keep_overscan,
+    )
     inputs = Inputs(held, color, depth, plate=plate)
     return _with_layers(job, inputs) if job.outputs.need_rendering else inputs
 

@@ -58,15 +58,17 @@ class Window(NamedTuple):
         first = self.x0 <= other.x0 and self.y0 <= other.y0
         return first and self.x1 >= other.x1 and self.y1 >= other.y1
 
-    def beyond(self, display: Window) -> Overscan:
+    def beyond(self, display: Window, *, whole: bool = False) -> Overscan:
         """How far this window reaches beyond a display window.
 
-        On each side it counts up to the longer side of the display window; no blur reaches farther.
+        On each side it counts up to the longer side of the display window, as no blur reaches
+        farther, unless the whole of it is asked for.
         """
         left, top = display.x0 - self.x0, display.y0 - self.y0
         right, bottom = self.x1 - display.x1, self.y1 - display.y1
         maximum = max(display.width, display.height)
-        return Overscan(*(min(max(0, side), maximum) for side in (left, top, right, bottom)))
+        sides = Overscan(*(max(0, side) for side in (left, top, right, bottom)))
+        return sides if whole else sides.within(Overscan(*[maximum] * 4))
 
     def grown(self, overscan: Overscan) -> Window:
         """This window with an overscan."""
