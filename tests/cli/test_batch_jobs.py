@@ -130,7 +130,8 @@ def test_an_index_tells_of_the_lens_that_took_a_picture_last(tmp_path: Path) -> 
         color, depth = (tmp_path / f"a_{kind}.exr" for kind in ("rgb", "z"))
         if name != "a_rgb":
             color = color.rename(tmp_path / f"{name}.exr")
-        ran = run("render", color, depth, "-o", out, *words, "--fnumber", "4", *more)
+        lens = (*words, "--fnumber", "4", "--overwrite")
+        ran = run("render", color, depth, "-o", out, *lens, *more)
         assert ran.code == 0, ran.err
         return ran.err
 
