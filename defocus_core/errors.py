@@ -83,7 +83,7 @@ CODES = {
 _OPTION = re.compile("‹([a-z][a-z-]*)›")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Place:
     """Where a value stands; without a path it is an option that the caller gave himself.
 

@@ -15,10 +15,10 @@ from defocus_cli.words import console
 from defocus_cli.words import dry_run as dry_runs
 from defocus_core.batch.datasets import origin, update
 from defocus_core.batch.jobs.job import Job, Outputs
-from defocus_core.batch.jobs.jobs_file import read_jobs
+from defocus_core.batch.jobs.jobs_file import read_batch
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.workers import run
-from defocus_core.batch.workers.plan import Execution, make_plan
+from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.worker_config import WorkerConfig
 from defocus_core.errors import UsageProblem
 from defocus_core.reports.html import batches
@@ -94,7 +94,7 @@ def command(
         if shard is not None and asked_for:
             problem = "needs the whole batch"
             raise UsageProblem("whole-batch", problem, "give it to 'defocus merge'", field=field)
-    jobs = read_jobs(jobs_file, Outputs(out, overwrite=overwrite), crew.machine)
+    batch = read_batch(jobs_file, Outputs(out, overwrite=overwrite), crew.machine)
     execution = Execution(
         crew.execute(),
         shard=shard,
@@ -104,9 +104,9 @@ def command(
         spread=crew.spread,
     )
     if dry_run:
-        plan = make_plan(jobs, out, execution)
-        dry_runs.report_batch(plan, crew.count, as_json=as_json, verbose=verbose)
+        dry_runs.report_batch(batch, execution, crew.count, as_json=as_json, verbose=verbose)
         return
+    jobs = batch.jobs()
     asked = {job.sample_id for job in jobs}
     carry_out(
         jobs,

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 from defocus_cli.words import console
@@ -102,15 +103,33 @@ def bar(unit: str, total: int | None = None) -> tqdm[Any]:
 
 @contextmanager
 def tile_bar() -> Iterator[Callable[[int, int], None]]:
-    """A function that shows (tiles done, tiles in all) of a lone picture on a bar."""
+    """A function that shows (tiles done, tiles in all) of a lone picture on a bar.
+
+    Until then it says that the picture is prepared, and for how long: lights are searched then.
+    """
     with bar("tile") as tiles:
+        ended = Event()
+
+        def tick() -> None:
+            while not ended.wait(1):
+                tiles.refresh()
 
         def count(done: int, total: int) -> None:
             if tiles.total is None:
+                tiles.set_description_str("", refresh=False)
                 tiles.reset(total)
             tiles.update(done - tiles.n)
 
-        yield count
+        clock = Thread(target=tick, daemon=True)
+        if not tiles.disable:
+            tiles.set_description_str("preparing")
+            clock.start()
+        try:
+            yield count
+        finally:
+            ended.set()
+            if clock.ident is not None:
+                clock.join()
 
 
 def summary_line(summary: Summary) -> str:

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from defocus_cli.words import console
 from defocus_cli.words import job as job_report
 from defocus_cli.words.endings import SomeFailed
 from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.jobs.jobs_file import Batch
+from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.rendering import forecast
 from defocus_core.batch.rendering.forecast import Forecast
 from defocus_core.batch.rendering.memory_budget import refuse_small
-from defocus_core.batch.workers.plan import Plan
+from defocus_core.batch.workers.output_checks import refuse_names
+from defocus_core.batch.workers.plan import Execution, Plan, make_plan
 from defocus_core.errors import DefocusError, Rejected
 from defocus_core.system.text import counted, duration
 
+MAX_PLANNED = 10_000  # jobs of a batch of which each is looked at
+LOOKED_AT = 1000  # jobs that stand for a batch of more
 # Bytes of a pixel of three channels, of pictures that are neither flat nor noise.
 _PIXEL_BYTES = {"half": 3.6, "float": 9.6, "png": 1.8, "png16": 4.5, "tiff": 4.5, "jpg": 0.5}
 _PREVIEW_BYTES = 1.5
@@ -54,28 +60,46 @@ def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
     _end(unusable, len(samples), "pictures")
 
 
-def report_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) -> None:
-    """Report a batch in a few lines, and each job if ``verbose``.
+def report_batch(
+    batch: Batch, execution: Execution, processes: int, *, as_json: bool, verbose: bool
+) -> None:
+    """Report a batch in a few lines, and each job that is looked at if ``verbose``.
 
-    Jobs that would fail or be rejected are named on stderr.
+    Jobs that would fail or be rejected are named on stderr. Of a batch of more than `MAX_PLANNED`
+    jobs `LOOKED_AT` stand for all, but for their names.
 
     Raises:
+        InputError: a journal is broken, or a job would write where it must not.
         SomeFailed: some would fail; the batch would go on without them, and end like this.
-        UsageProblem: this machine has not got the device.
+        UsageProblem: this machine has not got the device, or a lens makes no sense.
     """
+    numbers = _numbers(batch, execution.shard)
+    chosen = numbers
+    if len(numbers) > MAX_PLANNED:
+        refuse_names(batch.names(), batch.outputs)
+        chosen = [numbers[k * (len(numbers) - 1) // (LOOKED_AT - 1)] for k in range(LOOKED_AT)]
+    jobs = batch.jobs(chosen)
+    scale = len(numbers) / max(len(jobs), 1)
+    plan = make_plan(jobs, batch.outputs.root, replace(execution, limit=None, shard=None))
+    left = round(scale * len(plan.todo))
+    count = left if execution.limit is None else min(left, execution.limit)
+    plan = replace(plan, todo=plan.todo[:count])
     todo = [job for job, _ in plan.todo]
     by_number, unusable = _forecasts(todo)
     samples = list(by_number.values())
-    whole = forecast.total(samples, len(todo)) if samples else None
+    whole = forecast.total(samples, count) if samples else None
+    pictures = len({(job.picture, job.reading) for job in todo})
+    share = 1 / batch.plan.count if scale > 1 else pictures / max(len(todo), 1)
     totals = {
-        "jobs": len(plan.settled) + len(todo) + plan.beyond,
-        "done_before": len(plan.settled),
-        "todo": len(todo),
-        "beyond_limit": plan.beyond,
+        "jobs": round(scale * len(plan.settled)) + left,
+        "done_before": round(scale * len(plan.settled)),
+        "todo": count,
+        "beyond_limit": left - count,
+        "looked_at": len(jobs),
         "processes": processes,
         "forecast": whole,
-        "seconds": _seconds(todo, whole) / processes if whole else 0.0,
-        "bytes": round(_bytes(plan, samples)) if samples else 0,
+        "seconds": _seconds(share, whole) / processes if whole else 0.0,
+        "bytes": round(_bytes(plan, samples, count)) if samples else 0,
         "unusable": len(unusable),
     }
     if as_json:
@@ -84,6 +108,8 @@ def report_batch(plan: Plan, processes: int, *, as_json: bool, verbose: bool) ->
         )
     for job in todo if verbose and not as_json else ():
         console.stdout(job_report.plan_line(job))
+    if scale > 1 and not as_json:
+        console.stdout(f"of {len(jobs)} of {len(numbers)} jobs, spread evenly over them:")
     for line in () if as_json else _batch_lines(totals, len(samples)):
         console.stdout(line)
     _end(unusable, len(samples), "jobs")
@@ -128,19 +154,29 @@ def _end(unusable: Sequence[DefocusError], usable: int, what: str) -> None:
         raise SomeFailed(f"{failing} of {tried} {what} that were looked at would fail")
 
 
-def _seconds(todo: Sequence[Job], whole: Mapping[str, Any]) -> float:
+def _numbers(batch: Batch, shard: Shard | None) -> Sequence[int]:
+    """The numbers of the jobs of a batch, or of a shard of it: every n-th picture or job."""
+    if shard is None:
+        return range(batch.count)
+    lenses, pictures = batch.plan.count, len(batch.entries)
+    if pictures < shard.of:
+        return range(shard.number - 1, batch.count, shard.of)
+    mine = range(shard.number - 1, pictures, shard.of)
+    return [lenses * picture + lens for picture in mine for lens in range(lenses)]
+
+
+def _seconds(share: float, whole: Mapping[str, Any]) -> float:
     """Of one process: reading and writing overlap with rendering, but take cores that it needs.
 
-    Lenses share the picture that they take.
+    Lenses share the picture that they take: ``share`` of the jobs read one.
     """
-    share = len({(job.picture, job.reading) for job in todo}) / len(todo)
     others = sum(whole[f"{step}_seconds"] for step in ("prepare", "render", "write"))
     return float(others + share * whole["read_seconds"])
 
 
-def _bytes(plan: Plan, samples: Sequence[Forecast]) -> float:
-    """Bytes that the jobs will write, estimated from files of jobs done before, if any."""
-    pixels = sum(math.prod(each.size) for each in samples) / len(samples) * len(plan.todo)
+def _bytes(plan: Plan, samples: Sequence[Forecast], count: int) -> float:
+    """Bytes that so many jobs will write, estimated from files of jobs done before, if any."""
+    pixels = sum(math.prod(each.size) for each in samples) / len(samples) * count
     done = [record for _, record in plan.settled if record["status"] == "ok"]
     if done:
         written = sum(output["size"] for one in done for output in one["outputs"].values())

@@ -10,7 +10,7 @@ from typing import Any
 
 from defocus_core.batch.datasets import origin, update
 from defocus_core.batch.jobs.job import DEVICES, Job, Machine, Outputs
-from defocus_core.batch.jobs.jobs_file import jobs_of, read_jobs
+from defocus_core.batch.jobs.jobs_file import batch_of, read_jobs
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.plan import Chunk, Done, Execution, Plan
@@ -37,7 +37,7 @@ def batch_jobs(jobs: Jobs, out: str | PathLike[str], *, overwrite: bool = False)
     """
     outputs = Outputs(Path(out), overwrite=overwrite)
     if isinstance(jobs, Mapping):
-        return jobs_of(jobs, Path("jobs"), outputs, Machine())
+        return batch_of(jobs, Path("jobs"), outputs, Machine()).jobs()
     if isinstance(jobs, str | PathLike):
         return read_jobs(Path(fspath(jobs)), outputs, Machine())
     root = outputs.root

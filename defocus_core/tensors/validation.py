@@ -223,9 +223,11 @@ def depth_maps(image: Tensor, depth: Any, dtype: torch.dtype, device: torch.devi
     depth = numbers("depth", depth, dtype, device)
     maps: Tensor = depth[:, 0] if depth.ndim == 4 and depth.shape[1] == 1 else depth
     if maps.shape != (count, height, width):
+        is_one = depth.shape == (height, width)
+        remedy = "one map is depth[None]" if is_one else "resample it by nearest neighbour"
         raise ValueError(
             f"depth must be [B, 1, H, W] or [B, H, W] with the image's B={count}, H={height}, "
-            f"W={width}, got {list(depth.shape)}; resample it by nearest neighbour"
+            f"W={width}, got {list(depth.shape)}; {remedy}"
         )
     return maps
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import tarfile
 from pathlib import Path
 
+import pytest
 from command_line import Ran, files_under, read_exr, refused, run
-from jobs_files import INPUTS, LENS, SAMPLE, pictures
+from jobs_files import FIXED, INPUTS, LENS, SAMPLE, pictures
 
+from defocus_cli.words import dry_run
 from defocus_core.batch.datasets.finished import samples
 
 DRAFT = '\n[machine]\nquality = "draft"\n'
@@ -62,6 +65,50 @@ def test_a_dry_run_says_how_many_jobs_and_writes_nothing(tmp_path: Path) -> None
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(("more", "counts"), [((), (40, 0)), (("--shard", "2/2"), (20, 0))])
+def test_some_jobs_stand_for_a_large_batch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: tuple[str, ...], counts: tuple[int, int]
+) -> None:
+    monkeypatch.setattr(dry_run, "MAX_PLANNED", 12)
+    monkeypatch.setattr(dry_run, "LOOKED_AT", 8)
+    pictures(tmp_path)
+    text = LENS + SAMPLE.replace("n = 4", "n = 20")
+    told = batch(tmp_path, text, "--dry-run", "--json", *more).json
+    assert (told["todo"], told["done_before"]) == counts
+    assert told["looked_at"] == len(told["samples"]) == 8
+    assert told["forecast"]["pictures"] == counts[0]
+    words = batch(tmp_path, text, "--dry-run", *more).out
+    assert words.startswith(f"of 8 of {counts[0]} jobs")
+
+
+def test_some_jobs_tell_how_many_are_done_and_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dry_run, "MAX_PLANNED", 9)
+    monkeypatch.setattr(dry_run, "LOOKED_AT", 10)
+    pictures(tmp_path)
+    text = LENS + SAMPLE.replace("n = 4", "n = 10").replace('"render", ', "")
+    batch(tmp_path, text, "--shard", "1/2")
+    told = batch(tmp_path, text, "--dry-run", "--json", "--limit", "6").json
+    assert (told["done_before"], told["todo"], told["beyond_limit"]) == (10, 6, 4)
+
+
+def test_names_of_a_large_batch_that_two_jobs_share_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dry_run, "MAX_PLANNED", 3)
+    monkeypatch.setattr(dry_run, "LOOKED_AT", 2)
+    pictures(tmp_path)
+    files = {"color": "a_rgb.exr", "depth": "a_z.exr"}
+    stems = [{**files, "stem": stem} for stem in ("a", "a_mirror0.4", "c")]
+    (tmp_path / "list.jsonl").write_text("".join(f"{json.dumps(row)}\n" for row in stems))
+    sweep = "lenses = [{squeeze = 2, obstruction = 0.4}, {squeeze = 2}]\n"
+    path = tmp_path / "jobs.toml"
+    path.write_text(f'[inputs]\nlist = "list.jsonl"\n{FIXED}[sweep]\n{sweep}')
+    twice = "render/a_mirror0.4_squeeze2.exr: would be written twice"
+    refused(run("batch", path, "-o", tmp_path / "out", "--dry-run"), 3, twice)
+
+
 def test_what_a_jobs_file_says_wrong_is_one_line(tmp_path: Path) -> None:
     pictures(tmp_path)
     where = f"{tmp_path / 'jobs.toml'}: [sweep]"
@@ -83,7 +130,8 @@ def test_an_index_tells_of_the_lens_that_took_a_picture_last(tmp_path: Path) -> 
         color, depth = (tmp_path / f"a_{kind}.exr" for kind in ("rgb", "z"))
         if name != "a_rgb":
             color = color.rename(tmp_path / f"{name}.exr")
-        ran = run("render", color, depth, "-o", out, *words, "--fnumber", "4", *more)
+        lens = (*words, "--fnumber", "4", "--overwrite")
+        ran = run("render", color, depth, "-o", out, *lens, *more)
         assert ran.code == 0, ran.err
         return ran.err
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
+from contextlib import redirect_stderr
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +29,7 @@ from command_line import (
 )
 from image_files import save
 
+from defocus_cli.words.batch import tile_bar
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.tensors.tiling import TILE
 
@@ -43,6 +46,14 @@ def test_a_bar_counts_the_pictures_of_a_directory_on_a_terminal(tmp_path: Path) 
     assert "0/2 [" not in run(*args).err
     lone = run(*args[:-2], color, depth, err=Terminal()).err
     assert "picture/s]" not in lone
+
+
+def test_a_bar_moves_while_a_picture_is_prepared() -> None:
+    with redirect_stderr(Terminal()) as shown, tile_bar() as count:
+        time.sleep(1.2)
+        count(1, 4)
+    assert "preparing: 0tile [00:01" in shown.getvalue()
+    assert "preparing" not in shown.getvalue().rpartition("0/4")[2]
 
 
 def test_a_bar_counts_the_tiles_of_a_lone_picture_on_a_terminal(tmp_path: Path) -> None:

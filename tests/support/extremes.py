@@ -15,6 +15,8 @@ KINDS = ("constant", "slanted", "checkerboard", "random")
 MAX_RADIUS = 5000.0
 # The brightest that a type holds, or that the renderer takes.
 _MAXIMUM = {torch.float16: 65504.0, torch.bfloat16: 9.9e29}
+# A gradient in float16 is at most 65504: even that of a picture to itself, divided by less, is not.
+_MIN_SCALE = 1e-3
 # By interpolation of detail, in a draft of whole cells, and of small coverage at the border.
 _BRIGHTER = {"draft": 1.25}
 
@@ -113,7 +115,8 @@ class Extreme:
         ]
         generator = torch.Generator().manual_seed(self.seed)
         weigh = torch.rand(3, 1, *self.size, generator=generator, dtype=torch.float64)
-        total = (torch.stack(list(views.images)).double() / brightest * weigh).sum()
+        scale = max(brightest, _MIN_SCALE)
+        total = (torch.stack(list(views.images)).double() / scale * weigh).sum()
         gradients = torch.autograd.grad(
             total + views.trust.double().sum(), list(leaves.values()), allow_unused=True
         )

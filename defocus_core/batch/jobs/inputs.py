@@ -30,6 +30,7 @@ from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.errors import InputError, Place, UsageProblem
 from defocus_core.io.rows import Row, read_rows
 from defocus_core.io.shots.frame_patterns import MISSING, frame_choice
+from defocus_core.system.memory import without_collections
 
 FILES = ("color", "depth", *(f"{role}-{file}" for role in OTHERS for file in ("color", "depth")))
 KEYS = (*FILES, "frames", "missing", "list", "pictures")
@@ -38,7 +39,7 @@ _TRIED = 100  # first rows of which one file at least must exist
 _EXAMPLE = '{"color": "a.exr", "depth": "b.exr"}'
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Entry:
     """A picture, its place in a file for errors, and its own lens options as texts."""
 
@@ -166,7 +167,8 @@ def _from_list(file: Path) -> list[Entry]:
 
 def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
     """The pictures of rows; a missing file fails in its own job, unless all of them are missing."""
-    entries = [_entry(row, where, file.parent) for where, row in rows]
+    with without_collections():
+        entries = [_entry(row, where, file.parent) for where, row in rows]
     if not entries:
         raise InputError("empty", "has no row", "write one for each picture", path=file)
     if not any(entry.picture.color.exists() for entry in entries[:_TRIED]):
@@ -184,7 +186,7 @@ def _entry(row: Mapping[str, Any], where: Place, folder: Path) -> Entry:
         key: checked(key, value, where.at(key)) for key, value in row.items() if key not in ROW_KEYS
     }
     refuse_contradiction(options, where)
-    paths = {key: _path(row[key], where.at(key), folder) for key in FILES if key in row}
+    paths = {key: _path(row[key], where, key, folder) for key in FILES if key in row}
     if "color" not in paths:
         raise InputError("empty", "names no color", "give it the path of a colour file", path=where)
     others: dict[str, Any] = {}
@@ -207,9 +209,10 @@ def _entry(row: Mapping[str, Any], where: Place, folder: Path) -> Entry:
     return Entry(Picture(stem, color, paths.get("depth", color), **others), where, options)
 
 
-def _path(value: object, where: Place, folder: Path) -> Path:
+def _path(value: object, where: Place, key: str, folder: Path) -> Path:
     if not isinstance(value, str) or not value or "\0" in value:
-        raise InputError("malformed", f"{value!r} is not a path", "write it in quotes", path=where)
+        problem, remedy = f"{value!r} is not a path", "write it in quotes"
+        raise InputError("malformed", problem, remedy, path=where.at(key))
     return folder / value
 
 

@@ -20,7 +20,7 @@ FRAME_ROLE = "frame"  # of other frames among the inputs
 OTHERS = ("hidden", "over", "holdout")  # pictures that belong to another one
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Picture:
     """Where colour and depth of one picture are; the same file twice when one EXR holds both.
 

@@ -24,17 +24,20 @@ not.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from defocus_core.allowed_values import QUALITIES
 from defocus_core.batch.datasets.origin import read_origin
-from defocus_core.batch.jobs.inputs import read_inputs, read_whole_shot
+from defocus_core.batch.jobs.animation import Animation
+from defocus_core.batch.jobs.inputs import Entry, read_inputs, read_whole_shot
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Reading
 from defocus_core.batch.jobs.lens_plan import KEYS as LENS_KEYS
-from defocus_core.batch.jobs.lens_plan import lens_file_of, read_plan
+from defocus_core.batch.jobs.lens_plan import LensPlan, lens_file_of, read_plan
 from defocus_core.batch.jobs.output_kinds import (
     FORMAT_ALIASES,
     INPUTS,
@@ -74,8 +77,83 @@ KEYS = {
 }
 
 
-def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
-    """The jobs of a batch: those of one picture follow one another, in the order of the file.
+@dataclass(frozen=True)
+class Batch:
+    """What a jobs file asks for: each picture by each lens. Its jobs are made of it.
+
+    Attributes:
+        path: the jobs file, or what errors call its tables.
+        tables: the tables by name.
+        entries: the pictures.
+        plan: the lenses of each.
+        reading: how to read the files.
+        outputs: what is written.
+        machine: how it is computed.
+        animation: the keys of frames.
+    """
+
+    path: Path
+    tables: Mapping[str, Table]
+    entries: Sequence[Entry]
+    plan: LensPlan
+    reading: Reading
+    outputs: Outputs
+    machine: Machine
+    animation: Animation
+
+    @property
+    def count(self) -> int:
+        """How many jobs there are."""
+        return len(self.entries) * self.plan.count
+
+    def jobs(self, numbers: Sequence[int] | None = None) -> list[Job]:
+        """The jobs, or those of ascending numbers; those of one picture follow one another.
+
+        Raises:
+            InputError: a file cannot be read or is missing.
+            UsageProblem: the lens of a picture makes no sense.
+        """
+        count = self.plan.count
+        by_entry = groupby(
+            range(self.count) if numbers is None else numbers, lambda number: number // count
+        )
+        splits = read_splits(self.tables["split"]).assign([one.picture for one in self.entries])
+        jobs = [
+            Job(picture, lens, self.reading, self.outputs, self.machine, suffix, split=splits[own])
+            for own, mine in by_entry
+            for picture in [self.entries[own].picture]
+            for suffix, lens in self.plan.lenses(self.entries[own], (n % count for n in mine))
+        ]
+        every = read_whole_shot(self.tables["inputs"])
+        by_frame = {each.picture.frame: each for each in every}
+        suffixes = {suffix: number for number, suffix in enumerate(self.plan.suffixes)}
+
+        @cache
+        def keyed(frame: int | None) -> Entry:
+            lens = self.tables["lens"]
+            one = [by_frame[frame]]
+            return animated(one, self.animation, self.plan, lens, self.reading)[0]
+
+        @cache
+        def lens_of(frame: int | None, suffix: str) -> Lens:
+            return next(self.plan.lenses(keyed(frame), [suffixes[suffix]]))[1]
+
+        return with_shot(
+            jobs,
+            [each.picture for each in every],
+            lambda picture, suffix: lens_of(picture.frame, suffix),
+            read_together(self.tables["shot"]),
+            moving="focus-at" in self.animation.keys,
+        )
+
+    def names(self) -> list[str]:
+        """The name of the sample of each job."""
+        suffixes = self.plan.suffixes
+        return [f"{one.picture.stem}{suffix}" for one in self.entries for suffix in suffixes]
+
+
+def read_batch(path: Path, outputs: Outputs, machine: Machine) -> Batch:
+    """What a jobs file asks for.
 
     Args:
         path: the jobs file.
@@ -87,16 +165,24 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
         UsageProblem: a key is unknown, a value makes no sense, or two contradict each other.
     """
     remedy = "give a jobs file, with tables [inputs] and [lens]"
-    return jobs_of(read_toml(path, what="jobs file", remedy=remedy), path, outputs, machine)
+    return batch_of(read_toml(path, what="jobs file", remedy=remedy), path, outputs, machine)
 
 
-def jobs_of(stored: Mapping[str, Any], path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
-    """The jobs of the tables of a jobs file; all else is as of `read_jobs`.
+def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
+    """The jobs of a batch: those of one picture follow one another, in the order of the file.
+
+    Arguments and errors are those of `read_batch`, and of `Batch.jobs`.
+    """
+    return read_batch(path, outputs, machine).jobs()
+
+
+def batch_of(stored: Mapping[str, Any], path: Path, outputs: Outputs, machine: Machine) -> Batch:
+    """What the tables of a jobs file ask for; all else is as of `read_batch`.
 
     Args:
         stored: the tables by name.
         path: the file, or what errors call the tables.
-        outputs: as of `read_jobs`.
+        outputs: as of `read_batch`.
         machine: the same.
     """
     refuse_unknown(stored, TABLES, path, "a jobs file", "table")
@@ -109,33 +195,13 @@ def jobs_of(stored: Mapping[str, Any], path: Path, outputs: Outputs, machine: Ma
     animation = read_animation_table(named["animate"])
     entries = read_inputs(named["inputs"], animation.frames)
     entries = animated(entries, animation, plan, named["lens"], reading)
-    if len(entries) * plan.count > MAX_JOBS:
-        problem = f"asks for {len(entries) * plan.count} pictures"
+    batch = Batch(path, named, entries, plan, reading, outputs, machine, animation)
+    if batch.count > MAX_JOBS:
+        problem = f"asks for {batch.count} pictures"
         raise UsageProblem(
             "out-of-range", problem, f"split it into files of at most {MAX_JOBS}", path=path
         )
-    jobs = [
-        Job(entry.picture, lens, reading, outputs, machine, suffix)
-        for entry in entries
-        for suffix, lens in plan.lenses(entry)
-    ]
-    together = read_together(named["shot"])
-    every = read_whole_shot(named["inputs"])
-    by_frame = {each.picture.frame: each for each in every}
-
-    @cache
-    def lenses(frame: int | None) -> dict[str, Lens]:
-        (entry,) = animated([by_frame[frame]], animation, plan, named["lens"], reading)
-        return dict(plan.lenses(entry))
-
-    splits = read_splits(named["split"]).assign([job.picture for job in jobs])
-    return with_shot(
-        [dataclasses.replace(job, split=own) for job, own in zip(jobs, splits, strict=True)],
-        [each.picture for each in every],
-        lambda picture, suffix: lenses(picture.frame)[suffix],
-        together,
-        moving="focus-at" in animation.keys,
-    )
+    return batch
 
 
 def _reading(section: Table, lens: Table, machine: Table) -> Reading:

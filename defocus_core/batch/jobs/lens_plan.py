@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -80,8 +81,18 @@ class LensPlan:
         """Whether the radii of a set decide focus and f-number."""
         return self.sampling.match is not None
 
-    def lenses(self, entry: Entry) -> Iterator[tuple[str, Lens]]:
+    @property
+    def suffixes(self) -> list[str]:
+        """What each lens adds to the name of a sample."""
+        draws = [f"_s{index:03}" for index in range(self.sampling.count)] or [""]
+        return [point.suffix + draw for point in self.points for draw in draws]
+
+    def lenses(self, entry: Entry, numbers: Iterable[int]) -> Iterator[tuple[str, Lens]]:
         """The suffix of each lens for the name of the sample, and the lens.
+
+        Args:
+            entry: the picture.
+            numbers: which of the lenses, ascending from 0.
 
         Raises:
             UsageProblem: an option is missing or in two places, or the focus is too near.
@@ -94,17 +105,20 @@ class LensPlan:
         if self.matched:
             refuse_matched(entry.options, entry.where)
             _refuse_frame(entry)
-        for point in self.points:
+        draws, stem = self.sampling.count, entry.picture.stem
+        for which, mine in groupby(numbers, lambda number: number // max(draws, 1)):
+            point = self.points[which]
             options = merged(shared, point.options)
             _check_lens(options, source, radii=self.radii, matched=self.matched)
-            if not self.sampling.count:
+            if not draws:
                 values = {name: parsed(name, text) for name, text in options.items()}
                 yield point.suffix, replace(lens_of(values, source), max_coc=self.max_coc)
-            for index in range(self.sampling.count):
-                texts = tuple(options.items())
-                draw = Draw(self.sampling.seed, entry.picture.stem, index, texts)
+                continue
+            texts = tuple(options.items())
+            for index in (number % draws for number in mine):
+                draw = Draw(self.sampling.seed, stem, index, texts)
                 lens = drawn_lens(draw, source, self.max_coc)
-                lens = replace(lens, radii_px=self.sampling.radii(entry.picture.stem, index))
+                lens = replace(lens, radii_px=self.sampling.radii(stem, index))
                 yield f"{point.suffix}_s{index:03}", lens
 
 

@@ -22,13 +22,12 @@ A record has
 
 from __future__ import annotations
 
-import gc
 import json
 import os
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,6 +37,7 @@ from defocus_core.batch.journal.record_check import fault_of, linked_folders
 from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import is_at, sync_folder, unwritable
+from defocus_core.system.memory import without_collections
 
 Record = Mapping[str, Any]
 _BLOCK = 1000  # lines
@@ -177,18 +177,6 @@ def _sample_words(line: bytes) -> str:
     with suppress(ValueError):
         return f", of {json.loads(name[1])}," if name else ""
     return ""
-
-
-@contextmanager
-def without_collections() -> Iterator[None]:
-    """Pause the search for garbage cycles: the block makes none, and it is most of its time."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
 
 
 def _parsed(line: bytes) -> Any:

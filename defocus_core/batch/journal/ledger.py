@@ -11,8 +11,9 @@ from typing import Any
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.jobs.output_kinds import PREVIEW
 from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.journal import Record, files_of, input_path, without_collections
+from defocus_core.batch.journal.journal import Record, files_of, input_path
 from defocus_core.errors import InputError
+from defocus_core.system.memory import without_collections
 
 # Fields of the template of a name that tell settings apart.
 _NAMED = {

@@ -57,20 +57,42 @@ def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
         )
 
 
+def refuse_names(stems: Sequence[str], outputs: Outputs) -> None:
+    """Refuse names of samples that two have, or that are too long for a file.
+
+    Raises:
+        InputError: there is one.
+    """
+    count = Counter(stems)
+    twice = next((stem for stem, times in count.items() if times > 1), None)
+    if twice is not None:
+        raise _written_twice(outputs.root / next(iter(outputs.names(twice).values())))
+    for name in outputs.names(max(count, key=lambda stem: len(os.fsencode(stem)))).values():
+        _refuse_long(outputs.root, name)
+
+
+def _written_twice(path: Path) -> InputError:
+    return InputError(
+        "duplicate", "would be written twice", "rename one of the colour files", path=path
+    )
+
+
+def _refuse_long(root: Path, name: str) -> None:
+    length = len(os.fsencode(name.rpartition("/")[2]))
+    if length > _NAME_BYTES:
+        problem = f"has a name of {length} bytes, more than {_NAME_BYTES}"
+        raise InputError(
+            "too-large", problem, "give the picture a shorter name or stem", path=root / name
+        )
+
+
 def _refuse_clashes(jobs: Sequence[Job]) -> None:
     count = Counter((job.outputs.root, name) for job in jobs for name in job.names.values())
     twice = next((root / name for (root, name), times in count.items() if times > 1), None)
     if twice is not None:
-        raise InputError(
-            "duplicate", "would be written twice", "rename one of the colour files", path=twice
-        )
+        raise _written_twice(twice)
     for root, name in count:
-        length = len(os.fsencode(name.rpartition("/")[2]))
-        if length > _NAME_BYTES:
-            problem = f"has a name of {length} bytes, more than {_NAME_BYTES}"
-            raise InputError(
-                "too-large", problem, "give the picture a shorter name or stem", path=root / name
-            )
+        _refuse_long(root, name)
     pictures = {job.picture for job in jobs}
     pictures |= {other for picture in pictures for other in picture.others.values()}
     named = {path for one in pictures for path in (one.color, one.depth)}

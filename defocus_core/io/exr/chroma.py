@@ -69,9 +69,10 @@ def rgb_of(
 ) -> list[NDArray[np.float32]]:
     """R, G and B of Y and of RY and BY, all [H, W]."""
     y = np.asarray(luminance, np.float32)
-    red, blue = (y * (1 + np.asarray(each, np.float32)) for each in chroma)
     red_weight, green_weight, blue_weight = (np.float32(weight) for weight in weights)
-    green = (y - red_weight * red - blue_weight * blue) / green_weight
+    with np.errstate(over="ignore", invalid="ignore"):  # who uses the pixels refuses such numbers
+        red, blue = (y * (1 + np.asarray(each, np.float32)) for each in chroma)
+        green = (y - red_weight * red - blue_weight * blue) / green_weight
     return [red, green.astype(np.float32), blue]
 
 
@@ -117,7 +118,8 @@ def _along(values: NDArray[np.float32], axis: int, at: NDArray[np.float64]) -> N
     shape = (-1, 1) if axis == 0 else (1, -1)
     for offset, weight in zip((-1, 0, 1, 2), weights, strict=True):
         index = np.clip(first + offset, 0, values.shape[axis] - 1)
-        total = total + weight.reshape(shape).astype(np.float32) * values.take(index, axis)
+        with np.errstate(over="ignore", invalid="ignore"):
+            total = total + weight.reshape(shape).astype(np.float32) * values.take(index, axis)
     return np.asarray(total, np.float32)
 
 

@@ -189,9 +189,11 @@ def _samples(file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]) -> Samples:
     """The samples of chunks that fill rows."""
     x0, y0, x1, y1 = part.data
     width, top = x1 - x0 + 1, chunks[0].y
-    pixels: list[NDArray[np.int64]] = []
-    values: dict[str, list[NDArray[np.generic]]] = {each.name: [] for each in part.channels}
-    for chunk in chunks:
+    values: dict[str, list[NDArray[np.generic]]] = {
+        each.name: [np.zeros(0, _DTYPES[each.type])] for each in part.channels
+    }
+    pixels: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
+    for chunk in (chunk for chunk in chunks if chunk.unpacked):
         rows = min(part.tile[1], y1 - y0 + 1 - chunk.y)
         columns = min(part.tile[0], width - chunk.x)
         file.seek(chunk.at)

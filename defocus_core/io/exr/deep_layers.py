@@ -59,7 +59,7 @@ def flat_channels(
     }
     for strip in strips(path, header):
         shares = _shares(strip)
-        for name, plane in planes.items():
+        for name, plane in planes.items() if len(shares) else ():  # planes begin as zeros
             values = strip.values[name]
             if name in light:
                 size = strip.window.height * strip.window.width

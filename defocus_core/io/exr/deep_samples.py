@@ -160,8 +160,8 @@ def _strip(path: Path, samples: Samples, header: Header) -> Strip:
     depth = np.nan_to_num(values.get(DEPTH, pixel[:0]), nan=np.inf, posinf=np.inf)
     order = np.lexsort((depth, pixel)) if DEPTH in values else np.argsort(pixel, kind="stable")
     pixel, values = pixel[order], {name: each[order] for name, each in values.items()}
-    counts = np.bincount(pixel, minlength=window.width * window.height)
-    rank = np.arange(len(pixel)) - np.repeat(np.cumsum(counts) - counts, counts)
+    index, is_first = np.arange(len(pixel)), np.diff(pixel, prepend=-1) > 0
+    rank = index - np.maximum.accumulate(np.where(is_first, index, 0))
     for name, channel in channels.items():  # of a view
         values[name] = values[channel.plain if channel.plain in _OF_LAYERS else name]
     return Strip(window, pixel, rank.astype(np.int32), values)

@@ -221,7 +221,8 @@ def pair_of(
 
 
 def _is_half(fraction: Scalar) -> bool:
-    return abs(float(fraction) - 0.5) <= _EQUAL
+    value = fraction.detach() if isinstance(fraction, Tensor) else fraction
+    return abs(float(value) - 0.5) <= _EQUAL
 
 
 def within_alpha(pair: Tensor, fraction: Scalar) -> Tensor:

@@ -165,6 +165,8 @@ def _edges(values: Any) -> tuple[int, int]:
         return 0, 0
     tops = [values[rows][np.isfinite(values[rows])].max(initial=0) for rows in bands(values.shape)]
     step = _STEP * float(max(tops))
+    if not step:  # nothing is near
+        return 0, 0
     for rows in bands(values.shape):
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             band: NDArray[np.float64] = values[rows].astype(np.float64)

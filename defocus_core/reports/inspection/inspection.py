@@ -191,7 +191,10 @@ def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any], *, resized: 
         return False
     has_both = color["color"] is not None and depth["depth"] is not None
     fits = resized or color["size"] == depth["size"]
-    return has_both and fits and "R" in color["color"]["channels"]
+    if not (has_both and fits and "R" in color["color"]["channels"]):
+        return False
+    width, height = depth["size"]
+    return bool(depth["depth"]["nothing_pixels"] != width * height)
 
 
 def _why_no_color(info: FileInfo, reading: Reading) -> str:

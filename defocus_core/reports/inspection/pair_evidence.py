@@ -74,9 +74,10 @@ def evidence_of_pair(
     metres = element_depth(beside, image, keeping).metres
     rows, columns = _middle(height), _middle(width)
     near = metres[rows][:, columns]
-    with np.errstate(divide="ignore", invalid="ignore"):
+    planes = [plane[rows][:, columns] for plane in image.planes[:3]]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         disparity = np.where(near > 0, 1 / near, 0).astype(np.float32)  # holes count as far
-    light = np.mean([plane[rows][:, columns] for plane in image.planes[:3]], 0, dtype=np.float32)
+        light = np.mean(planes, 0, dtype=np.float32)
     white = float(np.percentile(light, 99)) or 1.0
     seen: Floats = np.power(np.clip(np.nan_to_num(light) / white, 0, 1), np.float32(1 / 2.2))
     return tuple(filter(None, (_blurred(seen, disparity), _misplaced(seen, disparity))))

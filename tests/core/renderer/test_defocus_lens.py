@@ -322,7 +322,7 @@ def test_the_pitch_follows_the_sensor():
     [
         ((2, 3, 20, 30), (2, 1, 19, 30), r"depth must be .* got \[2, 1, 19, 30\]"),
         ((2, 3, 20, 30), (1, 1, 20, 30), r"B=2, H=20, W=30, got \[1, 1, 20, 30\]"),
-        ((2, 3, 20, 30), (20, 30), r"depth must be .* got \[20, 30\]"),
+        ((1, 3, 20, 30), (20, 30), r"got \[20, 30\]; one map is depth\[None\]"),
         ((3, 20, 30), (20, 30), r"image must be .* \[3, 20, 30\]; one image is image\[None\]"),
         ((1, 3, 271, 30), (1, 271, 30), r"within sensor_res=\(480, 270\)"),
     ],
