@@ -144,7 +144,8 @@ class Search:
             return fitted
         scale = self.residual.scale(MIDDLE)
         blur = [unknown for unknown in self._free if unknown.name in ("strength", "focus")]
-        limits = scale.disparity.flatten().quantile(torch.tensor([_RARE, 1 - _RARE])).tolist()
+        rare = torch.tensor([_RARE, 1 - _RARE], dtype=torch.float64)
+        limits = scale.disparity.flatten().double().quantile(rare).tolist()
         for _ in range(_TIMES):
             point, limits = fitted.point, sorted(limits, key=lambda d: abs(fitted.point.focus - d))
             away = point.focus - limits[-1]
