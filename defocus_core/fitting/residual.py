@@ -50,6 +50,7 @@ class Residual:
         side_shading: bool = False,
         depth_repair: str = "auto",
         edge_width: float | None = None,
+        threads: int = 1,
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
         """Keep the pictures.
@@ -62,12 +63,14 @@ class Residual:
             side_shading: Whether left and right have a factor each that is a plane over the frame.
             depth_repair: As for `render`.
             edge_width: As for `render`, in px of the pictures.
+            threads: As for `render`.
             progress: Called with (renderings done, about how many in all).
         """
         self.width = sharp.shape[2]
         self.exposure, self.side_shading = exposure, side_shading
         self._progress, self._done = progress, 0
         self._repair, self._edge_width = depth_repair, edge_width
+        self._threads = threads
         self._pictures = (sharp, disparity, seen)
         self._middle = float(seen[0].float().abs().median().clamp_min(1e-3))
         top = float(seen[0].max())
@@ -164,6 +167,7 @@ class Residual:
             dual_pixel=optics.dual_pixel,
             quality=quality,
             left_right=len(scale.seen) > 1,
+            threads=self._threads,
             infinity=strength * point.focus,
             depth_repair=self._repair,
             edge_width=None if self._edge_width is None else self._edge_width * scale.factor,
