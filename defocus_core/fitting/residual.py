@@ -27,6 +27,7 @@ _CLIPPED = 0.98  # of the greatest value, in pictures that end at 1
 _TRUSTED = 0.9  # share of the lens, from which on a pixel counts
 _MIN_WEIGHT = 0.05  # mean of a picture of which enough counts
 _LOST = 1e-3  # share of clipped light in a pixel of which nothing can be said
+_FAINT = 1e-7  # of a channel of lost light, which must not decide how colours are filled in
 _KEPT = 4  # renderings, as a shift needs no other
 
 
@@ -126,7 +127,7 @@ class Residual:
         made, trust = self._render(point, optics, scale, quality)
         if scale.lost is not None:
             made, lost = made[:, :-1], made[:, -1]
-            trust = trust * (1 - lost.amax(0) / _LOST).clamp(0, 1)
+            trust = trust * (1 - lost.amax(0) / (_FAINT * _LOST)).clamp(0, 1)
         if len(made) > 1:
             made = made[:1] + point.separation * (made[1:] - made[:1])
         if point.gamma != 1:
@@ -156,7 +157,7 @@ class Residual:
         strength = point.strength * scale.factor
         light = scale.sharp if point.gamma == 1 else scale.sharp.clamp_min(0) ** point.gamma
         light, radius = breathed(
-            light if scale.lost is None else torch.cat([light, scale.lost]),
+            light if scale.lost is None else torch.cat([light, _FAINT * scale.lost]),
             strength * (point.focus - scale.disparity),
             point.breathing,
         )
