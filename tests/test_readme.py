@@ -150,7 +150,8 @@ def test_the_python_of_a_document_runs(
         if kind == "python":
             exec(content, names)
     if name == "fit":
-        assert names["found"].strength > 0
+        found = names["found"]
+        assert (found.strength, found.focus) == pytest.approx((9.0, 0.4), rel=1e-3)
         return
     if name == "look":
         assert names["views"].left.shape == names["image"].shape

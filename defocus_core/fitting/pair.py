@@ -95,6 +95,7 @@ def fit(
     shift: bool = False,
     depth_repair: str = "auto",
     edge_width: float | None = None,
+    threads: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Fit:
     """Find the blur that turns a sharp picture into a blurred one.
@@ -115,6 +116,7 @@ def fit(
         shift: Whether the blurred picture may be shifted by up to 16 px, and breathe.
         depth_repair: As for `render`.
         edge_width: As for `render`.
+        threads: As for `render`.
         progress: Called with (renderings done, about how many in all).
 
     Raises:
@@ -141,6 +143,7 @@ def fit(
             side_shading=side_shading,
             depth_repair=depth_repair,
             edge_width=edge_width,
+            threads=threads,
             progress=progress,
         )
         rows = unknowns(span, (name for name, is_free in free.items() if is_free))

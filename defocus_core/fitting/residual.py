@@ -27,6 +27,7 @@ _CLIPPED = 0.98  # of the greatest value, in pictures that end at 1
 _TRUSTED = 0.9  # share of the lens, from which on a pixel counts
 _MIN_WEIGHT = 0.05  # mean of a picture of which enough counts
 _LOST = 1e-3  # share of clipped light in a pixel of which nothing can be said
+_FAINT = 1e-7  # of a channel of lost light, which must not decide how colours are filled in
 _KEPT = 4  # renderings, as a shift needs no other
 
 
@@ -50,6 +51,7 @@ class Residual:
         side_shading: bool = False,
         depth_repair: str = "auto",
         edge_width: float | None = None,
+        threads: int = 1,
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
         """Keep the pictures.
@@ -62,12 +64,14 @@ class Residual:
             side_shading: Whether left and right have a factor each that is a plane over the frame.
             depth_repair: As for `render`.
             edge_width: As for `render`, in px of the pictures.
+            threads: As for `render`.
             progress: Called with (renderings done, about how many in all).
         """
         self.width = sharp.shape[2]
         self.exposure, self.side_shading = exposure, side_shading
         self._progress, self._done = progress, 0
         self._repair, self._edge_width = depth_repair, edge_width
+        self._threads = threads
         self._pictures = (sharp, disparity, seen)
         self._middle = float(seen[0].float().abs().median().clamp_min(1e-3))
         top = float(seen[0].max())
@@ -123,7 +127,7 @@ class Residual:
         made, trust = self._render(point, optics, scale, quality)
         if scale.lost is not None:
             made, lost = made[:, :-1], made[:, -1]
-            trust = trust * (1 - lost.amax(0) / _LOST).clamp(0, 1)
+            trust = trust * (1 - lost.amax(0) / (_FAINT * _LOST)).clamp(0, 1)
         if len(made) > 1:
             made = made[:1] + point.separation * (made[1:] - made[:1])
         if point.gamma != 1:
@@ -153,7 +157,7 @@ class Residual:
         strength = point.strength * scale.factor
         light = scale.sharp if point.gamma == 1 else scale.sharp.clamp_min(0) ** point.gamma
         light, radius = breathed(
-            light if scale.lost is None else torch.cat([light, scale.lost]),
+            light if scale.lost is None else torch.cat([light, _FAINT * scale.lost]),
             strength * (point.focus - scale.disparity),
             point.breathing,
         )
@@ -164,6 +168,7 @@ class Residual:
             dual_pixel=optics.dual_pixel,
             quality=quality,
             left_right=len(scale.seen) > 1,
+            threads=self._threads,
             infinity=strength * point.focus,
             depth_repair=self._repair,
             edge_width=None if self._edge_width is None else self._edge_width * scale.factor,

@@ -20,6 +20,7 @@ _COARSE = 200  # px, width of small pictures
 _STEPS = {_COARSE: 4, MIDDLE: 4, None: 3}  # most Gauss-Newton steps at a width
 _STARTS = 6  # blurs that are rendered
 _KEPT = {_COARSE: 3, MIDDLE: 2}  # of these are followed at a width
+_SAME = 0.25  # px of small pictures, by which radii of one point differ
 _CLEARLY = 4.0  # times the error of the best: nothing changes that
 _CHEAP = ("across", "down", "separation")  # unknowns that take no rendering
 _TURNS = 4  # rotations tried between a blade and the next
@@ -82,9 +83,9 @@ class Search:
         if not starts:
             return FittedLens(math.inf, Candidate(1.0, 0.0), first)
         starts = self._all(starts, _COARSE, self._cheap)
-        starts = self._all(_best(starts, _KEPT[_COARSE]), _COARSE, early)
+        starts = self._all(_best(starts, _COARSE, small), _COARSE, early)
         if self.residual.width > _COARSE or early != self._free:
-            starts = self._all(_best(starts, _KEPT[MIDDLE]), MIDDLE, self._free)
+            starts = self._all(_best(starts, MIDDLE, small), MIDDLE, self._free)
         fitted = self._chosen(self._pivoted(starts[0]), choices)
         if self.residual.width > MIDDLE or fitted.optics != first:
             fitted = self._descended(fitted, None, self.free(fitted.optics))
@@ -144,7 +145,8 @@ class Search:
             return fitted
         scale = self.residual.scale(MIDDLE)
         blur = [unknown for unknown in self._free if unknown.name in ("strength", "focus")]
-        limits = scale.disparity.flatten().quantile(torch.tensor([_RARE, 1 - _RARE])).tolist()
+        rare = torch.tensor([_RARE, 1 - _RARE], dtype=torch.float64)
+        limits = scale.disparity.flatten().double().quantile(rare).tolist()
         for _ in range(_TIMES):
             point, limits = fitted.point, sorted(limits, key=lambda d: abs(fitted.point.focus - d))
             away = point.focus - limits[-1]
@@ -248,6 +250,18 @@ class Search:
         return there if there.error <= fitted.error * _AS_GOOD else fitted
 
 
-def _best(fitted: list[FittedLens], count: int) -> list[FittedLens]:
-    """The first of some points, without those that are clearly worse than the best."""
-    return [each for each in fitted if each.error <= _CLEARLY * fitted[0].error][:count]
+def _best(fitted: list[FittedLens], width: int, scale: Scale) -> list[FittedLens]:
+    """The first of some points, those that are followed at a width.
+
+    Left out are those that are clearly worse than the best, and those that ended where another did:
+    their radii at both ends of the disparities of a scale are nearly the same.
+    """
+    ends, kept = torch.stack(scale.disparity.aminmax()), []
+    radii: list[Tensor] = []
+    for each in fitted[: _KEPT[width]]:
+        own = each.point.strength * scale.factor * (each.point.focus - ends)
+        apart = all(float((own - other).abs().max()) > _SAME for other in radii)
+        if apart and each.error <= _CLEARLY * fitted[0].error:
+            kept.append(each)
+            radii.append(own)
+    return kept

@@ -22,6 +22,7 @@ from defocus_core.io.arrays import evenly
 from defocus_core.io.images.color import read_color, require_finite
 from defocus_core.io.images.color_planes import Color
 from defocus_core.io.safe_files import written_whole
+from defocus_core.system.process import cores, set_to_render
 
 if TYPE_CHECKING:
     import torch
@@ -121,6 +122,7 @@ def fit_pair(
     from defocus_core.fitting.pair import fit
     from defocus_core.optics.aperture import Aperture
 
+    set_to_render()
     focal = options.foclen / options.sensor_width if reading.needs_lens else None
     color, depth = read(pair.picture, reading, lens_focal=focal)
     if depth.is_radius:
@@ -148,6 +150,7 @@ def fit_pair(
             shift=options.shift,
             depth_repair=reading.depth_repair,
             edge_width=reading.edge_width,
+            threads=cores(),
             progress=progress,
         )
     except ValueError as error:

@@ -39,7 +39,7 @@ def test_focus_and_strength_are_found_from_two_pictures() -> None:
 
 def test_depth_of_unknown_scale_and_shift_gives_the_same_radii() -> None:
     image, disparity = scene()
-    found = fit(image, 40 - 7 * (1 - disparity), blurred(image, disparity))
+    found = fit(image, 40 - 7 * (1 - disparity.double()), blurred(image, disparity))
     radius = found.strength * (found.focus - (40 - 7 * (1 - disparity)))
     wanted = STRENGTH * (FOCUS - disparity)
     assert float((radius - wanted).abs().median()) < 0.02 * float(wanted.abs().median())

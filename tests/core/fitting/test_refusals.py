@@ -14,7 +14,7 @@ from torch.nn.functional import interpolate
 
 from defocus_core import Aperture, DualPixel, fit, read_color, read_depth, render
 from defocus_core.fitting.refusals import JudgedPair, Refusal, refusals_of
-from defocus_core.fitting.residual import Optics, Residual
+from defocus_core.fitting.residual import Optics, Residual, error_of
 from defocus_core.fitting.unknowns import Candidate
 
 SCENES = Path(__file__).parents[3] / "sample_scenes"
@@ -99,6 +99,14 @@ def test_a_sharp_picture_in_the_place_of_the_blurred_one_is_said_to_be_it() -> N
     for name in NAMES:
         light, disparity, seen, point = blurred(name, 120)
         assert judged(seen, disparity, light, point) == "swapped"
+
+
+def test_the_right_lens_leaves_no_difference_of_a_clean_pair() -> None:
+    for name in NAMES:
+        light, disparity, seen, point = blurred(name, 120)
+        residual = Residual(light, disparity, (seen,), exposure=False)
+        there = residual.of(point, Optics(Aperture(), DualPixel()), residual.scale(None))
+        assert error_of(*there) < 1e-12, name
 
 
 def test_the_right_lens_is_not_refused() -> None:

@@ -15,6 +15,7 @@ from jobs_files import FIXED, LENS, jobs, names, touch
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.jobs.lens_from_options import checked
 from defocus_core.batch.jobs.random_lenses import drawn_lens
+from defocus_core.batch.look.opening import dual_pixel_of
 from defocus_core.errors import UsageProblem
 
 
@@ -180,6 +181,14 @@ def test_draws_are_of_their_distributions(tmp_path: Path) -> None:
         assert abs(mean(shares) - 0.5) < 3 * deviation
     assert 70 < [lens.blades for lens in lenses].count(6) < 130
     assert {lens.blades for lens in lenses} == {0, 6}
+
+
+def test_sensors_are_drawn(tmp_path: Path) -> None:
+    text = 'n = 60\nseed = 7\ndp-model = "choice(@pixel4, @canon-dpp, split)"\n'
+    drawn = [dual_pixel_of(job.lens) for job in sampled(tmp_path, text, FIXED.removeprefix(LENS))]
+    apart = {each.model: round(each.apart, 3) for each in drawn}
+    assert apart == {"@pixel4": 0.84, "@canon-dpp": 0.33, "split": 1}
+    assert all(10 < [each.model for each in drawn].count(model) < 30 for model in apart)
 
 
 def test_a_focus_drawn_in_disparity_is_uniform_in_it(tmp_path: Path) -> None:
