@@ -126,7 +126,7 @@ def _fetched(of_bands: list[_BandEvidence]) -> dict[str, list[float]]:
     together = {}
     for name, parts in zip(_BandEvidence._fields, zip(*of_bands, strict=True), strict=True):
         every = torch.stack(parts).reshape(len(parts), -1).double()
-        if name == "ends":
+        if name == "limits":
             together[name] = torch.stack([every[:, 0].amin(), every[:, 1].amax()])
         else:
             together[name] = every.amax(0) if name == "softest" else every.sum(0)
@@ -165,7 +165,7 @@ def _repair(
     signed_radius: Pixels, found: dict[str, list[float]], infinity: float | None
 ) -> DepthRepair:
     """The repair that the evidence of all bands asks for."""
-    minimum, maximum, softest, ramps = *found["ends"], *found["softest"], *found["ramps"]
+    minimum, maximum, softest, ramps = *found["limits"], *found["softest"], *found["ramps"]
     if not (math.isfinite(minimum) and math.isfinite(maximum)):
         return DepthRepair()  # a picture of such depth is refused
     slope = slope_of_soft_edges(minimum, maximum, signed_radius.shape)

@@ -84,9 +84,14 @@ def quantisation(minimum: float, maximum: float, quality: str) -> float:
         ValueError: If there is no such quality, or radii are not finite and in order.
     """
     settings = find(quality)
-    if not -math.inf < number("least", minimum, _PX) <= number("most", maximum, _PX) < math.inf:
+    if (
+        not -math.inf
+        < number("minimum", minimum, _PX)
+        <= number("maximum", maximum, _PX)
+        < math.inf
+    ):
         raise ValueError(
-            f"least and most must be finite and in order, got {minimum}, {maximum}; {_PX}"
+            f"minimum and maximum must be finite and in order, got {minimum}, {maximum}; {_PX}"
         )
     spaced = slice_radii(minimum, maximum, settings)
     steps = [b - a for a, b in pairwise(spaced) if b > minimum and a < maximum]

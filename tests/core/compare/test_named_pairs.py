@@ -23,7 +23,7 @@ def judged(pair: compare_pairs.Pair) -> Comparison:
 
 @pytest.mark.bench
 @pytest.mark.parametrize(
-    ("scene", "least_right", "most_wrong"),
+    ("scene", "min_right", "max_wrong"),
     [("spheres", 94, 5), ("lights", 78, 8), ("leaves", 82, 8)],
 )
 def test_faults_are_named_or_said_and_none_is_silent(
