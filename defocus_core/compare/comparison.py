@@ -131,7 +131,8 @@ def _pixels(
         selected = strict if selected is None else strict & selected
     if selected is not None and not selected.any():
         chosen = settings.mask or settings.ignore_mask
-        problem = f"leaves no pixel of the region {settings.region or '0,0,*,*'} to compare"
+        of = "picture" if settings.region is None else f"region {settings.region}"
+        problem = f"leaves no pixel of the {of} to compare"
         remedy = "give masks and regions that leave some"
         raise InputError("empty", problem, remedy, path=chosen or a.path)
     pixels = replace(pixels, selected=selected)
