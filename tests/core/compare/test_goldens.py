@@ -81,7 +81,7 @@ def test_a_full_folder_of_scratch_is_named(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
-    monkeypatch.setattr(fresh.run, "carry_out", fails)
+    monkeypatch.setattr("defocus_core.batch.workers.run.carry_out", fails)
     execution: Any = Execution
     listener: Any = None
     jobs = jobs_file(tmp_path, FIXED, inputs=INPUTS)
