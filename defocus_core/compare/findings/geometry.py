@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    _Scale = Callable[[NDArray[Any]], NDArray[Any]]
+
 _FRAME = 1024  # px of the middle of a picture in which a shift is looked for
 _PEAKS = 3  # of each correlation that are tried
 _LARGEST_PART = 0.05  # px of a shift that are no fraction
@@ -280,8 +282,9 @@ def _moved_a_little(evidence: Evidence, dx: int, dy: int) -> Iterator[Explanatio
 
 def _left_by_move(evidence: Evidence, move: NDArray[Any], far: float) -> float:
     """What a move leaves: light may have been interpolated as such, or as a screen shows it."""
-    scales = [(evidence.scaled, evidence.unscaled)]
-    scales += [(evidence.light, evidence.stored)] * bool(evidence.pixels.color)
+    scales: list[tuple[_Scale, _Scale]] = [(evidence.scaled, evidence.unscaled)]
+    if evidence.pixels.color:
+        scales.append((evidence.light, evidence.stored))
     lefts = []
     for scale, back in scales:
         inside, sums = _moved(evidence, *evidence.places, move, far, evidence.names, scale)
@@ -296,7 +299,7 @@ def _moved(
     move: NDArray[Any],
     far: float,
     names: Sequence[str],
-    scale: Callable[[NDArray[Any]], NDArray[Any]] | None = None,
+    scale: _Scale | None = None,
 ) -> tuple[NDArray[np.bool_], NDArray[Any]]:
     """Places of A that were within it, and A there with its slopes down and right, [3, C, N].
 
