@@ -38,7 +38,7 @@ def test_left_and_right_together_are_the_centre(
     o = render(image, radius, aperture=aperture, quality=quality, left_right=True)
     assert o.left is not None
     assert o.right is not None
-    share = float(aperture.share(LEFT))  # of an asymmetric pupil not a half
+    share = float(aperture.fraction(LEFT))  # of an asymmetric pupil not a half
     assert worst(share * o.left + (1 - share) * o.right, o.render) < 1e-6
 
 

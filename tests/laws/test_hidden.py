@@ -30,7 +30,7 @@ def test_what_is_known_behind_a_card_comes_closer_to_the_truth(
         assert psnr(known, truth) > psnr(guessed, truth) + gain
 
 
-@pytest.mark.parametrize(("card_r", "background_r", "least"), [(-5.0, 6.0, 38), (-9.0, 3.0, 31)])
+@pytest.mark.parametrize(("card_r", "background_r", "minimum"), [(-5.0, 6.0, 38), (-9.0, 3.0, 31)])
 def test_beside_a_near_card_shows_what_it_hides_before_what_lies_beyond_focus(
     card_r: float, background_r: float, minimum: float
 ) -> None:

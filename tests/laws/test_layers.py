@@ -110,7 +110,7 @@ def test_opaque_white_layers_are_white_to_the_border() -> None:
 
 
 @pytest.mark.parametrize(
-    ("radii", "least"),
+    ("radii", "minimum"),
     [((-6.0, -2.0), 37.0), ((-6.0, 0.0), 43.0), ((2.0, 7.0), 32.0), ((-6.0, 1.0, 6.0), 35.0)],
 )
 def test_the_picture_is_near_the_brute_force_one(radii: tuple[float, ...], minimum: float) -> None:

@@ -73,6 +73,6 @@ def test_each_half_has_all_of_the_light(aperture: Aperture, quality: str) -> Non
     tolerance = 2e-3 if quality == "draft" else 1e-4
     for picture in views.images:
         assert float(picture.sum() / image.sum()) == pytest.approx(1.0, rel=tolerance)
-    one, other = (Aperture.share(aperture, part) for part in aperture.parts(2))
+    one, other = (Aperture.fraction(aperture, part) for part in aperture.parts(2))
     centre, left, right = views.images
     assert worst(one * left + other * right, centre) < WHITE

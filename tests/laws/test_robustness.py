@@ -22,7 +22,7 @@ def spread(size: tuple[int, ...], maximum: float) -> Tensor:
     return maximum * (2 * torch.rand(size, generator=torch.Generator().manual_seed(2)) - 1)
 
 
-@pytest.mark.parametrize("most", [0.0, 0.4, 1.0, 3.0, 30.0, 300.0, 1e5])
+@pytest.mark.parametrize("maximum", [0.0, 0.4, 1.0, 3.0, 30.0, 300.0, 1e5])
 @pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (2, 3), (1, 120), (33, 17)])
 def test_white_stays_white_in_any_frame_at_any_radius(
     size: tuple[int, int], maximum: float

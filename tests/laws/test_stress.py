@@ -38,7 +38,7 @@ class Shot(NamedTuple):
     def mean(self, left: Tensor, right: Tensor) -> Tensor:
         """Of the halves, weighted by their areas."""
         aperture = Aperture(self.blades)
-        share = aperture.share(aperture.parts(2)[0])
+        share = aperture.fraction(aperture.parts(2)[0])
         return share * left + (1 - share) * right
 
 

@@ -20,19 +20,19 @@ from defocus_core.renderer.layers.octaves import CompositeOrder
 
 
 def add_in_order(
-    fronts: TileCompositor,
+    compositor: TileCompositor,
     visible: list[dict[int, ShownLayer]],
     hidden: list[Filling],
-    composite_order: CompositeOrder,
+    order: CompositeOrder,
     index: int,
 ) -> list[Filling]:
     """Add the surfaces over a tile to its views.
 
     Args:
-        fronts: The views of the parts of the aperture; changed.
+        compositor: The views of the parts of the aperture; changed.
         visible: For each group of parts the visible layers by number, nearest first.
         hidden: The surfaces that may fill the gaps of these, known before invented.
-        composite_order: Between which visible layers octaves of hidden surfaces come.
+        order: Between which visible layers octaves of hidden surfaces come.
         index: Number of the tile.
 
     Returns:
@@ -47,52 +47,39 @@ def add_in_order(
 
     def fill(octave: int) -> None:
         for surface in hidden:
-            if surface.has(octave, index) and not fronts.are_full(known=surface.known):
-                fronts.fill(over_tile(surface).of(octave), known=surface.known)
+            if surface.has(octave, index) and not compositor.are_full(known=surface.known):
+                compositor.fill(over_tile(surface).of(octave), known=surface.known)
 
-    def show(layer_indices: set[int]) -> None:
-        fronts.add([{n: layers[n] for n in layers if n in layer_indices} for layers in visible])
+    def show(indices: set[int]) -> None:
+        compositor.add([{n: layers[n] for n in layers if n in indices} for layers in visible])
 
-    layer_indices = {layer_index for layers in visible for layer_index in layers}
-    near = {layer_index for layer_index in layer_indices if layer_index < composite_order.around}
+    indices = {k for layers in visible for k in layers}
+    near = {k for k in indices if k < order.around}
     show(near)
-    covered = (
-        fronts.coverage()
-        if near and (hidden or max(layer_indices) >= composite_order.beyond)
-        else None
-    )
-    show(
-        {
-            layer_index
-            for layer_index in layer_indices - near
-            if layer_index < composite_order.beyond
-        }
-    )
+    has_more = bool(hidden) or max(indices) >= order.beyond if near else False
+    covered = compositor.coverage() if has_more else None
+    show({k for k in indices - near if k < order.beyond})
     fill(0)
     aside = None
     if covered is not None:
-        before = fronts.coverage()
-        for octave in sorted(octave for octave in composite_order.ahead if octave < 0):
+        before = compositor.coverage()
+        for octave in sorted(octave for octave in order.ahead if octave < 0):
             fill(octave)
-        added = (c - b for c, b in zip(fronts.coverage(), before, strict=True))
-        aside = fronts.set_aside([c + a for c, a in zip(covered, added, strict=True)])
+        added = (c - b for c, b in zip(compositor.coverage(), before, strict=True))
+        aside = compositor.set_aside([c + a for c, a in zip(covered, added, strict=True)])
     # before layers that the tile lacks, too: a pixel does not depend on the tile that it is in
-    beyond = {
-        layer_index for layer_index in layer_indices if layer_index >= composite_order.beyond
-    } | set(composite_order.ahead.values())
-    for layer_index in sorted(beyond):
-        for octave in (
-            octave for octave, first in composite_order.ahead.items() if first == layer_index
-        ):
+    beyond = {k for k in indices if k >= order.beyond} | set(order.ahead.values())
+    for k in sorted(beyond):
+        for octave in (octave for octave, first in order.ahead.items() if first == k):
             if aside is None:
                 fill(octave)
             elif octave > 0:
                 fill(octave)
-                fronts.close_gaps(aside)
-        show({layer_index})
+                compositor.close_gaps(aside)
+        show({k})
     for surface in hidden:
-        if not fronts.are_full(known=surface.known):
-            fronts.fill(over_tile(surface).whole(), known=surface.known)
+        if not compositor.are_full(known=surface.known):
+            compositor.fill(over_tile(surface).whole(), known=surface.known)
     if aside is not None:
-        fronts.put_together(aside)
+        compositor.put_together(aside)
     return list(blurred)

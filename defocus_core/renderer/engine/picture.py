@@ -103,10 +103,8 @@ class FramedPicture:
         by_scene = quality.half_size and settings.by_scene
         self.at_half_size = by_scene and _is_blurred(signed_radius)
         if self.at_half_size:
-            quality, coarse = (
-                quality.in_coarse_pixels(),
-                partial(half_size, threads=threads, hold=hold),
-            )
+            quality = quality.in_coarse_pixels()
+            coarse = partial(half_size, threads=threads, hold=hold)
             self.image = coarse(means, image)
             self.signed_radius = coarse(coarse_radii, signed_radius, image)
             self._hidden = hidden and behind_at_half_size(hidden, threads, hold=hold)

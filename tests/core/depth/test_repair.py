@@ -47,8 +47,8 @@ def test_the_record_is_the_diagnosis(damage: str) -> None:
     image, radius = DAMAGED[damage]()
     found, repair = repaired(radius, image, infinity=None, threads=2, hold=False)
     assert getattr(repair, damage)
-    assert 0 < repair.share <= 1
-    assert repair._replace(edge_shifts=None, share=0.0, uncertain_edges=False) == diagnose_depth(
+    assert 0 < repair.fraction <= 1
+    assert repair._replace(edge_shifts=None, fraction=0.0, uncertain_edges=False) == diagnose_depth(
         radius
     )
     assert isinstance(found, Tensor)

@@ -100,21 +100,21 @@ def test_the_width_is_that_of_most_edges() -> None:
 def test_the_share_of_changed_pixels_is_recorded() -> None:
     image, radius = softened(9)
     found, record = repaired(radius, image, infinity=None, threads=1, hold=False)
-    assert record.share == float((found != radius).double().mean())  # type: ignore[attr-defined]
-    assert record.share == pytest.approx(8 / SIZE[1], rel=0.2)
+    assert record.fraction == float((found != radius).double().mean())  # type: ignore[attr-defined]
+    assert record.fraction == pytest.approx(8 / SIZE[1], rel=0.2)
 
 
 def test_a_large_picture_has_one_share_in_memory_and_on_disk(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     image, radius = softened(9)
-    exact = Stream(image, radius).repair.share
+    exact = Stream(image, radius).repair.fraction
     monkeypatch.setattr(derived, "_HELD", 100)
     monkeypatch.setattr(derived, "_SIDE", 8)
     shares = {
-        Stream(Windows(image), Windows(radius), hold=hold).repair.share for hold in (True, False)
+        Stream(Windows(image), Windows(radius), hold=hold).repair.fraction for hold in (True, False)
     }
-    assert shares == {Stream(image, radius).repair.share}
+    assert shares == {Stream(image, radius).repair.fraction}
     assert shares.pop() == pytest.approx(exact, rel=0.3)
 
 

@@ -70,7 +70,7 @@ def test_a_pixel_holds_the_share_of_the_area_that_falls_on_it(aperture, part, ra
     k = aperture.kernel(double(radius), size, part)
     expected = sampled(radius, size, aperture, part)
     # along an upright or level edge the count is off by up to half a column of sub-pixels
-    tolerance = 1.5 / FINE / (math.pi * radius**2 * aperture.share(part))
+    tolerance = 1.5 / FINE / (math.pi * radius**2 * aperture.fraction(part))
     assert (k - expected).abs().max() < tolerance
     assert (k - expected).abs().mean() < tolerance / 10
 
@@ -128,8 +128,8 @@ def test_half_discs_lie_4_r_over_3_pi_to_the_side_of_their_lens_half(radius, siz
 @pytest.mark.parametrize("size", [17, 18])
 def test_left_and_right_average_by_their_areas_to_the_whole(aperture, size):
     left, right, full = (aperture.kernel(double(6.2), size, p) for p in (LEFT, RIGHT, FULL))
-    share = aperture.share(LEFT)
-    assert share + aperture.share(RIGHT) == pytest.approx(1)
+    share = aperture.fraction(LEFT)
+    assert share + aperture.fraction(RIGHT) == pytest.approx(1)
     torch.testing.assert_close(share * left + (1 - share) * right, full, atol=1e-14, rtol=0)
 
 
@@ -138,7 +138,7 @@ def test_left_and_right_average_by_their_areas_to_the_whole(aperture, size):
 def test_round_and_even_pupils_are_the_plain_mean_of_their_halves(blades, psf_type):
     aperture = Aperture(blades, 17.0, psf_type)
     left, right, full = (aperture.kernel(double(6.2), 18, p) for p in (LEFT, RIGHT, FULL))
-    assert aperture.share(LEFT) == pytest.approx(0.5, abs=1e-12)
+    assert aperture.fraction(LEFT) == pytest.approx(0.5, abs=1e-12)
     torch.testing.assert_close((left + right) / 2, full, atol=1e-14, rtol=0)
 
 
@@ -203,10 +203,10 @@ def test_leading_shape_is_batch_and_each_kernel_is_computed_alone():
 @pytest.mark.parametrize("count", [1, 2, 4])
 def test_parts_tile_the_pupil_half_by_half_in_equal_areas(aperture, count):
     parts = aperture.parts(count)
-    weights = [aperture.share(part) for part in parts]
+    weights = [aperture.fraction(part) for part in parts]
     assert len(parts) == count
     for part, weight in zip(parts, weights, strict=True):
-        half = aperture.share(LEFT if part.x1 <= 0 else RIGHT) if count > 1 else 1
+        half = aperture.fraction(LEFT if part.x1 <= 0 else RIGHT) if count > 1 else 1
         assert weight == pytest.approx(half / max(count // 2, 1), abs=1e-9)
     assert all(part.x1 <= 0 for part in parts[: count // 2])
     whole = sum(
@@ -218,7 +218,7 @@ def test_parts_tile_the_pupil_half_by_half_in_equal_areas(aperture, count):
 @pytest.mark.parametrize("aperture", FLAT)
 def test_sixteen_parts_tile_the_pupil_by_their_weights(aperture):
     parts = aperture.parts(16)
-    weights = [aperture.share(part) for part in parts]
+    weights = [aperture.fraction(part) for part in parts]
     assert sum(weights) == pytest.approx(1, abs=0.005)  # slivers of polygons are left out
     left = [part.x1 <= 0 for part in parts]
     assert left == sorted(left, reverse=True)
@@ -248,10 +248,10 @@ def test_parts_of_a_disc_are_symmetric_left_to_right_and_top_to_bottom(count):
 
 def test_gaussian_parts_weigh_their_share_of_the_profile():
     parts = GAUSSIAN.parts(16)
-    weights = [GAUSSIAN.share(part) for part in parts]
+    weights = [GAUSSIAN.fraction(part) for part in parts]
     assert sum(weights) == pytest.approx(1, abs=1e-12)
-    assert GAUSSIAN.share(Part(x1=0.0, y1=0.0)) == pytest.approx(0.25, abs=1e-12)
-    plain = [DISC.share(part) for part in DISC.parts(16)]
+    assert GAUSSIAN.fraction(Part(x1=0.0, y1=0.0)) == pytest.approx(0.25, abs=1e-12)
+    plain = [DISC.fraction(part) for part in DISC.parts(16)]
     assert weights[0] < plain[0]  # the outermost part weighs less
     assert weights[5] > plain[5]  # the innermost more
 

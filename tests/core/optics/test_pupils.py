@@ -147,7 +147,7 @@ def test_every_pupil_keeps_the_energy_of_a_point(pupil: Aperture, radius: float)
 @pytest.mark.parametrize("pupil", PUPILS)
 def test_halves_of_every_pupil_make_the_whole(pupil: Aperture) -> None:
     whole = pupil.kernel(double(9.7), 23)
-    halves = sum(pupil.share(p) * pupil.kernel(double(9.7), 23, p) for p in (LEFT, RIGHT))
+    halves = sum(pupil.fraction(p) * pupil.kernel(double(9.7), 23, p) for p in (LEFT, RIGHT))
     # light that varies within the pixels of the cut is known in their middle alone
     tolerance = 1e-12 if pupil.spherical == 0 else 0.03
     assert (whole - halves).abs().max() < tolerance * whole.max()
@@ -163,7 +163,7 @@ def test_every_pupil_leaves_white_white_and_left_and_right_make_the_whole(pupil:
     views = render(
         torch.rand(1, 40, 44, generator=generator), radius, aperture=pupil, left_right=True
     )
-    share = float(pupil.share(LEFT))
+    share = float(pupil.fraction(LEFT))
     mean = share * views.left + (1 - share) * views.right
     assert (views.render - mean).abs().max() < 1e-6
 

@@ -7,7 +7,7 @@ from defocus_core import DepthRepair, render
 from defocus_core.depth.edge_shifts import EdgeShifts
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.stream import Stream
-from defocus_core.sequences.motion import Frame, approached, chained, places
+from defocus_core.sequences.motion import Frame, approached, chained, positions
 from defocus_core.sequences.seen_behind import seen_behind
 from defocus_core.sequences.shot_repair import agreed_repair, repair_through
 from defocus_core.sequences.temporal_mean import temporal_mean
@@ -142,7 +142,7 @@ def test_what_was_seen_counts_as_seen() -> None:
 
 
 def test_places_are_columns_and_rows() -> None:
-    at = places(SIZE, torch.zeros(1))
+    at = positions(SIZE, torch.zeros(1))
     assert at[:, 5, 7].tolist() == [7, 5]
 
 

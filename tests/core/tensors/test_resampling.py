@@ -32,7 +32,7 @@ def read(coarse: Tensor, kind: str, size: tuple[int, int], level: int) -> Tensor
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("halvings", [1, 2, 3])
+@pytest.mark.parametrize("level", [1, 2, 3])
 @pytest.mark.parametrize("size", [(192, 192), (120, 55), (9, 1)])
 def test_polynomials_stay_what_they_are(kind: str, level: int, size: tuple[int, int]) -> None:
     degree, step = KINDS[kind][1], 0.5**level

@@ -78,8 +78,8 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: Aperture(3.5), "blades must be a whole number"),
     (lambda: Aperture(10**6), "blades must be 10000 at most"),
     (lambda: Aperture(6, "15"), "rotation must be one number"),
-    (lambda: quantisation(math.nan, 5, "high"), "least and most must be finite and in order"),
-    (lambda: cheapest_within(1, 5, -5), "least and most must be finite and in order"),
+    (lambda: quantisation(math.nan, 5, "high"), "minimum and maximum must be finite and in order"),
+    (lambda: cheapest_within(1, 5, -5), "minimum and maximum must be finite and in order"),
     (
         lambda: drawn(foclen=(24, 50)),
         r"foclen must be one number, got \(24, 50\); in mm",

@@ -37,7 +37,7 @@ def scene(size: tuple[int, int], r: float) -> tuple[Tensor, Tensor]:
     return image, radius
 
 
-@pytest.mark.parametrize("halvings", [1, 2, 3])
+@pytest.mark.parametrize("level", [1, 2, 3])
 @pytest.mark.parametrize("size", [(24, 40), (25, 41), (24, 41)])
 def test_a_slice_is_averaged_as_its_pixels_are(size: tuple[int, int], level: int) -> None:
     """Wherever it lies in the frame, and with what nearer surfaces have in the same pixels."""

@@ -8,7 +8,7 @@ from measures import worst
 from torch import Tensor
 
 from defocus_core import QUALITIES, Aperture, render
-from defocus_core.renderer.compositing.frame_border import share_in_frame
+from defocus_core.renderer.compositing.frame_border import fraction_in_frame
 from defocus_core.tensors.box import Box
 
 
@@ -32,7 +32,7 @@ def seen_by_samples(r: float, x: int, y: int, size: tuple[int, int], aperture: A
 def test_the_share_in_the_frame_is_that_of_samples(r: float, x: int, y: int) -> None:
     size, aperture = (50, 40), Aperture()
     radius = torch.full((1, 1), r, dtype=torch.float64)
-    found = share_in_frame(radius, Box(y, x, 1, 1), size, aperture, aperture.parts(4))
+    found = fraction_in_frame(radius, Box(y, x, 1, 1), size, aperture, aperture.parts(4))
     assert worst(found.flatten(), seen_by_samples(r, x, y, size, aperture)) < 5e-3
 
 

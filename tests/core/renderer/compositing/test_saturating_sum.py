@@ -62,15 +62,17 @@ def test_a_picture_is_divided_by_what_was_seen() -> None:
     assert worst(picture(composite((0.4, 0.8))), 0.8) < EXACT
 
 
-@pytest.mark.parametrize("least", [0.0, -0.3])
-@pytest.mark.parametrize("share", [0.5, 0.4])
-def test_the_mean_of_a_pair_is_the_centre(share: float, minimum: float) -> None:
+@pytest.mark.parametrize("minimum", [0.0, -0.3])
+@pytest.mark.parametrize("fraction", [0.5, 0.4])
+def test_the_mean_of_a_pair_is_the_centre(fraction: float, minimum: float) -> None:
     random = torch.Generator().manual_seed(0)
     centre, left, right = torch.rand(3, 2, 5, 7, generator=random, dtype=torch.float64)
     left[0, 0] = right[0, 0] = 0.0
-    one, other = pair_of(centre, left, right, minimum=minimum, share=share)
-    assert worst(share * one + (1 - share) * other, centre) < EXACT
-    exact = pair_of(share * left + (1 - share) * right, left, right, minimum=minimum, share=share)
+    one, other = pair_of(centre, left, right, minimum=minimum, fraction=fraction)
+    assert worst(fraction * one + (1 - fraction) * other, centre) < EXACT
+    exact = pair_of(
+        fraction * left + (1 - fraction) * right, left, right, minimum=minimum, fraction=fraction
+    )
     assert worst(exact, torch.stack([left, right])) < EXACT
 
 

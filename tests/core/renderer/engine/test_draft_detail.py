@@ -10,8 +10,8 @@ from defocus_core.renderer.engine.draft_detail import (
     NO_DETAIL,
     Original,
     doubled,
+    fraction_left,
     left_of_detail,
-    share_left,
     smooth,
     with_detail,
 )
@@ -81,7 +81,7 @@ def at(r: float, shown: float, copies: int = 1) -> tuple[Tensor, Tensor]:
     """Pixels at a radius, and what coarse pixels that show a share of them become."""
     pixels = 0.25 + 0.5 * noise(2, 12, 16)
     radius = torch.full((12, 16), r, dtype=torch.float64)
-    coarse, share = means(pixels), share_left(radius)
+    coarse, share = means(pixels), fraction_left(radius)
     original = Original(coarse, share, pixels, radius)
     images = coarse.expand(copies, *coarse.shape)
     return pixels, with_detail(images, shown * share.expand(copies, 6, 8), original, whole(coarse))
@@ -121,7 +121,7 @@ def test_detail_is_shifted_apart_as_the_halves_are(r: float) -> None:
     x = torch.arange(64, dtype=torch.float64)
     pixels = (0.5 + 0.1 * torch.sin(0.3 * torch.pi * x)).expand(1, 12, 64)
     radius = torch.full((12, 64), r, dtype=torch.float64)
-    share = share_left(radius)
+    share = fraction_left(radius)
     coarse = means(pixels)
     images, shown = coarse.expand(3, 1, 6, 32), share.expand(3, 6, 32)
     centre, left, right = with_detail(

@@ -31,12 +31,12 @@ def street(wires: slice = WIRES) -> tuple[Tensor, Tensor]:
     return image, radius
 
 
-@pytest.mark.parametrize("halvings", [0, 1])
-def test_behind_a_wire_comes_what_is_beside_it(pyramid_level: int) -> None:
+@pytest.mark.parametrize("level", [0, 1])
+def test_behind_a_wire_comes_what_is_beside_it(level: int) -> None:
     image, radius = street()
-    hidden = hidden_layer(image, radius, pyramid_level=pyramid_level)
+    hidden = hidden_layer(image, radius, level=level)
     assert hidden is not None
-    step = 1 << pyramid_level
+    step = 1 << level
     on_wire = (slice(None), slice(WIRES.start // step, WIRES.stop // step))
     of_sign, of_sky = (slice(a // step, b // step) for a, b in ((14, 50), (0, 6)))
     assert bool(hidden.mask[on_wire].all())
@@ -46,14 +46,14 @@ def test_behind_a_wire_comes_what_is_beside_it(pyramid_level: int) -> None:
     assert (hidden.color[0][on_wire][of_sky] - 1).abs().max() < 1e-6
 
 
-@pytest.mark.parametrize("halvings", [0, 1])
-def test_behind_a_wire_before_a_blurred_card_comes_what_is_sharper(pyramid_level: int) -> None:
+@pytest.mark.parametrize("level", [0, 1])
+def test_behind_a_wire_before_a_blurred_card_comes_what_is_sharper(level: int) -> None:
     wires = slice(24, 26)
     image, radius = street(wires)
     radius = torch.where(radius == WIRE, -12.0, torch.where(radius == SIGN, -9.0, 0.0)).double()
-    hidden = hidden_layer(image, radius, pyramid_level=pyramid_level)
+    hidden = hidden_layer(image, radius, level=level)
     assert hidden is not None
-    step = 1 << pyramid_level
+    step = 1 << level
     rows, columns = slice(26 // step, 38 // step), slice(wires.start // step, wires.stop // step)
     assert bool(hidden.mask[rows, columns].all())
     assert hidden.signed_radius[rows, columns].abs().max() < 1e-6
@@ -108,15 +108,13 @@ def crossing(wall: float = 0.0, wire: float = -8.0) -> tuple[Tensor, Tensor]:
     return image, radius
 
 
-@pytest.mark.parametrize("halvings", [0, 1])
+@pytest.mark.parametrize("level", [0, 1])
 @pytest.mark.parametrize(("wall", "channel"), [(0.0, 0), (12.0, 1)])
-def test_behind_a_crossing_goes_on_what_is_sharper(
-    wall: float, channel: int, pyramid_level: int
-) -> None:
+def test_behind_a_crossing_goes_on_what_is_sharper(wall: float, channel: int, level: int) -> None:
     image, radius = crossing(wall)
-    layer = hidden_layer(image, radius, pyramid_level=pyramid_level)
+    layer = hidden_layer(image, radius, level=level)
     assert layer is not None
-    step, sharper = 1 << pyramid_level, min(wall, -8.0, key=abs)
+    step, sharper = 1 << level, min(wall, -8.0, key=abs)
     rows, columns = slice(32 // step, 34 // step), slice(-(-38 // step), 41 // step)
     assert bool(layer.mask[rows, columns].all())
     assert (layer.signed_radius[rows, columns] - sharper).abs().max() < 2

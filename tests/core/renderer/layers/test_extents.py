@@ -81,7 +81,7 @@ def test_what_wraps_around_falls_outside(
             assert reached == (abs(x - i) <= margin)
 
 
-@pytest.mark.parametrize("most", [(96, 128), (48, 64)])
+@pytest.mark.parametrize("maximum", [(96, 128), (48, 64)])
 def test_a_transform_lies_within_that_of_the_tile(maximum: tuple[int, int]) -> None:
     layer = torch.zeros(SIZE, dtype=torch.bool)
     layer[60:, 100:] = True
