@@ -141,14 +141,18 @@ class Golden:
         record = _compared(golden, picture, name, rules)
         self._keep(record, golden, picture)
         if not record.passes:
-            told = f"{line(record)}\n--golden-update makes it the golden {golden}"
-            pytest.fail(told, pytrace=False)
+            told = [line(replace(record, proposal=""))]
+            if record.proposal:
+                told.append(f"{record.proposal.replace('>', '=')} lets it pass")
+            told.append(f"--golden-update makes it the golden {golden}")
+            pytest.fail("\n".join(told), pytrace=False)
 
     def _place(self, name: str) -> Path:
         """The path of a golden, which lies below the folder, no link followed."""
         from defocus_core.errors import reason
         from defocus_core.io.below import Folder
 
+        __tracebackhide__ = True
         if name in self._checked:
             raise ValueError(f"name must be new in the test, but {name} was checked before")
         self._checked.add(name)
@@ -183,6 +187,7 @@ def _rules(bounds: Mapping[str, float], like: str | None) -> Rules:
     from defocus_core.compare.metrics import METRICS
     from defocus_core.compare.thresholds import PRESETS, Rule, Rules
 
+    __tracebackhide__ = True
     if like is not None and like not in PRESETS:
         raise ValueError(f"like must be one of {', '.join(PRESETS)}, got {like}")
     rules = []

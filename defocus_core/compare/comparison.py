@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from defocus_core.compare.findings.cause import diagnose, of_another_size
-from defocus_core.compare.findings.clipping import clipped
+from defocus_core.compare.findings.clipping import clipped, has_negatives
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.flip import measure_flip
 from defocus_core.compare.metrics import equal_metrics, measure, measure_edges
@@ -131,7 +131,8 @@ def _pixels(
         selected = strict if selected is None else strict & selected
     if selected is not None and not selected.any():
         chosen = settings.mask or settings.ignore_mask
-        problem = f"leaves no pixel of the region {settings.region or '0,0,*,*'} to compare"
+        of = "picture" if settings.region is None else f"region {settings.region}"
+        problem = f"leaves no pixel of the {of} to compare"
         remedy = "give masks and regions that leave some"
         raise InputError("empty", problem, remedy, path=chosen or a.path)
     pixels = replace(pixels, selected=selected)
@@ -169,7 +170,7 @@ def _judged(
     if differing:
         findings += clipped(pixels)
     names = [finding.name for finding in findings]
-    wants = any(each.found for each in (*rules.fail, *rules.warn) if not each.is_met({}, names))
+    wants = any(_is_open(each, names, pixels) for each in (*rules.fail, *rules.warn))
     decided = any(each.is_met(metrics, ()) is not None for each in rules.fail if each.metric)
     decided |= any(each.found for each in rules.fail)
     bad = bool(_met(rules.fail, metrics, names)) if decided else differing
@@ -243,6 +244,13 @@ def _met(
     rules: Sequence[Rule], metrics: Mapping[str, float], findings: Sequence[str]
 ) -> tuple[str, ...]:
     return tuple(each.text for each in rules if each.is_met(metrics, findings))
+
+
+def _is_open(rule: Rule, findings: Sequence[str], pixels: Pixels) -> bool:
+    """Whether only a diagnosis says if a finding is there that a rule is about."""
+    if not rule.found or rule.is_met({}, findings):
+        return False
+    return rule.found != "clipped" or has_negatives(pixels)  # light cut off above is always found
 
 
 def _placed(record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Comparison:

@@ -14,8 +14,11 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import files_under, read_exr, refused, run, write_exr
+from deep_files import write_deep_samples
 from image_files import save
 from planted_faults import HEIGHT, WIDTH, planes, scene, write_planes
+
+from defocus_core.compare.picture import read_picture
 
 PATCH = (slice(20, 30), slice(50, 60))
 
@@ -116,7 +119,49 @@ def test_region_and_mask_choose_the_pixels(a: Path, b: Path, tmp_path: Path) -> 
     mask = save(tmp_path / "mask.png", hole)
     assert run("compare", a, b, "--mask", mask).code == 0
     other = save(tmp_path / "inverse.png", 1 - hole)
+    assert run("compare", a, b, "--ignore-mask", other).code == 0
+    assert run("compare", a, b, "--ignore-mask", mask).code == 1
+    assert run("compare", a, b, "--ignore-mask", mask, "--mask", mask).code == 3  # nothing is left
     assert the_pair(a, b, "--mask", other)["metrics"]["mean"] == pytest.approx(0.25, rel=1e-2)
+
+
+def test_edges_that_are_anti_aliased_are_tolerated_and_no_more(tmp_path: Path) -> None:
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    soft = np.clip(0.9 * x + 0.35 * y - 40.2, 0, 1).astype(np.float32)
+    shaded = np.where(np.hypot(y - 20, x - 70) < 5, np.float32(0.8), soft)
+    images = {"hard": np.rint(soft), "soft": soft, "shaded": shaded}
+    hard, soft_, shaded_ = (write_exr(tmp_path / f"{n}.exr", Y=v) for n, v in images.items())
+    assert run("compare", hard, soft_).code == 1
+    assert run("compare", hard, soft_, "--tolerate-edges").code == 0
+    assert run("compare", hard, shaded_, "--tolerate-edges").code == 1
+
+
+def test_samples_of_deep_pictures_are_compared_though_others_hide_them(tmp_path: Path) -> None:
+    def written(name: str, *lights: float) -> Path:
+        samples = [
+            {"R": light, "G": light, "B": light, "A": 1.0, "Z": 1.0 + k}
+            for k, light in enumerate(lights)
+        ]
+        return write_deep_samples(tmp_path / f"{name}.exr", [[samples] * 20] * 14)
+
+    a, same, other, lost = (
+        written(name, *lights)
+        for name, lights in {
+            "a": (0.5, 0.25),
+            "same": (0.5, 0.25),
+            "other": (0.5, 0.75),
+            "lost": (0.5,),
+        }.items()
+    )
+    assert run("compare", a, same).code == 0
+    for b, words in ((other, "R by up to 0.5"), (lost, "another number in 280 pixels")):
+        ran = run("compare", a, b)
+        assert ran.code == 1
+        assert "DIFFERENT: deep samples: " in ran.out
+        assert words in ran.out
+        assert run("compare", a, b, "--fail", "max>1").code == 0
+    flat = write_exr(tmp_path / "flat.exr", **read_picture(a).planes)
+    assert run("compare", a, flat).code == 0
 
 
 @pytest.mark.parametrize(

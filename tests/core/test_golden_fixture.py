@@ -11,10 +11,23 @@ import pytest
 from defocus_core.pytest_plugin import Golden
 
 IMAGE = np.zeros((4, 4), np.float32)
+NOWHERE = [
+    "",
+    ".",
+    "..",
+    "/",
+    "a/",
+    "a//b",
+    "../a",
+    "a/../../b",
+    "/tmp/a",
+    "render/../a",
+    "linked/a",
+]
 
 
 @pytest.mark.parametrize("update", [True, False])
-@pytest.mark.parametrize("name", ["../a", "a/../../b", "/tmp/a", "render/../a", "linked/a"])
+@pytest.mark.parametrize("name", NOWHERE)
 def test_names_lead_nowhere_but_below_the_goldens(name: str, update: bool, tmp_path: Path) -> None:
     folder, mine = tmp_path / "goldens", tmp_path / "mine"
     folder.mkdir()
@@ -35,6 +48,16 @@ def test_values_that_a_golden_cannot_hold_are_refused(
 ) -> None:
     with pytest.raises(ValueError, match="image must have"):
         Golden(tmp_path, update=update).check(image, "a")
+
+
+@pytest.mark.parametrize("update", [True, False])
+def test_a_name_is_checked_once_in_a_test(update: bool, tmp_path: Path) -> None:
+    Golden(tmp_path, update=True).check(IMAGE, "a")
+    fixture = Golden(tmp_path, update=update)
+    fixture.check(IMAGE, "a")
+    with pytest.raises(ValueError, match="checked before"):
+        fixture.check(IMAGE, "a")
+    Golden(tmp_path, update=update).check(IMAGE, "a")  # that of another test
 
 
 def test_a_bound_that_lets_all_pass_is_refused(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 import sys
 from pathlib import Path
 
@@ -64,6 +65,7 @@ def test_what_is_not_fails_with_its_cause(project: Path) -> None:
     said = str(passes(project, expression=SHIFTED))
     assert "noise/a: DIFFERENT: shifted by (1, 0)" in said
     assert "fails max>0.0001" in said
+    assert re.search(r"^max=\S+ lets it pass$", said, re.M)
     assert "--golden-update makes it the golden" in said
     assert passes(project, "--golden-update", expression=SHIFTED) is None
     assert passes(project, expression=SHIFTED) is None

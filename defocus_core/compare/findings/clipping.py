@@ -44,6 +44,11 @@ def clipped(pixels: Pixels) -> list[Finding]:
     return found[:1]
 
 
+def has_negatives(pixels: Pixels) -> bool:
+    """Whether a number of A is below 0, which B may have cut off; so may −0 be, and NaN."""
+    return any(bool(np.signbit(plane).any()) for plane in pixels.a)
+
+
 def _greatest(plane: object) -> float:
     """The greatest number of a plane, NaN aside; by their codes, those of 16 bits are fast."""
     values = np.asarray(plane)

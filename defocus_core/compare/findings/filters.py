@@ -143,6 +143,7 @@ def _lower_resolution(evidence: Evidence) -> Iterator[Explanation]:
     a, b = (side[piece] for side in evidence.framed)
     cut = np.zeros(whole.shape, bool)
     cut[piece] = True
+    sure = ~evidence.clipped_near[piece]
     firsts = [one.start + part.start for one, part in zip(evidence.frame, piece, strict=True)]
     shown = [evidence.scaled_light(side).astype("f8") for side in (a, b)]
     for factor, size in ((2, "half"), (4, "a quarter of the")):
@@ -156,7 +157,8 @@ def _lower_resolution(evidence: Evidence) -> Iterator[Explanation]:
                 side - evidence.scaled_light(_nearest_enlarged(light, ways))
                 for side, light in zip(shown, (a, b), strict=True)
             )
-            kept = abs(float((lost * other).sum())) / max(float((lost * lost).sum()), 1e-300)
+            kept = abs(float((lost * other)[sure].sum()))
+            kept /= max(float((lost * lost)[sure].sum()), 1e-300)
             if kept > _DETAIL_KEPT:
                 continue
             predicted = whole.copy()

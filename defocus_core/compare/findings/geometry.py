@@ -15,9 +15,11 @@ from defocus_core.compare.findings.evidence import Evidence, Explanation, blocks
 from defocus_core.compare.findings.finding import Finding
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
+
+    _Scale = Callable[[NDArray[Any]], NDArray[Any]]
 
 _FRAME = 1024  # px of the middle of a picture in which a shift is looked for
 _PEAKS = 3  # of each correlation that are tried
@@ -272,11 +274,22 @@ def _moved_a_little(evidence: Evidence, dx: int, dy: int) -> Iterator[Explanatio
             continue
         if np.square(rest).sum() > 0.5 * np.square((aim - was)[:, inside]).sum():
             continue
-        inside, sums = _moved(evidence, rows, columns, move, far, evidence.names)
-        left = evidence.left(evidence.unscaled(sums[0]), inside)
+        left = _left_by_move(evidence, move, far)
         finding = _moved_words(move, far)
         limit = _SHIFT_LEFT if finding.name == "shifted" else _MOVE_LEFT
         yield Explanation(finding, left, limit, 0.01 + 0.02 * (free - 2))
+
+
+def _left_by_move(evidence: Evidence, move: NDArray[Any], far: float) -> float:
+    """What a move leaves: light may have been interpolated as such, or as a screen shows it."""
+    scales: list[tuple[_Scale, _Scale]] = [(evidence.scaled, evidence.unscaled)]
+    if evidence.pixels.color:
+        scales.append((evidence.light, evidence.stored))
+    lefts = []
+    for scale, back in scales:
+        inside, sums = _moved(evidence, *evidence.places, move, far, evidence.names, scale)
+        lefts.append(evidence.left(back(sums[0]), inside))
+    return min(lefts)
 
 
 def _moved(
@@ -286,11 +299,13 @@ def _moved(
     move: NDArray[Any],
     far: float,
     names: Sequence[str],
+    scale: _Scale | None = None,
 ) -> tuple[NDArray[np.bool_], NDArray[Any]]:
     """Places of A that were within it, and A there with its slopes down and right, [3, C, N].
 
-    Values are on the scale of differences, between pixels cubic (Keys, -1/2).
+    Values are on the scale of differences, or another; between pixels they are cubic (Keys, -1/2).
     """
+    scale = scale or evidence.scaled
     height, width = evidence.size
     y, x = rows - (height - 1) / 2, columns - (width - 1) / 2
     at_y = rows - move[0] - (move[3] * y + move[2] * x) / far
@@ -302,7 +317,7 @@ def _moved(
     for k in range(4):
         for j in range(4):
             line, column = (top + k - 1).clip(0, height - 1), (left + j - 1).clip(0, width - 1)
-            value = evidence.scaled(evidence.at("a", line, column, names))
+            value = scale(evidence.at("a", line, column, names))
             weights = down[k] * across[j], slope_down[k] * across[j], down[k] * slope_across[j]
             for sums, weight in zip(total, weights, strict=True):
                 sums += weight * value

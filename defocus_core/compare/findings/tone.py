@@ -60,6 +60,9 @@ def _empty(evidence: Evidence) -> Iterator[Explanation]:
     values = [plane[cut] for plane in planes]
     if any((value != value[0, 0]).any() for value in values):
         return
+    were = [evidence.pixels.plane("a", name)[cut] for name in evidence.names]
+    if all((value == value[0, 0]).all() for value in were) and any(v.any() for v in values):
+        return  # A has nothing there that B could lack
     level = ", ".join(
         f"{n} {float(v[0, 0]):g}" for n, v in zip(evidence.names, values, strict=True)
     )

@@ -68,13 +68,21 @@ def rendered(
         raise _no_room(scratch_folder(), reason(error)) from error
     try:
         jobs = _chosen(read_jobs(jobs_file, Outputs(root), machine), only)
-        summary = run.carry_out(jobs, root, execution, listener)
-        made = FreshPictures(jobs, root, summary)
-        if not made.complete and shutil.disk_usage(root).free < _ROOM:
+        try:
+            made = FreshPictures(jobs, root, run.carry_out(jobs, root, execution, listener))
+        except (OSError, InputError) as error:
+            if _is_full(root):
+                raise _no_room(root.parent, "it is full") from error
+            raise
+        if not made.complete and _is_full(root):
             raise _no_room(root.parent, "it is full")
         yield made
     finally:
         shutil.rmtree(root, ignore_errors=True)
+
+
+def _is_full(folder: Path) -> bool:
+    return shutil.disk_usage(folder).free < _ROOM
 
 
 def _no_room(folder: Path, why: str) -> InputError:

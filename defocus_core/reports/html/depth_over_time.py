@@ -37,8 +37,8 @@ def depth_of_frame(record: Record) -> FrameDepth | None:
     frame, quantiles = found.get("frame"), found.get("disparity")
     if not isinstance(frame, int) or not _are_quantiles(quantiles):
         return None
-    own = rf"(?<!\d)0*{frame}(?!\d)"
-    shot = re.sub(own, "#", record["sample_id"], count=1)
+    last = rf"(.*)(?<!\d)0*{frame}(?!\d)"  # the shot may hold the same number: sh010.0010
+    shot = re.sub(last, r"\1#", record["sample_id"], count=1)
     return FrameDepth(shot, frame, 0.0 if focus == "inf" else _MM / focus, tuple(quantiles))
 
 

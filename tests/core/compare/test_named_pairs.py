@@ -24,7 +24,7 @@ def judged(pair: compare_pairs.Pair) -> Comparison:
 @pytest.mark.bench
 @pytest.mark.parametrize(
     ("scene", "min_right", "max_wrong"),
-    [("spheres", 94, 5), ("lights", 78, 8), ("leaves", 82, 8)],
+    [("spheres", 110, 1), ("lights", 95, 2), ("leaves", 102, 1)],
 )
 def test_faults_are_named_or_said_and_none_is_silent(
     scene: str, min_right: int, max_wrong: int, tmp_path: Path

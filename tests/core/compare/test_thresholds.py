@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from command_line import write_exr
 
 from defocus_core.batch.lenses.quantities import QuantityError
+from defocus_core.compare import comparison
 from defocus_core.compare.metrics import METRICS
-from defocus_core.compare.thresholds import Rule, matches, read_thresholds, rule
+from defocus_core.compare.pairing import FilePair
+from defocus_core.compare.record import CompareSettings
+from defocus_core.compare.thresholds import Rule, Rules, matches, read_thresholds, rule
 from defocus_core.errors import UsageProblem
 
 
@@ -97,3 +102,26 @@ def test_a_file_that_makes_no_sense_is_refused(text: str, words: str, tmp_path: 
     with pytest.raises(UsageProblem) as caught:
         read_thresholds(write(tmp_path, text))
     assert words in str(caught.value)
+
+
+def test_causes_are_looked_for_only_where_a_rule_needs_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[int] = []
+    monkeypatch.setattr(comparison, "diagnose", lambda *_: looked.append(1) or [])
+    light = np.random.default_rng(0).random((16, 20), np.float32)
+    a = write_exr(tmp_path / "a.exr", Y=light)
+    b = write_exr(tmp_path / "b.exr", Y=light + np.float32(1e-5))
+    dark = write_exr(tmp_path / "dark.exr", Y=light - np.float32(0.5))
+    for text, one, count in (
+        ("max>1", a, 0),
+        ("max>1e-6", a, 1),
+        ("found:*", a, 1),
+        ("found:noise", a, 1),
+        ("found:clipped", a, 0),
+        ("found:clipped", dark, 1),  # what is below 0 may be cut off
+    ):
+        looked.clear()
+        rules = Rules(fail=(rule(text),))
+        comparison.compare_pair(FilePair("b", one, b), rules, CompareSettings())
+        assert len(looked) == count, text

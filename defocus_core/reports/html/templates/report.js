@@ -546,6 +546,7 @@ function play() {
   if (film) { clearInterval(film); film = 0; draw(); return; }
   const after = steps => view.order[(view.order.indexOf(view.item) + steps) % view.order.length];
   film = setInterval(() => {
+    if (!view.order.length) return; // nothing passes the filter
     show(after(1), true);
     for (const key of [view.first, view.second]) { // decoded before they are due
       const layer = items[after(1)].layers.find(each => each.key === key);

@@ -25,11 +25,11 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
         metres = np.full((16, 24), FAR, np.float32)
         metres[4:12, 2 * (frame - 8) : 2 * (frame - 8) + 6] = NEAR
         metres[0] = np.inf
-        color_exr(root / f"rgb.{frame:04}.exr", texture(seed=frame))
+        color_exr(root / f"sh010.{frame:04}.exr", texture(seed=frame))
         depth_exr(root / f"z.{frame:04}.exr", metres)
     (root / "pull.csv").write_text("frame,focus,fnumber\n8,1m,2\n12,inf,2\n")
     words = ("--focal-length", "50mm", "--animate", root / "pull.csv", "-o", root / "out")
-    ran = run("render", root / "rgb.####.exr", root / "z.####.exr", *words)
+    ran = run("render", root / "sh010.####.exr", root / "z.####.exr", *words)
     assert ran.code == 0, ran.err
     assert run("report", root / "out").code == 0
     return root / "out"
@@ -51,7 +51,7 @@ def places(page: Page) -> list[tuple[float, float]]:
 def test_frames_know_their_number_focus_and_quantiles_of_disparity(out: Path) -> None:
     depths = [each["depth"] for each in html_reports.items(out / "report.html")]
     assert [depth["frame"] for depth in depths] == list(FRAMES)
-    assert {depth["shot"] for depth in depths} == {"rgb.#"}
+    assert {depth["shot"] for depth in depths} == {"sh010.#"}
     assert [depth["focus"] for depth in depths] == pytest.approx([1, 0.75, 0.5, 0.25, 0])
     for depth in depths:
         quantiles = depth["quantiles"]
@@ -101,8 +101,18 @@ def test_the_chart_shows_the_frame_and_a_click_goes_to_one(page: Page) -> None:
     view = page.page.evaluate("document.getElementById('chart').getScreenCTM().a")
     shift = page.page.evaluate("document.getElementById('chart').getScreenCTM().e")
     page.page.mouse.click(shift + view * points[4][0], box["y"] + box["height"] / 2)
-    assert page.text("#title") == "rgb.0012"
+    assert page.text("#title") == "sh010.0012"
     assert page.text("#chart-words").startswith("Frame 12: focus ∞")
+
+
+def test_a_shot_plays_without_an_exception_and_its_frames_have_numbers(page: Page) -> None:
+    assert page.text("#position") == "1 of 5 · frame 0008"
+    page.page.locator("#canvas").focus()
+    page.press(" ")
+    page.wait("document.getElementById('position').textContent.endsWith('frame 0011')")
+    page.page.fill("#filter", "nothing like it")
+    page.page.wait_for_timeout(200)
+    assert page.complaints == []
 
 
 def test_a_report_without_a_shot_has_no_chart(tmp_path: Path) -> None:
