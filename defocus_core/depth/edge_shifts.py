@@ -101,7 +101,7 @@ def measured_shifts(
     pixels: Pixels,
     threads: int,
     *,
-    soft: bool,
+    soft: float | None,
     scale: DistanceScale | None = None,
 ) -> EdgeShifts | None:
     """The displacements of the edges of a picture; None if its edges lie where they should.
@@ -110,18 +110,20 @@ def measured_shifts(
         signed_radius: [H, W] px, without ramps.
         pixels: [C, H, W] linear.
         threads: Number of bands of rows examined at once.
-        soft: Whether edges were soft; hard edges are shifted only if most are displaced alike.
+        soft: Slope in px of soft edges, which no edge steps less than; None for hard ones, which
+            are shifted only if most are displaced alike.
         scale: Of distance, if edges were soft in distance.
     """
     limits = torch.stack([range_of(band) for band in banded(signed_radius)])
     minimum, maximum = torch.stack([limits[:, 0].amin(), limits[:, 1].amax()]).tolist()
-    step = max(_MIN_STEP, _STEP * slope_of_soft_edges(minimum, maximum, signed_radius.shape))
+    slope = slope_of_soft_edges(minimum, maximum, signed_radius.shape)
+    step = max(_MIN_STEP, _STEP * slope, soft or 0.0)
     found, of_all = _evidence_of_some(signed_radius, pixels, step, threads, scale)
-    if float(found.fraction.sum()) <= (0 if soft else _VOTES * of_all):
+    if float(found.fraction.sum()) <= (_VOTES * of_all if soft is None else 0):
         return None
     votes = _votes(found)
     median, agreed = _median(votes)
-    if not soft and (abs(median) < _BIASED or agreed < _AGREED):
+    if soft is None and (abs(median) < _BIASED or agreed < _AGREED):
         return None
     return EdgeShifts(step, median, tuple(_rarity(votes).tolist()))
 

@@ -73,8 +73,8 @@ def repaired(
         radii = hold_all(Repaired(radii, repair_window, around_ramps(width)), radii)
     shifts = repair.edge_shifts
     if decided is None:
-        soft = repair.soft_edges is not None
-        shifts = measured_shifts(radii, pixels, threads, soft=soft, scale=repair.ramps_of)
+        slope, scale = repair.soft_edges, repair.ramps_of
+        shifts = measured_shifts(radii, pixels, threads, soft=slope, scale=scale)
     if shifts is not None:
         repair = repair._replace(edge_shifts=shifts)
         repair_window = partial(with_shifted_edges, shifts=shifts, scale=repair.ramps_of)

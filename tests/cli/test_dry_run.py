@@ -94,7 +94,7 @@ def test_maps_alone_take_no_rendering_and_no_measurement(
 def test_of_many_pictures_some_are_read_and_all_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(forecast, "MOST_READ", 3)
+    monkeypatch.setattr(forecast, "MAX_READ", 3)
     for k in range(7):
         color, depth = pair(tmp_path, f"{k}")
     args = (color.parent, depth.parent, "-o", tmp_path / "out", "--dry-run")

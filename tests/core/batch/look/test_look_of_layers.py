@@ -113,14 +113,15 @@ def test_each_colour_of_layers_sees_its_own_opening(tmp_path: Path, kind: str) -
 
 
 def test_clipped_lights_of_an_element_are_brightened_and_counted(tmp_path: Path) -> None:
-    own, ones = element(disc(), (0.2, 0.2, 0.2), 1.2), np.ones((40, 60), np.float32)
+    own, ones = element(disc(), (0.2, 0.2, 0.2), 1.1), np.ones((40, 60), np.float32)
     for name in "RGB":
         own[name][20:22, 30:32] = 1
     plate = dict.fromkeys("RGB", 0.1 * ones) | {"Z": 2.5 * ones}
     plate["R"][4, 50] = plate["G"][4, 50] = plate["B"][4, 50] = 1
     given = [write(tmp_path / "a.exr", own), "--over", write(tmp_path / "plate.exr", plate)]
-    plain = shown(tmp_path / "p", given)["render.G"]
-    lit = shown(tmp_path / "l", given, "--highlights", "auto")["render.G"]
+    blurred = ("--sensor-width", "5mm")  # both lights by more than 3 px
+    plain = shown(tmp_path / "p", given, *blurred)["render.G"]
+    lit = shown(tmp_path / "l", given, *blurred, "--highlights", "auto")["render.G"]
     gained = lit - plain
     assert gained.sum() == pytest.approx(15 * 5, rel=0.05)
     assert gained[:10, 44:56].sum() == pytest.approx(15, rel=0.05)

@@ -224,8 +224,12 @@ def test_too_little_memory_is_refused_with_how_much_would_do(
     refused(ran, 3, "to render, but", "MB are allowed; use --memory ")
     dry = render(*args, "--memory", "20MB", "--threads", "1", "--dry-run")
     assert (dry.code, dry.err) == (3, ran.err), "a dry run says so, too"
-    enough = ran.err.strip().rpartition(" ")[2]
-    assert render(*args, "--memory", enough, "--threads", "1").code == 0
+    for _ in range(2):  # from the headers first, then from what was decoded
+        enough = ran.err.strip().rpartition(" ")[2]
+        ran = render(*args, "--memory", enough, "--threads", "1")
+        if ran.code == 0:
+            break
+    assert ran.code == 0
 
 
 @pytest.mark.parametrize("arrays", [5.0, 53.0, 160.0, 500.0, 2000.0])

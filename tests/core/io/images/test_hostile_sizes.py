@@ -67,7 +67,7 @@ def test_info_decodes_no_more_at_once_than_it_may(
 ) -> None:
     """The decoder holds all of an interlaced PNG: 8 GB of a file of 1 MB."""
     path = save(tmp_path / "a.jpg", (255 * texture()).astype(np.uint8))
-    monkeypatch.setattr(inspection, "_MOST_AT_ONCE", 0.001)
+    monkeypatch.setattr(inspection, "_MAX_AT_ONCE", 0.001)
     ran = run("info", path)
     assert ran.code == 0
     assert "no colour: takes 0 MB to decode; save it as EXR, or not interlaced" in ran.out
@@ -78,7 +78,7 @@ def test_info_decodes_no_array_larger_than_it_may(
 ) -> None:
     """Nor to look for evidence of its format: 3 GB of a file of 3 MB."""
     np.savez_compressed(tmp_path / "a.npz", depth=np.zeros((40, 50)))
-    monkeypatch.setattr(inspection, "_MOST_AT_ONCE", 0.001)
+    monkeypatch.setattr(inspection, "_MAX_AT_ONCE", 0.001)
     monkeypatch.setattr(np.lib.format, "read_array", None)
     ran = run("info", tmp_path / "a.npz")
     assert ran.code == 0
