@@ -8,31 +8,46 @@ mm, positive; `render_rgbd_dp` takes negative ones, too. The response does not v
 from __future__ import annotations
 
 import warnings
-from typing import Any
 
+import torch
 from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.point_spread import PsfLens
 from defocus_core.renderer.render import render
+from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.validation import depth_maps, described, floating
 
 
 class DefocusLens(PsfLens):
     """A thin lens that draws the blur of points and renders images with their depth."""
 
-    def __init__(self, *args: Any, aperture: Aperture | None = None, **kwargs: Any) -> None:
-        """Describe lens and sensor.
+    def __init__(
+        self,
+        foclen: Scalar,
+        fnum: Scalar,
+        sensor_size: tuple[float, float] = (8.0, 8.0),
+        sensor_res: tuple[int, int] = (2000, 2000),
+        device: torch.device | str | None = None,
+        dtype: torch.dtype = torch.float32,
+        *,
+        aperture: Aperture | None = None,
+    ) -> None:
+        """Describe lens and sensor, as `ThinLens` does, and the opening.
 
         Args:
-            args: As for `ThinLens`.
+            foclen: Focal length in mm, > 0.
+            fnum: F-number, > 0.
+            sensor_size: (width, height) in mm.
+            sensor_res: (width, height) in px.
+            device: As for `ThinLens`.
+            dtype: As for `ThinLens`.
             aperture: The opening of all that is rendered; None for the psf_type of each call.
-            kwargs: As for `ThinLens`.
 
         Raises:
             ValueError: As `ThinLens`, or aperture is none.
         """
-        super().__init__(*args, **kwargs)
+        super().__init__(foclen, fnum, sensor_size, sensor_res, device, dtype)
         if not isinstance(aperture, Aperture | None):
             problem = f"aperture must be an Aperture, got {described(aperture)}"
             raise ValueError(f"{problem}; a picture of it is Aperture(image=…)")
@@ -127,7 +142,7 @@ class DefocusLens(PsfLens):
         if either_sign and bool((planes < 0).all()):
             planes = -planes
         finite = planes.detach()[planes.isfinite()]
-        if len(finite) and float(finite.max()) <= float(self.foclen):
+        if len(finite) and float(finite.max()) <= float(torch.as_tensor(self.foclen).detach()):
             problem = f"depth of at most {float(finite.max()):g} mm is within the focal length"
             warnings.warn(f"{problem}; are these metres?", UserWarning, stacklevel=3)
         height, width = planes.shape[1:]

@@ -40,8 +40,8 @@ def test_a_lens_file_that_never_ends_is_not_read_to_its_end(
 
 def test_a_lens_file_that_is_an_image_or_a_directory(color: Path, depth: Path, out: Path) -> None:
     remedy = 'give a TOML file, with lines like focal-length = "50mm"'
-    for path in (color, color.parent):
-        refused_input(run("render", color, depth, "-o", out, "--lens", path), path, remedy)
+    for path, read in ((color, color), (color.parent, color.with_suffix(".toml"))):
+        refused_input(run("render", color, depth, "-o", out, "--lens", path), read, remedy)
     missing = color.parent / "none.toml"
     refused_input(
         run("render", color, depth, "-o", out, "--lens", missing), missing, "No such file"
