@@ -12,6 +12,7 @@ from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.jobs.output_kinds import PREVIEW
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Record, files_of, input_path
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.errors import InputError
 from defocus_core.system.memory import without_collections
 
@@ -23,6 +24,16 @@ _NAMED = {
     "blur": "{blur}",
     "view": "{view}",
 }
+_OPTIONS = {row.field: row for row in LENS_OPTIONS.values()}
+
+
+def _change(field: str, was: object, now: object) -> str:
+    """The change of a setting, as ``focus 2m, not 3m``."""
+    row = _OPTIONS.get(field)
+    if row is None:
+        return f"{field} {was}, not {now}"
+    before, after = (v if isinstance(v, str) else row.shown(v) for v in (was, now))
+    return f"{row.name} {before}, not {after}"
 
 
 def _lens_and_view(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -179,7 +190,7 @@ class Ledger:
                     continue
                 changes = list(identity.changed_settings(_lens_and_view(record["settings"]), now))
                 if changes:
-                    words = ", ".join(f"{key} {was}, not {now}" for key, was, now in changes[:3])
+                    words = ", ".join(_change(*change) for change in changes[:3])
                     part = _NAMED.get(changes[0][0], "2")
                     problem = f"exists already, taken otherwise: {words}"
                     names = f"‹name› '{{stem}}_{part}'"
