@@ -16,7 +16,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.point_spread import PsfLens
 from defocus_core.renderer.render import render
 from defocus_core.tensors.source import Scalar
-from defocus_core.tensors.validation import depth_maps, described, floating
+from defocus_core.tensors.validation import depth_maps, described, floating, number
 
 
 class DefocusLens(PsfLens):
@@ -142,7 +142,7 @@ class DefocusLens(PsfLens):
         if either_sign and bool((planes < 0).all()):
             planes = -planes
         finite = planes.detach()[planes.isfinite()]
-        if len(finite) and float(finite.max()) <= float(torch.as_tensor(self.foclen).detach()):
+        if len(finite) and float(finite.max()) <= number("foclen", self.foclen):
             problem = f"depth of at most {float(finite.max()):g} mm is within the focal length"
             warnings.warn(f"{problem}; are these metres?", UserWarning, stacklevel=3)
         height, width = planes.shape[1:]
