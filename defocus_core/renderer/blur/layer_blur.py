@@ -26,7 +26,7 @@ class BlurPiece(NamedTuple):
     Attributes:
         layer_index: Number of the layer.
         window: Window of its slices.
-        slice_indices: The range of the surface's slice radii whose slices reach the tile.
+        slice_indices: The range of the surface's slices that reach the tile.
         patch: The rectangles where the layer has pixels, and where it shows.
         near: Whether the layer is near focus, so that parts see sub-pixel shifts.
     """

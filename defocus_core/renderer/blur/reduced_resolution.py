@@ -42,7 +42,7 @@ class Reduced:
             window: The window that the slices share.
             slices: For each slice radius of the surface that reaches the core, the number of its
                 slice.
-            tilted: The slice radii that have slopes.
+            tilted: The indices of slices that have slopes.
             groups: Groups of aperture parts.
             core: The rectangle to blur, counted from the first sample of the surface.
             middle: The middle of the frame, counted from the first sample, too.

@@ -146,7 +146,7 @@ class Obstruction:
                 yield Occluded(light + start, row, column, fraction)
 
     def _lights(self, at: Tensor, radius: Tensor) -> tuple[Tensor, _Lights]:
-        """The slice radii [k] that may stand before any of the lights, and the lights."""
+        """The slices [k] that may stand before any of the lights, and the lights."""
         limit = nearer_than(radius.detach())
         radii = torch.tensor(self._radii, dtype=torch.float64).to(radius)
         before = (limit[:, None] > radii) & (self._sums[:, -1, -1] > 0)  # [n, K]
@@ -191,8 +191,8 @@ class Obstruction:
 
         Args:
             lights: The light of each of m squares.
-            slice_indices: [k] slice radii to test.
-            slices: [m, k] bool, whether the slice of each slice radius is before the square.
+            slice_indices: [k] slices to test.
+            slices: [m, k] bool, whether each slice is before the square.
             corner: [m, 2] px from the light to the first pixel of its square.
             side: Width of a square in px.
         """

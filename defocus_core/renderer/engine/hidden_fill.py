@@ -60,8 +60,8 @@ class Filling:
 
     Attributes:
         known: Whether the surface is known, not invented.
-        plan: For each tile the slice radii that reach it, nearest first.
-        windows: The window of each slice radius.
+        plan: For each tile the indices of slices that reach it, nearest first.
+        windows: The window of each slice.
         level: How many times resolution is halved before the blur.
     """
 
@@ -153,7 +153,7 @@ class Filling:
 
 
 def _samples(hidden: HiddenLayer, radii: tuple[float, ...]) -> SurfaceSamples:
-    """The pixels of a hidden surface, with their places among the slice radii of its slices."""
+    """The pixels of a hidden surface, with their positions between its slices."""
     color, radius, mask = hidden
     index = flat_nonzero(mask)
     positions = torch.zeros_like(radius).flatten()

@@ -70,7 +70,7 @@ def blocks_of(positions: Tensor, slices: int, present: Tensor | None = None) -> 
     )
     for slice_index in (first, above, below, last):
         occupied.scatter_(2, slice_index[..., None], True)
-    # which slice radii between the least and the greatest have a pixel?
+    # which slices between the least and the greatest have a pixel?
     row, column = torch.nonzero(below - above > 1).unbind(1)
     if len(row):
         mixed = _in_blocks(positions)[row, :, column].flatten(1)

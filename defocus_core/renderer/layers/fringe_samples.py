@@ -22,7 +22,7 @@ class FringeSamples:
             at: [n, 2] rows and columns.
             samples: [n, C + 1], colour premultiplied by coverage, then coverage.
             positions: [n] positions between slice radii.
-            layers: For each slice radius, the number of its layer.
+            layers: For each slice, the number of its layer.
             height: Rows of the surface.
         """
         lower = positions.detach().floor()

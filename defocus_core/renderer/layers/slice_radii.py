@@ -56,7 +56,7 @@ def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float
     """The slice radii that hold radii from least to most.
 
     It begins and ends on slice radii that are an even number from focus, and has three at least:
-    every other slice radius is a slice radius over the same range.
+    every other one gives such radii over the same range.
     """
     reach = max(abs(minimum), abs(maximum))
     side = [0.0]
@@ -144,7 +144,7 @@ def layers(radii: tuple[float, ...], quality: Quality) -> list[int]:
 def slice_position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
     """Positions of radii [...] px among slice radii: k on the k-th, k + fraction beyond it.
 
-    A radius beyond an end of the slice radii gets the place of this end. Differentiable in the
+    A radius beyond the first or the last gets the position of this one. Differentiable in the
     radius.
     """
     if len(radii) == 1:
@@ -179,7 +179,7 @@ def _pieces(radii: tuple[float, ...]) -> list[_QuadraticPiece]:
     pieces = []
     for slice_index, (low, high) in enumerate(pairwise(radii)):
         square, width = high * high - low * low, high - low
-        if low * high < 0:  # the slice radii has no slice radius in focus
+        if low * high < 0:  # no slice is in focus
             pieces.append(_QuadraticPiece(slice_index, high, 0.0, 1 / width, -low / width))
             continue
         a = 1 / square if square else 0.0

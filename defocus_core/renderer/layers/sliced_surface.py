@@ -44,8 +44,8 @@ class Surface:
     """A layer of the scene, and its slices that each tile of a grid sees.
 
     Attributes:
-        plan: For each tile the slice radii whose slices reach it, nearest first.
-        tilted_plan: For each tile the slice radii in `plan` whose slices have slopes.
+        plan: For each tile the indices of slices that reach it, nearest first.
+        tilted_plan: For each tile the indices in `plan` of slices that have slopes.
     """
 
     def __init__(
@@ -61,8 +61,8 @@ class Surface:
 
         Args:
             samples: The layer.
-            reaches: Blur radius of each slice radius, in px.
-            layers: For each slice radius the number of its layer.
+            reaches: Blur radius of each slice, in px.
+            layers: For each slice the number of its layer.
             grid: The tiles, counted from the first sample.
             before: Greatest distance in px from the first row or column of a window to its tile.
             beyond: Greatest distance in px from the first row of a tile to the end of a window.
