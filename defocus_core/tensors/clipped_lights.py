@@ -270,7 +270,7 @@ class _Lit(Derived):
         self._colors, self._levels = colors, levels
         self.shape, self.dtype, self.device = tuple(image.shape), image.dtype, image.device
 
-    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
         """The window [rows, columns], each a pair of first and end."""
         window = self._image[..., slice(*rows), slice(*columns)]
         light, rest = window.tensor_split([self._colors])

@@ -40,8 +40,8 @@ def compute(
     prepared = prepare(job, inputs)
     if not job.outputs.need_rendering:
         return prepared
-    prepared, radius, seen = with_neighbours(prepared)
-    return with_views(prepared, radius, seen, progress)
+    prepared, radius, seen_behind = with_neighbours(prepared)
+    return with_views(prepared, radius, seen_behind, progress)
 
 
 def prepare(job: Job, inputs: Inputs) -> Rendered:

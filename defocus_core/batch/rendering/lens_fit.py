@@ -92,12 +92,12 @@ def _photodiodes(options: FitOptions) -> list[DualPixel]:
     from defocus_core.batch.look.opening import measured_pair
     from defocus_core.optics.dual_pixel import DualPixel
 
-    share = options.dp_crosstalk or 0.0
+    fraction = options.dp_crosstalk or 0.0
     if isinstance(options.dp_model, Path):
-        return [DualPixel(crosstalk=share, measured=measured_pair(options.dp_model))]
+        return [DualPixel(crosstalk=fraction, measured=measured_pair(options.dp_model))]
     sought = options.dual_pixel and options.dp_model is None
     models = DUAL_PIXEL_MODELS if sought else (options.dp_model or DUAL_PIXEL_MODELS[0],)
-    return [DualPixel(model, share) for model in models]
+    return [DualPixel(model, fraction) for model in models]
 
 
 def fit_pair(
@@ -129,15 +129,17 @@ def fit_pair(
         raise InputError(
             "radii", "holds radii: there is no lens to be found", "give depth", path=depth.path
         )
-    seen = [_read_beside(color, path) for path in filter(None, (pair.blurred, pair.right))]
+    observed = [_read_beside(color, path) for path in filter(None, (pair.blurred, pair.right))]
     sharp = _light(color)
-    count = min(len(each) for each in (sharp, *seen))
+    count = min(len(each) for each in (sharp, *observed))
     disparity = 1 / torch.from_numpy(depth.metres[:].astype("float32"))
     try:
         found = fit(
             sharp[:count],
             disparity,
-            seen[0][:count] if len(seen) == 1 else (seen[0][:count], seen[1][:count]),
+            observed[0][:count]
+            if len(observed) == 1
+            else (observed[0][:count], observed[1][:count]),
             apertures=[Aperture(blades) for blades in options.blades],
             rotation=True,
             dual_pixels=_photodiodes(options),
