@@ -74,10 +74,10 @@ def read_over(
         InputError: a file cannot be read, or the two make no scene.
     """
     assert picture.over is not None
-    own = _reading_of_plate(picture.over, reading)
-    overscan = overscan_of(picture.over, own, whole=whole)
+    plate_reading = _reading_of_plate(picture.over, reading)
+    overscan = overscan_of(picture.over, plate_reading, whole=whole)
     color, depth = read(picture, reading, keeping, lens_focal, overscan, whole=whole)
-    plate = _plate(picture.over, own, keeping, lens_focal, color.overscan)
+    plate = _plate(picture.over, plate_reading, keeping, lens_focal, color.overscan)
     return color, depth, _checked(color, plate)
 
 

@@ -60,8 +60,10 @@ class Splits:
             maximum = max(counts, key=counts.__getitem__)
             if counts[maximum] < 2:
                 came_out = ", ".join(f"{name} {count}" for name, count in counts.items())
-                told = f"{counted(len(split_of), 'scene')} for {counted(len(counts), 'split')}"
-                note(f"[split]: {told}: {came_out}")
+                counts_words = (
+                    f"{counted(len(split_of), 'scene')} for {counted(len(counts), 'split')}"
+                )
+                note(f"[split]: {counts_words}: {came_out}")
                 return
             last = [scene for scene, name in split_of.items() if name == maximum][-1]
             split_of[last] = empty

@@ -84,7 +84,7 @@ def read_radius_set(place: Path) -> RadiusSet:
 
 def _numbers(row: Mapping[str, Any], where: Place) -> tuple[float, ...]:
     """Mean, median and 99th percentile of a row, and its count."""
-    found = []
+    numbers = []
     for name in (*MEASURES, _COUNT):
         value = row.get(name, 1 if name == _COUNT else None)
         try:
@@ -96,8 +96,8 @@ def _numbers(row: Mapping[str, Any], where: Place) -> tuple[float, ...]:
             raise InputError(
                 "malformed", f"{what}, not a number of at least 0", f"write {_EXAMPLE}", path=where
             )
-        found.append(number)
-    return tuple(found)
+        numbers.append(number)
+    return tuple(numbers)
 
 
 def _set_of(rows: Sequence[tuple[float, ...]]) -> RadiusSet:

@@ -109,7 +109,7 @@ def _attributes(rendered: Rendered, kind: Kind) -> dict[str, str]:
         **_repair(rendered, kind),
         **_of_any_lens(lens),
         **{name: str(value) for name, value in lens.effects.items()},
-        "coc_px": " ".join(f"{radius:.6g}" for radius in rendered.radii.ends),
+        "coc_px": " ".join(f"{radius:.6g}" for radius in rendered.radii.limits),
         "quality": rendered.quality,
         "device": rendered.device,
     }

@@ -145,7 +145,7 @@ def _forecast(job: Job, device: str, rate: float, written: dict[Outputs, float])
         written[job.outputs] = _write_seconds(rendered) / math.prod(rendered.size)
     return Forecast(
         size=rendered.size,
-        coc_px=rendered.radii.ends,
+        coc_px=rendered.radii.limits,
         color_note=rendered.color_note,
         depth_note=rendered.depth_words(),
         repair=rendered.repair,

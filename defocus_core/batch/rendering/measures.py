@@ -68,8 +68,8 @@ def radius_measures(radius: Any, nothing: Any) -> dict[str, float]:
         nothing: where pixels hold nothing; None if nowhere.
     """
     sizes = np.abs((radius if nothing is None else radius[~nothing]).astype("float64"))
-    found = (sizes.mean(), *np.percentile(sizes, (50, 99))) if sizes.size else (0.0, 0.0, 0.0)
-    return dict(zip(RADII, map(float, found), strict=True))
+    sizes_px = (sizes.mean(), *np.percentile(sizes, (50, 99))) if sizes.size else (0.0, 0.0, 0.0)
+    return dict(zip(RADII, map(float, sizes_px), strict=True))
 
 
 def _clipped(rendered: Rendered) -> float | None:

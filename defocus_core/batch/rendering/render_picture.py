@@ -93,7 +93,7 @@ def breathing_inputs(
         problem = "moves one picture with its depth, not layers"
         raise UsageProblem("unsupported", problem, "leave it out", field="breathing")
     planes = torch.from_numpy(np.stack([plane[:] for plane in inputs.color.planes]))
-    px = torch.from_numpy((rendered.radii.own.px if radius is None else radius)[:])
+    px = torch.from_numpy((rendered.radii.picture.px if radius is None else radius)[:])
     image, moved = breathed(planes.float(), px, breathing)
     color = replace(inputs.color, planes=tuple(image.numpy()))
     return replace(rendered, inputs=replace(inputs, color=color)), moved.numpy()

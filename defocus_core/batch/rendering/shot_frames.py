@@ -86,7 +86,7 @@ class Neighbours:
         self._job, self._inputs, self._lens = job, inputs, rendered.lens
         self._shot, window = job.shot, job.shot.window
         self._place = [picture.frame for picture in window].index(job.picture.frame)
-        self._window, self._radii = window, {self._place: rendered.radii.own.px}
+        self._window, self._radii = window, {self._place: rendered.radii.picture.px}
         others = (place for place in range(len(window)) if place != self._place)
         self._order = sorted(others, key=lambda place: (abs(place - self._place), place))
         if self._shot.motion is not None and inputs.holding.scratch:

@@ -61,7 +61,9 @@ class Streams:
             seen_behind: what other frames have seen of what is hidden.
         """
         self.rendered, self._inputs, self._seen = rendered, rendered.inputs, seen_behind
-        self._own = rendered.radii.own if radius is None else rendered.radii.own._replace(px=radius)
+        self._radii = (
+            rendered.radii.picture if radius is None else rendered.radii.picture._replace(px=radius)
+        )
         self.lights: int | None = None
         self._fills: dict[bool, SharedFill | None] = {}
 
@@ -143,7 +145,7 @@ class Streams:
         aperture, _ = aperture_in_pixels(
             rendered.lens, self._inputs.color.pixel_aspect, colors.color
         )
-        dual_pixel, infinity = dual_pixel_of(rendered.lens), self._own.infinity
+        dual_pixel, infinity = dual_pixel_of(rendered.lens), self._radii.infinity
         if infinity is not None:
             infinity = self._longer * (infinity + colors.offset)
         return Settings(
@@ -174,7 +176,7 @@ class Streams:
     @cached_property
     def _repaired(self) -> tuple[Pixels, DepthRepair]:
         """The radii, repaired once for all renderings, by the picture as it was given."""
-        return self._repair(self._own, self._inputs.color, hold=self._holds)
+        return self._repair(self._radii, self._inputs.color, hold=self._holds)
 
     def _repair(
         self, radii: Radii, color: Color, *, hold: bool = False
@@ -201,7 +203,7 @@ class Streams:
         """The picture, with the light of its lamps."""
         color = self._inputs.color
         picture = windows(color.planes, self.rendered.device)
-        radii = [lone_window(times(self._own.px, self._longer), self.rendered.device)]
+        radii = [lone_window(times(self._radii.px, self._longer), self.rendered.device)]
         (image,), self.lights = lit([picture], radii, len(color.light), self.rendered.lens)
         return image
 
@@ -228,13 +230,14 @@ class Streams:
         pictures = (inputs.color, inputs.plate.color)
         lights = [windows((*c.light, *c.planes[len(c.channels) :]), device) for c in pictures]
         blurred = [
-            lone_window(times(each.px, self._longer), device) for each in (radii.own, radii.plate)
+            lone_window(times(each.px, self._longer), device)
+            for each in (radii.picture, radii.plate)
         ]
         lights, self.lights = lit(lights, blurred, len(inputs.color.light), lens)
         # each is repaired alone, as `render` would
-        own, repair = self._repair(radii.own, inputs.color)
+        own_radii, repair = self._repair(radii.picture, inputs.color)
         plate, _ = self._repair(radii.plate, inputs.plate.color)
-        return layers_of(lights, pictures, (own, plate), device), repair
+        return layers_of(lights, pictures, (own_radii, plate), device), repair
 
     @cached_property
     def _hidden(self) -> Behind | None:

@@ -58,8 +58,8 @@ class Reader:
         if self._last is not None and self._last[0] == key:
             inputs = self._last[1]
             shared = {role: stamp for role, stamp in inputs.stamps.items() if role in job.files}
-            own = {role: path for role, path in job.files.items() if role in LENS_FILES}
-            return replace(inputs, stamps=shared | _stamps(own), seconds=0.0)
+            lens_files = {role: path for role, path in job.files.items() if role in LENS_FILES}
+            return replace(inputs, stamps=shared | _stamps(lens_files), seconds=0.0)
         self._last = None  # free a picture before the next is decoded
         start, stamps = time.perf_counter(), _stamps(job.files)
         try:
@@ -108,7 +108,7 @@ def write(rendered: Rendered) -> Record:
         "outputs": outputs,
         "lens": lens_record(rendered.lens),
         "size": list(rendered.size),
-        "coc_px": list(rendered.radii.ends),
+        "coc_px": list(rendered.radii.limits),
         "color_note": rendered.color_note,
         "depth_note": rendered.depth_words(),
         "depth_repair": repair_record(rendered.repair),
