@@ -13,6 +13,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from defocus_core.batch.jobs.inputs import Entry
 from defocus_core.batch.jobs.job import Picture
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.errors import CALLER, Place, UsageProblem
@@ -32,7 +33,7 @@ class Splits:
     scene: re.Pattern[str] | None = None
     where: Place = CALLER
 
-    def assign(self, pictures: Sequence[Picture]) -> list[str]:
+    def assign(self, pictures: Sequence[Picture | Entry]) -> list[str]:
         """The split of each picture; empty words without splits.
 
         Where there are enough scenes each split has one; else a line says what came out.
@@ -69,7 +70,7 @@ class Splits:
             split_of[last] = empty
             counts[maximum], counts[empty] = counts[maximum] - 1, 1
 
-    def _scene_of(self, picture: Picture) -> str:
+    def _scene_of(self, picture: Picture | Entry) -> str:
         if self.scene is not None:
             match = self.scene.search(picture.stem)
             if match is None:
