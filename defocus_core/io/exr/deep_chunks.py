@@ -222,26 +222,25 @@ def _samples(file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]) -> Samples:
 def _unpacked(data: bytes, size: int, compression: int) -> bytes:
     """So many bytes, from what they were packed to; as they are if packing made them no smaller."""
     if compression == NONE or len(data) == size:
-        listed = data
+        unpacked = data
     elif compression == RLE:
-        listed = _ordered(_run_lengths(data, size))
+        unpacked = _ordered(_run_lengths(data, size))
     else:
-        listed = _ordered(zlib.decompressobj().decompress(data, size + 1)) if size else b""
-    if len(listed) != size:
-        raise ValueError(f"{len(listed)} bytes in place of {size}")
-    return listed
+        unpacked = _ordered(zlib.decompressobj().decompress(data, size + 1)) if size else b""
+    if len(unpacked) != size:
+        raise ValueError(f"{len(unpacked)} bytes in place of {size}")
+    return unpacked
 
 
 def _run_lengths(data: bytes, size: int) -> bytes:
     """Runs: below 0, so many bytes as they are; else a byte once more than so many times."""
-    listed, at = bytearray(), 0
-    while at < len(data) and len(listed) <= size:
+    unpacked, at = bytearray(), 0
+    while at < len(data) and len(unpacked) <= size:
         (count,) = struct.unpack_from("<b", data, at)
-        listed += (
-            data[at + 1 : at + 1 - count] if count < 0 else data[at + 1 : at + 2] * (count + 1)
-        )
+        run = data[at + 1 : at + 1 - count] if count < 0 else data[at + 1 : at + 2] * (count + 1)
+        unpacked += run
         at += 1 - count if count < 0 else 2
-    return bytes(listed)
+    return bytes(unpacked)
 
 
 def _ordered(data: bytes) -> bytes:
@@ -249,6 +248,6 @@ def _ordered(data: bytes) -> bytes:
     steps = np.frombuffer(data, np.uint8).copy()
     steps[1:] -= np.uint8(128)
     bytes_ = np.cumsum(steps, dtype=np.uint8)
-    listed, half = np.empty_like(bytes_), (len(bytes_) + 1) // 2
-    listed[0::2], listed[1::2] = bytes_[:half], bytes_[half:]
-    return listed.tobytes()
+    ordered, half = np.empty_like(bytes_), (len(bytes_) + 1) // 2
+    ordered[0::2], ordered[1::2] = bytes_[:half], bytes_[half:]
+    return ordered.tobytes()

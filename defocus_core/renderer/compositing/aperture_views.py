@@ -132,8 +132,8 @@ class TileCompositor:
         for front, covered_near, maximum in zip(aside.composited, near, self._full, strict=True):
             full = torch.as_tensor(maximum).to(front)
             # where these cover all, nothing is seen behind: as if it were full
-            limits = covered_near > full - _MIN_ROOM
-            covered = torch.where(limits, full, front[:, -1:] - covered_near)
+            filled = covered_near > full - _MIN_ROOM
+            covered = torch.where(filled, full, front[:, -1:] - covered_near)
             aside.covered.append(covered)
             self.by_group.append(torch.cat([torch.zeros_like(front[:, :-1]), covered], 1))
         return aside

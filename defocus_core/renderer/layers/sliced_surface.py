@@ -87,9 +87,7 @@ class Surface:
         self._samples = [visible, *others]
         self._positions, self._shifts = self._samples[0].positions, samples.shifts
         self._coverage = samples.coverage
-        blocks = reduce(
-            torch.logical_or, [sample_tensors.blocks for sample_tensors in self._samples]
-        )
+        blocks = reduce(torch.logical_or, [each.blocks for each in self._samples])
         self._fringe = None
         if len(samples.at):
             at, layer_index = positions_continued(samples.at, size, around)
@@ -124,11 +122,11 @@ class Surface:
     ) -> _SampleTensors:
         """Samples, from a framed layer and their places [H, W]; without coverage none exists."""
         framed = self._framed([positions[None]])[0]
-        visible, exists = self._unframed(self._own, framed), None
+        inner, exists = self._unframed(self._own, framed), None
         if not whole:
             covered = self._unframed(self._own, layer.detach()[-1].bool())
             exists = None if bool(covered.all()) else covered
-        return _SampleTensors(layer, framed, blocks_of(visible, count, exists).cpu())
+        return _SampleTensors(layer, framed, blocks_of(inner, count, exists).cpu())
 
     def _layer(self, samples: SurfaceSamples) -> Tensor:
         """The pixels themselves, colour times coverage and coverage, framed."""
@@ -176,9 +174,9 @@ class Surface:
                 of the layer or of the window; samples after its end are set to 0.
         """
         slices = None
-        for sample_tensors in self._samples_of(slice_indices, lit):
-            layer = self._unframed(window, sample_tensors.layer)[:, None]
-            fractions = self._lit_fractions(sample_tensors.positions, slice_indices, window, lit)
+        for each in self._samples_of(slice_indices, lit):
+            layer = self._unframed(window, each.layer)[:, None]
+            fractions = self._lit_fractions(each.positions, slice_indices, window, lit)
             slices = layer * fractions if slices is None else slices.addcmul_(layer, fractions)
         if slices is None:
             first = self._samples[0].layer
@@ -190,18 +188,14 @@ class Surface:
         return slices
 
     def _samples_of(self, slice_indices: range, box: Box) -> list[_SampleTensors]:
-        """The sheets that have pixels of slices in the blocks of a box, the nearest first."""
+        """The samples of slices that have pixels in the blocks of a box, the nearest first."""
         if len(self._samples) == 1:
             return self._samples
         rows, columns = (
             slice(max(span.first, 0) // BLOCK, -(-span.end // BLOCK)) for span in box.sides
         )
         within = slice(slice_indices.start, slice_indices.stop), rows, columns
-        return [
-            sample_tensors
-            for sample_tensors in self._samples
-            if bool(sample_tensors.blocks[within].any())
-        ]
+        return [each for each in self._samples if bool(each.blocks[within].any())]
 
     def _lit_fractions(
         self, positions: Tensor, slice_indices: range, window: Box, lit: Box
@@ -309,12 +303,12 @@ class Surface:
     def _slice(self, slice_index: int, box: Box) -> Tensor:
         """The pixels [C + 1, h, w] of a slice in a box, without fringe."""
         layer, *others = (
-            self._unframed(box, sample_tensors.layer)
+            self._unframed(box, each.layer)
             * membership(
-                self._unframed(box, sample_tensors.positions),
+                self._unframed(box, each.positions),
                 self._slice_numbers[slice_index : slice_index + 1],
             )
-            for sample_tensors in self._samples
+            for each in self._samples
         )
         return sum(others, layer)
 
