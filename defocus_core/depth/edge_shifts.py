@@ -137,7 +137,8 @@ def measured_shifts_of_each(signed_radius: Tensor, pixels: Tensor) -> list[EdgeS
         pixels: [C, B, H, W] linear.
     """
     radii, colors, (B, H, _) = signed_radius.detach(), pixels.detach(), signed_radius.shape
-    steps = [_step_of(*limits, signed_radius, None) for limits in ranges_of(radii).tolist()]
+    limits = ranges_of(radii).tolist()
+    steps = [_step_of(minimum, maximum, radii, None) for minimum, maximum in limits]
     at = positions_of(edges_of(radii, radii.new_tensor(steps)[:, None, None], None))
     every = at[:, 0].div(H, rounding_mode="floor")
     hashes = _hashes(at, radii, colors)

@@ -45,7 +45,7 @@ def steps_of(sizes: list[Tensor]) -> Tensor:
     ]
     counts = torch.tensor([math.prod(size.shape[-2:]) for size in sizes])[:, None].repeat(1, 4)
     counts = counts.to(larger[0].device).repeat(*larger[0].shape, 1, 1)
-    counts[..., 1:] -= torch.stack(larger, -1).unflatten(-1, (2, 3))
+    counts[..., 1:] -= torch.stack(larger, -1).view(*counts.shape[:-1], 3)
     return counts
 
 

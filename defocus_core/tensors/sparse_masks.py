@@ -14,7 +14,7 @@ from defocus_core.tensors.device_plan import launches_cost
 _WORD = 8
 
 
-def exceeding(values: Tensor, bound: float) -> Tensor:
+def exceeding(values: Tensor, bound: float | Tensor) -> Tensor:
     """Where values [...] exceed a bound: bool. No value is NaN, nor infinite if the bound is."""
     if launches_cost(values.device):
         return values.detach() > bound
