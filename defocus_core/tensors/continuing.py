@@ -39,7 +39,7 @@ def positions_continued(at: Tensor, size: tuple[int, int], box: Box) -> tuple[Te
     above = at[:, 0].div(size[0], rounding_mode="floor")
     at = torch.stack([at[:, 0] - above * size[0], at[:, 1]], 1)
     for dim, (side, length) in enumerate(zip(box.sides, size, strict=True)):
-        found, numbers = [at], [number]
+        positions, numbers = [at], [number]
         steps = (0, range(side.first, 0)), (length - 1, range(1, side.end - length + 1))
         for edge, away in steps:
             on_edge = torch.nonzero(at[:, dim] == edge)[:, 0]
@@ -47,9 +47,9 @@ def positions_continued(at: Tensor, size: tuple[int, int], box: Box) -> tuple[Te
                 continue
             moved = at[on_edge].repeat(len(away), 1)
             moved[:, dim] += torch.tensor(away, device=at.device).repeat_interleave(len(on_edge))
-            found.append(moved)
+            positions.append(moved)
             numbers.append(number[on_edge].repeat(len(away)))
-        at, number = torch.cat(found), torch.cat(numbers)
+        at, number = torch.cat(positions), torch.cat(numbers)
     row = at[:, 0] - box.top + above.index_select(0, number) * box.height
     return torch.stack([row, at[:, 1] - box.left], 1), number
 

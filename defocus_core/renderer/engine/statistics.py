@@ -88,12 +88,12 @@ def _surveyed(
     every = every if batch else every[:, None]  # [bands, B, 6]
     least = torch.cat([every[..., :1], every[..., 4:5]], -1).amin(0)
     greatest = torch.cat([every[..., 1:4], every[..., 5:]], -1).amax(0)
-    found = torch.cat([least, greatest], 1).tolist()
+    extremes = torch.cat([least, greatest], 1).tolist()
     of_each = counts.cpu() if batch else counts.cpu()[None]
-    pictures = [pixels[:, number] for number in range(len(found))] if batch else [pixels]
+    pictures = [pixels[:, number] for number in range(len(extremes))] if batch else [pixels]
     return [
         _checked(numbers, own, picture, dtype)
-        for numbers, own, picture in zip(found, of_each, pictures, strict=True)
+        for numbers, own, picture in zip(extremes, of_each, pictures, strict=True)
     ]
 
 
