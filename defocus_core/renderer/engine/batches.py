@@ -27,7 +27,7 @@ from defocus_core.tensors.device_plan import launches_cost, tile_pixels
 _BYTES_EACH = 2000
 
 
-class Batch(NamedTuple):
+class PictureBatch(NamedTuple):
     """Pictures to compute at once.
 
     Attributes:
@@ -68,7 +68,7 @@ def fit_together(pixels: Tensor, settings: Settings) -> bool:
     return count > 1 and fits and by_scene and by_diagnosis
 
 
-def batches(pixels: Tensor, signed_radius: Tensor, settings: Settings) -> list[Batch]:
+def batches(pixels: Tensor, signed_radius: Tensor, settings: Settings) -> list[PictureBatch]:
     """Pictures in batches, their depth repaired.
 
     Args:
@@ -112,16 +112,16 @@ def _batch(
     signed_radius: Tensor,
     repairs: list[DepthRepair],
     contents: list[Content],
-) -> Batch:
+) -> PictureBatch:
     """Some pictures of [C, B, H, W]."""
     first = numbers[0]
     if len(numbers) == 1:
-        return Batch(numbers, pixels[:, first], signed_radius[first], repairs[first], None)
+        return PictureBatch(numbers, pixels[:, first], signed_radius[first], repairs[first], None)
     if len(numbers) < len(signed_radius):
         index = torch.tensor(numbers).to(pixels.device)
         pixels, signed_radius = pixels.index_select(1, index), signed_radius.index_select(0, index)
     content = Content.of_batch([contents[number] for number in numbers])
-    return Batch(numbers, pixels, signed_radius, repairs[first], content)
+    return PictureBatch(numbers, pixels, signed_radius, repairs[first], content)
 
 
 def _is_opaque(content: Content, settings: Settings, pixels: Tensor) -> bool:
