@@ -27,7 +27,7 @@ from defocus_core.renderer.engine.shared_fill import FillOfColors, SharedFill
 from defocus_core.renderer.engine.statistics import border_range, surveyed
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.inpainting.known_layer import Behind
-from defocus_core.renderer.layers.quality import find
+from defocus_core.renderer.layers.quality import Quality, find
 from defocus_core.renderer.layers.slice_radii import SHARP
 from defocus_core.renderer.layers.stacked_samples import Layered
 from defocus_core.tensors.device_plan import launches_cost
@@ -116,23 +116,13 @@ class FramedPicture:
             counted = image[:-1] if isinstance(image, Tensor) else layered.picture(alpha=False)
             self.reaching = layered.most_blurred()
         self.fill = None if self.at_half_size or layered is not None else fill
-        if content is None:
-            dtype = computed_in(counted, self.signed_radius)
-            content = content_of(
-                surveyed(counted, self.signed_radius, dtype, threads),
-                quality,
-                quantised=self.repair.quantised and not self.at_half_size,
-                uncertain=self.repair.uncertain_edges,
-                layered=layered is not None,
-                all_ranges=self.fill and self.fill.shared.limits,
-            )
         self.frame = frame_of(
             counted,
             self.signed_radius,
             settings,
             quality,
             self._hidden,
-            content,
+            content or self._content(counted, quality, threads),
             layered=layered,
             border=None if layered is None else border_range(self.reaching),
         )
@@ -140,6 +130,18 @@ class FramedPicture:
         if self.at_half_size:
             self._enlarging = Enlarging(self.frame, self.image, image, signed_radius)
             self.image = self._enlarging.coarse
+
+    def _content(self, counted: Pixels, quality: Quality, threads: int) -> Content:
+        """What the picture holds, of whose pixels [C, h, w] count."""
+        dtype = computed_in(counted, self.signed_radius)
+        return content_of(
+            surveyed(counted, self.signed_radius, dtype, threads),
+            quality,
+            quantised=self.repair.quantised and not self.at_half_size,
+            uncertain=self.repair.uncertain_edges,
+            layered=self.layered is not None,
+            all_ranges=self.fill and self.fill.shared.limits,
+        )
 
     def parts(
         self,

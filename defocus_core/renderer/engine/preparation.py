@@ -108,12 +108,6 @@ def frame_of(
         _slicing, radii, (tile, region), settings.aperture, division.parts, dtype, pixels.device
     )
     slices = _slices(radii, layer_indices, (fine, coarse), tile, stride, slicing)
-    if content.each:
-        own = (_slice_radii(*each, quality, settings) for each in content.each)
-        orders = (composite_order(of_one, layers(of_one, quality)) for of_one in own)
-        greatest = tuple(max(map(abs, order.ahead), default=0) for order in orders)
-        order = slices.composite_order._replace(greatest=greatest)
-        slices = slices._replace(composite_order=order)
     return SharedFrame(
         size,
         settings,
@@ -124,9 +118,17 @@ def frame_of(
         grid,
         margin,
         content,
-        slices,
+        _of_each(slices, content, quality, settings),
         division,
     )
+
+
+def _of_each(slices: Slices, content: Content, quality: Quality, settings: Settings) -> Slices:
+    """The slices of a batch, with the octaves that are ahead by each picture's own slices."""
+    each = (_slice_radii(*limits, quality, settings) for limits in content.each)
+    orders = (composite_order(radii, layers(radii, quality)) for radii in each)
+    greatest = tuple(max(map(abs, order.ahead), default=0) for order in orders)
+    return slices._replace(composite_order=slices.composite_order._replace(greatest=greatest))
 
 
 def _division(settings: Settings, quality: Quality) -> Division:

@@ -7,7 +7,7 @@ These pictures, and the map of the reach of each edge, are computed once for the
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -124,20 +124,24 @@ def backdrop_of(
         edges = torch.empty(
             half.length, halves(W, fine[1]).length, dtype=torch.int32, device=device
         )
-
-        def bands() -> Iterator[tuple[PyramidLevel, int, int]]:
-            done = 0
-            for level, band_edges, first, end in threaded(band_of, list(pairwise(cuts)), threads):
-                edges[done : done + len(band_edges)] = band_edges
-                done += len(band_edges)
-                yield level, first, end
-
-        level = stacked(bands(), quarter.length, quarter.axis)
+        bands = threaded(band_of, list(pairwise(cuts)), threads)
+        level = stacked(_with_edges(bands, edges), quarter.length, quarter.axis)
     levels = [level]
     while max(levels[-1].size) > 1 and 1 << levels[-1].level < _WIDER * (maximum - minimum):
         levels.append(coarser(levels[-1]))
     spans = ranges_of(signed_radius[:].detach()).diff(dim=-1)[..., 0] if batch else None
     return Backdrop(levels, reach_of(edges, grain, maximum - minimum, fine), fine, spans)
+
+
+def _with_edges(
+    bands: Iterable[tuple[PyramidLevel, Tensor, int, int]], edges: Tensor
+) -> Iterator[tuple[PyramidLevel, int, int]]:
+    """The levels of bands, and their rows; edges of all [h, w] are filled with those of each."""
+    done = 0
+    for level, band_edges, first, end in bands:
+        edges[done : done + len(band_edges)] = band_edges
+        done += len(band_edges)
+        yield level, first, end
 
 
 def _coarsely(
