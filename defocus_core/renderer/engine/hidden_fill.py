@@ -164,7 +164,7 @@ def _samples(hidden: HiddenLayer, radii: tuple[float, ...]) -> SurfaceSamples:
     nowhere = torch.zeros((0, 2), dtype=torch.long, device=positions.device)
     no_fringe, coverage = color.new_zeros(0, len(color) + 1), mask[None].to(color.dtype)
     return SurfaceSamples(
-        color, coverage, positions, nowhere, no_fringe, positions[0, :0], None, None
+        color, coverage, positions, nowhere, no_fringe, positions.flatten()[:0], None, None
     )
 
 

@@ -6,6 +6,7 @@ part of the aperture. Hidden layers fill the gaps of visible ones; in focus they
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import partial
 
@@ -69,8 +70,8 @@ class Region:
         Args:
             frame: The frame that the region is a part of.
             grid: The tiles of the region.
-            pixels: [C, H, W] of the frame, in any precision.
-            signed_radius: [H, W] px of the frame.
+            pixels: [C, H, W] of the frame, in any precision; of a batch [C, B, H, W].
+            signed_radius: [H, W] px of the frame; of a batch [B, H, W].
             behind: The known layer behind the visible surface of the frame.
             backdrop: The frame at low resolution, or hidden surfaces that are continued for all
                 colours; None if nothing is continued.
@@ -155,7 +156,7 @@ class Region:
         """The visible surfaces, from pixels, their radii, and their positions if known."""
         frame, inside = self._frame, self._inside
         radii, (aperture, parts, _, groups) = frame.slices.radii, frame.division
-        around = inside.grown(_AROUND, Box(0, 0, *signed_radius.shape))
+        around = inside.grown(_AROUND, Box(0, 0, *signed_radius.shape[-2:]))
         inner, radius = inside.seen_from(around), around.of(signed_radius)
         positions = slice_position(radius, radii) if positions is None else around.of(positions)
         lean = shifts = None
@@ -252,7 +253,7 @@ class Region:
         doubt = _DOUBT * quality.min_slope if content.quantised else None
         size, like = self._tiles[index][2:], self._like
         blank = [
-            like.new_zeros(group.stop - group.start, len(like) + 1, *size)
+            like.new_zeros(group.stop - group.start, len(like) + 1, *like.shape[1:-2], *size)
             for group in self._frame.division.groups
         ]
         return TileCompositor(blank, self._full(index), doubt)
@@ -314,7 +315,7 @@ class Region:
             for surface in needed
             for slice_index in surface.plan[index]
         ]
-        return {
+        counts = {
             "pixels": area,
             "pixels_copied": 0 if any(window.margin for window in visible + hidden) else area,
             "tiles": 1,
@@ -328,3 +329,5 @@ class Region:
             "tiles_culled": int(len(needed) < len(reaching)),
             "tiles_with_hidden": int(any(not surface.known for surface in reaching)),
         }
+        pictures = math.prod(self._like.shape[1:-2])
+        return {name: pictures * count for name, count in counts.items()}

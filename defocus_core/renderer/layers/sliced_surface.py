@@ -30,9 +30,9 @@ class _SampleTensors(NamedTuple):
     """Samples of which no two are of one pixel.
 
     Attributes:
-        layer: [C + 1, H, W] in a frame of zeros, continued around the samples.
-        positions: [H, W] positions between slice radii, in the same frame.
-        blocks: [K, rows, columns] bool, the blocks that hold samples of a slice.
+        layer: [C + 1, ..., H, W] in a frame of zeros, continued around the samples.
+        positions: [..., H, W] positions between slice radii, in the same frame.
+        blocks: [K, rows, columns] bool, the blocks that hold samples of a slice, in any picture.
     """
 
     layer: Tensor
@@ -67,7 +67,7 @@ class Surface:
             before: Greatest distance in px from the first row or column of a window to its tile.
             beyond: Greatest distance in px from the first row of a tile to the end of a window.
         """
-        size = samples.positions.shape[0], samples.positions.shape[1]
+        size = samples.positions.shape[-2], samples.positions.shape[-1]
         around = samples.around or Box(0, 0, *size)
         # counted from the first sample that is repeated
         self._given = Box(-around.top, -around.left, *size)
@@ -113,7 +113,7 @@ class Surface:
         """Slopes of samples in the frame of zeros; only needed by slices that are no planes."""
         if self._lean is None:
             return None
-        framed = self._lean.new_zeros(2, *self._framed_box[2:])
+        framed = self._lean.new_zeros(*self._lean.shape[:-2], *self._framed_box[2:])
         self._unframed(self._own, framed).copy_(self._lean)
         return framed
 
@@ -133,11 +133,13 @@ class Surface:
         color, coverage = samples.color, samples.coverage
         if coverage is not None:
             return self._framed([color * coverage, coverage])
-        return self._framed([color, torch.ones_like(color[:1, :1, :1]).expand(1, *color.shape[1:])])
+        one = torch.ones_like(color[:1, ..., :1, :1]).expand(1, *color.shape[1:])
+        return self._framed([color, one])
 
     def _framed(self, channels: list[Tensor]) -> Tensor:
-        """Channels [..., H, W], one after another, continued in a frame of zeros."""
-        framed = channels[0].new_zeros(sum(map(len, channels)), *self._framed_box[2:])
+        """Channels [n, ..., H, W], one after another, continued in a frame of zeros."""
+        pictures, size = channels[0].shape[1:-2], self._framed_box[2:]
+        framed = channels[0].new_zeros(sum(map(len, channels)), *pictures, *size)
         given, first = self._unframed(self._given, framed), 0
         for values in channels:
             given[first : first + len(values)].copy_(values)
@@ -165,7 +167,7 @@ class Surface:
         return patches(occupied, self._tiles, list(margins.values()), self._own[2:])
 
     def members(self, slice_indices: range, window: Box, lit: Box) -> Tensor:
-        """Slices of one layer within a window, [C + 1, k, height, width].
+        """Slices of one layer within a window, [C + 1, k, ..., height, width].
 
         Args:
             slice_indices: Their index among the slices.
@@ -180,7 +182,8 @@ class Surface:
             slices = layer * fractions if slices is None else slices.addcmul_(layer, fractions)
         if slices is None:
             first = self._samples[0].layer
-            slices = first.new_zeros(len(first), len(slice_indices), window.height, window.width)
+            pictures = first.shape[1:-2]
+            slices = first.new_zeros(len(first), len(slice_indices), *pictures, *window[2:])
         if self._fringe:
             self._fringe.add(
                 slices, self._layers[slice_indices.start], slice_indices.start, window, lit
@@ -208,7 +211,7 @@ class Surface:
         limits = lit.seen_from(window).sides
         below, beside = window.height - limits[0].end, window.width - limits[1].end
         if below > 0:
-            fractions[:, -below:].zero_()
+            fractions[..., -below:, :].zero_()
         if beside > 0:
             fractions[..., -beside:].zero_()
         return fractions
@@ -280,7 +283,7 @@ class Surface:
         """
         kinds = 3 if tilted and self._slopes is not None else 1
         first = self._samples[0].layer
-        result = first.new_zeros(kinds, len(first), *coarse[2:])
+        result = first.new_zeros(kinds, *first.shape[:-2], *coarse[2:])
         for band in self._bands(slice_index, 1 << level, middle):
             pixels = self._slice(slice_index, band)[None]
             if tilted and self._slopes is not None:
