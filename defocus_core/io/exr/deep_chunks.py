@@ -22,7 +22,7 @@ from defocus_core.io.damage import damaged
 from defocus_core.io.exr.header import MULTIPART, Channel, Header, Raw, channels_of, raw_headers
 
 # Samples of a strip of rows that are decoded at once, and the most of a row; px of a tile at most.
-_AT_ONCE, _MAXIMUM, _MAX_OF_TILE = 1 << 20, 1 << 23, 1 << 24
+_AT_ONCE, _MAXIMUM, _MAX_OF_TILE = 1 << 18, 1 << 21, 1 << 24
 # Decoded bytes of samples that any file may promise; beyond, how many for each byte of the file:
 # cards of one colour take 1 byte for 200, and a file made to fill the memory for 1000.
 _ANY, _RATIO = 1 << 26, 250
