@@ -57,12 +57,12 @@ def flat_channels(
         for name, kind in names.items()
     }
     for strip in strips(path, header):
-        shares = _shares(strip)
-        for name, plane in planes.items() if len(shares) else ():  # planes begin as zeros
+        fractions = _fractions(strip)
+        for name, plane in planes.items() if len(fractions) else ():  # planes begin as zeros
             values = strip.values[name]
             if name in light:
                 size = strip.window.height * strip.window.width
-                total = np.bincount(strip.pixel, values * shares, size).astype(np.float32)
+                total = np.bincount(strip.pixel, values * fractions, size).astype(np.float32)
                 rows = total.reshape(strip.window.height, strip.window.width)
             else:
                 rows = strip.dense(strip.rank == 0, values)
@@ -111,7 +111,7 @@ def deep_layers(
     return DeepLayers(tuple(layers), crowded)
 
 
-def _shares(strip: Strip) -> NDArray[Any]:
+def _fractions(strip: Strip) -> NDArray[Any]:
     """The share [N] of each sample that nearer ones leave: the product of what each lets through.
 
     Twice as many samples at each step, for a pixel may have a million of them.

@@ -15,7 +15,7 @@ from refusals import refuses
 
 from defocus_core.io.exr import deep_chunks
 from defocus_core.io.exr.deep_chunks import decoded
-from defocus_core.io.exr.deep_layers import _shares
+from defocus_core.io.exr.deep_layers import _fractions
 from defocus_core.io.exr.deep_merging import MAX_LAYERS, merged
 from defocus_core.io.exr.deep_samples import Strip, max_samples, summary
 from defocus_core.io.exr.header import raw_headers, read_headers
@@ -101,7 +101,7 @@ def test_a_pixel_of_many_samples_is_merged_at_once() -> None:
     few, crowded = merged(strip, ("R", "A"))
     assert time.process_time() - before < 2
     assert (crowded, few.maximum) == (1, MAX_LAYERS)
-    shown = [float((each.values["R"] * _shares(each)).sum()) for each in (strip, few)]
+    shown = [float((each.values["R"] * _fractions(each)).sum()) for each in (strip, few)]
     assert shown[1] == pytest.approx(shown[0], rel=1e-5)  # 1 - alpha is a float
 
 
