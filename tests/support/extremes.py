@@ -15,8 +15,9 @@ KINDS = ("constant", "slanted", "checkerboard", "random")
 MAX_RADIUS = 5000.0
 # The brightest that a type holds, or that the renderer takes.
 _MAXIMUM = {torch.float16: 65504.0, torch.bfloat16: 9.9e29}
-# A gradient in float16 is at most 65504: even that of a picture to itself, divided by less, is not.
-_MIN_SCALE = 1e-3
+# A gradient in float16 is at most 65504, and that to a pixel on the verge of being a highlight
+# hundreds of times itself: divided by less, it is infinite.
+_MIN_SCALE = 2e-2
 # By interpolation of detail, in a draft of whole cells, and of small coverage at the border.
 _BRIGHTER = {"draft": 1.25}
 
