@@ -299,6 +299,7 @@ def test_a_rim_makes_cats_eyes_off_the_middle_and_dark_corners(tmp_path: Path) -
         (("--cat-eye", "1:90"), "at most"),
         (("--cat-eye", "1"), "like 1.05:1.5"),
         (("--vignetting", "on"), "add --cat-eye"),
+        (("--obstruction", "0.4", "--cat-eye", "0.3:0.1"), "larger than 0.4"),
     ):
         out = ("-o", tmp_path / "wrong")
         ran = run("render", color, depth, *out, *lens, *options)
