@@ -151,13 +151,14 @@ def test_views_are_swapped_for_each_other(jobs: Path, tmp_path: Path) -> None:
 
 
 def test_what_is_no_folder_of_goldens_is_refused(jobs: Path, goldens: Path, tmp_path: Path) -> None:
-    refused(golden("check", jobs, tmp_path), 3, "golden.json: no such file", "--accept")
+    refused(golden("check", jobs, tmp_path), 3, "not-found", "golden.json")
     (goldens / "golden.json").write_text('{"samples": {"a": 1}}')
-    refused(golden("check", jobs, goldens), 3, "golden.json: cannot be read")
+    refused(golden("check", jobs, goldens), 3, "damaged", "golden.json")
     refused(
         golden("check", jobs, goldens, "--must-fail", "--junit", "x.xml"),
         2,
-        "--junit: means nothing",
+        "contradiction",
+        "--junit",
     )
 
 
