@@ -104,22 +104,20 @@ def test_a_look_or_sensor_that_makes_no_sense_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    "values",
     [
-        (np.zeros((4, 4)), "above 0"),
-        (np.full((4, 4), -1.0), "0 or more"),
-        (np.stack([np.ones((4, 4)), np.zeros((4, 4)), np.ones((4, 4))], -1), "above 0"),
+        np.zeros((4, 4)),
+        np.full((4, 4), -1.0),
+        np.stack([np.ones((4, 4)), np.zeros((4, 4)), np.ones((4, 4))], -1),
     ],
 )
 def test_a_picture_that_is_no_opening_is_refused(
-    light: tuple[Path, Path], tmp_path: Path, values: np.ndarray, words: str
+    light: tuple[Path, Path], tmp_path: Path, values: np.ndarray
 ) -> None:
     np.save(tmp_path / "pupil.npy", values)
     out = tmp_path / "out"
     ran = run("render", *light, "-o", out, *LENS, "--aperture-image", tmp_path / "pupil.npy")
-    assert ran.code == 3
-    assert f"{tmp_path / 'pupil.npy'}: " in ran.err
-    assert words in ran.err
+    refused(ran, 3, "malformed", "pupil.npy")
     assert not list(out.glob("render/*"))
 
 
@@ -287,15 +285,14 @@ def test_a_rim_makes_cats_eyes_off_the_middle_and_dark_corners(tmp_path: Path) -
     assert (eye > 0.1).sum() < 0.9 * (plain > 0.1).sum()
     assert dark[0, 0] < 0.75 * eye[0, 0]
     assert header(tmp_path / "eye/render/a.exr")["defocus:cat_eye"] == "1:10"
-    for options, words in (
-        (("--cat-eye", "1:90"), "at most"),
-        (("--cat-eye", "1"), "like 1.05:1.5"),
-        (("--vignetting", "on"), "add --cat-eye"),
+    for options, code in (
+        (("--cat-eye", "1:90"), "malformed"),
+        (("--cat-eye", "1"), "malformed"),
+        (("--vignetting", "on"), "idle-option"),
     ):
         out = ("-o", tmp_path / "wrong")
         ran = run("render", color, depth, *out, *lens, *options)
-        assert ran.code != 0
-        assert words in ran.err
+        refused(ran, 2, code, options[0][2:])
 
 
 def test_axial_color_makes_rims_green_beyond_the_focus(
@@ -381,8 +378,7 @@ def test_each_colour_sees_its_own_part_of_a_coloured_opening(
     assert blue - red > 8
     lens = ("--focal-length", "50mm", "--fnumber", "1.6", "--focus", "2m", "--sensor-width", "2mm")
     ran = run("render", *light, "-o", tmp_path / "x", *lens, *options, "--outputs", "left")
-    assert ran.code != 0
-    assert "is coloured" in ran.err
+    refused(ran, 2, "colored-pupil", "aperture-image")
     high = ("-o", tmp_path / "high", *lens, *options, "--quality", "high")
     assert run("render", *light, *high).code == 0
 
