@@ -271,7 +271,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(("words", "wanted"), zip(ROWS[::2], ROWS[1::2], strict=True))
+@pytest.mark.parametrize(("words", "wanted"), list(zip(ROWS[::2], ROWS[1::2], strict=True)))
 def test_what_a_user_sees(
     words: str, wanted: str, desk: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
