@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from command_line import depth_exr, ramp, refused, refused_input, render, run
+from command_line import depth_exr, ramp, refused, refused_input, run
 
 from defocus_core.batch.jobs import toml_file
 
@@ -47,26 +47,6 @@ def test_a_lens_file_that_is_an_image_or_a_directory(color: Path, depth: Path, o
         refused_input(run("render", color, depth, "-o", out, "--lens", path), read, code)
     missing = color.parent / "none.toml"
     refused_input(run("render", color, depth, "-o", out, "--lens", missing), missing, "not-found")
-
-
-def test_a_key_misspelt_in_a_lens_file(color: Path, depth: Path, out: Path) -> None:
-    for key in ("focal-lenght", "focal_length", "Focal-Length"):
-        path = color.with_name("lens.toml")
-        path.write_text(f'{key} = "50mm"\n')
-        refused(run("render", color, depth, "-o", out, "--lens", path), 2, "unknown-name", path)
-
-
-def test_a_length_without_unit(color: Path, depth: Path, out: Path) -> None:
-    ran = render(color, depth, "-o", out, "--focus", "2")
-    refused(ran, 2, "malformed", "focus")
-    line = "defocus: --focus: '2' has no unit; write it with a unit, like 2m or 50mm\n"
-    assert ran.err == line
-    assert not out.exists()
-
-
-def test_focus_nearer_than_the_focal_length(color: Path, depth: Path, out: Path) -> None:
-    ran = render(color, depth, "-o", out, "--focus", "30mm")
-    refused(ran, 2, "out-of-range", "focus")
 
 
 def test_a_blur_beyond_all_numbers(color: Path, depth: Path, out: Path) -> None:

@@ -79,13 +79,3 @@ def test_an_unknown_value_is_usage(
     ran = render(*pair(tmp_path), "-o", tmp_path / "out", f"--{option}", value)
     refused(ran, 2, code, option)
     assert not (tmp_path / "out").exists()
-
-
-def test_the_number_type_of_exr_says_nothing_about_other_files(tmp_path: Path) -> None:
-    args = (*pair(tmp_path), "-o", tmp_path / "out", "--exr-type", "half")
-    refused(render(*args, "--format", "jpg"), 2, "idle-option", "exr-type")
-
-
-def test_jpeg_quality_is_refused_where_no_jpeg_is_written(tmp_path: Path) -> None:
-    args = (*pair(tmp_path), "-o", tmp_path / "out", "--jpeg-quality", "80")
-    refused(render(*args, "--format", "png"), 2, "idle-option", "jpeg-quality")

@@ -77,6 +77,8 @@ missing-option --preview: needs a lens, whose blur decides the repair; \
 give --lens FILE.toml, or --focal-length, … --focus
 R --lens @portrait-58
 unknown-name --lens: no lens @portrait-58 ships with defocus; did you mean @portrait-85?
+R --lens underscored.toml
+unknown-name underscored.toml: unknown key 'Focal_Length'; did you mean focal-length?
 R --lens misspelt.toml
 unknown-name misspelt.toml: unknown key 'focal-lenght'; did you mean focal-length?
 B sweep.toml
@@ -218,6 +220,12 @@ R --focal-lenght 50mm
 - --focal-lenght: no such option; did you mean --focal-length or …
 R more
 - command line: Got unexpected extra argument (more); see 'defocus render --help'
+R --fnumber
+- --fnumber: requires an argument; see 'defocus render --help'
+--nonsense
+- --nonsense: no such option; see 'defocus --help'
+render
+- COLOR: is missing; see 'defocus render --help'
 info
 - FILE...: is missing; see 'defocus info --help'
 render rgb.exr z.exr
@@ -237,6 +245,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, text in JOBS.items():
         (folder / f"{name}.toml").write_text(text)
     (folder / "misspelt.toml").write_text('focal-lenght = "50mm"\n')
+    (folder / "underscored.toml").write_text('Focal_Length = "50mm"\n')
     (folder / "link").mkdir()
     (folder / "link" / "self").symlink_to(".")
     (folder / "lost").symlink_to("none")
@@ -281,7 +290,7 @@ def test_what_a_user_sees(
     start = {"R": f"render rgb.exr z.exr -o out {LENS}", "B": "batch -o out"}.get(first, first)
     args = shlex.split(f"{start} {rest}".replace("LENS", LENS))
     with locked(desk / "held", say=print):
-        ran = run(*args, *(["--json"] if first != "help" else []))
+        ran = run(args[0], *(["--json"] if first != "help" else []), *args[1:])
     code, _, line = wanted.partition(" ")
     said = ran.err.removeprefix("defocus: ").removesuffix("\n")
     assert said == line or (line.endswith("…") and said.startswith(line[:-1]))
