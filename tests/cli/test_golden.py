@@ -138,6 +138,8 @@ def test_planted_faults_end_rules_that_let_everything_through(jobs: Path, golden
 
 def test_views_are_swapped_for_each_other(jobs: Path, tmp_path: Path) -> None:
     jobs.write_text(jobs.read_text() + "[outputs]\nkinds = ['left', 'right']\n")
+    for name in ("b_rgb.exr", "b_z.exr"):
+        (tmp_path / name).unlink()
     goldens = tmp_path / "goldens"
     assert golden("update", jobs, goldens, "--accept").code == 0
     assert golden("check", jobs, goldens, "--must-fail").code == 0
