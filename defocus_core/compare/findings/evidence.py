@@ -68,9 +68,8 @@ class Evidence:
     """
 
     def __init__(self, pixels: Pixels, types: Mapping[str, str]) -> None:
-        differ = [bool(difference.any()) for difference in pixels.differences]
         self.pixels = pixels
-        self.names = tuple(n for n, d in zip(pixels.names, differ, strict=True) if d)
+        self.names = tuple(n for n, most in pixels.differences.largest.items() if most)
         self.gamma = pixels.gamma
         self.types = {types[name] for name in self.names}
 
@@ -213,7 +212,7 @@ class Evidence:
         """Rows and columns that are looked at as a whole: around the middle of what differs."""
         cuts = []
         for axis, length in enumerate(self.size):
-            weights = self.pixels.greatest.sum(axis=1 - axis)
+            weights = self.pixels.greatest.sum(axis=1 - axis, dtype="f8")
             middle = float((weights * np.arange(length)).sum() / weights.sum())
             middle = middle if math.isfinite(middle) else length / 2
             first = min(max(0, round(middle) - _FRAME // 2), max(0, length - _FRAME))

@@ -52,9 +52,11 @@ def explanations(evidence: Evidence) -> Iterator[Explanation]:
 def _difference(evidence: Evidence) -> NDArray[Any]:
     """B − A on the scale of differences, the mean of the channels, of the whole picture [H, W]."""
     total = np.zeros(evidence.size, np.float32)
-    rows, columns = np.nonzero(evidence.pixels.greatest)
-    a, b = (evidence.scaled(evidence.at(side, rows, columns)).mean(axis=0) for side in ("a", "b"))
-    total[rows, columns] = b - a
+    for rows in evidence.pixels.strips():
+        for name in evidence.names:
+            a, b = (evidence.scaled(evidence.pixels.plane(s, name)[rows]) for s in ("a", "b"))
+            total[rows] += (b - a) / np.float32(len(evidence.names))
+    total[evidence.pixels.greatest == 0] = 0.0
     return total
 
 
@@ -259,7 +261,7 @@ def _noise(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation
         abs(alike(difference[:, 1:], difference[:, :-1])),
         abs(alike(difference[1:], difference[:-1])),
     )
-    planes = [each[evidence.frame] for each in evidence.pixels.differences]
-    level = math.sqrt(float(np.mean([np.square(p).mean() for p in planes if p.any()])))
+    planes = [evidence.pixels.difference(name, *evidence.frame) for name in evidence.names]
+    level = math.sqrt(float(np.mean([np.square(p).mean(dtype="f8") for p in planes])))
     finding = Finding("noise", f"noise of about {level:.2g}", {"rms": level})
     yield Explanation(finding, math.sqrt(shared), _NOISE_LEFT, 0.4)
