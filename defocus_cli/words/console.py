@@ -48,7 +48,8 @@ def watch(items: Iterable[T], unit: str, total: int) -> Iterable[T]:
         return items
     from tqdm import tqdm
 
-    return tqdm(items, total=total, unit=unit, file=sys.stderr, leave=False)
+    watched: Iterable[T] = tqdm(items, total=total, unit=unit, file=sys.stderr, leave=False)
+    return watched
 
 
 def _is_watched() -> bool:

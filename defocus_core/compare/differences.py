@@ -46,7 +46,7 @@ def amplified(pixels: Pixels, apart: NDArray[np.bool_] | None) -> tuple[float, N
     names = pixels.color[0] if pixels.color else pixels.names[:1]
     largest = pixels.differences.largest
     if not any(largest[name] for name in names):  # the others differ
-        names = [name for name in pixels.names if largest[name]][:3] or names
+        names = tuple(name for name in pixels.names if largest[name])[:3] or names
         names = names if len(names) == 3 else names[:1]
     chosen = [pixels.difference(name) for name in names]
     difference = np.stack(chosen * (3 // len(chosen)), axis=2)

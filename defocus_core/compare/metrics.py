@@ -164,7 +164,10 @@ def _similarity(pixels: Pixels) -> dict[str, float]:
     """The structural similarity of a pair; none where it is not defined."""
     if min(pixels.shape) <= 2 * REACH:
         return {}
-    values = [_ssim(*_lumas(pixels, layer), pixels.finite) for layer in pixels.color]
+    values = []
+    for layer in pixels.color:
+        a, b = (_luma_of(pixels, side, layer) for side in ("a", "b"))
+        values.append(_ssim(a, b, pixels.finite))
     known = [value for value in values if value is not None]
     return {"ssim": min(known)} if known and len(known) == len(values) else {}
 
@@ -177,8 +180,8 @@ def _on_scales(pixels: Pixels, total: int, *, shown: bool) -> dict[str, float]:
     for rows in pixels.strips():
         out = None if pixels.finite is None else ~pixels.finite[rows]
         for name, *sides in zip(pixels.names, pixels.a, pixels.b, strict=True):
-            scale = unclipped if name in colors and pixels.gamma == 1.0 else np.float32
-            a, b = (scale(side[rows]) for side in sides)
+            scaled = name in colors and pixels.gamma == 1.0
+            a, b = (unclipped(s[rows]) if scaled else np.asarray(s[rows], "f4") for s in sides)
             difference = _apart(a, b, out)
             squares += _squares(difference)
             np.maximum(greatest[rows], np.abs(difference, out=difference), out=greatest[rows])
@@ -224,19 +227,11 @@ def measure_edges(pixels: Pixels, near: NDArray[np.bool_]) -> dict[str, float]:
     return metrics
 
 
-def _lumas(pixels: Pixels, layer: Sequence[str]) -> list[NDArray[np.float32]]:
-    """The luma of a colour layer as a screen shows it, of A and of B."""
-    return [
-        _luma([encoded(pixels.plane(side, name), pixels.gamma) for name in layer], layer)
-        for side in ("a", "b")
-    ]
-
-
-def _luma(channels: Sequence[NDArray[np.float32]], layer: Sequence[str]) -> NDArray[np.float32]:
-    weights = [np.float32(_LUMA[name[-1]]) for name in layer]
-    luma = channels[0] * weights[0]
-    for channel, weight in zip(channels[1:], weights[1:], strict=True):
-        luma += channel * weight
+def _luma_of(pixels: Pixels, side: str, layer: Sequence[str]) -> NDArray[np.float32]:
+    """The luma of a colour layer as a screen shows it."""
+    luma = np.zeros(pixels.shape, np.float32)
+    for name in layer:
+        luma += encoded(pixels.plane(side, name), pixels.gamma) * np.float32(_LUMA[name[-1]])
     return luma
 
 

@@ -114,7 +114,7 @@ class Pixels:
         same = all(a is b for a, b in zip(self.a, self.b, strict=True))
         for rows in () if same else self.strips():
             ok = None if self.finite is None else self.finite[rows]
-            for name, a, b in zip(self.names, self.a, self.b, strict=True):
+            for name, a in zip(self.names, self.a, strict=True):
                 values = np.abs(a[rows] if ok is None else a[rows][ok], dtype=self._type)
                 level += float(values.sum(dtype=np.float64))
                 values = np.abs(self.difference(name, rows))
