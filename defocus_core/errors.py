@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -99,7 +99,7 @@ class Place:
 
     def at(self, field: str) -> Place:
         """The place of a key of the same file, table or line."""
-        return replace(self, field=field)
+        return Place(self.path, self.table, field)
 
     def __str__(self) -> str:
         if self.path is None:

@@ -3,7 +3,7 @@
 import signal
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -11,6 +11,10 @@ import torch
 from command_line import color_exr, depth_exr
 
 from defocus_core.batch.rendering import forecast
+from defocus_core.batch.workers import pipeline
+from defocus_core.batch.workers.plan import Chunk, Done, Execute
+from defocus_core.batch.workers.worker_config import WorkerConfig
+from defocus_core.system.process import settings_kept
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "sample_scenes"))
 
@@ -45,6 +49,24 @@ def known_rate() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(forecast, "work_per_second", lambda device, threads: 1e9)
         yield
+
+
+@pytest.fixture(autouse=True)
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Local batches are computed in the process of the test: another takes 2 s to import torch.
+
+    A test of worker processes undoes it.
+    """
+    execute = WorkerConfig.execute
+
+    def here(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
+        with settings_kept():
+            pipeline.execute(chunks, done, stopped)
+
+    def chosen(config: WorkerConfig) -> Execute:
+        return here if config.scheduler == "local" else execute(config)
+
+    monkeypatch.setattr(WorkerConfig, "execute", chosen)
 
 
 # Why a test may be skipped: a run fails if another one is, since what never runs rots.

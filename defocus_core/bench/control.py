@@ -66,9 +66,9 @@ def control_lines(rows: Sequence[Control]) -> Iterator[str]:
     yield f"more blur asked for, more blur made? {steps + 1} strengths of each shot, by rank"
     yield f"{'':<18}{'method':<9}{'mean':>7}{'minimum':>7}{'rises':>9}  least at"
     for method in dict.fromkeys(row.method for row in rows):
-        own = [row for row in rows if row.method == method]
-        minimum = min(own, key=lambda row: row.rank_correlation)
-        rose = f"{sum(row.rises for row in own)}/{steps * len(own)}"
-        mean = fmean(row.rank_correlation for row in own)
+        of_method = [row for row in rows if row.method == method]
+        minimum = min(of_method, key=lambda row: row.rank_correlation)
+        rose = f"{sum(row.rises for row in of_method)}/{steps * len(of_method)}"
+        mean = fmean(row.rank_correlation for row in of_method)
         numbers = f"{mean:>7.3f}{minimum.rank_correlation:>7.3f}{rose:>9}"
         yield f"{'control':<18}{method:<9}{numbers}  {minimum.scene} {minimum.shot}"

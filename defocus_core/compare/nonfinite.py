@@ -75,9 +75,9 @@ def count_nonfinite(pixels: Pixels, corner: tuple[int, int] = (0, 0)) -> Nonfini
         codes = [_codes(plane) for plane in (a, b)]
         differs = (codes[0] != codes[1]) & selected
         apart |= differs
-        for side, own in zip(("a", "b"), codes, strict=True):
-            lone_masks[side, "nan"] |= differs & (own == _NAN)
-            lone_masks[side, "inf"] |= differs & (np.abs(own) == 1)
+        for side, side_codes in zip(("a", "b"), codes, strict=True):
+            lone_masks[side, "nan"] |= differs & (side_codes == _NAN)
+            lone_masks[side, "inf"] |= differs & (np.abs(side_codes) == 1)
     lone = {}
     for key in (("b", "nan"), ("b", "inf"), ("a", "nan"), ("a", "inf")):
         if lone_masks[key].any():

@@ -88,7 +88,7 @@ class GuidedDepth(Derived):
         self._slopes = [_slope(disparity, dim) for dim in (0, 1)]
         self._colors = _mean_colors(image, self._row, self._column, (h, w))
 
-    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
         """The window [rows, columns], each a pair of first and end."""
         disparity = _linear(self._disparity, rows, columns, self.shape)
         down, across = self._row[slice(*rows)], self._column[slice(*columns)]

@@ -27,21 +27,21 @@ def blur_made(picture: Tensor, sharp: Tensor, *, border: int = 0) -> float:
     return 1 - _gradient(picture, border) / before if before else 0.0
 
 
-def rank_correlation(asked: Sequence[float], made: Sequence[float]) -> float:
+def rank_correlation(asked: Sequence[float], measured: Sequence[float]) -> float:
     """Spearman's rank correlation (1904), equal values sharing their mean rank; 0 if all are equal.
 
     Args:
         asked: Numbers.
-        made: As many numbers.
+        measured: As many numbers.
     """
-    first, second = (_ranks(values) for values in (asked, made))
+    first, second = (_ranks(values) for values in (asked, measured))
     spread = float(first.norm() * second.norm())
     return float(first @ second) / spread if spread else 0.0
 
 
-def rises(made: Sequence[float]) -> int:
+def rises(measured: Sequence[float]) -> int:
     """How many numbers are greater than the one before."""
-    return sum(after > before for before, after in pairwise(made))
+    return sum(after > before for before, after in pairwise(measured))
 
 
 def _ranks(values: Sequence[float]) -> Tensor:

@@ -57,15 +57,15 @@ class Launches(TorchDispatchMode):
         kwargs = kwargs or {}
         result = func(*args, **kwargs)
         name = func.overloadpacket.__name__
-        given, made = self._own((args, kwargs)), self._own(result)
-        if given and (self._is_waited(name, args) or self._is_copied_away(name, result, args)):
+        inputs, outputs = self._tensors((args, kwargs)), self._tensors(result)
+        if inputs and (self._is_waited(name, args) or self._is_copied_away(name, result, args)):
             self.waits += 1
-        if (given or made) and not func.is_view and name not in _FREE:
+        if (inputs or outputs) and not func.is_view and name not in _FREE:
             self.launches += 1
-            self.written += sum(x.numel() * x.element_size() for x in made)
+            self.written += sum(x.numel() * x.element_size() for x in outputs)
         return result
 
-    def _own(self, values: object) -> list[Tensor]:
+    def _tensors(self, values: object) -> list[Tensor]:
         """The tensors of the device among some values."""
         tensors = (x for x in tree_leaves(values) if isinstance(x, Tensor))
         return [x for x in tensors if x.device.type == self._kind]

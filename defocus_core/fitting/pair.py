@@ -52,7 +52,7 @@ class Fit:
         breathing_error: Its standard error.
         shading: Of left and right the factor in the middle, and its change over half a frame
             along x and y; empty if it was not sought.
-        explained: The share of the difference between the pictures that the blur explains.
+        explained: The fraction of the difference between the pictures that the blur explains.
         doubts: What these pictures could not tell, in words.
         refusals: Why this is not the lens of these pictures; empty if it may well be.
     """
@@ -125,20 +125,20 @@ def fit(
     """
     given = blurred if isinstance(blurred, tuple) else (blurred,)
     _check(sharp, disparity, given, plane=focus is not None)
-    sharp, *seen = _one_channel(sharp, *given)
+    sharp, *observed = _one_channel(sharp, *given)
     free = {
         "strength": strength is None,
         "focus": focus is None,
         "gamma": gamma,
         **dict.fromkeys(("across", "down", "breathing"), shift),
-        "separation": crosstalk and len(seen) > 1,
+        "separation": crosstalk and len(observed) > 1,
     }
     span = float(disparity.max() - disparity.min())
     with torch.no_grad(), own_modes(sharp.device):
         residual = Residual(
             sharp,
             disparity,
-            tuple(seen),
+            tuple(observed),
             exposure=exposure,
             side_shading=side_shading,
             depth_repair=depth_repair,
@@ -164,17 +164,17 @@ def _one_channel(*pictures: Tensor) -> list[Tensor]:
     return [each[:1] if same else each for each in pictures]
 
 
-def _check(sharp: Tensor, disparity: Tensor, seen: tuple[Tensor, ...], *, plane: bool) -> None:
+def _check(sharp: Tensor, disparity: Tensor, observed: tuple[Tensor, ...], *, plane: bool) -> None:
     """Refuse pictures that do not belong together."""
     if sharp.dim() != 3 or disparity.shape != sharp.shape[1:]:
         raise ValueError(
             "sharp must be [C, H, W] and disparity [H, W] of the same size, got "
             f"{described(sharp)} and {described(disparity)}"
         )
-    for each in seen:
+    for each in observed:
         if each.shape != sharp.shape:
             raise ValueError(f"blurred must have the shape of sharp, got {described(each)}")
-    for name, values in (("sharp", sharp), ("disparity", disparity), ("blurred", seen[0])):
+    for name, values in (("sharp", sharp), ("disparity", disparity), ("blurred", observed[0])):
         if not bool(torch.isfinite(values).all()):
             raise ValueError(f"{name} must be finite; infinitely far is a disparity of 0")
     if float(disparity.max() - disparity.min()) <= 0 and not plane:
@@ -194,7 +194,7 @@ def _told(search: Search, fitted: FittedLens, disparity: Tensor, sought: dict[st
     residual, weight = search.residual.of(point, optics, scale)
     errors = _errors(search, fitted, scale, free, float(weight.sum()))
     radius = point.strength * scale.factor * (point.focus - scale.disparity)
-    pair = len(scale.seen) > 1
+    pair = len(scale.observed) > 1
     shading = search.residual.shading(point, optics, scale) if search.residual.side_shading else ()
     evidence = JudgedPair.of(search.residual, point, optics)
     return Fit(

@@ -1,4 +1,4 @@
-"""The pictures of a pair at a size: sharp, disparity, and what is seen blurred."""
+"""The pictures of a pair at a size: sharp, disparity, and what is observed blurred."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from torch.nn.functional import conv2d, interpolate, pad
 
 _MINIMUM = 16  # px, of a side of small pictures
 _ENDLESS = 1.001  # greatest value, beyond which light has no end
-_END = 0.9999  # share of the greatest value
+_END = 0.9999  # fraction of the greatest value
 _LOBES = 3  # of the windowed sinc that shifts a picture
 
 
@@ -21,20 +21,20 @@ class Scale:
     Attributes:
         factor: Px of this size for a px of the pictures.
         sharp: [C, H, W].
-        seen: Each [C, H, W].
+        observed: Each [C, H, W].
         disparity: [H, W].
         lost: Share of pixels whose light is clipped in the sharp picture [1, H, W]; None if none
             is.
     """
 
     def __init__(
-        self, sharp: Tensor, disparity: Tensor, seen: tuple[Tensor, ...], width: int
+        self, sharp: Tensor, disparity: Tensor, observed: tuple[Tensor, ...], width: int
     ) -> None:
         """Reduce the pictures to a width in px; a greater one leaves them."""
         full = sharp.shape[2]
         self.factor = min(1.0, width / full)
         self.sharp = self._small(sharp)
-        self.seen = [self._small(each) for each in seen]
+        self.observed = [self._small(each) for each in observed]
         self.lost = self._small(clipped) if bool((clipped := _clipped(sharp)).any()) else None
         height, width = self.sharp.shape[1:]
         rows = ((torch.arange(height) + 0.5) * sharp.shape[1] / height).long()
@@ -42,9 +42,9 @@ class Scale:
         self.disparity = disparity[rows][:, columns]
 
     def flat(self) -> Scale:
-        """The same pictures with a disparity of 0 everywhere, and the mean of what is seen."""
+        """The same pictures with a disparity of 0 everywhere, and the mean of what is observed."""
         flat = copy(self)
-        flat.seen = [torch.stack(self.seen).mean(0)]
+        flat.observed = [torch.stack(self.observed).mean(0)]
         flat.disparity = torch.zeros_like(self.disparity)
         return flat
 
@@ -82,13 +82,13 @@ def shifted(images: Tensor, across: float, down: float) -> Tensor:
     return images
 
 
-def offset_of(sharp: Tensor, seen: Tensor, maximum: int) -> tuple[float, float]:
+def offset_of(sharp: Tensor, observed: Tensor, maximum: int) -> tuple[float, float]:
     """Px by which a picture [C, H, W] lies to the right of and below another, whatever its blur.
 
     Their correlation is greatest there: a pupil that is the same when turned moves nothing.
     """
     spectra = []
-    for image in (sharp, seen):
+    for image in (sharp, observed):
         light = image.clamp_min(0).mean(0)
         light = light / (light + light.median().clamp_min(1e-3))  # lamps do not decide
         spectra.append(torch.fft.rfft2(light - light.mean(), s=[2 * n for n in light.shape]))

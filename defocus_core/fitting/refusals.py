@@ -16,7 +16,7 @@ from defocus_core.fitting.unknowns import MAX_SHIFT, Candidate
 
 _WIDTH = 480  # px, of the pictures that are judged
 _SMALL = 48  # px, of pictures whose blur hardly shows
-_EXPLAINED = 1 / 3  # least share of the difference that a lens explains, before much noise
+_EXPLAINED = 1 / 3  # minimum fraction of the difference that a lens explains, before much noise
 _ALIKE = 0.5  # least correlation of pictures of one scene
 _AS_SHARP = 1.02  # times the detail of the sharp picture: the other one is sharper
 _MORE = 0.6  # of the error, that is left by what explains more
@@ -41,10 +41,10 @@ class Refusal(NamedTuple):
 
 
 class JudgedPair(NamedTuple):
-    """What a blur makes, what is seen and what is sharp, in compressed light, [C, H, W]."""
+    """What a blur makes, what is observed and what is sharp, in compressed light, [C, H, W]."""
 
-    made: Tensor
-    seen: Tensor
+    modelled: Tensor
+    observed: Tensor
     sharp: Tensor
     weight: Tensor  # [1, H, W]
 
@@ -52,22 +52,24 @@ class JudgedPair(NamedTuple):
     def of(cls, residual: Residual, point: Candidate, optics: Optics) -> JudgedPair:
         """That of a point; of a pair its mean."""
         scale = residual.scale(_WIDTH)
-        made, weight = residual.made(point, optics, scale)
-        still = residual.made(_unblurred(point, scale), optics, scale)[0]
-        seen = torch.stack(scale.seen)
-        made, seen, still = (residual.compressed(each.mean(0)) for each in (made, seen, still))
-        return cls(made, seen, still, weight.amin(0))
+        modelled, weight = residual.modelled(point, optics, scale)
+        still = residual.modelled(_unblurred(point, scale), optics, scale)[0]
+        observed = torch.stack(scale.observed)
+        modelled, observed, still = (
+            residual.compressed(each.mean(0)) for each in (modelled, observed, still)
+        )
+        return cls(modelled, observed, still, weight.amin(0))
 
-    def error(self, made: Tensor) -> float:
-        """The mean square of what a picture differs from what is seen."""
-        total = self.weight.sum().clamp_min(1e-9) * len(made)
-        return float(((made - self.seen) ** 2 * self.weight).sum() / total)
+    def error(self, modelled: Tensor) -> float:
+        """The mean square of what a picture differs from what is observed."""
+        total = self.weight.sum().clamp_min(1e-9) * len(modelled)
+        return float(((modelled - self.observed) ** 2 * self.weight).sum() / total)
 
     @property
     def explained(self) -> float:
-        """The share of the difference between the pictures that the blur explains."""
+        """The fraction of the difference between the pictures that the blur explains."""
         before = self.error(self.sharp)
-        return 1 - self.error(self.made) / before if before > _MINIMUM else 0.0
+        return 1 - self.error(self.modelled) / before if before > _MINIMUM else 0.0
 
 
 def _unblurred(point: Candidate, scale: Scale) -> Candidate:
@@ -107,12 +109,12 @@ def refusals_of(evidence: JudgedPair, options: dict[str, bool]) -> Iterator[Refu
 
 def _other_cause(evidence: JudgedPair, options: dict[str, bool]) -> Refusal | None:
     """What explains more than a blur, if something does."""
-    if _detail(evidence.seen) > _AS_SHARP * _detail(evidence.sharp):
+    if _detail(evidence.observed) > _AS_SHARP * _detail(evidence.sharp):
         problem = "BLURRED is sharper than SHARP"
         return Refusal("swapped", problem, "give them in the order SHARP DEPTH BLURRED")
     if not options["shift"]:
-        for image, left in ((evidence.sharp, _CLOSER), (evidence.made, _MORE)):
-            across, down = _offset(image, evidence.seen)
+        for image, left in ((evidence.sharp, _CLOSER), (evidence.modelled, _MORE)):
+            across, down = _offset(image, evidence.observed)
             there = evidence.error(shifted(image[None], across, down)[0])
             if math.hypot(across, down) > _MOVED and there < left * evidence.error(image):
                 problem = (
@@ -124,8 +126,11 @@ def _other_cause(evidence: JudgedPair, options: dict[str, bool]) -> Refusal | No
 
 def _other_curve(evidence: JudgedPair, options: dict[str, bool]) -> Refusal | None:
     """The exposure or the gamma that explains more than a blur, if one does."""
-    images = evidence.made, evidence.sharp  # a wrong lens hides a curve that the sharp one shows
-    tried = (_curves(image, evidence.seen, evidence.weight) for image in images)
+    images = (
+        evidence.modelled,
+        evidence.sharp,
+    )  # a wrong lens hides a curve that the sharp one shows
+    tried = (_curves(image, evidence.observed, evidence.weight) for image in images)
     before, (factor, _, scaled), (_, power, curved) = min(tried, key=lambda each: each[2][2])
     scaled = min(before, scaled)
     if not options["gamma"] and abs(power - 1) > _CHANGED and curved < _MORE * scaled:
@@ -144,31 +149,33 @@ def _small(image: Tensor) -> Tensor:
 
 
 def _curves(
-    made: Tensor, seen: Tensor, weight: Tensor
+    modelled: Tensor, observed: Tensor, weight: Tensor
 ) -> tuple[float, tuple[float, float, float], tuple[float, float, float]]:
     """The error of small pictures; then factor, power and error by a factor, and by both."""
-    made, seen, weight = (_small(each) for each in (made, seen, weight))
-    x, y = ((c / (1 - c).clamp_min(1e-6)).clamp_min(1e-4).log().double() for c in (made, seen))
-    w = (weight * made * (1 - made)).double()  # where compressed light changes most
+    modelled, observed, weight = (_small(each) for each in (modelled, observed, weight))
+    x, y = (
+        (c / (1 - c).clamp_min(1e-6)).clamp_min(1e-4).log().double() for c in (modelled, observed)
+    )
+    w = (weight * modelled * (1 - modelled)).double()  # where compressed light changes most
     mean_x, mean_y = ((w * each).sum() / w.sum().clamp_min(1e-12) for each in (x, y))
     slope = (w * (x - mean_x) * (y - mean_y)).sum() / (w * (x - mean_x) ** 2).sum().clamp_min(1e-12)
 
     def error(light: Tensor) -> float:
-        return float((weight * (torch.sigmoid(light) - seen) ** 2).sum())
+        return float((weight * (torch.sigmoid(light) - observed) ** 2).sum())
 
     lines = [(float((mean_y - k * mean_x).exp()), float(k)) for k in (1.0, slope)]
     fits = [(a, k, error(k * x + math.log(a))) for a, k in lines]
     return error(x), fits[0], fits[1]
 
 
-def _offset(image: Tensor, seen: Tensor) -> tuple[float, float]:
+def _offset(image: Tensor, observed: Tensor) -> tuple[float, float]:
     """The shift in px from a picture to another: whole px, then parts of them."""
-    across, down = offset_of(image, seen, int(MAX_SHIFT))
+    across, down = offset_of(image, observed, int(MAX_SHIFT))
     near = shifted(image[None], across, down)[0]
     slopes = torch.stack(torch.gradient(near, dim=(2, 1)))  # [2, C, H, W], along x and y
     border = int(MAX_SHIFT)
     inner = (..., slice(border, -border), slice(border, -border))
-    slopes, away = slopes[inner].flatten(1).double(), (near - seen)[inner].flatten()
+    slopes, away = slopes[inner].flatten(1).double(), (near - observed)[inner].flatten()
     normal = slopes @ slopes.T + 1e-12 * torch.eye(2, dtype=torch.float64)
     step = torch.linalg.solve(normal, slopes @ away.double()).clamp(-1, 1)
     return across + float(step[0]), down + float(step[1])
@@ -181,17 +188,17 @@ def _detail(image: Tensor) -> float:
 
 
 def _small_correlation(evidence: JudgedPair) -> float:
-    """That of the sharp picture and of what is seen, so small that a blur hardly shows."""
-    pair = (_small(image) for image in (evidence.sharp, evidence.seen))
-    sharp, seen = (image - image.mean() for image in pair)
-    return float((sharp * seen).sum() / (sharp.norm() * seen.norm()).clamp_min(1e-12))
+    """That of the sharp picture and of what is observed, so small that a blur hardly shows."""
+    pair = (_small(image) for image in (evidence.sharp, evidence.observed))
+    sharp, observed = (image - image.mean() for image in pair)
+    return float((sharp * observed).sum() / (sharp.norm() * observed.norm()).clamp_min(1e-12))
 
 
 def _correlation(evidence: JudgedPair) -> float:
-    """That of what a blur makes and what is seen, without what is wider than a sixteenth."""
-    side = max(3, evidence.made.shape[2] // 16) | 1
+    """That of what a blur makes and what is observed, without what is wider than a sixteenth."""
+    side = max(3, evidence.modelled.shape[2] // 16) | 1
     rest = []
-    for image in (evidence.made, evidence.seen):
+    for image in (evidence.modelled, evidence.observed):
         wide = avg_pool2d(image[None], side, 1, side // 2, count_include_pad=False)[0]
         rest.append((image - wide) * evidence.weight.sqrt())
     norm = (rest[0].norm() * rest[1].norm()).clamp_min(1e-12)

@@ -1,4 +1,4 @@
-"""What a point makes of the sharp picture, and its difference from what is seen.
+"""What a point makes of the sharp picture, and its difference from what is observed.
 
 Differences are taken of light compressed by x / (x + m), so that a lamp does not outweigh a scene.
 They count less where they are large (Huber), and not where light is clipped, where a clipped light
@@ -24,7 +24,7 @@ from defocus_core.renderer.render import render
 
 BEND = 0.02  # of compressed light, from which on a difference counts less
 _CLIPPED = 0.98  # of the greatest value, in pictures that end at 1
-_TRUSTED = 0.9  # share of the lens, from which on a pixel counts
+_TRUSTED = 0.9  # fraction of the lens, from which on a pixel counts
 _MIN_WEIGHT = 0.05  # mean of a picture of which enough counts
 _LOST = 1e-3  # share of clipped light in a pixel of which nothing can be said
 _FAINT = 1e-7  # of a channel of lost light, which must not decide how colours are filled in
@@ -39,13 +39,13 @@ class Optics(NamedTuple):
 
 
 class Residual:
-    """The differences between what points make and what is seen."""
+    """The differences between what points make and what is observed."""
 
     def __init__(
         self,
         sharp: Tensor,
         disparity: Tensor,
-        seen: tuple[Tensor, ...],
+        observed: tuple[Tensor, ...],
         *,
         exposure: bool,
         side_shading: bool = False,
@@ -59,7 +59,7 @@ class Residual:
         Args:
             sharp: [C, H, W].
             disparity: [H, W].
-            seen: One blurred picture, or left and right.
+            observed: One blurred picture, or left and right.
             exposure: Whether each channel has a factor.
             side_shading: Whether left and right have a factor each that is a plane over the frame.
             depth_repair: As for `render`.
@@ -72,9 +72,9 @@ class Residual:
         self._progress, self._done = progress, 0
         self._repair, self._edge_width = depth_repair, edge_width
         self._threads = threads
-        self._pictures = (sharp, disparity, seen)
-        self._middle = float(seen[0].float().abs().median().clamp_min(1e-3))
-        top = float(seen[0].max())
+        self._pictures = (sharp, disparity, observed)
+        self._middle = float(observed[0].float().abs().median().clamp_min(1e-3))
+        top = float(observed[0].max())
         self._white = _CLIPPED * top if top <= 1.001 else math.inf
         self._scales: dict[int, Scale] = {}
         self._rendered: dict[object, tuple[Tensor, Tensor]] = {}
@@ -90,58 +90,58 @@ class Residual:
         self, point: Candidate, optics: Optics, scale: Scale, quality: str = "standard"
     ) -> tuple[Tensor, Tensor]:
         """Differences of compressed light [V, C, H, W], and weights [V, 1, H, W]."""
-        made, weight = self.made(point, optics, scale, quality)
-        return self.compressed(made) - self.compressed(torch.stack(scale.seen)), weight
+        modelled, weight = self.modelled(point, optics, scale, quality)
+        return self.compressed(modelled) - self.compressed(torch.stack(scale.observed)), weight
 
-    def made(
+    def modelled(
         self, point: Candidate, optics: Optics, scale: Scale, quality: str = "standard"
     ) -> tuple[Tensor, Tensor]:
         """The numbers that a camera stores [V, C, H, W], and their weights [V, 1, H, W]."""
-        made, weight = self._stored(point, optics, scale, quality)
-        seen = torch.stack(scale.seen)
+        modelled, weight = self._stored(point, optics, scale, quality)
+        observed = torch.stack(scale.observed)
         if self.exposure:
-            made = made * self._factors(made, seen, weight)[:, None, None]
+            modelled = modelled * self._factors(modelled, observed, weight)[:, None, None]
         if self.side_shading:
-            made = made * _planes(self._shading(made, seen, weight), made)
-        return made, weight
+            modelled = modelled * _planes(self._shading(modelled, observed, weight), modelled)
+        return modelled, weight
 
     def gains(self, point: Candidate, optics: Optics, scale: Scale) -> Tensor:
         """The factor of light of each channel [C]; ones if the exposure is the same."""
         if not self.exposure:
             return torch.ones(len(scale.sharp))
-        made, weight = self._stored(point, optics, scale, "standard")
-        return self._factors(made, torch.stack(scale.seen), weight) ** point.gamma
+        modelled, weight = self._stored(point, optics, scale, "standard")
+        return self._factors(modelled, torch.stack(scale.observed), weight) ** point.gamma
 
     def shading(self, point: Candidate, optics: Optics, scale: Scale) -> Tensor:
         """The factor of each view [V, 3]: in the middle, and its change over half a frame."""
-        made, weight = self._stored(point, optics, scale, "standard")
-        seen = torch.stack(scale.seen)
+        modelled, weight = self._stored(point, optics, scale, "standard")
+        observed = torch.stack(scale.observed)
         if self.exposure:
-            made = made * self._factors(made, seen, weight)[:, None, None]
-        return self._shading(made, seen, weight)
+            modelled = modelled * self._factors(modelled, observed, weight)[:, None, None]
+        return self._shading(modelled, observed, weight)
 
     def _stored(
         self, point: Candidate, optics: Optics, scale: Scale, quality: str
     ) -> tuple[Tensor, Tensor]:
-        """What `made` is without factors."""
-        made, trust = self._render(point, optics, scale, quality)
+        """What `modelled` is without factors."""
+        modelled, trust = self._render(point, optics, scale, quality)
         if scale.lost is not None:
-            made, lost = made[:, :-1], made[:, -1]
+            modelled, lost = modelled[:, :-1], modelled[:, -1]
             trust = trust * (1 - lost.amax(0) / (_FAINT * _LOST)).clamp(0, 1)
-        if len(made) > 1:
-            made = made[:1] + point.separation * (made[1:] - made[:1])
+        if len(modelled) > 1:
+            modelled = modelled[:1] + point.separation * (modelled[1:] - modelled[:1])
         if point.gamma != 1:
-            made = made.clamp_min(0) ** (1 / point.gamma)
+            modelled = modelled.clamp_min(0) ** (1 / point.gamma)
         sure = ((trust - _TRUSTED) / (1 - _TRUSTED)).clamp(0, 1)
         across, down = point.across * scale.factor, point.down * scale.factor
         if across or down:
-            made = shifted(made, across, down)
+            modelled = shifted(modelled, across, down)
             sure = sure.clone()
             for side, shift in ((sure.mT, across), (sure, down)):
                 if border := border_of(shift):
                     side[:border] = side[-border:] = 0
-        unclipped = (torch.stack(scale.seen).amax(1, keepdim=True) < self._white).float()
-        return made, sure * unclipped
+        unclipped = (torch.stack(scale.observed).amax(1, keepdim=True) < self._white).float()
+        return modelled, sure * unclipped
 
     def _render(
         self, point: Candidate, optics: Optics, scale: Scale, quality: str
@@ -167,7 +167,7 @@ class Residual:
             aperture=point.turned(optics.aperture),
             dual_pixel=optics.dual_pixel,
             quality=quality,
-            left_right=len(scale.seen) > 1,
+            left_right=len(scale.observed) > 1,
             threads=self._threads,
             infinity=strength * point.focus,
             depth_repair=self._repair,
@@ -182,27 +182,27 @@ class Residual:
             self._rendered.pop(next(iter(self._rendered)))
         return fitted
 
-    def _factors(self, made: Tensor, seen: Tensor, weight: Tensor) -> Tensor:
+    def _factors(self, modelled: Tensor, observed: Tensor, weight: Tensor) -> Tensor:
         """The factor of each channel [C] by least squares."""
-        common = weight / (seen + self._middle) ** 2
-        return (common * made * seen).sum((0, 2, 3)) / (common * made * made).sum(
+        common = weight / (observed + self._middle) ** 2
+        return (common * modelled * observed).sum((0, 2, 3)) / (common * modelled * modelled).sum(
             (0, 2, 3)
         ).clamp_min(1e-12)
 
-    def _shading(self, made: Tensor, seen: Tensor, weight: Tensor) -> Tensor:
+    def _shading(self, modelled: Tensor, observed: Tensor, weight: Tensor) -> Tensor:
         """The factor of each view [V, 3] by least squares: its middle, and along x and y."""
-        common = (weight / (seen + self._middle) ** 2).double()
-        base = _axes(made)
-        normal = torch.einsum("ihw,jhw,vchw->vij", base, base, common * made * made)
-        right = torch.einsum("ihw,vchw->vi", base, common * made * seen)
+        common = (weight / (observed + self._middle) ** 2).double()
+        base = _axes(modelled)
+        normal = torch.einsum("ihw,jhw,vchw->vij", base, base, common * modelled * modelled)
+        right = torch.einsum("ihw,vchw->vi", base, common * modelled * observed)
         ridge = 1e-9 * normal.diagonal(dim1=1, dim2=2).amax().clamp_min(1e-30)
         solved: Tensor = torch.linalg.solve(
             normal + ridge * torch.eye(3, dtype=normal.dtype), right
         )
-        return solved.to(made.dtype)
+        return solved.to(modelled.dtype)
 
     def compressed(self, light: Tensor) -> Tensor:
-        """Light in [0, 1), of which a half is the middle of what is seen."""
+        """Light in [0, 1), of which a half is the middle of what is observed."""
         positive = light.clamp_min(0)
         return positive / (positive + self._middle)
 

@@ -27,12 +27,12 @@ _TURNS = 4  # rotations tried between a blade and the next
 _BLOCKS = 6  # along each side, for the uncertainty
 _SEPARATION = 0.5  # of left and right, from which steps descend
 _ENOUGH = 2e-4  # a smaller step is none
-_SHORTER = (1.0, 0.35, 0.1)  # shares of a step that are tried
+_SHORTER = (1.0, 0.35, 0.1)  # fractions of a step that are tried
 _DAMPING = 1e-4
 _ASIDE = (-1.5, -0.75, 0.0, 0.75, 1.5)  # px of radius that the focus is tried aside
 # Px by which a nearly sharp surface is moved, how much less error is worth it, and how often.
 _NEARLY_SHARP, _BETTER, _TIMES = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4), 0.9, 3
-_RARE = 0.02  # share of pixels, nearer or farther than which there are hardly any
+_RARE = 0.02  # fraction of the pixels, nearer or farther than which there are hardly any
 _AS_GOOD = 1.002  # an error as small, by the rounding of the renderer
 
 
@@ -116,8 +116,8 @@ class Search:
         if not any(unknown.name in names for unknown in self._free):
             return {}
         scale = self.residual.scale(None)
-        seen = torch.stack(scale.seen).mean(0)
-        return dict(zip(names, offset_of(scale.sharp, seen, int(MAX_SHIFT)), strict=True))
+        observed = torch.stack(scale.observed).mean(0)
+        return dict(zip(names, offset_of(scale.sharp, observed, int(MAX_SHIFT)), strict=True))
 
     def _chosen(self, fitted: FittedLens, choices: Sequence[Optics]) -> FittedLens:
         """The pupil and the photodiodes that explain the pictures best, near a point."""
@@ -259,9 +259,9 @@ def _best(fitted: list[FittedLens], width: int, scale: Scale) -> list[FittedLens
     ends, kept = torch.stack(scale.disparity.aminmax()), []
     radii: list[Tensor] = []
     for each in fitted[: _KEPT[width]]:
-        own = each.point.strength * scale.factor * (each.point.focus - ends)
-        apart = all(float((own - other).abs().max()) > _SAME for other in radii)
+        radius = each.point.strength * scale.factor * (each.point.focus - ends)
+        apart = all(float((radius - other).abs().max()) > _SAME for other in radii)
         if apart and each.error <= _CLEARLY * fitted[0].error:
             kept.append(each)
-            radii.append(own)
+            radii.append(radius)
     return kept

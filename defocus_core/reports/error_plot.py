@@ -67,12 +67,12 @@ def draw(path: Path, rows: Sequence[Row]) -> None:
 
 def _draw_shots(axes: Any, rows: Sequence[Row]) -> None:
     for method in dict.fromkeys(row.method for row in rows):
-        own = [row for row in rows if row.method == method]
+        of_method = [row for row in rows if row.method == method]
         if method == "input":
             continue
         axes.scatter(
-            [row.cost.fft_units for row in own],
-            [min(row.errors.psnr, CAP) for row in own],
+            [row.cost.fft_units for row in of_method],
+            [min(row.errors.psnr, CAP) for row in of_method],
             marker=_MARKS.get(method, "o"),
             color=_COLORS[method],
             s=22,

@@ -35,8 +35,8 @@ def write_junit(path: Path, records: Sequence[Comparison], seconds: float) -> No
         text = printable(line(record))
         if not record.passes:
             kind = "error" if record.status == UNREADABLE else "failure"
-            told = {"type": record.status, "message": text}
-            ElementTree.SubElement(case, kind, told).text = text
+            attributes = {"type": record.status, "message": text}
+            ElementTree.SubElement(case, kind, attributes).text = text
         elif record.status == WARNING:
             ElementTree.SubElement(case, "system-out").text = text
     ElementTree.indent(root)

@@ -55,14 +55,14 @@ def chained(motions: Sequence[Tensor], radii: Sequence[Tensor], step: float) -> 
         radii: [H, W] px each, of the same frames.
         step: Greatest difference of radii in px of one surface in two frames.
     """
-    total, last, own = motions[0], motions[0], radii[0]
-    size = own.shape[0], own.shape[1]
+    total, last, nearest = motions[0], motions[0], radii[0]
+    size = nearest.shape[0], nearest.shape[1]
     start = positions(size, total)
     for motion, radius in zip(motions[1:], radii[1:], strict=True):
         index, inside = nearest_pixels(start + total, size)
         there = radius.flatten()[index]
-        same = inside & ((there - own).abs() <= step)
-        own = torch.where(same, there, own)
+        same = inside & ((there - nearest).abs() <= step)
+        nearest = torch.where(same, there, nearest)
         last = torch.where(same, motion.flatten(1)[:, index], last)
         total = total + last
     return total

@@ -53,7 +53,7 @@ def _revealed(frame: Frame, neighbour: Frame, unknown: Tensor) -> tuple[Tensor, 
         [n] numbers of pixels of the frame, [n] of the neighbour, and [n] px, the radii of these.
     """
     assert neighbour.motion is not None
-    own, radius = frame.signed_radius.flatten(), neighbour.signed_radius
+    frame_radius, radius = frame.signed_radius.flatten(), neighbour.signed_radius
     H, W = radius.shape
     # a pixel beside a nearer surface holds a part of its colour
     whole = extreme_around(radius, 1, torch.minimum) > radius - STEP
@@ -63,9 +63,9 @@ def _revealed(frame: Frame, neighbour: Frame, unknown: Tensor) -> tuple[Tensor, 
     nearest, inside = nearest_pixels(at, (H, W))
     color = neighbour.image.flatten(1)[:, source]
     same = inside & alike(color, frame.image.flatten(1)[:, nearest])
-    there = torch.where(same, own[nearest], torch.nan)
+    there = torch.where(same, frame_radius[nearest], torch.nan)
     behind, spread = approached(radius.flatten()[source].to(there.dtype), there)
-    moved = torch.full_like(own, torch.inf)
+    moved = torch.full_like(frame_radius, torch.inf)
     moved[source] = behind
     steps = STEP + _SPREADS * spread
     targets, sources, distances = [], [], []
@@ -75,7 +75,7 @@ def _revealed(frame: Frame, neighbour: Frame, unknown: Tensor) -> tuple[Tensor, 
             inside = (column >= 0) & (column < W) & (row >= 0) & (row < H)
             inside &= (column - at[0] < 1) & (row - at[1] < 1)
             target = (row * W + column).where(inside, torch.zeros_like(row)).long()
-            farther = inside & (behind > own[target] + steps)
+            farther = inside & (behind > frame_radius[target] + steps)
             farther &= unknown[target]
             targets.append(target[farther])
             sources.append(source[farther])

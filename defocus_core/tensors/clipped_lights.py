@@ -139,7 +139,7 @@ def _found(
     size = image.shape[-2], image.shape[-1]
     pairs = [pair for pair in pairwise(_LEVELS) if pair[1] > threshold]
     around = max(_MIN_AROUND, round(_AROUND * size[1]))
-    found: list[list[tuple[Runs, Tensor]]] = [[] for _ in pairs]
+    runs_of_level: list[list[tuple[Runs, Tensor]]] = [[] for _ in pairs]
     for first, end in bands(image):
         top = max(first - around, 0)
         light = image[..., top : min(end + around, size[0]), :].detach()[:colors]
@@ -147,10 +147,10 @@ def _found(
         blur = torch.full_like(minimum, _BLURRED[1])
         if signed_radius is not None:
             blur = signed_radius[first:end].detach().abs().to(minimum)
-        for level, (low, _) in zip(found, pairs, strict=True):
+        for level, (low, _) in zip(runs_of_level, pairs, strict=True):
             level.append(_band(bright, (minimum, blur), (first, end), top, low, around))
     levels = []
-    for level, (low, high) in zip(found, pairs, strict=True):
+    for level, (low, high) in zip(runs_of_level, pairs, strict=True):
         runs, values = zip(*level, strict=True)
         joined = Runs.joined([*runs])
         fractions = _fractions(joined, torch.cat(values, 1), max(low, _LEVELS[1]), size)
@@ -270,7 +270,7 @@ class _Lit(Derived):
         self._colors, self._levels = colors, levels
         self.shape, self.dtype, self.device = tuple(image.shape), image.dtype, image.device
 
-    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
         """The window [rows, columns], each a pair of first and end."""
         window = self._image[..., slice(*rows), slice(*columns)]
         light, rest = window.tensor_split([self._colors])

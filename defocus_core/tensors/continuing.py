@@ -36,7 +36,7 @@ def positions_continued(at: Tensor, size: tuple[int, int], box: Box) -> tuple[Te
     """
     number = torch.arange(len(at), device=at.device)
     for dim, (side, length) in enumerate(zip(box.sides, size, strict=True)):
-        found, numbers = [at], [number]
+        positions, numbers = [at], [number]
         steps = (0, range(side.first, 0)), (length - 1, range(1, side.end - length + 1))
         for edge, away in steps:
             on_edge = torch.nonzero(at[:, dim] == edge)[:, 0]
@@ -44,9 +44,9 @@ def positions_continued(at: Tensor, size: tuple[int, int], box: Box) -> tuple[Te
                 continue
             moved = at[on_edge].repeat(len(away), 1)
             moved[:, dim] += torch.tensor(away, device=at.device).repeat_interleave(len(on_edge))
-            found.append(moved)
+            positions.append(moved)
             numbers.append(number[on_edge].repeat(len(away)))
-        at, number = torch.cat(found), torch.cat(numbers)
+        at, number = torch.cat(positions), torch.cat(numbers)
     return at - at.new_tensor(box[:2]), number
 
 

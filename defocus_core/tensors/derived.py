@@ -42,7 +42,7 @@ class Derived(ABC):
     margin: int = 0
 
     @abstractmethod
-    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
         """The window [rows, columns], each a pair of first and end."""
 
     def __getitem__(self, window: Cut | tuple[Cut, ...]) -> Tensor:
@@ -53,10 +53,11 @@ class Derived(ABC):
         size = self.shape[-2:]
         (top, below, step), (left, beside, stride) = map(slice.indices, cuts, size)
         if step == stride == 1:
-            return self.made((top, below), (left, beside))
+            return self.computed((top, below), (left, beside))
         rows = bands(self)[0][1] // step * step or step
         read = (
-            self.made((y, min(y + rows, below)), (left, beside)) for y in range(top, below, rows)
+            self.computed((y, min(y + rows, below)), (left, beside))
+            for y in range(top, below, rows)
         )
         return torch.cat([pixels[..., ::step, ::stride] for pixels in read], -2)
 
@@ -127,7 +128,7 @@ class Repaired(Derived):
         self.dtype = signed_radius.dtype
         self.device = signed_radius.device
 
-    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
         """The window [rows, columns], each a pair of first and end."""
         (top, below), (left, beside) = rows, columns
         box = Box(top, left, below - top, beside - left)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from batches import again, folders, in_process
+from batches import again, folders
 from command_line import LENS, color_exr, refused, run
 from jobs_files import FIXED, INPUTS, jobs_file, pictures
 from records import record
@@ -23,7 +23,7 @@ from defocus_core.io.below import Folder, path_fault
 from defocus_core.io.rows import read_rows
 from defocus_core.io.safe_files import written_together, written_whole
 
-__all__ = ["folders", "in_process"]
+__all__ = ["folders"]
 FOREIGN = (
     "../mine",
     "render/../../mine",
@@ -125,7 +125,7 @@ def test_a_folder_that_is_swapped_for_a_link_gets_nothing(tmp_path: Path, mine: 
 
 
 def test_a_journal_that_is_a_link_or_has_a_second_name_is_never_written(
-    folders: tuple[Path, Path], tmp_path: Path, mine: Path, in_process: None
+    folders: tuple[Path, Path], tmp_path: Path, mine: Path
 ) -> None:
     out = tmp_path / "out"
     out.mkdir()

@@ -11,7 +11,7 @@ import tarfile
 from pathlib import Path
 
 import pytest
-from batches import JOBS, contents, in_process, jobs_file, make_believe, records, without_times
+from batches import JOBS, contents, jobs_file, make_believe, records, without_times
 from command_line import Terminal, color_exr, depth_exr, files_under, ramp, refused, run, texture
 
 from defocus_cli.main import main
@@ -21,8 +21,6 @@ from defocus_core.batch.journal.lock import locked
 from defocus_core.batch.rendering import job_steps
 from defocus_core.batch.workers.worker_config import WorkerConfig
 
-__all__ = ["in_process"]
-pytestmark = pytest.mark.usefixtures("in_process")
 NAMES = [f"{stem}_focus{focus}" for stem in "ab" for focus in ("1.5m", "2m")]
 
 

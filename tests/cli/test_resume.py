@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from batches import again, folders, in_process, records
+from batches import again, folders, records
 from command_line import (
     color_exr,
     depth_exr,
@@ -28,7 +28,7 @@ from defocus_core.batch.rendering import delivery, job_steps
 from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.batch.workers import pipeline
 
-__all__ = ["folders", "in_process"]
+__all__ = ["folders"]
 Computed = list[str]
 
 STOPPED_RUN = """\
@@ -299,7 +299,6 @@ def test_what_failed_is_tried_again(
     assert computed == ["a", "c", "b"]
 
 
-@pytest.mark.usefixtures("in_process")
 def test_other_settings_supersede_what_failed_and_retry_tries_the_last(
     folders: tuple[Path, Path], out: Path, computed: Computed
 ) -> None:

@@ -6,14 +6,10 @@ import os
 from pathlib import Path
 
 import numpy as np
-import pytest
-from batches import JOBS, contents, in_process, jobs_file
+from batches import JOBS, contents, jobs_file
 from command_line import depth_exr, ramp, refused, run
 
 from defocus_core.batch.journal.lock import locked
-
-__all__ = ["in_process"]
-pytestmark = pytest.mark.usefixtures("in_process")
 
 
 def test_retry_of_what_another_does_is_refused_before_a_word_is_said(

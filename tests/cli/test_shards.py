@@ -5,11 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from batches import JOBS, contents, in_process, jobs_file, records, without_times
+from batches import JOBS, contents, jobs_file, records, without_times
 from command_line import refused, run
-
-__all__ = ["in_process"]
-pytestmark = pytest.mark.usefixtures("in_process")
 
 
 def test_a_batch_takes_over_from_shards_that_did_not_end(tmp_path: Path, out: Path) -> None:

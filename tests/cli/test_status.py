@@ -6,15 +6,12 @@ import os
 from pathlib import Path
 
 import pytest
-from batches import JOBS, in_process, jobs_file
+from batches import JOBS, jobs_file
 from command_line import depth_exr, ramp, refused, run
 
 from defocus_cli.words.batch import progress_lines, progress_record
 from defocus_core.batch.journal.journal import Journal
 from defocus_core.batch.journal.progress import progress
-
-__all__ = ["in_process"]
-pytestmark = pytest.mark.usefixtures("in_process")
 
 
 def test_status_counts_no_job_twice_that_is_to_be_done_again(tmp_path: Path, out: Path) -> None:

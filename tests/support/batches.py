@@ -14,9 +14,7 @@ from command_line import Ran, pair, render
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
 from defocus_core.batch.lenses.lens import lens_record
-from defocus_core.batch.workers import pipeline
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
-from defocus_core.batch.workers.worker_config import WorkerConfig
 
 JOBS = """
 [inputs]
@@ -74,12 +72,6 @@ def without_times(out: Path) -> list[dict[str, Any]]:
             stamp.pop("mtime_ns", None)
         found.append({k: v for k, v in record.items() if k not in ("seconds", "finished")})
     return sorted(found, key=lambda record: str(record["sample_id"]))
-
-
-@pytest.fixture
-def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Batches are computed in the process of the test, which has torch already."""
-    monkeypatch.setattr(WorkerConfig, "execute", lambda crew: pipeline.execute)
 
 
 def make_believe(out: Path) -> Execute:

@@ -131,8 +131,8 @@ def _spread(values: Iterable[Any]) -> dict[str, float] | None:
     if not numbers:
         return None
     parts = quantiles(numbers, n=20, method="inclusive") if len(numbers) > 1 else numbers * 19
-    found = (numbers[0], parts[0], parts[9], parts[18], numbers[-1])
-    return {**dict(zip(ENDS, found, strict=True)), "mean": sum(numbers) / len(numbers)}
+    percentiles = (numbers[0], parts[0], parts[9], parts[18], numbers[-1])
+    return {**dict(zip(ENDS, percentiles, strict=True)), "mean": sum(numbers) / len(numbers)}
 
 
 def _common(settings: Iterable[Mapping[str, Any] | None]) -> dict[str, Any]:

@@ -113,18 +113,18 @@ def convert(place: DepthTarget, reading: Reading) -> Converted:
         )
     depth = read_depth(place.file, reading)
     require_valid(depth)
-    sky, ends = 0, []
+    sky, extremes = 0, []
     for rows in bands(depth.metres.shape):
         finite = depth.metres[rows][np.isfinite(depth.metres[rows])]
         sky += depth.metres[rows].size - finite.size
-        ends += [float(finite.min()), float(finite.max())] if finite.size else []
+        extremes += [float(finite.min()), float(finite.max())] if finite.size else []
     attributes = {
         "defocus:version": version(),
         "defocus:kind": "depth",
         "defocus:depth": place.file.name,
         "defocus:depth_read_as": depth.note,
     }
-    range_m = (min(ends), max(ends)) if ends else None
+    range_m = (min(extremes), max(extremes)) if extremes else None
     with written_together():
         write_exr(place.out, {"Z": depth.metres}, attributes)
         if place.preview is not None:

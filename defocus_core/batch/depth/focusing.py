@@ -125,15 +125,15 @@ def _within_max_coc(lens: Lens, depth: Depth) -> Lens:
     if lens.max_coc is None:
         return lens
     strips = (depth.something(rows) for rows in bands(depth.metres.shape))
-    ends = np.array([(metres.min(), metres.max()) for metres in strips if metres.size])
-    if not ends.size:
+    extremes = np.array([(metres.min(), metres.max()) for metres in strips if metres.size])
+    if not extremes.size:
         return lens
-    extremes = np.array([ends.min(), ends.max()])
+    limits = np.array([extremes.min(), extremes.max()])
     if lens.blur is not None:
-        extremes = np.array([lens.blur])
+        limits = np.array([lens.blur])
     elif not depth.is_radius:
-        extremes = signed_radius(lens, extremes, depth.size)
-    radius = float(np.abs(extremes).max())
+        limits = signed_radius(lens, limits, depth.size)
+    radius = float(np.abs(limits).max())
     if radius > lens.max_coc:
         problem = f"would get a CoC radius of {radius:.2f} px, more than {lens.max_coc:g}px"
         raise Rejected("coc-too-large", problem, "allow a larger max-coc", path=depth.path)

@@ -28,28 +28,28 @@ _HYPERSIM = "dataset"  # array of its HDF5 files
 
 
 def implausible(
-    depth: Depth, radius: Any, ends: tuple[float, float], lens: Lens, *, declared: bool
+    depth: Depth, radius: Any, limits: tuple[float, float], lens: Lens, *, declared: bool
 ) -> tuple[str, ...]:
     """Warnings of a depth that is likely to be something else than it was taken for.
 
     Args:
         depth: as it was understood.
         radius: signed CoC radius in px, [H, W].
-        ends: the least and the greatest of them.
+        limits: the least and the greatest of them.
         lens: its focus distance known.
         declared: whether the user said what the numbers of the depth mean.
     """
     if depth.is_radius:  # then no distance is taken for another
         return ()
     of_file = implausible_file(depth, declared=declared)
-    return (*implausible_radii(depth, radius, ends, lens, declared=declared), *of_file)
+    return (*implausible_radii(depth, radius, limits, lens, declared=declared), *of_file)
 
 
 def implausible_radii(
-    depth: Depth, radius: Any, ends: tuple[float, float], lens: Lens, *, declared: bool
+    depth: Depth, radius: Any, limits: tuple[float, float], lens: Lens, *, declared: bool
 ) -> tuple[str, ...]:
     """The strongest evidence of the CoC radii, if any; see `implausible`."""
-    return tuple(_of_radii(depth, radius, ends, lens, declared=declared))
+    return tuple(_of_radii(depth, radius, limits, lens, declared=declared))
 
 
 def implausible_file(depth: Depth, *, declared: bool) -> tuple[str, ...]:
@@ -58,12 +58,12 @@ def implausible_file(depth: Depth, *, declared: bool) -> tuple[str, ...]:
 
 
 def _of_radii(
-    depth: Depth, radius: Any, ends: tuple[float, float], lens: Lens, *, declared: bool
+    depth: Depth, radius: Any, limits: tuple[float, float], lens: Lens, *, declared: bool
 ) -> Iterator[str]:
     if lens.foc_dist is None:
         return
     height, width = depth.metres.shape
-    greatest = max(abs(end) for end in ends)
+    greatest = max(abs(end) for end in limits)
     remedy = f"check {'the declared format or unit' if declared else '‹depth-unit›'} and ‹focus›"
     nearer = sum(_nearer_than(depth.metres[rows], lens) for rows in bands(depth.metres.shape))
     if nearer:

@@ -32,14 +32,14 @@ class Radii(NamedTuple):
     Attributes:
         px: [H, W] float32. Where there is nothing, it is the greatest: nothing lies before nothing,
             and what lies beside it is seen through the whole lens.
-        ends: the least and the greatest of them, of what is there.
+        limits: the least and the greatest of them, of what is there.
         infinity: of what is infinitely far; None where the file holds radii.
         scale: px for a disparity of 1 per mm; 1 where the file holds radii.
         clamped: how many were larger than the lens lets them be.
     """
 
     px: Any
-    ends: tuple[float, float]
+    limits: tuple[float, float]
     infinity: float | None
     scale: float
     clamped: int = 0
@@ -114,24 +114,24 @@ def _radii_of(lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
     if lens.blur is not None:
         return _relative(lens.blur, lens, depth, keeping)
     if depth.is_radius:
-        ends = _ends_of_file(depth)
-        return Radii(_with_nothing(depth.metres, ends[1], depth), ends, None, 1.0)
+        limits = _limits_of_file(depth)
+        return Radii(_with_nothing(depth.metres, limits[1], depth), limits, None, 1.0)
     thin_lens = thin_lens_of(lens, depth.size)
     whole = keeping.new(depth.metres.shape, "float32")
-    found = []
+    extremes = []
     for rows in bands(depth.metres.shape):
         radius = _through(thin_lens, depth.metres[rows])
         whole[rows] = radius
         if depth.nothing is not None:
             radius = radius[~depth.nothing[rows]]
         if radius.size:
-            found += [float(radius.min()), float(radius.max())]
-            _refuse_blur(found[-2:], depth, rows)
-    ends = (min(found), max(found)) if found else (0.0, 0.0)
+            extremes += [float(radius.min()), float(radius.max())]
+            _refuse_blur(extremes[-2:], depth, rows)
+    limits = (min(extremes), max(extremes)) if extremes else (0.0, 0.0)
     infinity = thin_lens.radius_at_infinity()
     near = float(thin_lens.signed_radius(torch.tensor([MM_PER_M], dtype=torch.float64)))
     scale = (infinity - near) * MM_PER_M
-    return Radii(_with_nothing(whole, ends[1], depth), ends, infinity, scale)
+    return Radii(_with_nothing(whole, limits[1], depth), limits, infinity, scale)
 
 
 def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
@@ -159,8 +159,8 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
         disparity = torch.from_numpy(depth.metres[rows].astype("float64"))
         radius = radius_from_relative_disparity(disparity, lens.focus_value, largest, reach)
         whole[rows] = radius.float().numpy()
-    ends = sorted(largest * (lens.focus_value - number) / reach for number in (minimum, maximum))
-    return Radii(_with_nothing(whole, ends[1], depth), (ends[0], ends[1]), None, 1.0)
+    limits = sorted(largest * (lens.focus_value - number) / reach for number in (minimum, maximum))
+    return Radii(_with_nothing(whole, limits[1], depth), (limits[0], limits[1]), None, 1.0)
 
 
 def _clamped(radii: Radii, limit: float, depth: Depth, keeping: Keeping) -> Radii:
@@ -182,8 +182,8 @@ def _clamped(radii: Radii, limit: float, depth: Depth, keeping: Keeping) -> Radi
         return min(max(radius, -limit), limit)
 
     infinity = None if radii.infinity is None else within(radii.infinity)
-    ends = within(radii.ends[0]), within(radii.ends[1])
-    return radii._replace(px=whole, ends=ends, infinity=infinity, clamped=clamped)
+    limits = within(radii.limits[0]), within(radii.limits[1])
+    return radii._replace(px=whole, limits=limits, infinity=infinity, clamped=clamped)
 
 
 def signed_radius(
@@ -255,18 +255,18 @@ def _through(thin_lens: DefocusLens, metres: NDArray[np.float32]) -> NDArray[np.
     return radius
 
 
-def _refuse_blur(ends: list[float], depth: Depth, rows: slice) -> None:
+def _refuse_blur(limits: list[float], depth: Depth, rows: slice) -> None:
     """Refuse radii that no frame would hold.
 
     Raises:
         InputError: a depth is so near, or the focus.
     """
-    if not -ends[0] <= _MAX_PX:
+    if not -limits[0] <= _MAX_PX:
         nearest = float(depth.something(rows).min())
-        problem = f"has a depth of {nearest:.3g} m, which is blurred by {-ends[0]:.2g} px"
+        problem = f"has a depth of {nearest:.3g} m, which is blurred by {-limits[0]:.2g} px"
         raise InputError("too-blurred", problem, "check ‹depth-unit› and ‹focus›", path=depth.path)
-    if not ends[1] <= _FARTHEST_PX:
-        problem = f"is blurred by {ends[1]:.2g} px: focus is hardly beyond the focal length"
+    if not limits[1] <= _FARTHEST_PX:
+        problem = f"is blurred by {limits[1]:.2g} px: focus is hardly beyond the focal length"
         raise InputError("out-of-range", problem, "give ‹focus› in the scene", path=depth.path)
 
 
@@ -277,7 +277,7 @@ def _with_nothing(radius: Any, farthest: float, depth: Depth) -> Any:
     return radius
 
 
-def _ends_of_file(depth: Depth) -> tuple[float, float]:
+def _limits_of_file(depth: Depth) -> tuple[float, float]:
     """The least and greatest radius of a file of radii, in px.
 
     Raises:

@@ -42,7 +42,7 @@ def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
     """
     if repair is None:
         return None
-    found = {
+    kinds = {
         "noise": repair.noise is not None,
         "anti-aliased": repair.antialiased is not None,
         "soft-edges": repair.soft_edges is not None,
@@ -52,7 +52,7 @@ def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
     }
     shift = None if repair.edge_shifts is None else repair.edge_shifts.median
     return {
-        "kinds": [kind for kind, is_found in found.items() if is_found],
+        "kinds": [kind for kind, is_there in kinds.items() if is_there],
         "noise_px": _rounded(repair.noise),
         "edge_width_px": _rounded(repair.edge_width),
         "displaced_px": _rounded(shift),

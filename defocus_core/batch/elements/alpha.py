@@ -66,12 +66,12 @@ def _fill_edges(depth: Depth, alpha: Any) -> int:
         metres = np.array(depth.metres[top:below], np.float32)
         if above is not None:
             metres[: rows.start - top] = above
-        share = np.asarray(alpha[top:below], np.float32)
+        fraction = np.asarray(alpha[top:below], np.float32)
         inner = slice(rows.start - top, rows.stop - top)
         above = metres[max(inner.stop - _REACH, 0) : inner.stop].copy()
-        missing = (share > 0) & (share < 1) & ~_has_depth(depth, metres)
+        missing = (fraction > 0) & (fraction < 1) & ~_has_depth(depth, metres)
         if missing.any():
-            filled = _from_beside(metres, share, missing, depth)
+            filled = _from_beside(metres, fraction, missing, depth)
             given = (filled != metres) & missing
             count += int(np.count_nonzero(given[inner]))
             depth.metres[rows] = filled[inner]
@@ -86,18 +86,18 @@ def _has_depth(depth: Depth, metres: NDArray[np.float32]) -> NDArray[np.bool_]:
 
 def _from_beside(
     metres: NDArray[np.float32],
-    share: NDArray[np.float32],
+    fraction: NDArray[np.float32],
     missing: NDArray[np.bool_],
     depth: Depth,
 ) -> NDArray[np.float32]:
     """Depth in which missing pixels have that of the most opaque pixel around, `_REACH` times."""
-    filled, known = metres.copy(), _has_depth(depth, metres) & (share > 0)
+    filled, known = metres.copy(), _has_depth(depth, metres) & (fraction > 0)
     pad = ((1, 1), (1, 1))
     for _ in range(_REACH):
-        weights = np.pad(np.where(known, share, 0), pad)
+        weights = np.pad(np.where(known, fraction, 0), pad)
         values = np.pad(filled, pad, mode="edge")
-        maximum, best = np.zeros_like(share), filled.copy()
-        height, width = share.shape
+        maximum, best = np.zeros_like(fraction), filled.copy()
+        height, width = fraction.shape
         for y, x in _STEPS:
             window = (slice(1 + y, 1 + y + height), slice(1 + x, 1 + x + width))
             better = weights[window] > maximum

@@ -66,20 +66,20 @@ def overscan_of(
     return overscan.within(depth.data.beyond(depth.display, whole=whole))
 
 
-def reframed(array: Any, own: Overscan, wanted: Overscan, nothing: float | None) -> Any:
+def reframed(array: Any, held: Overscan, wanted: Overscan, nothing: float | None) -> Any:
     """An array [H, W] with another overscan than its own.
 
     Args:
         array: the array.
-        own: its overscan.
+        held: its overscan.
         wanted: that of the result.
         nothing: what is where the array has no pixels; None for those at its edge, repeated.
     """
-    if own == wanted:
+    if held == wanted:
         return array
     height, width = array.shape
-    rows = np.arange(-wanted.top, height - own.top - own.bottom + wanted.bottom) + own.top
-    columns = np.arange(-wanted.left, width - own.left - own.right + wanted.right) + own.left
+    rows = np.arange(-wanted.top, height - held.top - held.bottom + wanted.bottom) + held.top
+    columns = np.arange(-wanted.left, width - held.left - held.right + wanted.right) + held.left
 
     def read(window: Any) -> Any:
         window = window if isinstance(window, tuple) else (window, slice(None))

@@ -74,10 +74,10 @@ def read_over(
         InputError: a file cannot be read, or the two make no scene.
     """
     assert picture.over is not None
-    own = _reading_of_plate(picture.over, reading)
-    overscan = overscan_of(picture.over, own, whole=whole)
+    plate_reading = _reading_of_plate(picture.over, reading)
+    overscan = overscan_of(picture.over, plate_reading, whole=whole)
     color, depth = read(picture, reading, keeping, lens_focal, overscan, whole=whole)
-    plate = _plate(picture.over, own, keeping, lens_focal, color.overscan)
+    plate = _plate(picture.over, plate_reading, keeping, lens_focal, color.overscan)
     return color, depth, _checked(color, plate)
 
 
@@ -134,10 +134,10 @@ def _checked(element: Color, plate: Plate) -> Plate:
     refuse_other_primaries(path, plate.color.attributes, element.attributes, "the element")
     beyond = glowing = 0
     for rows in bands(alpha.shape):
-        share = np.asarray(alpha[rows])
-        beyond += int(np.count_nonzero((share < 0) | (share > 1)))
+        fraction = np.asarray(alpha[rows])
+        beyond += int(np.count_nonzero((fraction < 0) | (fraction > 1)))
         lit = np.logical_or.reduce([light[rows] != 0 for light in element.light])
-        glowing += int(np.count_nonzero((share <= 0) & lit))
+        glowing += int(np.count_nonzero((fraction <= 0) & lit))
     warnings = list(plate.warnings)
     if beyond:
         warnings.append(f"alpha beyond 0…1 in {counted(beyond, 'pixel')} taken as 0 or 1")

@@ -73,9 +73,9 @@ class Animation:
         if not (is_between and row.even_in):
             return keys[frames[max(after - 1, 0)]].text
         first, last = frames[after - 1], frames[after]
-        share = (frame - first) / (last - first)
+        fraction = (frame - first) / (last - first)
         if self.interpolation == "ease":
-            share = share * share * (3 - 2 * share)
+            fraction = fraction * fraction * (3 - 2 * fraction)
         start, end = (row.parse(keys[each].text) for each in (first, last))
         if start == end:
             return keys[first].text
@@ -84,15 +84,15 @@ class Animation:
             raise UsageProblem(
                 "idle-option", problem, f"give it like {row.example}", path=keys[first].where
             )
-        return row.text(_between(row, start, end, share), _DIGITS)
+        return row.text(_between(row, start, end, fraction), _DIGITS)
 
 
-def _between(row: LensParam, first: Any, last: Any, share: float) -> Any:
+def _between(row: LensParam, first: Any, last: Any, fraction: float) -> Any:
     """The value between two numbers, or of each of several."""
     if isinstance(first, tuple):
-        return tuple(_between(row, *pair, share) for pair in zip(first, last, strict=True))
+        return tuple(_between(row, *pair, fraction) for pair in zip(first, last, strict=True))
     to, back = SCALES[row.even_in]
-    value = back((1 - share) * to(first) + share * to(last))
+    value = back((1 - fraction) * to(first) + fraction * to(last))
     return round(value) if isinstance(first, int) else value
 
 

@@ -35,17 +35,48 @@ from defocus_core.system.memory import without_collections
 FILES = ("color", "depth", *(f"{role}-{file}" for role in OTHERS for file in ("color", "depth")))
 KEYS = (*FILES, "frames", "missing", "list", "pictures")
 ROW_KEYS = (*FILES, "stem")
+_KNOWN = frozenset({*LENS_OPTIONS, *ROW_KEYS})
+_NONE: Mapping[str, str] = {}
 _TRIED = 100  # first rows of which one file at least must exist
 _EXAMPLE = '{"color": "a.exr", "depth": "b.exr"}'
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A picture, its place in a file for errors, and its own lens options as texts."""
+    """A picture, its place in a file for errors, and its own lens options as texts.
 
-    picture: Picture
+    Attributes:
+        stem: the name of the picture.
+        files: the picture; of a row of a list, its paths as they stand there by `FILES`, of which
+            the picture is made when it is wanted: paths of a million rows take a gigabyte.
+        where: its place.
+        options: its own lens options.
+    """
+
+    stem: str
+    files: Picture | tuple[str | None, ...]
     where: Place
     options: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def picture(self) -> Picture:
+        """The picture."""
+        if isinstance(self.files, Picture):
+            return self.files
+        folder = Path(str(self.where.path)).parent
+        paths = {key: folder / text for key, text in zip(FILES, self.files, strict=False) if text}
+        others: dict[str, Any] = {
+            role: Picture(other.stem, other, paths.get(f"{role}-depth", other))
+            for role in OTHERS
+            if (other := paths.get(f"{role}-color")) is not None
+        }
+        color = paths["color"]
+        return Picture(self.stem, color, paths.get("depth", color), **others)
+
+    @property
+    def frame(self) -> int | None:
+        """Its number in a shot."""
+        return self.files.frame if isinstance(self.files, Picture) else None
 
 
 def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> list[Entry]:
@@ -70,9 +101,9 @@ def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> list[Entry]:
         raise UsageProblem("empty", "names no picture", remedy, path=table.file, field="[inputs]")
     named: dict[str, Entry] = {}
     for entry in entries:
-        first = named.setdefault(entry.picture.stem, entry)
+        first = named.setdefault(entry.stem, entry)
         if first is not entry:
-            problem = f"has the same name as that of {first.where}, '{entry.picture.stem}'"
+            problem = f"has the same name as that of {first.where}, '{entry.stem}'"
             raise UsageProblem("duplicate", problem, "give it a stem of its own", path=entry.where)
     return entries
 
@@ -90,7 +121,7 @@ def read_whole_shot(table: Table) -> list[Entry]:
     others = _others(table, paths)
     root = table.file.parent
     pictures = whole_shot(paths["color"], paths.get("depth"), others, patterns_in=root)
-    return [Entry(picture, table.place()) for picture in pictures]
+    return [Entry(picture.stem, picture, table.place()) for picture in pictures]
 
 
 def _paths(table: Table) -> dict[str, Path]:
@@ -134,7 +165,7 @@ def _from_files(table: Table, keyed: tuple[int, ...]) -> list[Entry]:
     )
     root = table.file.parent
     pictures = find_pictures(color, depth, others, patterns_in=root, frames=choice)
-    return [Entry(picture, table.place()) for picture in pictures]
+    return [Entry(picture.stem, picture, table.place()) for picture in pictures]
 
 
 def _lists(table: Table) -> list[Path]:
@@ -168,7 +199,7 @@ def _from_list(file: Path) -> list[Entry]:
 def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
     """The pictures of rows; a missing file fails in its own job, unless all of them are missing."""
     with without_collections():
-        entries = [_entry(row, where, file.parent) for where, row in rows]
+        entries = [_entry(row, where) for where, row in rows]
     if not entries:
         raise InputError("empty", "has no row", "write one for each picture", path=file)
     if not any(entry.picture.color.exists() for entry in entries[:_TRIED]):
@@ -180,40 +211,38 @@ def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
     return entries
 
 
-def _entry(row: Mapping[str, Any], where: Place, folder: Path) -> Entry:
-    refuse_unknown(row, (*LENS_OPTIONS, *ROW_KEYS), where, "a row")
+def _entry(row: Mapping[str, Any], where: Place) -> Entry:
+    if not row.keys() <= _KNOWN:
+        refuse_unknown(row, (*LENS_OPTIONS, *ROW_KEYS), where, "a row")
     options = {
         key: checked(key, value, where.at(key)) for key, value in row.items() if key not in ROW_KEYS
     }
     refuse_contradiction(options, where)
-    paths = {key: _path(row[key], where, key, folder) for key in FILES if key in row}
-    if "color" not in paths:
+    files = tuple(_path(row[key], where, key) if key in row else None for key in FILES)
+    color, depth = files[:2]
+    if color is None:
         raise InputError("empty", "names no color", "give it the path of a colour file", path=where)
-    others: dict[str, Any] = {}
-    for role in OTHERS:
-        if (other := paths.get(f"{role}-color")) is not None:
-            others[role] = Picture(other.stem, other, paths.get(f"{role}-depth", other))
-        elif f"{role}-depth" in paths:
+    for role in OTHERS if any(files[2:]) else ():
+        if f"{role}-depth" in row and f"{role}-color" not in row:
             raise InputError(
                 "missing-option",
                 f"names a {role}-depth without {role}-color",
                 "give it both",
                 path=where,
             )
-    color = paths["color"]
-    if "depth" not in paths and color.suffix.lower() not in SCENE_SUFFIXES:
+    if depth is None and Path(color).suffix.lower() not in SCENE_SUFFIXES:
         raise InputError(
             "empty", "names no depth, which only EXR holds beside colour", "give depth", path=where
         )
-    stem = _stem(row["stem"], where) if "stem" in row else color.stem
-    return Entry(Picture(stem, color, paths.get("depth", color), **others), where, options)
+    stem = _stem(row["stem"], where) if "stem" in row else Path(color).stem
+    return Entry(stem, files if any(files[2:]) else files[:2], where, options or _NONE)
 
 
-def _path(value: object, where: Place, key: str, folder: Path) -> Path:
+def _path(value: object, where: Place, key: str) -> str:
     if not isinstance(value, str) or not value or "\0" in value:
         problem, remedy = f"{value!r} is not a path", "write it in quotes"
         raise InputError("malformed", problem, remedy, path=where.at(key))
-    return folder / value
+    return value
 
 
 def _stem(value: object, where: Place) -> str:

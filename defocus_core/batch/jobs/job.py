@@ -45,8 +45,8 @@ class Picture:
     @property
     def others(self) -> dict[str, Picture]:
         """The pictures of the same scene that belong to it, by role: hidden, over, holdout."""
-        found = {role: getattr(self, role) for role in OTHERS}
-        return {role: picture for role, picture in found.items() if picture is not None}
+        with_role = {role: getattr(self, role) for role in OTHERS}
+        return {role: picture for role, picture in with_role.items() if picture is not None}
 
     @property
     def files(self) -> dict[str, Path]:

@@ -117,7 +117,7 @@ class Batch:
         by_entry = groupby(
             range(self.count) if numbers is None else numbers, lambda number: number // count
         )
-        splits = read_splits(self.tables["split"]).assign([one.picture for one in self.entries])
+        splits = read_splits(self.tables["split"]).assign(self.entries)
         jobs = [
             Job(picture, lens, self.reading, self.outputs, self.machine, suffix, split=splits[own])
             for own, mine in by_entry
@@ -149,7 +149,7 @@ class Batch:
     def names(self) -> list[str]:
         """The name of the sample of each job."""
         suffixes = self.plan.suffixes
-        return [f"{one.picture.stem}{suffix}" for one in self.entries for suffix in suffixes]
+        return [one.stem + suffix for one in self.entries for suffix in suffixes]
 
 
 def read_batch(path: Path, outputs: Outputs, machine: Machine) -> Batch:

@@ -136,12 +136,12 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
         UsageProblem: a key is unknown, a value makes no sense or two contradict each other.
     """
     lens.refuse_unknown(KEYS)
-    own = {
+    entry_options = {
         name: based(name, checked(name, lens.values[name], lens.place(name)), lens.file)
         for name in LENS_OPTIONS
         if name in lens.values
     }
-    refuse_contradiction(own, lens.place())
+    refuse_contradiction(entry_options, lens.place())
     points, sampling = read_sweep(sweep), read_sampling(sample)
     taken = {
         same: sweep.name
@@ -151,13 +151,13 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
     }
     _refuse_taken(sampling.options, taken, sample.place())
     taken |= {same: sample.name for name in sampling.options for same in alternatives(name)}
-    _refuse_taken(own, taken, lens.place())
+    _refuse_taken(entry_options, taken, lens.place())
     file = lens_file_of(lens)
     stored = {} if file is None else read_lens_file(file)
     swept = [name for point in points for name in point.options]
-    in_pixels = "blur" in {*stored, *own, *swept, *sampling.options}
+    in_pixels = "blur" in {*stored, *entry_options, *swept, *sampling.options}
     if radii:
-        refuse_optics(own, lens.place())
+        refuse_optics(entry_options, lens.place())
         refuse_optics(swept, sweep.place())
         refuse_optics(sampling.options, sample.place())
     if radii or in_pixels:
@@ -167,7 +167,7 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
         stored = {name: text for name, text in stored.items() if name not in MATCHED}
     return LensPlan(
         source=Place(lens.file),
-        options=merged(stored, own),
+        options=merged(stored, entry_options),
         points=points,
         sampling=sampling,
         max_coc=_max_coc(lens, sample),

@@ -83,12 +83,12 @@ def find_pictures(
     for role, (other_color, other_depth) in others.items():
         # a plate needs no depth, and a holdout has its own
         lone = role != "hidden" and other_depth is None
-        other_colors, found = _paired(
+        other_colors, paired = _paired(
             other_color, other_color if lone else other_depth, patterns_in, with_text
         )
         _refuse_unpaired(colors, other_colors)
         for name, picture in pictures.items():
-            other: dict[str, Any] = {role: found[name]}
+            other: dict[str, Any] = {role: paired[name]}
             pictures[name] = replace(picture, **other)
     return list(pictures.values())
 

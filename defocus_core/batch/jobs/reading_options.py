@@ -139,10 +139,10 @@ def edge_width(text: str) -> float:
 
 def words(text: str) -> tuple[str, ...]:
     """Words separated by commas or blanks, each once."""
-    found = tuple(dict.fromkeys(text.replace(",", " ").split()))
-    if not found:
+    names = tuple(dict.fromkeys(text.replace(",", " ").split()))
+    if not names:
         raise QuantityError(f"'{text}' names nothing", "write it like diffuse.*,specular.*")
-    return found
+    return names
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,6 +13,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from defocus_core.batch.jobs.inputs import Entry
 from defocus_core.batch.jobs.job import Picture
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.errors import CALLER, Place, UsageProblem
@@ -28,11 +29,11 @@ _ROUNDING = 1e-6
 class Splits:
     """The shares of the splits by name, and where the scene is in the name of a picture."""
 
-    shares: Mapping[str, float]
+    fractions: Mapping[str, float]
     scene: re.Pattern[str] | None = None
     where: Place = CALLER
 
-    def assign(self, pictures: Sequence[Picture]) -> list[str]:
+    def assign(self, pictures: Sequence[Picture | Entry]) -> list[str]:
         """The split of each picture; empty words without splits.
 
         Where there are enough scenes each split has one; else a line says what came out.
@@ -40,13 +41,15 @@ class Splits:
         Raises:
             UsageProblem: the name of a picture has no scene in it.
         """
-        if not self.shares:
+        if not self.fractions:
             return [""] * len(pictures)
         scenes = [self._scene_of(picture) for picture in pictures]
         split_of: dict[str, str] = {}
-        counts = dict.fromkeys(self.shares, 0)
+        counts = dict.fromkeys(self.fractions, 0)
         for number, scene in enumerate(dict.fromkeys(scenes), 1):
-            lacking = {name: share * number - counts[name] for name, share in self.shares.items()}
+            lacking = {
+                name: fraction * number - counts[name] for name, fraction in self.fractions.items()
+            }
             split_of[scene] = max(lacking, key=lacking.__getitem__)
             counts[split_of[scene]] += 1
         self._fill_empty(split_of, counts)
@@ -58,14 +61,16 @@ class Splits:
             maximum = max(counts, key=counts.__getitem__)
             if counts[maximum] < 2:
                 came_out = ", ".join(f"{name} {count}" for name, count in counts.items())
-                told = f"{counted(len(split_of), 'scene')} for {counted(len(counts), 'split')}"
-                note(f"[split]: {told}: {came_out}")
+                counts_words = (
+                    f"{counted(len(split_of), 'scene')} for {counted(len(counts), 'split')}"
+                )
+                note(f"[split]: {counts_words}: {came_out}")
                 return
             last = [scene for scene, name in split_of.items() if name == maximum][-1]
             split_of[last] = empty
             counts[maximum], counts[empty] = counts[maximum] - 1, 1
 
-    def _scene_of(self, picture: Picture) -> str:
+    def _scene_of(self, picture: Picture | Entry) -> str:
         if self.scene is not None:
             match = self.scene.search(picture.stem)
             if match is None:
@@ -85,7 +90,7 @@ def read_splits(section: Table) -> Splits:
     Raises:
         UsageProblem: a share is no number above 0, they do not add up to 1, or a name is none.
     """
-    shares = {}
+    fractions = {}
     for name, value in section.values.items():
         if name == _SCENE:
             continue
@@ -97,21 +102,21 @@ def read_splits(section: Table) -> Splits:
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= 1:
             problem = f"{value!r} is no share above 0, up to 1"
             raise UsageProblem("malformed", problem, "write train = 0.9", path=section.place(name))
-        shares[name] = float(value)
-    if shares and abs(sum(shares.values()) - 1) > _ROUNDING:
-        problem = f"has shares that add up to {sum(shares.values()):g}"
+        fractions[name] = float(value)
+    if fractions and abs(sum(fractions.values()) - 1) > _ROUNDING:
+        problem = f"has shares that add up to {sum(fractions.values()):g}"
         raise UsageProblem(
             "malformed", problem, "let them add up to 1", path=section.file, field="[split]"
         )
     text = section.text(_SCENE)
     if text is None:
-        return Splits(shares)
-    if not shares:
+        return Splits(fractions)
+    if not fractions:
         raise UsageProblem(
             "missing-option", "stands without shares", "add train = 0.9", path=section.place(_SCENE)
         )
     try:
-        return Splits(shares, re.compile(text), section.place(_SCENE))
+        return Splits(fractions, re.compile(text), section.place(_SCENE))
     except re.error as error:
         problem = f"'{text}' is no regular expression: {error}"
         raise UsageProblem(

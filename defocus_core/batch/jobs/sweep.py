@@ -141,8 +141,8 @@ def _range(name: str, text: str, where: Place) -> list[str]:
             raise UsageProblem("malformed", problem, remedy, path=where)
     _refuse_many(count, where)
     to, back = SCALES[scale]
-    shares = (index / (count - 1) for index in range(1, count - 1))
-    between = [back((1 - share) * to(low) + share * to(high)) for share in shares]
+    fractions = (index / (count - 1) for index in range(1, count - 1))
+    between = [back((1 - fraction) * to(low) + fraction * to(high)) for fraction in fractions]
     values = [low, *(float(f"{value:.6g}") for value in between), high]
     return [checked(name, row.text(value), where) for value in values]
 

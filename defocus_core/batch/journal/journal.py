@@ -116,7 +116,7 @@ def _true_journals(
     journals: Sequence[Sequence[Record]], shared: Collection[str], out: Path
 ) -> dict[str, int]:
     """By sample, the place of the journal whose stamps most files have; of equals, the last."""
-    found: dict[str, tuple[int, int]] = {}
+    newest: dict[str, tuple[int, int]] = {}
     for place, journal in enumerate(journals):
         stamps: dict[str, dict[str, Any]] = {}
         for record in journal:
@@ -125,8 +125,8 @@ def _true_journals(
                 stamps[name] = stamps.get(name, {}) | each
         for name, files in stamps.items():
             kept = sum(identity.unchanged(out / path, stamp) for path, stamp in files.items())
-            found[name] = max(found.get(name, (0, 0)), (kept, place))
-    return {name: place for name, (_, place) in found.items()}
+            newest[name] = max(newest.get(name, (0, 0)), (kept, place))
+    return {name: place for name, (_, place) in newest.items()}
 
 
 def read(path: Path) -> list[Record]:

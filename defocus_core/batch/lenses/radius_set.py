@@ -33,20 +33,20 @@ class RadiusSet:
 
     Attributes:
         values: of each, ascending.
-        shares: of each value the middle of its share of the pictures, in 0…1.
+        fractions: of each value the middle of its share of the pictures, in 0…1.
     """
 
     values: tuple[tuple[float, ...], ...]
-    shares: tuple[tuple[float, ...], ...]
+    fractions: tuple[tuple[float, ...], ...]
 
-    def at(self, share: float) -> Radii:
+    def at(self, fraction: float) -> Radii:
         """The radii at a share of each distribution: those of one rank go together.
 
         Values between two are interpolated, and have six digits.
         """
         mean, median, maximum = (
-            float(f"{_interpolated(share, *one):.6g}")
-            for one in zip(self.shares, self.values, strict=True)
+            float(f"{_interpolated(fraction, *one):.6g}")
+            for one in zip(self.fractions, self.values, strict=True)
         )
         return mean, median, maximum
 
@@ -84,7 +84,7 @@ def read_radius_set(place: Path) -> RadiusSet:
 
 def _numbers(row: Mapping[str, Any], where: Place) -> tuple[float, ...]:
     """Mean, median and 99th percentile of a row, and its count."""
-    found = []
+    numbers = []
     for name in (*MEASURES, _COUNT):
         value = row.get(name, 1 if name == _COUNT else None)
         try:
@@ -96,28 +96,28 @@ def _numbers(row: Mapping[str, Any], where: Place) -> tuple[float, ...]:
             raise InputError(
                 "malformed", f"{what}, not a number of at least 0", f"write {_EXAMPLE}", path=where
             )
-        found.append(number)
-    return tuple(found)
+        numbers.append(number)
+    return tuple(numbers)
 
 
 def _set_of(rows: Sequence[tuple[float, ...]]) -> RadiusSet:
-    values, shares = [], []
+    values, fractions = [], []
     total = sum(row[-1] for row in rows)
     for which in range(len(MEASURES)):
         ordered = sorted((row[which], row[-1]) for row in rows)
         ends = accumulate(count for _, count in ordered)
         values.append(tuple(value for value, _ in ordered))
-        shares.append(
+        fractions.append(
             tuple((end - n / 2) / total for end, (_, n) in zip(ends, ordered, strict=True))
         )
-    return RadiusSet(tuple(values), tuple(shares))
+    return RadiusSet(tuple(values), tuple(fractions))
 
 
-def _interpolated(share: float, places: Sequence[float], values: Sequence[float]) -> float:
+def _interpolated(fraction: float, places: Sequence[float], values: Sequence[float]) -> float:
     """The value at a place between the places of values; beyond the ends that of the end."""
-    high = bisect_left(places, share)
+    high = bisect_left(places, fraction)
     if high in (0, len(places)):
         return values[min(high, len(places) - 1)]
     low = high - 1
-    part = (share - places[low]) / (places[high] - places[low])
+    part = (fraction - places[low]) / (places[high] - places[low])
     return values[low] + part * (values[high] - values[low])

@@ -17,7 +17,7 @@ _SHARP_PX = 1.0  # radius up to which a pixel counts as sharp
 _SHARP = (0.25, 0.80, 0.35)  # sRGB
 _DARKEST = 0.35  # brightness of a black pixel, so that its colour shows
 _BINS = 48
-_SHARES = (5, 3)  # of the height and the width of the picture that the histogram takes
+_FRACTIONS = (5, 3)  # of the height and the width of the picture that the histogram takes
 _MINIMUM = (40, 96)  # px of its height and width, less in pictures that have no room
 _BEHIND = 0.12  # brightness behind it
 
@@ -64,25 +64,25 @@ def _histogram(radius: Any, maximum: float) -> NDArray[Any]:
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     strips = [radius[rows] for rows in bands(radius.shape)]
-    ends = min(float(s.min()) for s in strips), max(float(s.max()) for s in strips)
-    minimum = 2 * _BINS * float(np.spacing(np.float32(max(map(abs, ends)))))  # two numbers a bin
-    width_px = max(ends[1] - ends[0], 1e-6, minimum)
-    of_strips = [np.histogram(s, _BINS, (ends[0], ends[0] + width_px))[0] for s in strips]
+    limits = min(float(s.min()) for s in strips), max(float(s.max()) for s in strips)
+    minimum = 2 * _BINS * float(np.spacing(np.float32(max(map(abs, limits)))))  # two numbers a bin
+    width_px = max(limits[1] - limits[0], 1e-6, minimum)
+    of_strips = [np.histogram(s, _BINS, (limits[0], limits[0] + width_px))[0] for s in strips]
     counts = np.sum(of_strips, axis=0)
     height, width = (
-        min(max(length // share, minimum), length)
-        for length, share, minimum in zip(radius.shape, _SHARES, _MINIMUM, strict=True)
+        min(max(length // fraction, minimum), length)
+        for length, fraction, minimum in zip(radius.shape, _FRACTIONS, _MINIMUM, strict=True)
     )
     letters = max(8, height // 7)
     room = max(height - letters - 6, 1)
     bars = np.sqrt(counts / max(counts.max(), 1))  # few pixels show, too
     column = np.arange(width) * _BINS // width
-    middles = (ends[0] + (np.arange(_BINS) + 0.5) * width_px / _BINS).astype("float32")
+    middles = (limits[0] + (np.arange(_BINS) + 0.5) * width_px / _BINS).astype("float32")
     colors = _hues(middles[None], maximum)[0][column]
     high = np.arange(height)[:, None] >= room - np.rint(bars[column] * (room - 2))
     inside = high & (np.arange(height)[:, None] < room)
     inset = np.where(inside[..., None], colors, np.float32(_BEHIND)).astype("float32")
     buffer = oiio.ImageBuf(np.ascontiguousarray(inset))
-    words = f"{ends[0]:.1f} to {ends[1]:.1f} px"
+    words = f"{limits[0]:.1f} to {limits[1]:.1f} px"
     oiio.ImageBufAlgo.render_text(buffer, 4, height - 4, words, letters, "", (0.9, 0.9, 0.9))
     return np.asarray(buffer.get_pixels(oiio.FLOAT))

@@ -30,10 +30,10 @@ def lit(
 
     if lens.highlights is None:
         return [*pictures], None
-    found = [
+    lamps = [
         ClippedLights(picture, *lens.highlights, colors=colors, signed_radius=radius)
         for picture, radius in zip(pictures, radii, strict=True)
     ]
-    if any(lights.measured for lights in found):
+    if any(lights.measured for lights in lamps):
         return [*pictures], 0
-    return [lights.added for lights in found], sum(lights.count for lights in found)
+    return [lights.added for lights in lamps], sum(lights.count for lights in lamps)

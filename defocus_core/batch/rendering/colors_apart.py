@@ -33,35 +33,35 @@ class Colors(NamedTuple):
     color: int | None = None
 
 
-def renderings(made: Rendered) -> list[Colors]:
+def renderings(rendered: Rendered) -> list[Colors]:
     """What is rendered one after another; what says most of the picture comes last.
 
     Raises:
         UsageProblem: halves of a coloured opening are asked for.
     """
-    rows = [kind for kind in made.job.outputs.rows if kind.rendered]
-    colors = colors_of(made)
+    rows = [kind for kind in rendered.job.outputs.rows if kind.rendered]
+    colors = colors_of(rendered)
     turned = [color._replace(turned=True) for color in colors if any(k.turned for k in rows)]
     upright = [] if all(kind.turned for kind in rows) else colors
     return [*turned, *upright]
 
 
-def colors_of(made: Rendered) -> list[Colors]:
+def colors_of(rendered: Rendered) -> list[Colors]:
     """The channels that are rendered together: all, or red, blue, then all others.
 
     Raises:
         UsageProblem: halves of a coloured opening are asked for.
     """
-    names = made.inputs.color.channels
-    every = Colors(tuple(range(len(made.inputs.color.planes))))
-    lens = made.lens
+    names = rendered.inputs.color.channels
+    every = Colors(tuple(range(len(rendered.inputs.color.planes))))
+    lens = rendered.lens
     coloured = lens.aperture_image is not None and len(pupil_images(lens.aperture_image)) > 1
     if not (coloured or lens.axial_color) or "R" not in names:
         return [every]
-    if coloured and any(kind.halves or kind.turned for kind in made.job.outputs.rows):
+    if coloured and any(kind.halves or kind.turned for kind in rendered.job.outputs.rows):
         problem, remedy = "is coloured: its halves may have no light", "leave out left and right"
         raise UsageProblem("colored-pupil", problem, remedy, field="aperture-image")
-    offsets = color_offsets(lens, made.size) if lens.axial_color else (0.0, 0.0)
+    offsets = color_offsets(lens, rendered.size) if lens.axial_color else (0.0, 0.0)
     red, blue = names.index("R"), names.index("B")
     others = tuple(c for c in every.channels if c not in (red, blue))
     if offsets[0] == offsets[1] and not coloured:

@@ -35,28 +35,32 @@ class Contents(NamedTuple):
     layout: Layout
 
 
-def contents_of(made: Rendered, kind: Kind) -> Contents:
+def contents_of(rendered: Rendered, kind: Kind) -> Contents:
     """The contents of the file of a kind, without overscan unless that is kept."""
-    color = made.inputs.color
+    color = rendered.inputs.color
     if kind.source:
-        return _SOURCES[kind.source](made)
+        return _SOURCES[kind.source](rendered)
     names: tuple[str, ...] = (kind.name,)
     extras: dict[str, Any] = {}
     if kind.of_radius:
-        values = partial(kind.of_radius, disparity=disparity_of(made.lens))
-        planes: tuple[Any, ...] = (_of_radius(made.radii.shown, made.inputs.nothing, values),)
+        values = partial(kind.of_radius, disparity=disparity_of(rendered.lens))
+        planes: tuple[Any, ...] = (
+            _of_radius(rendered.radii.shown, rendered.inputs.nothing, values),
+        )
     elif kind.image:
-        names, planes, extras = _image(made, kind)
+        names, planes, extras = _image(rendered, kind)
     else:
-        planes = made.images[kind.name]
-    return _framed(made, Contents(names, planes, extras, Layout(color.corner, None, kind.views)))
+        planes = rendered.images[kind.name]
+    return _framed(
+        rendered, Contents(names, planes, extras, Layout(color.corner, None, kind.views))
+    )
 
 
-def _framed(made: Rendered, whole: Contents) -> Contents:
+def _framed(rendered: Rendered, whole: Contents) -> Contents:
     """Contents without the overscan that their arrays have, or with the display window in it."""
-    color = made.inputs.color
+    color = rendered.inputs.color
     (x, y), overscan = color.corner, color.overscan
-    if made.job.outputs.keep_overscan and any(overscan):
+    if rendered.job.outputs.keep_overscan and any(overscan):
         width, height = color.size
         display = Window(x, y, x + width - 1, y + height - 1)
         corner = (x - overscan.left, y - overscan.top)
@@ -65,25 +69,25 @@ def _framed(made: Rendered, whole: Contents) -> Contents:
     return whole._replace(planes=_shown(color, whole.planes), extras=extras)
 
 
-def _focus(made: Rendered) -> Contents:
+def _focus(rendered: Rendered) -> Contents:
     """The picture shown in false colour."""
-    color = made.inputs.color
-    (radius,) = _shown(color, [made.radii.shown])
+    color = rendered.inputs.color
+    (radius,) = _shown(color, [rendered.radii.shown])
     planes = focus_planes(replace(color, planes=_shown(color, color.planes)), radius)
     return Contents(("R", "G", "B"), planes, {}, Layout(color.corner))
 
 
-def _given_color(made: Rendered) -> Contents:
+def _given_color(rendered: Rendered) -> Contents:
     """The picture as it was given."""
-    color = made.inputs.color
+    color = rendered.inputs.color
     planes = tuple(color.planes[: len(color.channels)])
-    return _framed(made, Contents(color.channels, planes, {}, Layout(color.corner)))
+    return _framed(rendered, Contents(color.channels, planes, {}, Layout(color.corner)))
 
 
-def _given_depth(made: Rendered) -> Contents:
+def _given_depth(rendered: Rendered) -> Contents:
     """The depth as it was given, in metres."""
-    layout = Layout(made.inputs.color.corner)
-    return _framed(made, Contents(("Z",), (made.metres,), {}, layout))
+    layout = Layout(rendered.inputs.color.corner)
+    return _framed(rendered, Contents(("Z",), (rendered.metres,), {}, layout))
 
 
 _SOURCES = {"focus": _focus, "color": _given_color, "depth": _given_depth}
@@ -111,10 +115,12 @@ def _of_radius(radius: Any, nothing: Any, compute: Callable[[Any], Any]) -> Lazy
     return computed(lambda r, n: compute(r) * ~n, radius, nothing)
 
 
-def _image(made: Rendered, kind: Kind) -> tuple[tuple[str, ...], tuple[Any, ...], dict[str, Any]]:
+def _image(
+    rendered: Rendered, kind: Kind
+) -> tuple[tuple[str, ...], tuple[Any, ...], dict[str, Any]]:
     """Names and arrays of the channels of colour, and further channels: blurred and carried."""
-    color, every = made.inputs.color, made.images[kind.name]
-    half = made.job.outputs.exr_type == "half"
+    color, every = rendered.inputs.color, rendered.images[kind.name]
+    half = rendered.job.outputs.exr_type == "half"
     names: list[str] = []
     planes: list[Any] = []
     extras = dict(color.extras)
@@ -128,7 +134,7 @@ def _image(made: Rendered, kind: Kind) -> tuple[tuple[str, ...], tuple[Any, ...]
         shown = len(color.channels)
         names += own_names[:shown]
         light = tuple(own[:shown])
-        planes += noisy(light, color.channels, made.job, made.lens, view)
+        planes += noisy(light, color.channels, rendered.job, rendered.lens, view)
         passes = [as_half(plane) if half else plane for plane in own[shown:]]
         extras |= dict(zip(own_names[shown:], passes, strict=True))
     return tuple(names), tuple(planes), extras

@@ -23,31 +23,33 @@ from defocus_core.io.safe_files import written_together
 from defocus_core.system.text import version
 
 
-def write(made: Rendered) -> Rendered:
+def write(rendered: Rendered) -> Rendered:
     """Write the files of a job, all or none; it, with warnings of what they cannot hold.
 
     Raises:
         InputError: a file cannot be written.
     """
-    outputs = made.job.outputs
+    outputs = rendered.job.outputs
     if not outputs.root.is_dir():  # created again, it would have no journal
         problem = "was removed while jobs were done"
         raise InputError("unwritable", problem, "run the same command again", path=outputs.root)
     with written_together(outputs.root):
-        warnings = [warning for kind in outputs.rows for warning in _write_kind(made, kind)]
+        warnings = [warning for kind in outputs.rows for warning in _write_kind(rendered, kind)]
     if outputs.format == "exr" and any(kind.image for kind in outputs.rows):
-        warnings += made.inputs.color.left_out
-    return replace(made, warnings=(*made.warnings, *warnings))
+        warnings += rendered.inputs.color.left_out
+    return replace(rendered, warnings=(*rendered.warnings, *warnings))
 
 
-def _write_kind(made: Rendered, kind: Kind) -> list[str]:
+def _write_kind(rendered: Rendered, kind: Kind) -> list[str]:
     """Write the file of a kind, and its preview if there is to be one; the warnings."""
-    job, contents = made.job, contents_of(made, kind)
+    job, contents = rendered.job, contents_of(rendered, kind)
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
-    attributes, warnings = _attributes(made, kind), []
+    attributes, warnings = _attributes(rendered, kind), []
     if kind.image:
         carried = {
-            k: v for k, v in made.inputs.color.attributes.items() if not kind.views or k != "view"
+            k: v
+            for k, v in rendered.inputs.color.attributes.items()
+            if not kind.views or k != "view"
         }
         lost = write_image(
             path,
@@ -59,7 +61,7 @@ def _write_kind(made: Rendered, kind: Kind) -> list[str]:
             attributes={**carried, **attributes},
             extras=contents.extras,
             layout=contents.layout,
-            clamped=made.clamped.get(kind.name, 0),
+            clamped=rendered.clamped.get(kind.name, 0),
         )
         warnings = [f"{kind.name}: {warning}" for warning in lost]
     elif job.outputs.map_format == "tiff":
@@ -73,7 +75,7 @@ def _write_kind(made: Rendered, kind: Kind) -> list[str]:
         write_depth_preview(preview, contents.planes[0])
     elif preview is not None:
         pictures = _beside(contents.planes, len(kind.rendered_as))
-        write_preview(preview, pictures, made.inputs.color.attributes)
+        write_preview(preview, pictures, rendered.inputs.color.attributes)
     return warnings
 
 
@@ -89,9 +91,9 @@ def _beside(planes: Sequence[Any], views: int) -> LazyArray:
     return LazyArray((height, width * views, count), planes[0].dtype, read)
 
 
-def _attributes(made: Rendered, kind: Kind) -> dict[str, str]:
+def _attributes(rendered: Rendered, kind: Kind) -> dict[str, str]:
     """Attributes of an EXR output; no directory and no time, so that its bytes are repeatable."""
-    job, lens = made.job, made.lens
+    job, lens = rendered.job, rendered.lens
     others = {
         role: f"{other.color.name} {other.depth.name}" for role, other in job.picture.others.items()
     }
@@ -102,29 +104,29 @@ def _attributes(made: Rendered, kind: Kind) -> dict[str, str]:
         "depth": job.picture.depth.name,
         "hidden": others.pop("hidden", ""),
         **others,
-        "color_read_as": made.color_note,
-        "depth_read_as": made.depth_words(rendered=kind.rendered),
-        **_repair(made, kind),
+        "color_read_as": rendered.color_note,
+        "depth_read_as": rendered.depth_words(rendered=kind.rendered),
+        **_repair(rendered, kind),
         **_of_any_lens(lens),
         **{name: str(value) for name, value in lens.effects.items()},
-        "coc_px": " ".join(f"{radius:.6g}" for radius in made.radii.ends),
-        "quality": made.quality,
-        "device": made.device,
+        "coc_px": " ".join(f"{radius:.6g}" for radius in rendered.radii.limits),
+        "quality": rendered.quality,
+        "device": rendered.device,
     }
     return {f"defocus:{name}": value for name, value in values.items()}
 
 
-def _repair(made: Rendered, kind: Kind) -> dict[str, str]:
+def _repair(rendered: Rendered, kind: Kind) -> dict[str, str]:
     """What was asked of the repair of depth, and what it did; nothing where neither is unusual."""
     if not kind.rendered:
         return {}
-    reading = made.job.reading
+    reading = rendered.job.reading
     asked = [f"‹depth-repair› {reading.depth_repair}"] * (reading.depth_repair != "auto")
     if reading.edge_width is not None:
         asked.append(f"‹edge-width› {reading.edge_width:g}px")
     values = {
         "depth_repair_asked": with_dashes(" ".join(asked)),
-        "depth_repair": repair_attribute(made.repair),
+        "depth_repair": repair_attribute(rendered.repair),
     }
     return {name: value for name, value in values.items() if value}
 

@@ -128,42 +128,42 @@ def _forecast(job: Job, device: str, rate: float, written: dict[Outputs, float])
     start = time.perf_counter()
     inputs = job_steps.load_inputs(job)
     read_seconds, start = time.perf_counter() - start, time.perf_counter()
-    made, held = job_steps.prepare(job, inputs), inputs.holding
+    rendered, held = job_steps.prepare(job, inputs), inputs.holding
     peak = base_mb() + held.files_mb if device == "cpu" else 0.0
     work, maximum, renders, last = 0.0, 0.0, 1, None
     if job.outputs.need_rendering:
-        streams, colors = Streams(made), renderings(made)
+        streams, colors = Streams(rendered), renderings(rendered)
         renders = len(colors)
         for color in colors:
             stream = streams.of(color)
             last = cost(stream)
             work += last.work
             maximum = max(maximum, regions_at_once(job, stream, held, device)[1])
-        made, last = replace(made, repair=stream.repair), last and last._replace(work=work)
+        rendered, last = replace(rendered, repair=stream.repair), last and last._replace(work=work)
     prepare_seconds = time.perf_counter() - start
     if job.outputs not in written:
-        written[job.outputs] = _write_seconds(made) / math.prod(made.size)
+        written[job.outputs] = _write_seconds(rendered) / math.prod(rendered.size)
     return Forecast(
-        size=made.size,
-        coc_px=made.radii.ends,
-        color_note=made.color_note,
-        depth_note=made.depth_words(),
-        repair=made.repair,
+        size=rendered.size,
+        coc_px=rendered.radii.limits,
+        color_note=rendered.color_note,
+        depth_note=rendered.depth_words(),
+        repair=rendered.repair,
         read_seconds=read_seconds,
         cost=last,
         prepare_seconds=prepare_seconds,
         seconds=work / rate if work else 0.0,
-        write_seconds=written[job.outputs] * math.prod(made.size),
+        write_seconds=written[job.outputs] * math.prod(rendered.size),
         peak_mb=peak + maximum,
         scratch_mb=held.arrays_mb if held.scratch else 0.0,
         renderings=renders,
     )
 
 
-def _write_seconds(made: Rendered) -> float:
+def _write_seconds(rendered: Rendered) -> float:
     """Time to write the outputs of a job, with the picture in focus in place of what is blurred."""
-    outputs, color = made.job.outputs, made.inputs.color
-    dtype = image_type(made.job)
+    outputs, color = rendered.job.outputs, rendered.inputs.color
+    dtype = image_type(rendered.job)
     sharp = [np.asarray(plane[:]).astype(dtype) for plane in color.planes]
     images = {
         kind.name: tuple(sharp * len(kind.rendered_as) if kind.image else sharp[:1])
@@ -171,9 +171,9 @@ def _write_seconds(made: Rendered) -> float:
         if kind.rendered
     }
     with TemporaryDirectory(dir=scratch_folder()) as folder:
-        job = replace(made.job, outputs=replace(outputs, root=Path(folder)))
+        job = replace(rendered.job, outputs=replace(outputs, root=Path(folder)))
         start = time.perf_counter()
-        delivery.write(replace(made, job=job, images=images))
+        delivery.write(replace(rendered, job=job, images=images))
         return time.perf_counter() - start
 
 
@@ -210,7 +210,7 @@ def line(forecast: Forecast) -> str:
         scratch = f", and {forecast.scratch_mb:.0f} MB of scratch in {scratch_folder()}"
     if (cost := forecast.cost) is None:
         return f"{start}maps alone, nothing is rendered{scratch}"
-    share = 100 * cost.slice_tiles_seen / cost.slice_tiles
+    fraction = 100 * cost.slice_tiles_seen / cost.slice_tiles
     note = repair_words(forecast.repair)
     repair_note = f"; depth: {note}" if note else ""
     times = f"{forecast.renderings} renderings of " if forecast.renderings > 1 else ""
@@ -218,21 +218,21 @@ def line(forecast: Forecast) -> str:
     seconds = f"{rendering}, {duration(forecast.write_seconds)} to write"
     return (
         f"{start}{times}{cost.slices} slices, {cost.slice_tiles_seen} of {cost.slice_tiles} steps "
-        f"of slice x tile ({share:.0f} %) and what is hidden; about {seconds}, "
+        f"of slice x tile ({fraction:.0f} %) and what is hidden; about {seconds}, "
         f"at most {forecast.peak_mb:.0f} MB{scratch}{repair_note}"
     )
 
 
 def total(samples: Sequence[Forecast], jobs: int) -> dict[str, Any]:
     """Totals of all jobs, in proportion to the forecasts of a sample of them."""
-    share = jobs / len(samples)
+    fraction = jobs / len(samples)
     return {
         "pictures": jobs,
         "pictures_read": len(samples),
-        "read_seconds": share * sum(each.read_seconds for each in samples),
-        "prepare_seconds": share * sum(each.prepare_seconds for each in samples),
-        "render_seconds": share * sum(each.seconds for each in samples),
-        "write_seconds": share * sum(each.write_seconds for each in samples),
+        "read_seconds": fraction * sum(each.read_seconds for each in samples),
+        "prepare_seconds": fraction * sum(each.prepare_seconds for each in samples),
+        "render_seconds": fraction * sum(each.seconds for each in samples),
+        "write_seconds": fraction * sum(each.write_seconds for each in samples),
         "peak_mb": max(each.peak_mb for each in samples),
     }
 

@@ -33,20 +33,20 @@ class SceneRadii(NamedTuple):
     """The radii of all that a lens sees.
 
     Attributes:
-        own: of the picture, or of the element over a plate.
+        picture: of the picture, or of the element over a plate.
         plate: of the plate.
         hidden: of the hidden layer.
         layers: of each layer of a deep picture.
         shown: [H, W] px of what is in front: of the plate where the element has nothing.
-        ends: the least and the greatest of those shown.
+        limits: the least and the greatest of those shown.
     """
 
-    own: Radii
+    picture: Radii
     plate: Radii | None
     hidden: Radii | None
     layers: tuple[Radii, ...]
     shown: Any
-    ends: tuple[float, float]
+    limits: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -99,18 +99,21 @@ class Inputs:
             UsageProblem: there is no such lens, or its blur is beyond all numbers.
         """
         keeping, nothing = self.holding.keeping, self.depth.nothing
-        own = radii_of(lens, self.depth, keeping)
+        own_radii = radii_of(lens, self.depth, keeping)
         plate = None if self.plate is None else radii_of(lens, self.plate.depth, keeping)
         hidden = None if self.hidden is None else radii_of(lens, self.hidden[1], keeping)
         depths = () if self.layers is None else self.layers.depths
         layers = tuple(radii_of(lens, depth, keeping) for depth in depths)
         if plate is None:
-            return SceneRadii(own, None, hidden, layers, own.px, own.ends)
-        ends = min(own.ends[0], plate.ends[0]), max(own.ends[1], plate.ends[1])
-        shown = own.px
+            return SceneRadii(own_radii, None, hidden, layers, own_radii.px, own_radii.limits)
+        limits = (
+            min(own_radii.limits[0], plate.limits[0]),
+            max(own_radii.limits[1], plate.limits[1]),
+        )
+        shown = own_radii.px
         if nothing is not None:
-            shown = computed(lambda a, n, b: np.where(n, b, a), own.px, nothing, plate.px)
-        return SceneRadii(own, plate, hidden, layers, shown, ends)
+            shown = computed(lambda a, n, b: np.where(n, b, a), own_radii.px, nothing, plate.px)
+        return SceneRadii(own_radii, plate, hidden, layers, shown, limits)
 
 
 def load_inputs(job: Job) -> Inputs:

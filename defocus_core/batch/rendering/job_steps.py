@@ -40,8 +40,8 @@ def compute(
     prepared = prepare(job, inputs)
     if not job.outputs.need_rendering:
         return prepared
-    prepared, radius, seen = with_neighbours(prepared)
-    return with_views(prepared, radius, seen, progress)
+    prepared, radius, seen_behind = with_neighbours(prepared)
+    return with_views(prepared, radius, seen_behind, progress)
 
 
 def prepare(job: Job, inputs: Inputs) -> Rendered:
@@ -57,17 +57,17 @@ def prepare(job: Job, inputs: Inputs) -> Rendered:
         raise InputError("radii", problem, "leave depth out of the outputs", path=depth.path)
     lens = shot_focused(job, inputs.depth, deep=inputs.layers is not None)
     radii = inputs.radii(lens)
-    decided = shot_repair(job, inputs, radii.own)
+    decided = shot_repair(job, inputs, radii.picture)
     declared = job.reading.says_scale
-    likely = implausible(depth, radii.own.px, radii.own.ends, lens, declared=declared)
+    likely = implausible(depth, radii.picture.px, radii.picture.limits, lens, declared=declared)
     return Rendered(
         job=job,
         inputs=inputs,
         lens=lens,
         radii=radii,
         device=choose_device(job.machine.device),
-        quality=quality_of(job.machine, radii.ends),
-        warnings=(*likely, *_clamp_words(lens, radii.own.clamped), *inputs.warnings),
+        quality=quality_of(job.machine, radii.limits),
+        warnings=(*likely, *_clamp_words(lens, radii.picture.clamped), *inputs.warnings),
         decided=decided,
         shot_note=decided_words(job.shot, decided),
     )

@@ -92,12 +92,12 @@ def _photodiodes(options: FitOptions) -> list[DualPixel]:
     from defocus_core.batch.look.opening import measured_pair
     from defocus_core.optics.dual_pixel import DualPixel
 
-    share = options.dp_crosstalk or 0.0
+    fraction = options.dp_crosstalk or 0.0
     if isinstance(options.dp_model, Path):
-        return [DualPixel(crosstalk=share, measured=measured_pair(options.dp_model))]
+        return [DualPixel(crosstalk=fraction, measured=measured_pair(options.dp_model))]
     sought = options.dual_pixel and options.dp_model is None
     models = DUAL_PIXEL_MODELS if sought else (options.dp_model or DUAL_PIXEL_MODELS[0],)
-    return [DualPixel(model, share) for model in models]
+    return [DualPixel(model, fraction) for model in models]
 
 
 def fit_pair(
@@ -129,15 +129,17 @@ def fit_pair(
         raise InputError(
             "radii", "holds radii: there is no lens to be found", "give depth", path=depth.path
         )
-    seen = [_read_beside(color, path) for path in filter(None, (pair.blurred, pair.right))]
+    observed = [_read_beside(color, path) for path in filter(None, (pair.blurred, pair.right))]
     sharp = _light(color)
-    count = min(len(each) for each in (sharp, *seen))
+    count = min(len(each) for each in (sharp, *observed))
     disparity = 1 / torch.from_numpy(depth.metres[:].astype("float32"))
     try:
-        found = fit(
+        fitted = fit(
             sharp[:count],
             disparity,
-            seen[0][:count] if len(seen) == 1 else (seen[0][:count], seen[1][:count]),
+            observed[0][:count]
+            if len(observed) == 1
+            else (observed[0][:count], observed[1][:count]),
             apertures=[Aperture(blades) for blades in options.blades],
             rotation=True,
             dual_pixels=_photodiodes(options),
@@ -158,10 +160,10 @@ def fit_pair(
         raise InputError(
             "wrong-size", problem, remedy or "give another pair", path=pair.blurred
         ) from None
-    radius = evenly((found.strength * (found.focus - disparity)).numpy())
+    radius = evenly((fitted.strength * (fitted.focus - disparity)).numpy())
     return {
         "picture": str(pair.picture.color),
-        **_record(found, options, color.shape[1]),
+        **_record(fitted, options, color.shape[1]),
         **radius_measures(radius, None if depth.nothing is None else evenly(depth.nothing)),
     }
 
@@ -188,49 +190,49 @@ def _light(color: Color) -> torch.Tensor:
     return torch.from_numpy(np.stack([plane[:] for plane in color.light]).astype(np.float32))
 
 
-def _record(found: Fit, options: FitOptions, width: int) -> dict[str, Any]:
+def _record(fitted: Fit, options: FitOptions, width: int) -> dict[str, Any]:
     """Focus and f-number of a fit, by r = f² / (2 p N (1 - f / s)) · (1/s - 1/z) (`thin_lens`)."""
     pitch = options.sensor_width / width
-    strength = found.strength * _MM_PER_M  # px for a disparity of 1 per mm
-    focus = found.focus / _MM_PER_M  # per mm
+    strength = fitted.strength * _MM_PER_M  # px for a disparity of 1 per mm
+    focus = fitted.focus / _MM_PER_M  # per mm
     shape = max(1 - options.foclen * focus, 1e-6)
     return {
-        "focus_m": None if found.focus <= 0 else 1 / found.focus,
-        "focus_dioptres": found.focus,
-        "focus_error_dioptres": _finite(found.focus_error),
+        "focus_m": None if fitted.focus <= 0 else 1 / fitted.focus,
+        "focus_dioptres": fitted.focus,
+        "focus_error_dioptres": _finite(fitted.focus_error),
         "fnumber": options.foclen**2 / (2 * pitch * strength * shape),
-        "fnumber_error": _finite(found.strength_error),
-        "px_per_dioptre": found.strength,
+        "fnumber_error": _finite(fitted.strength_error),
+        "px_per_dioptre": fitted.strength,
         "focal_length_mm": options.foclen,
         "sensor_width_mm": options.sensor_width,
-        "blades": found.aperture.blades,
-        "blade_rotation_deg": _rotation(found.aperture),
-        "gamma": found.gamma,
-        "gamma_error": _finite(found.gamma_error),
-        "shift_px": list(found.shift),
-        "gains": list(found.gains),
-        **_sensor_record(found, options),
-        "breathing": found.breathing,
-        "breathing_error": _finite(found.breathing_error),
-        "explained": found.explained,
-        "psnr": dict(zip(("all", "edges", "elsewhere"), map(_finite, found.psnr), strict=True)),
-        "doubts": list(found.doubts),
-        "refusals": [refusal._asdict() for refusal in found.refusals],
+        "blades": fitted.aperture.blades,
+        "blade_rotation_deg": _rotation(fitted.aperture),
+        "gamma": fitted.gamma,
+        "gamma_error": _finite(fitted.gamma_error),
+        "shift_px": list(fitted.shift),
+        "gains": list(fitted.gains),
+        **_sensor_record(fitted, options),
+        "breathing": fitted.breathing,
+        "breathing_error": _finite(fitted.breathing_error),
+        "explained": fitted.explained,
+        "psnr": dict(zip(("all", "edges", "elsewhere"), map(_finite, fitted.psnr), strict=True)),
+        "doubts": list(fitted.doubts),
+        "refusals": [refusal._asdict() for refusal in fitted.refusals],
     }
 
 
-def _sensor_record(found: Fit, options: FitOptions) -> dict[str, Any]:
+def _sensor_record(fitted: Fit, options: FitOptions) -> dict[str, Any]:
     """The photodiodes of a pair; empty of one picture."""
-    sensor = found.dual_pixel
+    sensor = fitted.dual_pixel
     if sensor is None:
         return {}
     kernels = options.dp_model if isinstance(options.dp_model, Path) else None
     return {
         "dp_model": sensor.model if kernels is None else str(kernels.absolute()),
         "dp_crosstalk": float(sensor.crosstalk),
-        "dp_crosstalk_error": _finite(found.crosstalk_error),
-        "left_is_right": found.exchanged,
-        "side_shading": [list(plane) for plane in found.shading],
+        "dp_crosstalk_error": _finite(fitted.crosstalk_error),
+        "left_is_right": fitted.exchanged,
+        "side_shading": [list(plane) for plane in fitted.shading],
     }
 
 
@@ -334,10 +336,10 @@ def pairs_of(pictures: Sequence[Picture], blurred: Path, right: Path | None) -> 
 def _partner(picture: Picture, place: Path) -> Path:
     if not place.is_dir():
         return place
-    found = sorted(path for path in place.iterdir() if path.stem == picture.stem)
-    if len(found) != 1:
-        problem = f"holds {len(found)} files named {picture.stem}"
+    fitted = sorted(path for path in place.iterdir() if path.stem == picture.stem)
+    if len(fitted) != 1:
+        problem = f"holds {len(fitted)} files named {picture.stem}"
         raise InputError(
             "ambiguous", problem, "name blurred pictures as the sharp ones", path=place
         )
-    return found[0]
+    return fitted[0]

@@ -15,12 +15,12 @@ from defocus_core.io.arrays import evenly
 
 _WHITE = 0.9999  # of an integer picture, in linear light
 _FLOATS = (".exr", ".hdr")  # whose light has no end
-_SHARES = 32  # of the pixels of a frame, between quantiles of their disparity
+_FRACTIONS = 32  # of the pixels of a frame, between quantiles of their disparity
 # Keys of the measures, in the order of the table of a card.
 MEASURES = (*RADII, "clipped_share", "invented_share")
 
 
-def measures(made: Rendered) -> dict[str, float | None]:
+def measures(rendered: Rendered) -> dict[str, float | None]:
     """The measures of a picture.
 
     Returns:
@@ -30,28 +30,28 @@ def measures(made: Rendered) -> dict[str, float | None]:
         saw what the picture holds; None where nothing is known. Of a frame of a shot whose depth is
         in metres ``depth_over_time``, too, see `_over_time`.
     """
-    nothing = None if made.inputs.nothing is None else evenly(made.inputs.nothing)
-    pixels = made.stats.get("pixels", 0)
-    invented = made.stats.get("pixels_invented")
+    nothing = None if rendered.inputs.nothing is None else evenly(rendered.inputs.nothing)
+    pixels = rendered.stats.get("pixels", 0)
+    invented = rendered.stats.get("pixels_invented")
     return {
-        **radius_measures(evenly(made.radii.shown), nothing),
-        "clipped_share": _clipped(made),
+        **radius_measures(evenly(rendered.radii.shown), nothing),
+        "clipped_share": _clipped(rendered),
         "invented_share": None if invented is None or not pixels else invented / pixels,
-        **_over_time(made),
+        **_over_time(rendered),
     }
 
 
-def _over_time(made: Rendered) -> dict[str, Any]:
+def _over_time(rendered: Rendered) -> dict[str, Any]:
     """The number of a frame, and ascending quantiles of its disparity in 1/m, from 0 to 100 %."""
-    frame = made.job.picture.frame
-    if frame is None or made.metres is None:
+    frame = rendered.job.picture.frame
+    if frame is None or rendered.metres is None:
         return {}
-    metres = evenly(made.metres).astype("float64")
-    if made.inputs.nothing is not None:
-        metres = metres[~evenly(made.inputs.nothing)]
+    metres = evenly(rendered.metres).astype("float64")
+    if rendered.inputs.nothing is not None:
+        metres = metres[~evenly(rendered.inputs.nothing)]
     if not metres.size:
         return {}
-    quantiles = np.quantile(1 / metres, np.linspace(0, 1, _SHARES + 1))
+    quantiles = np.quantile(1 / metres, np.linspace(0, 1, _FRACTIONS + 1))
     return {
         "depth_over_time": {
             "frame": frame,
@@ -68,13 +68,13 @@ def radius_measures(radius: Any, nothing: Any) -> dict[str, float]:
         nothing: where pixels hold nothing; None if nowhere.
     """
     sizes = np.abs((radius if nothing is None else radius[~nothing]).astype("float64"))
-    found = (sizes.mean(), *np.percentile(sizes, (50, 99))) if sizes.size else (0.0, 0.0, 0.0)
-    return dict(zip(RADII, map(float, found), strict=True))
+    sizes_px = (sizes.mean(), *np.percentile(sizes, (50, 99))) if sizes.size else (0.0, 0.0, 0.0)
+    return dict(zip(RADII, map(float, sizes_px), strict=True))
 
 
-def _clipped(made: Rendered) -> float | None:
+def _clipped(rendered: Rendered) -> float | None:
     """The share of pixels of the input that are white in a colour; None of EXR and HDR."""
-    color = made.inputs.color
+    color = rendered.inputs.color
     if color.path.suffix.lower() in _FLOATS:
         return None
     return float(np.mean(np.any([evenly(plane) >= _WHITE for plane in color.light], axis=0)))

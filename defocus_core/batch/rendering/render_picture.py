@@ -33,17 +33,17 @@ _TRUSTED = 0.99  # share of the lens
 
 
 def with_views(
-    made: Rendered,
+    rendered: Rendered,
     radius: Any = None,
-    seen: HiddenLayer | None = None,
+    seen_behind: HiddenLayer | None = None,
     progress: Progress | None = None,
 ) -> Rendered:
     """The picture with the images and maps that need rendering.
 
     Args:
-        made: as far as it is known before rendering.
+        rendered: as far as it is known before rendering.
         radius: signed radii [H, W] in px, averaged with other frames; None for its own.
-        seen: what other frames have seen of what is hidden.
+        seen_behind: what other frames have seen of what is hidden.
         progress: called with (tiles done, tiles in all).
 
     Raises:
@@ -52,17 +52,17 @@ def with_views(
     import torch
 
     set_to_render()
-    images, held = _Images(made), made.inputs.holding
+    images, held = _Images(rendered), rendered.inputs.holding
     wall, cpu = time.perf_counter(), time.process_time()
-    streams = Streams(*breathing_inputs(made, radius, seen), seen)
+    streams = Streams(*breathing_inputs(rendered, radius, seen_behind), seen_behind)
     stream = _fill(images, streams, progress)
-    if made.device == "cuda":
+    if rendered.device == "cuda":
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     scratch = {"scratch_mb": held.arrays_mb} if held.scratch else {}
     lights = {} if streams.lights is None else {"lights": streams.lights}
     return replace(
-        made,
+        rendered,
         images=images.planes,
         clamped=images.clamped,
         lights=streams.lights,
@@ -70,11 +70,13 @@ def with_views(
         seconds=wall,
         cpu_seconds=cpu,
         stats={**stream.stats, "pixels_invented": images.invented, **lights, **scratch},
-        warnings=(*made.warnings, *_clamped(stream.stats)),
+        warnings=(*rendered.warnings, *_clamped(stream.stats)),
     )
 
 
-def breathing_inputs(made: Rendered, radius: Any, seen: HiddenLayer | None) -> tuple[Rendered, Any]:
+def breathing_inputs(
+    rendered: Rendered, radius: Any, seen_behind: HiddenLayer | None
+) -> tuple[Rendered, Any]:
     """The picture and its radii as they are blurred, by a lens that breathes.
 
     Raises:
@@ -84,41 +86,42 @@ def breathing_inputs(made: Rendered, radius: Any, seen: HiddenLayer | None) -> t
 
     from defocus_core.renderer.breathing import breathed
 
-    inputs, breathing = made.inputs, made.lens.breathing
+    inputs, breathing = rendered.inputs, rendered.lens.breathing
     if not breathing:
-        return made, radius
-    if inputs.is_layered or inputs.hidden is not None or seen is not None:
+        return rendered, radius
+    if inputs.is_layered or inputs.hidden is not None or seen_behind is not None:
         problem = "moves one picture with its depth, not layers"
         raise UsageProblem("unsupported", problem, "leave it out", field="breathing")
     planes = torch.from_numpy(np.stack([plane[:] for plane in inputs.color.planes]))
-    px = torch.from_numpy((made.radii.own.px if radius is None else radius)[:])
+    px = torch.from_numpy((rendered.radii.picture.px if radius is None else radius)[:])
     image, moved = breathed(planes.float(), px, breathing)
     color = replace(inputs.color, planes=tuple(image.numpy()))
-    return replace(made, inputs=replace(inputs, color=color)), moved.numpy()
+    return replace(rendered, inputs=replace(inputs, color=color)), moved.numpy()
 
 
 def _clamped(stats: Mapping[str, float]) -> list[str]:
     """A warning if many pixels of left or right were negative."""
-    share = stats.get("pixels_clamped", 0) / stats["pixels"]
-    if share < _MANY_CLAMPED:
+    fraction = stats.get("pixels_clamped", 0) / stats["pixels"]
+    if fraction < _MANY_CLAMPED:
         return []
     why = "detail as fine as a pixel overshoots in half a lens"
-    return [f"left, right: below 0 in {100 * share:.0f} % of the pixels, and made 0: {why}"]
+    return [f"left, right: below 0 in {100 * fraction:.0f} % of the pixels, and made 0: {why}"]
 
 
 def _fill(images: _Images, streams: Streams, progress: Progress | None) -> Stream:
     """Render as many regions at once as fit, and one by one if a GPU runs out of memory."""
     import torch
 
-    made, job, maximum = streams.made, streams.made.job, None
-    colors = renderings(made)
+    rendered, job, maximum = streams.rendered, streams.rendered.job, None
+    colors = renderings(rendered)
     while True:
         images.clamped.clear()
         try:
             for number, color in enumerate(colors):
                 stream = streams.of(color)
                 at_once = (
-                    maximum or regions_at_once(job, stream, made.inputs.holding, made.device)[0]
+                    maximum
+                    or regions_at_once(job, stream, rendered.inputs.holding, rendered.device)[0]
                 )
                 if at_once < job.machine.threads:  # memory is short
                     memory.keep_freed(False)
@@ -152,9 +155,9 @@ class _Images:
         invented: number of pixels of which less than `_TRUSTED` of the lens saw what is there.
     """
 
-    def __init__(self, made: Rendered) -> None:
-        job, (height, width, channels) = made.job, made.inputs.color.shape
-        keeping = made.inputs.holding.keeping
+    def __init__(self, rendered: Rendered) -> None:
+        job, (height, width, channels) = rendered.job, rendered.inputs.color.shape
+        keeping = rendered.inputs.holding.keeping
         self.planes: dict[str, tuple[Any, ...]] = {}
         self.clamped: dict[str, int] = {}
         self.invented = 0

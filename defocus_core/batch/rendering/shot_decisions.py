@@ -49,8 +49,10 @@ def shot_focused(job: Job, depth: Depth, *, deep: bool = False) -> Lens:
     if not frames or lens.draw is not None or not is_found(lens):
         return focused(lens, depth)
     foc_dist = _mean_focus(frames, job)
-    found = dataclasses.replace(lens, foc_dist=foc_dist, focus_at=None, focus_percentile=None)
-    within = focused(found, depth)
+    focused_lens = dataclasses.replace(
+        lens, foc_dist=foc_dist, focus_at=None, focus_percentile=None
+    )
+    within = focused(focused_lens, depth)
     return dataclasses.replace(
         within, focus_at=lens.focus_at, focus_percentile=lens.focus_percentile
     )
@@ -64,15 +66,15 @@ def is_found(lens: Lens) -> bool:
 
 def _mean_focus(frames: Sequence[FrameLens], job: Job) -> float:
     """The mean focus in mm of frames, in disparity, of those that have something to focus on."""
-    found, failed = [], []
+    focused_lens, failed = [], []
     for frame in frames:
         try:
-            found.append(_own_focus(frame, job))
+            focused_lens.append(_own_focus(frame, job))
         except DefocusError as error:
             failed.append(error)
-    if not found:
+    if not focused_lens:
         raise failed[0]
-    disparity = [1 / each for each in found]
+    disparity = [1 / each for each in focused_lens]
     whole = job.shot is not None and not job.shot.focus  # a frame that is unlike others counts less
     mean = median(disparity) if whole else sum(disparity) / len(disparity)
     return 1 / mean if mean else float("inf")

@@ -38,11 +38,11 @@ _FEWEST = 2  # frames of a window that has neighbours
 _DISTANCES = frozenset({1, 3, 6, 10})
 
 
-def with_neighbours(made: Rendered) -> tuple[Rendered, Any, HiddenLayer | None]:
+def with_neighbours(rendered: Rendered) -> tuple[Rendered, Any, HiddenLayer | None]:
     """What the neighbours of a frame do for it.
 
     Args:
-        made: the picture, as far as it is known before rendering.
+        rendered: the picture, as far as it is known before rendering.
 
     Returns:
         The picture, with a note; the radii [H, W] px to render by, averaged over frames, None for
@@ -52,41 +52,41 @@ def with_neighbours(made: Rendered) -> tuple[Rendered, Any, HiddenLayer | None]:
         InputError: a neighbour cannot be read, or is unlike the frame.
         UsageProblem: motion is of no use for it.
     """
-    shot, radius, seen = made.job.shot, None, None
+    shot, radius, hidden = rendered.job.shot, None, None
     if shot is None or len(shot.window) < _FEWEST:
-        return made, None, None
-    if made.inputs.is_layered and shot.motion is not None:
+        return rendered, None, None
+    if rendered.inputs.is_layered and shot.motion is not None:
         problem = "has no effect: layers, of deep pixels or of a plate, hold what is hidden"
         raise UsageProblem("idle-option", problem, "leave it out", field="motion")
-    noise = None if made.decided is None else made.decided.noise
+    noise = None if rendered.decided is None else rendered.decided.noise
     if noise is None and shot.motion is None:
-        return made, None, None
-    neighbours = Neighbours(made)
+        return rendered, None, None
+    neighbours = Neighbours(rendered)
     if noise is not None:
         radius = neighbours.averaged_radius(noise)
         count = min(len(shot.window), AVERAGED)
         note = f"averaged over {count} frames where the scene is still"
-        made = replace(made, shot_note=f"{note}, {made.shot_note}")
+        rendered = replace(rendered, shot_note=f"{note}, {rendered.shot_note}")
     if shot.motion is not None:
-        seen = neighbours.hidden(radius)
-    return made, radius, seen
+        hidden = neighbours.hidden(radius)
+    return rendered, radius, hidden
 
 
 class Neighbours:
     """The neighbours of a frame, decoded when they are needed; neighbours of the last are kept."""
 
-    def __init__(self, made: Rendered) -> None:
+    def __init__(self, rendered: Rendered) -> None:
         """Keep what the neighbours are read with.
 
         Args:
-            made: a picture of a shot.
+            rendered: a picture of a shot.
         """
-        job, inputs = made.job, made.inputs
+        job, inputs = rendered.job, rendered.inputs
         assert job.shot is not None
-        self._job, self._inputs, self._lens = job, inputs, made.lens
+        self._job, self._inputs, self._lens = job, inputs, rendered.lens
         self._shot, window = job.shot, job.shot.window
         self._place = [picture.frame for picture in window].index(job.picture.frame)
-        self._window, self._radii = window, {self._place: made.radii.own.px}
+        self._window, self._radii = window, {self._place: rendered.radii.picture.px}
         others = (place for place in range(len(window)) if place != self._place)
         self._order = sorted(others, key=lambda place: (abs(place - self._place), place))
         if self._shot.motion is not None and inputs.holding.scratch:

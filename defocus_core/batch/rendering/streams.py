@@ -45,21 +45,25 @@ class Streams:
     """The renderers of a job.
 
     Attributes:
-        made: the picture, as far as it is known before rendering.
+        rendered: the picture, as far as it is known before rendering.
         lights: number of clipped lights that were made brighter; None if this is not asked for.
     """
 
-    def __init__(self, made: Rendered, radius: Any = None, seen: HiddenLayer | None = None) -> None:
+    def __init__(
+        self, rendered: Rendered, radius: Any = None, seen_behind: HiddenLayer | None = None
+    ) -> None:
         """Keep what they share; nothing is read yet.
 
         Args:
-            made: the picture, as far as it is known before rendering.
+            rendered: the picture, as far as it is known before rendering.
             radius: signed radii [H, W] in px of the picture, averaged with other frames; None for
                 its own.
-            seen: what other frames have seen of what is hidden.
+            seen_behind: what other frames have seen of what is hidden.
         """
-        self.made, self._inputs, self._seen = made, made.inputs, seen
-        self._own = made.radii.own if radius is None else made.radii.own._replace(px=radius)
+        self.rendered, self._inputs, self._seen = rendered, rendered.inputs, seen_behind
+        self._radii = (
+            rendered.radii.picture if radius is None else rendered.radii.picture._replace(px=radius)
+        )
         self.lights: int | None = None
         self._fills: dict[bool, SharedFill | None] = {}
 
@@ -100,7 +104,7 @@ class Streams:
         from defocus_core.renderer.engine.picture import shared_fill
 
         if turned not in self._fills:
-            colors = [c for c in renderings(self.made) if c.turned == turned]
+            colors = [c for c in renderings(self.rendered) if c.turned == turned]
             fill, (radii, repair) = None, self._repaired
             if len(colors) > 1:
                 image = transposed(self._image) if turned else self._image
@@ -137,23 +141,25 @@ class Streams:
         from defocus_core.renderer.engine.settings import Settings
         from defocus_core.sequences.shot_repair import repair_through
 
-        made, job = self.made, self.made.job
-        aperture, _ = aperture_in_pixels(made.lens, self._inputs.color.pixel_aspect, colors.color)
-        dual_pixel, infinity = dual_pixel_of(made.lens), self._own.infinity
+        rendered, job = self.rendered, self.rendered.job
+        aperture, _ = aperture_in_pixels(
+            rendered.lens, self._inputs.color.pixel_aspect, colors.color
+        )
+        dual_pixel, infinity = dual_pixel_of(rendered.lens), self._radii.infinity
         if infinity is not None:
             infinity = self._longer * (infinity + colors.offset)
         return Settings(
             aperture=aperture.transposed() if colors.turned else aperture,
             dual_pixel=dual_pixel.transposed() if colors.turned else dual_pixel,
-            cat_eye=cat_eye_of(made.lens, made.size),
-            quality=made.quality,
+            cat_eye=cat_eye_of(rendered.lens, rendered.size),
+            quality=rendered.quality,
             left_right=colors.turned or any(kind.halves for kind in job.outputs.rows),
             threads=job.machine.threads,
             tile=job.machine.tile,
             infinity=infinity,
             depth_repair=job.reading.depth_repair,
             edge_width=job.reading.edge_width,
-            decided=made.decided and repair_through(made.decided, self._longer, infinity),
+            decided=rendered.decided and repair_through(rendered.decided, self._longer, infinity),
         )
 
     @property
@@ -164,13 +170,13 @@ class Streams:
     @cached_property
     def _holds(self) -> bool:
         """Whether there is room for what is derived from the whole picture."""
-        room = room_on(self.made.device, self._inputs.holding.room_mb)
+        room = room_on(self.rendered.device, self._inputs.holding.room_mb)
         return holds_cells(self._image.shape, room)
 
     @cached_property
     def _repaired(self) -> tuple[Pixels, DepthRepair]:
         """The radii, repaired once for all renderings, by the picture as it was given."""
-        return self._repair(self._own, self._inputs.color, hold=self._holds)
+        return self._repair(self._radii, self._inputs.color, hold=self._holds)
 
     def _repair(
         self, radii: Radii, color: Color, *, hold: bool = False
@@ -179,8 +185,8 @@ class Streams:
         settings = self._settings(self._every)
         return radii.repaired(
             color,
-            self.made.job.reading,
-            device=self.made.device,
+            self.rendered.job.reading,
+            device=self.rendered.device,
             threads=settings.threads,
             longer=self._longer,
             decided=settings.decided,
@@ -190,15 +196,15 @@ class Streams:
     @cached_property
     def _longer(self) -> float:
         """The longer half axis of the blur in px, in radii of the CoC."""
-        return aperture_in_pixels(self.made.lens, self._inputs.color.pixel_aspect)[1]
+        return aperture_in_pixels(self.rendered.lens, self._inputs.color.pixel_aspect)[1]
 
     @cached_property
     def _image(self) -> Pixels:
         """The picture, with the light of its lamps."""
         color = self._inputs.color
-        picture = windows(color.planes, self.made.device)
-        radii = [lone_window(times(self._own.px, self._longer), self.made.device)]
-        (image,), self.lights = lit([picture], radii, len(color.light), self.made.lens)
+        picture = windows(color.planes, self.rendered.device)
+        radii = [lone_window(times(self._radii.px, self._longer), self.rendered.device)]
+        (image,), self.lights = lit([picture], radii, len(color.light), self.rendered.lens)
         return image
 
     @cached_property
@@ -206,9 +212,9 @@ class Streams:
         """The scene if it is of layers, and the repair of its depth if that is repaired."""
         inputs, device, lens, radii = (
             self._inputs,
-            self.made.device,
-            self.made.lens,
-            self.made.radii,
+            self.rendered.device,
+            self.rendered.lens,
+            self.rendered.radii,
         )
         if (layers := inputs.layers) is not None:
             lights: list[Pixels] = [windows(light, device) for light in layers.light]
@@ -224,13 +230,14 @@ class Streams:
         pictures = (inputs.color, inputs.plate.color)
         lights = [windows((*c.light, *c.planes[len(c.channels) :]), device) for c in pictures]
         blurred = [
-            lone_window(times(each.px, self._longer), device) for each in (radii.own, radii.plate)
+            lone_window(times(each.px, self._longer), device)
+            for each in (radii.picture, radii.plate)
         ]
         lights, self.lights = lit(lights, blurred, len(inputs.color.light), lens)
         # each is repaired alone, as `render` would
-        own, repair = self._repair(radii.own, inputs.color)
+        own_radii, repair = self._repair(radii.picture, inputs.color)
         plate, _ = self._repair(radii.plate, inputs.plate.color)
-        return layers_of(lights, pictures, (own, plate), device), repair
+        return layers_of(lights, pictures, (own_radii, plate), device), repair
 
     @cached_property
     def _hidden(self) -> Behind | None:
@@ -240,7 +247,7 @@ class Streams:
         behind = None if self._inputs.hidden is None else self._behind()
         if self._seen is None:
             return behind
-        color, radius, mask = (each.to(self.made.device) for each in self._seen)
+        color, radius, mask = (each.to(self.rendered.device) for each in self._seen)
         radius = radius * self._longer
         if behind is None:
             return Behind(color, radius, mask)
@@ -255,7 +262,7 @@ class Streams:
         """The hidden layer: it is unknown where depth is inf and colour 0."""
         from defocus_core.renderer.inpainting.known_layer import Behind
 
-        device, radii = self.made.device, self.made.radii.hidden
+        device, radii = self.rendered.device, self.rendered.radii.hidden
         assert self._inputs.hidden is not None
         assert radii is not None
         color, depth = self._inputs.hidden

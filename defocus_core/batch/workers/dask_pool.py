@@ -164,8 +164,8 @@ def do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
         job = typed(Job, sent)
         job = replace(job, machine=replace(job.machine, threads=threads))
         inputs = reader.read(job)
-        made = inputs if isinstance(inputs, Mapping) else job_result.compute(job, inputs)
-        record = made if isinstance(made, Mapping) else job_result.write(made)
+        rendered = inputs if isinstance(inputs, Mapping) else job_result.compute(job, inputs)
+        record = rendered if isinstance(rendered, Mapping) else job_result.write(rendered)
         results.append({key: value for key, value in record.items() if key != "error"})
     return {"versions": identity.versions(), "results": results}
 

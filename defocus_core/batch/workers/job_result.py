@@ -58,8 +58,8 @@ class Reader:
         if self._last is not None and self._last[0] == key:
             inputs = self._last[1]
             shared = {role: stamp for role, stamp in inputs.stamps.items() if role in job.files}
-            own = {role: path for role, path in job.files.items() if role in LENS_FILES}
-            return replace(inputs, stamps=shared | _stamps(own), seconds=0.0)
+            lens_files = {role: path for role, path in job.files.items() if role in LENS_FILES}
+            return replace(inputs, stamps=shared | _stamps(lens_files), seconds=0.0)
         self._last = None  # free a picture before the next is decoded
         start, stamps = time.perf_counter(), _stamps(job.files)
         try:
@@ -88,12 +88,12 @@ def compute(job: Job, inputs: Inputs, progress: TileCount | None = None) -> Rend
         return failure(error, "render", inputs.stamps)
 
 
-def write(made: Rendered) -> Record:
+def write(rendered: Rendered) -> Record:
     """Write what a job computed; when this returns, it is durable."""
     start = time.perf_counter()
-    job, inputs = made.job, made.inputs.stamps
+    job, inputs = rendered.job, rendered.inputs.stamps
     try:
-        made = delivery.write(made)
+        rendered = delivery.write(rendered)
         outputs = {
             name: {"path": path, **identity.stamp(job.outputs.root / path, job.outputs.root)}
             for name, path in job.names.items()
@@ -106,23 +106,23 @@ def write(made: Rendered) -> Record:
         "message": "",
         "inputs": dict(inputs),
         "outputs": outputs,
-        "lens": lens_record(made.lens),
-        "size": list(made.size),
-        "coc_px": list(made.radii.ends),
-        "color_note": made.color_note,
-        "depth_note": made.depth_words(),
-        "depth_repair": repair_record(made.repair),
-        "device": made.device,
-        "quality": made.quality,
-        "measures": measures(made),
-        "warnings": list(made.warnings),
+        "lens": lens_record(rendered.lens),
+        "size": list(rendered.size),
+        "coc_px": list(rendered.radii.limits),
+        "color_note": rendered.color_note,
+        "depth_note": rendered.depth_words(),
+        "depth_repair": repair_record(rendered.repair),
+        "device": rendered.device,
+        "quality": rendered.quality,
+        "measures": measures(rendered),
+        "warnings": list(rendered.warnings),
         "seconds": {
-            "read": round(made.inputs.seconds, 4),
-            "render": round(made.seconds, 4),
+            "read": round(rendered.inputs.seconds, 4),
+            "render": round(rendered.seconds, 4),
             "write": round(time.perf_counter() - start, 4),
-            "cpu": round(made.cpu_seconds, 4),
+            "cpu": round(rendered.cpu_seconds, 4),
         },
-        "stats": dict(made.stats),
+        "stats": dict(rendered.stats),
     }
 
 

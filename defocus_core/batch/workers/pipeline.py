@@ -153,10 +153,10 @@ class _Writer:
         self._ended = threading.Event()  # a join that a signal interrupts cannot be tried again
         threading.Thread(target=self._write, name="writer", daemon=True).start()
 
-    def put(self, number: int, made: Rendered | Record) -> None:
+    def put(self, number: int, rendered: Rendered | Record) -> None:
         self._room.acquire()
         self.check()
-        self._queue.put((number, made))
+        self._queue.put((number, rendered))
 
     def check(self) -> None:
         """Raise what ``done`` raised."""
@@ -177,10 +177,10 @@ class _Writer:
 
     def _write(self) -> None:
         while (item := self._queue.get()) is not None:
-            number, made = item
+            number, rendered = item
             try:
-                record = made if isinstance(made, Mapping) else job_result.write(made)
-                del made, item
+                record = rendered if isinstance(rendered, Mapping) else job_result.write(rendered)
+                del rendered, item
                 self._done(number, record)
             except BaseException as error:
                 self._error = error

@@ -84,26 +84,26 @@ def divided(path: Path, values: Any, alpha: Any, how: str, keeping: Keeping) -> 
         return values, ""
     result = keeping.new(tuple(values.shape), np.float32)
     for rows in bands(values.shape):
-        share = np.asarray(alpha[rows], np.float32)
+        fraction = np.asarray(alpha[rows], np.float32)
         numbers = np.asarray(values[rows], np.float32)
-        result[rows] = np.divide(numbers, share, out=numbers.copy(), where=share > 0)
+        result[rows] = np.divide(numbers, fraction, out=numbers.copy(), where=fraction > 0)
     return result, "divided by alpha"
 
 
 def _is_multiplied(values: Any, alpha: Any) -> bool:
     """Whether edges have the depth beside them times alpha, and not the depth itself."""
     multiplied = plain = 0
-    for share, numbers in _overlapping(alpha, values):
-        edge = (share > _EDGE[0]) & (share < _EDGE[1])
+    for fraction, numbers in _overlapping(alpha, values):
+        edge = (fraction > _EDGE[0]) & (fraction < _EDGE[1])
         if not edge.any():
             continue
-        whole = (share >= _WHOLE) & np.isfinite(numbers) & (numbers > 0)
+        whole = (fraction >= _WHOLE) & np.isfinite(numbers) & (numbers > 0)
         for step in (1, 2):
             for axis in (0, 1):
                 for away in (-step, step):
                     at = edge & np.roll(whole, away, axis)
                     beside, own = np.roll(numbers, away, axis)[at], numbers[at]
-                    times = share[at] * beside
+                    times = fraction[at] * beside
                     nearer = np.abs(own - times) < np.abs(own - beside)
                     multiplied += int(np.count_nonzero(nearer & (own > 0)))
                     plain += int(np.count_nonzero(~nearer & (own > 0)))

@@ -101,8 +101,8 @@ def decoded(path: Path, header: Header) -> Iterator[Samples]:
             part, start = _part(file, header)
             chunks = _chunks(file, part, start)
             _check_promise(path, part, chunks)
-            for some in _strips(part, chunks):
-                yield _samples(file, part, some)
+            for strip_chunks in _strips(part, chunks):
+                yield _samples(file, part, strip_chunks)
     except (OSError, ValueError, KeyError, struct.error, zlib.error) as error:
         raise damaged(path, str(error)) from error
 
@@ -141,7 +141,7 @@ def _chunks(file: BinaryIO, part: _Part, start: int) -> list[_Chunk]:
     offsets = struct.unpack(f"<{count}Q", file.read(8 * count))
     own = "" if part.number is None else "i"
     head = struct.Struct(f"<{own}{'4i' if part.is_tiled else 'i'}3Q")
-    found = []
+    listed = []
     for number, offset in enumerate(offsets):
         file.seek(min(offset, size))
         *place, table, packed, unpacked = head.unpack(file.read(head.size))
@@ -153,8 +153,8 @@ def _chunks(file: BinaryIO, part: _Part, start: int) -> list[_Chunk]:
         if at + table + packed > size:
             raise ValueError("it ends early")
         y, x = row * part.tile[1], column * part.tile[0]
-        found.append(_Chunk(y, x, at, table, packed, unpacked))
-    return found
+        listed.append(_Chunk(y, x, at, table, packed, unpacked))
+    return listed
 
 
 def _check_promise(path: Path, part: _Part, chunks: Sequence[_Chunk]) -> None:
@@ -222,24 +222,26 @@ def _samples(file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]) -> Samples:
 def _unpacked(data: bytes, size: int, compression: int) -> bytes:
     """So many bytes, from what they were packed to; as they are if packing made them no smaller."""
     if compression == NONE or len(data) == size:
-        found = data
+        listed = data
     elif compression == RLE:
-        found = _ordered(_run_lengths(data, size))
+        listed = _ordered(_run_lengths(data, size))
     else:
-        found = _ordered(zlib.decompressobj().decompress(data, size + 1)) if size else b""
-    if len(found) != size:
-        raise ValueError(f"{len(found)} bytes in place of {size}")
-    return found
+        listed = _ordered(zlib.decompressobj().decompress(data, size + 1)) if size else b""
+    if len(listed) != size:
+        raise ValueError(f"{len(listed)} bytes in place of {size}")
+    return listed
 
 
 def _run_lengths(data: bytes, size: int) -> bytes:
     """Runs: below 0, so many bytes as they are; else a byte once more than so many times."""
-    found, at = bytearray(), 0
-    while at < len(data) and len(found) <= size:
+    listed, at = bytearray(), 0
+    while at < len(data) and len(listed) <= size:
         (count,) = struct.unpack_from("<b", data, at)
-        found += data[at + 1 : at + 1 - count] if count < 0 else data[at + 1 : at + 2] * (count + 1)
+        listed += (
+            data[at + 1 : at + 1 - count] if count < 0 else data[at + 1 : at + 2] * (count + 1)
+        )
         at += 1 - count if count < 0 else 2
-    return bytes(found)
+    return bytes(listed)
 
 
 def _ordered(data: bytes) -> bytes:
@@ -247,6 +249,6 @@ def _ordered(data: bytes) -> bytes:
     steps = np.frombuffer(data, np.uint8).copy()
     steps[1:] -= np.uint8(128)
     bytes_ = np.cumsum(steps, dtype=np.uint8)
-    found, half = np.empty_like(bytes_), (len(bytes_) + 1) // 2
-    found[0::2], found[1::2] = bytes_[:half], bytes_[half:]
-    return found.tobytes()
+    listed, half = np.empty_like(bytes_), (len(bytes_) + 1) // 2
+    listed[0::2], listed[1::2] = bytes_[:half], bytes_[half:]
+    return listed.tobytes()

@@ -58,12 +58,12 @@ def flat_channels(
         for name, kind in names.items()
     }
     for strip in strips(path, header):
-        shares = _shares(strip)
-        for name, plane in planes.items() if len(shares) else ():  # planes begin as zeros
+        fractions = _fractions(strip)
+        for name, plane in planes.items() if len(fractions) else ():  # planes begin as zeros
             values = strip.values[name]
             if name in light:
                 size = strip.window.height * strip.window.width
-                total = np.bincount(strip.pixel, values * shares, size).astype(np.float32)
+                total = np.bincount(strip.pixel, values * fractions, size).astype(np.float32)
                 rows = total.reshape(strip.window.height, strip.window.width)
             else:
                 rows = strip.dense(strip.rank == 0, values)
@@ -112,18 +112,18 @@ def deep_layers(
     return DeepLayers(tuple(layers), crowded)
 
 
-def _shares(strip: Strip) -> NDArray[Any]:
+def _fractions(strip: Strip) -> NDArray[Any]:
     """The share [N] of each sample that nearer ones leave."""
     left = np.ones(strip.window.height * strip.window.width)
-    shares = np.ones(len(strip.rank))
+    fractions = np.ones(len(strip.rank))
     by_rank = np.argsort(strip.rank, kind="stable")
     ends = np.cumsum(np.bincount(strip.rank)).tolist()
     for first, end in pairwise((0, *ends)):
         chosen = by_rank[first:end]
         at = strip.pixel[chosen]
-        shares[chosen] = left[at]
+        fractions[chosen] = left[at]
         left[at] *= 1 - strip.values[ALPHA][chosen]
-    return shares
+    return fractions
 
 
 def _is_distance(name: str) -> bool:

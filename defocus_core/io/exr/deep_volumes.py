@@ -71,9 +71,9 @@ def _pieces(
         inside = volume & (front <= near[:, None]) & (back >= far[:, None]) & (far > near)[:, None]
         some = inside.any(1)
         first, last = near[some], far[some]
-        shares = (inside * absorbed / length)[some] * (last - first)[:, None]
-        alphas = _alpha_per(total := shares.sum(1)) * total
-        values = [_ratio((shares * each[some]).sum(1), total) * alphas for each in color]
+        fractions = (inside * absorbed / length)[some] * (last - first)[:, None]
+        alphas = _alpha_per(total := fractions.sum(1)) * total
+        values = [_ratio((fractions * each[some]).sum(1), total) * alphas for each in color]
         pieces.append((pixels[some], *values, middle(first, last)))
     return pieces
 

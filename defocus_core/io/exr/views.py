@@ -29,9 +29,9 @@ def views_of(headers: Sequence[Header]) -> tuple[str, ...]:
     by_name = [_of_part(header) for header in headers]
     of_channels = [_of_channel(channel.name) for h in headers for channel in h.channels]
     for names in (said, by_name, of_channels):
-        found = tuple(dict.fromkeys(filter(None, names)))
-        if len(found) > 1 or (found and names is said):
-            return found
+        view_names = tuple(dict.fromkeys(filter(None, names)))
+        if len(view_names) > 1 or (view_names and names is said):
+            return view_names
     return ()
 
 
@@ -117,8 +117,8 @@ def _restricted(header: Header, views: Sequence[str], chosen: str) -> Header:
 
 def _without_doubles(channels: Sequence[Channel]) -> tuple[Channel, ...]:
     """Channels of which those of the view stand for those of no view with the same plain name."""
-    own = {channel.plain for channel in channels if channel.plain != channel.name}
-    return tuple(c for c in channels if c.plain != c.name or c.plain not in own)
+    plain_names = {channel.plain for channel in channels if channel.plain != channel.name}
+    return tuple(c for c in channels if c.plain != c.name or c.plain not in plain_names)
 
 
 def _of_part(header: Header) -> str:

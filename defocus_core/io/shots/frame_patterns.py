@@ -112,10 +112,10 @@ def frames_of(pattern: Path) -> dict[int, Path]:
         problem = f"asks for more than {_DIGITS} digits"
         raise InputError("out-of-range", problem, "write it like %04d", path=pattern)
     try:
-        found = FileSequence.findSequenceOnDisk(
+        sequence = FileSequence.findSequenceOnDisk(
             str(pattern), strictPadding=True, pad_style=PAD_STYLE_HASH1
         )
-        frames = {int(number): Path(found.frame(number)) for number in found.frameSet() or ()}
+        frames = {int(number): Path(sequence.frame(number)) for number in sequence.frameSet() or ()}
         return dict(sorted({**_negative(pattern), **frames}.items()))
     except ArithmeticError:
         problem = "matches a file whose number is too long for a frame"

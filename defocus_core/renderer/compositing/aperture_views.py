@@ -31,12 +31,12 @@ class Aside(NamedTuple):
     """Surfaces that were set aside.
 
     Attributes:
-        fronts: For each group [m, C + 1, h, w], all that was composited.
+        composited: For each group [m, C + 1, h, w], all that was composited.
         covered: For each group the coverage [m, 1, h, w] that the composition went on with.
         invented: As that of `TileCompositor`.
     """
 
-    fronts: list[Tensor]
+    composited: list[Tensor]
     covered: list[Tensor]
     invented: Tensor | None
 
@@ -129,11 +129,11 @@ class TileCompositor:
         """
         aside = Aside(self.by_group, [], self.invented)
         self.by_group, self.invented = [], None
-        for front, own, maximum in zip(aside.fronts, near, self._full, strict=True):
+        for front, covered_near, maximum in zip(aside.composited, near, self._full, strict=True):
             full = torch.as_tensor(maximum).to(front)
             # where these cover all, nothing is seen behind: as if it were full
-            limits = own > full - _MIN_ROOM
-            covered = torch.where(limits, full, front[:, -1:] - own)
+            limits = covered_near > full - _MIN_ROOM
+            covered = torch.where(limits, full, front[:, -1:] - covered_near)
             aside.covered.append(covered)
             self.by_group.append(torch.cat([torch.zeros_like(front[:, :-1]), covered], 1))
         return aside
@@ -148,7 +148,7 @@ class TileCompositor:
             front = self.by_group[group]
             room = (self._full[group] - covered).clamp(min=_MIN_ROOM)
             gap = (self._full[group] - front[:, -1:]).clamp(min=0)
-            near = (aside.fronts[group][:, -1:] - covered).clamp(min=0)
+            near = (aside.composited[group][:, -1:] - covered).clamp(min=0)
             error = _ERROR * near
             between = (gap > error) & (gap < 2 * error)  # where a quotient has a finite gradient
             grown = gap / torch.where(between, error, 1.0) - 1
@@ -163,7 +163,7 @@ class TileCompositor:
     def put_together(self, aside: Aside) -> None:
         """Put the surfaces that were set aside before those composited since."""
         before, self.invented, since = aside.invented, aside.invented, self.invented
-        for group, (front, covered) in enumerate(zip(aside.fronts, aside.covered, strict=True)):
+        for group, (front, covered) in enumerate(zip(aside.composited, aside.covered, strict=True)):
             color, coverage = self.by_group[group].tensor_split([-1], 1)
             layer = torch.cat([color, coverage - covered], 1)
             fraction = fraction_behind(front, layer, self._full[group])

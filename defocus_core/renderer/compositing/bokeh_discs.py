@@ -22,7 +22,7 @@ from defocus_core.optics.pupil_field import View
 from defocus_core.renderer.blur.fourier import reach
 from defocus_core.renderer.compositing.disc_occlusion import Obstruction, Squares
 from defocus_core.renderer.compositing.highlights import Highlights
-from defocus_core.renderer.compositing.screens import Occluder
+from defocus_core.renderer.compositing.occluders import Occluder
 from defocus_core.tensors.box import Box
 
 # Samples drawn at once: bounds memory.
@@ -56,7 +56,7 @@ class _Alike(NamedTuple):
 
 def draw(
     highlights: Highlights,
-    screens: Sequence[Occluder],
+    occluders: Sequence[Occluder],
     radii: tuple[float, ...],
     aperture: Aperture,
     parts: list[Part],
@@ -67,16 +67,16 @@ def draw(
 
     Args:
         highlights: As `highlights.split` finds them.
-        screens: The surfaces of all pixels.
+        occluders: The surfaces of all pixels.
         radii: The radii of slices.
         aperture: The pupil.
         parts: M parts of the pupil.
         box: The rectangle of the frame to draw.
         barrel: The pupil, as each highlight sees it.
     """
-    maximum = max(*screens[0].positions.shape, box.top + box.height, box.left + box.width)
+    maximum = max(*occluders[0].positions.shape, box.top + box.height, box.left + box.width)
     canvas = _Canvas(len(parts), highlights.light, box)
-    obstruction = Obstruction(screens, radii)
+    obstruction = Obstruction(occluders, radii)
     for alike in _alike(highlights, maximum, box, barrel):
         squares = Squares.of(alike.extent)
         rims, cut = [], []

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.renderer.compositing.screens import Occluder, Occluders
+from defocus_core.renderer.compositing.occluders import Occluder, Occluders
 from defocus_core.tensors.tiling import BLOCK
 
 # A surface occludes a light if it is nearer by this many px of radius and by this share of it; no
@@ -105,15 +105,15 @@ class _Lights(NamedTuple):
 class Obstruction:
     """Surfaces before lights."""
 
-    def __init__(self, screens: Sequence[Occluder], radii: tuple[float, ...]) -> None:
+    def __init__(self, occluders: Sequence[Occluder], radii: tuple[float, ...]) -> None:
         """Find which blocks hold pixels of which slices.
 
         Args:
-            screens: The surfaces, at least one.
+            occluders: The surfaces, at least one.
             radii: The slice radii.
         """
-        self._radii, self._screens = radii, Occluders(screens, len(radii))
-        blocks = self._screens.blocks
+        self._radii, self._occluders = radii, Occluders(occluders, len(radii))
+        blocks = self._occluders.blocks
         self._sums = pad(blocks.cumsum(1).cumsum(2), (1, 0, 1, 0))  # [K, rows + 1, columns + 1]
 
     def occluded(
@@ -164,7 +164,7 @@ class Obstruction:
         )
         last = (first + squares.side - 1).clamp(max=squares.extent)
         ends = []
-        for axis, length in enumerate(self._screens.size):
+        for axis, length in enumerate(self._occluders.size):
             at, small = lights.at[:, axis, None, None], lights.small[:, None, None]
             lens = lights.spread[:, :, None]
             places = [
@@ -196,7 +196,7 @@ class Obstruction:
             corner: [m, 2] px from the light to the first pixel of its square.
             side: Width of a square in px.
         """
-        H, W = self._screens.size
+        H, W = self._occluders.size
         offset = corner[..., None] + torch.arange(side, device=corner.device)  # [m, 2, side]
         occluded_fraction = lights.scale.new_zeros(len(corner), side, side)
         points = _lens_points(lights.scale)
@@ -210,7 +210,7 @@ class Obstruction:
                     for axis, u, length in ((0, points[:, 1], H), (1, points[:, 0], W))
                 )
                 spots, limits = row * W + column, subset.limit[:, None].expand_as(row)
-                fraction = self._screens.coverage(spots.flatten(), slice_index, limits.flatten())
+                fraction = self._occluders.coverage(spots.flatten(), slice_index, limits.flatten())
                 lens_weights.index_add_(0, small_index, fraction.view(row.shape))
             large_index = torch.nonzero(slices[:, k] & ~lights.small)[:, 0]
             subset = lights.select(large_index)
@@ -220,7 +220,7 @@ class Obstruction:
                 for axis, length in enumerate((H, W))
             )
             position = (subset.at[..., None] + away).unbind(1)
-            fraction = self._screens.beside((row, column), position, slice_index, subset.limit)
+            fraction = self._occluders.beside((row, column), position, slice_index, subset.limit)
             occluded_fraction.index_add_(0, large_index, fraction)
         mean = lens_weights.clamp(max=1).mean(1)[:, None, None]
         return torch.where(lights.small[:, None, None], mean, occluded_fraction.clamp(max=1))

@@ -98,31 +98,33 @@ def split_samples(
         signed_radius: [H, W] px of the nearest samples.
         limit: The `threshold` of the frame.
     """
-    own, others = samples
-    shown = own.color[:channels]
-    shown = shown if own.coverage is None else shown * own.coverage
-    layer = own.fringe.layer
+    nearest, others = samples
+    shown = nearest.color[:channels]
+    shown = shown if nearest.coverage is None else shown * nearest.coverage
+    layer = nearest.fringe.layer
     bright = [shown.detach().amax(0) > limit]
-    bright += [sheet.detach()[:channels].amax(0) > limit for sheet, _ in others]
+    bright += [samples.detach()[:channels].amax(0) > limit for samples, _ in others]
     listed = layer.detach()[:, :channels].amax(1) > limit
     if not bool(listed.any()) and not any(bool(each.any()) for each in bright):
         return samples, None
-    dark = _darkened(own.color, channels, bright[0], 0)
+    dark = _darkened(nearest.color, channels, bright[0], 0)
     rest = _darkened(layer, channels, listed[:, None], 1)
-    sheets = [
-        (_darkened(sheet, channels, where, 0), radius)
-        for where, (sheet, radius) in zip(bright[1:], others, strict=True)
+    farther = [
+        (_darkened(samples, channels, where, 0), radius)
+        for where, (samples, radius) in zip(bright[1:], others, strict=True)
     ]
-    drawn = [(own.fringe.at[listed], layer[listed, :channels], own.fringe.signed_radius[listed])]
-    colors = [(shown, signed_radius), *((sheet[:channels], radius) for sheet, radius in others)]
+    drawn = [
+        (nearest.fringe.at[listed], layer[listed, :channels], nearest.fringe.signed_radius[listed])
+    ]
+    colors = [(shown, signed_radius), *((samples[:channels], radius) for samples, radius in others)]
     for where, (color, radius) in zip(bright, colors, strict=True):
         at = positions_of(where)
         row, column = at.unbind(1)
         drawn.append((at, color[:, row, column].T, radius[row, column]))
     at, light, radius = (torch.cat(each) for each in zip(*drawn, strict=True))
     light = torch.cat([light, torch.zeros_like(light[:, :1])], 1)
-    own = own._replace(color=dark, fringe=own.fringe._replace(layer=rest))
-    return Sampled(own, sheets), Highlights(at, light, radius)
+    nearest = nearest._replace(color=dark, fringe=nearest.fringe._replace(layer=rest))
+    return Sampled(nearest, farther), Highlights(at, light, radius)
 
 
 def _darkened(colors: Tensor, channels: int, where: Tensor, dim: int) -> Tensor:

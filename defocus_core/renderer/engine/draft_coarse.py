@@ -40,11 +40,11 @@ class HalfSize(Derived):
         """
         self._merge, self._pictures = merge, pictures
         H, W = pictures[0].shape[-2:]
-        first = self.made((0, 1), (0, 1))
+        first = self.computed((0, 1), (0, 1))
         self.shape = (*first.shape[:-2], (H + 1) // 2, (W + 1) // 2)
         self.dtype, self.device = first.dtype, first.device
 
-    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
         """The window [rows, columns] of coarse pixels, each from the first to before the end."""
         down, across = (slice(2 * first, 2 * max(end, first)) for first, end in (rows, columns))
         return self._merge(*(_evened(x[..., down, across]) for x in self._pictures))

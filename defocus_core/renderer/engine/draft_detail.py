@@ -85,9 +85,9 @@ def with_detail(images: Tensor, shown: Tensor, original: Original, part: Box) ->
     if all(in_view) and _is_in_focus(r):
         return pixels.expand(len(images), *pixels.shape)
     # one by one: the rounding of the last numbers of a tensor depends on how many there are
-    *views, own = (doubled(x, part)[..., :height, :width] for x in (*images, original.coarse))
+    *views, sharp = (doubled(x, part)[..., :height, :width] for x in (*images, original.coarse))
     visible = _visible(shown, original.fraction, in_view, part)[..., :height, :width]
-    blurred, detail = views[0], pixels - own
+    blurred, detail = views[0], pixels - sharp
     left = (left_of_detail(r) * visible)[:, None]
     # in full view and in focus the pixel itself, edges too
     copied = left[0].clamp(0, 1)

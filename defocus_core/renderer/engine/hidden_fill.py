@@ -95,8 +95,10 @@ class Filling:
         if self.level:
             down, across = (halves(n, axis) for n, axis in zip(inner[2:], self._fine, strict=True))
             self._coarse = (down.axis, across.axis)
-            own = axes(frame.size, held.top, held.left)
-            rows, columns = (halves(n, axis) for n, axis in zip(held[2:], own, strict=True))
+            axis_lengths = axes(frame.size, held.top, held.left)
+            rows, columns = (
+                halves(n, axis) for n, axis in zip(held[2:], axis_lengths, strict=True)
+            )
             corner = rows.axis.middle - down.axis.middle, columns.axis.middle - across.axis.middle
             around = Box(*corner, down.length, across.length)
             read = [coarse_read(tile, self._fine, self._coarse, 1) for tile in coarse.tiles]

@@ -11,9 +11,9 @@ from defocus_core.renderer.blur.layer_blur import Sliced
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.frame_border import border_fallback
 from defocus_core.renderer.compositing.highlights import Highlights, split_samples
+from defocus_core.renderer.compositing.occluders import Occluder
 from defocus_core.renderer.compositing.openings import Openings
 from defocus_core.renderer.compositing.saturating_sum import within_alpha
-from defocus_core.renderer.compositing.screens import Occluder
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.hidden_fill import Filling
 from defocus_core.renderer.engine.layer_order import add_in_order
@@ -58,9 +58,9 @@ class LayeredRegion(Region):
         self._behind: Sliced | None = None
         self._nothing: Sliced | None = None
         super().__init__(frame, grid, pixels, signed_radius, None, backdrop)
-        if self._own is not None:  # with alpha, and without the light of highlights
+        if self._fallback is not None:  # with alpha, and without the light of highlights
             plain = grid.box.of(pixels).to(frame.dtype).clamp(max=frame.content.limit)
-            self._own = border_fallback(plain, frame.trace)
+            self._fallback = border_fallback(plain, frame.trace)
 
     def _surfaces(
         self, pixels: Tensor, signed_radius: Tensor, outer: Box
@@ -83,7 +83,7 @@ class LayeredRegion(Region):
             stack.visible(), len(pixels) - 1, radius, frame.content.limit
         )
         self._others = samples.others
-        return samples.own, radius, highlights
+        return samples.nearest, radius, highlights
 
     def _fractions_within(
         self, bounds: Box, signed_radius: Tensor, groups: list[slice]
@@ -102,7 +102,7 @@ class LayeredRegion(Region):
             ]
         return total
 
-    def _drawn(self, highlights: Highlights, screens: Sequence[Occluder], core: Box) -> Tensor:
+    def _drawn(self, highlights: Highlights, occluders: Sequence[Occluder], core: Box) -> Tensor:
         """The discs of highlights; what hides a part of a light is in its coverage already."""
         positions = slice_position(self._solid, self._frame.slices.radii)
         solid = Occluder(self._solid, positions, torch.ones_like(positions))
@@ -112,7 +112,9 @@ class LayeredRegion(Region):
         """The samples that reach the tiles, of the pixels of the rectangle around."""
         radii, inside = self._frame.slices.radii, self._inside
         positions = slice_position(inside.of(signed_radius), radii)
-        return SurfaceSamples.within(inside, samples.own, positions, radii, others=samples.others)
+        return SurfaceSamples.within(
+            inside, samples.nearest, positions, radii, others=samples.others
+        )
 
     def _uncovered(self, stack: SampleStack) -> SurfaceSamples:
         """What no sample covers, as a surface without colours."""
@@ -144,25 +146,25 @@ class LayeredRegion(Region):
         pair = super()._paired(centre, left, right)
         return within_alpha(pair, self._frame.division.left_fraction)
 
-    def _fronts(self, index: int) -> tuple[TileCompositor, list[Filling]]:
+    def _composited(self, index: int) -> tuple[TileCompositor, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
-        fronts, reaching = self._blank(index), self._reaching(index)
+        compositor, reaching = self._blank(index), self._reaching(index)
         openings = self._openings.over(self._tiles[index].seen_from(self._tiles[0]))
         visible = self._blur.over_tile(self._visible, index)
         if self._nothing is not None:
-            fronts.reserve(self._blur.over_tile(self._nothing, index))
+            compositor.reserve(self._blur.over_tile(self._nothing, index))
         if self._behind is None:
             composite_order = self._frame.slices.composite_order
-            needed = add_in_order(fronts, visible, reaching, composite_order, index)
+            needed = add_in_order(compositor, visible, reaching, composite_order, index)
         else:
             hidden = self._blur.over_tile(self._behind, index)
-            fronts.add_known(visible, hidden, openings, closed=not self._layered.open)
-            fronts.close(openings)
-            needed = [] if fronts.are_nearly_full() else reaching
+            compositor.add_known(visible, hidden, openings, closed=not self._layered.open)
+            compositor.close(openings)
+            needed = [] if compositor.are_nearly_full() else reaching
             for surface in needed:
-                fronts.fill(surface.over_tile(index).whole(), known=surface.known)
+                compositor.fill(surface.over_tile(index).whole(), known=surface.known)
         if not self._layered.blurs_alpha:
-            fronts.add_alpha()
+            compositor.add_alpha()
         if self._layered.open:
-            fronts.leave_open()
-        return fronts, needed
+            compositor.leave_open()
+        return compositor, needed

@@ -18,13 +18,13 @@ from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.bokeh_discs import draw
 from defocus_core.renderer.compositing.frame_border import border_fallback, fraction_in_frame
 from defocus_core.renderer.compositing.highlights import Highlights, split
+from defocus_core.renderer.compositing.occluders import Occluder, occluders_of
 from defocus_core.renderer.compositing.saturating_sum import (
     add_light,
     count_negative,
     pair_of,
     picture,
 )
-from defocus_core.renderer.compositing.screens import Occluder, screens_of
 from defocus_core.renderer.engine.field import corner_views, frame_at, views_of
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.hidden_fill import Filling
@@ -95,21 +95,25 @@ class Region:
             pixels, signed_radius = pixels.contiguous(), signed_radius.contiguous()
         inmost = core.seen_from(outer)
         self._others: list[Sheet] = []
-        own, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
+        pixels_unmixed, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
         radius, groups = inmost.of(signed_radius), frame.division.groups
         self._in_frame = self._fractions_within(frame.box, radius, groups[:1])
         self._in_scene = self._fractions_within(frame.scene, radius, groups) if frame.cut else None
-        self._like = own.color
-        self._own = border_fallback(inmost.of(own.color), frame.trace) if frame.trace else None
+        self._like = pixels_unmixed.color
+        self._fallback = (
+            border_fallback(inmost.of(pixels_unmixed.color), frame.trace) if frame.trace else None
+        )
         positions = slice_position(signed_radius, slices.radii) if highlights else None
-        self._visible = self._in_front(own, signed_radius, positions)
+        self._visible = self._in_front(pixels_unmixed, signed_radius, positions)
         self._hidden: list[Filling] = []
         if backdrop is not None:
-            self._hidden = self._fillings(own.color, signed_radius, behind, backdrop, outer)
+            self._hidden = self._fillings(
+                pixels_unmixed.color, signed_radius, behind, backdrop, outer
+            )
         self._highlights: Tensor | None = None
         if highlights and positions is not None:
-            screens = screens_of(own, signed_radius, positions, slices.radii)
-            self._highlights = self._drawn(highlights, screens, inmost)
+            occluders = occluders_of(pixels_unmixed, signed_radius, positions, slices.radii)
+            self._highlights = self._drawn(highlights, occluders, inmost)
 
     def _surfaces(
         self, pixels: Tensor, signed_radius: Tensor, outer: Box
@@ -121,14 +125,14 @@ class Region:
             pixels, highlights = split(pixels, signed_radius, frame.content.limit)
         unmixes = frame.content.edges and frame.quality.unmixes
         unmix = partial(unmixed, uncertain=frame.content.uncertain) if unmixes else whole
-        own = unmix(pixels, signed_radius)
-        return own, signed_radius, highlights
+        pixels_unmixed = unmix(pixels, signed_radius)
+        return pixels_unmixed, signed_radius, highlights
 
-    def _drawn(self, highlights: Highlights, screens: Sequence[Occluder], core: Box) -> Tensor:
+    def _drawn(self, highlights: Highlights, occluders: Sequence[Occluder], core: Box) -> Tensor:
         """The discs of highlights behind surfaces, for each part of the aperture."""
         radii, (aperture, parts, *_) = self._frame.slices.radii, self._frame.division
         barrel = views_of(self._frame, highlights.at, core, self._grid.box)
-        return draw(highlights, screens, radii, aperture, parts, core, barrel)
+        return draw(highlights, occluders, radii, aperture, parts, core, barrel)
 
     def _fractions_within(
         self, bounds: Box, signed_radius: Tensor, groups: list[slice]
@@ -145,7 +149,9 @@ class Region:
         ]
         return [blended(fraction, core, core) for fraction in fractions] if seen else fractions
 
-    def _in_front(self, own: Unmixed, signed_radius: Tensor, positions: Tensor | None) -> Sliced:
+    def _in_front(
+        self, pixels_unmixed: Unmixed, signed_radius: Tensor, positions: Tensor | None
+    ) -> Sliced:
         """The visible surfaces, from pixels, their radii, and their positions if known."""
         frame, inside = self._frame, self._inside
         radii, (aperture, parts, _, groups) = frame.slices.radii, frame.division
@@ -156,11 +162,11 @@ class Region:
         if frame.content.tilted:
             lean = slopes(radius, frame.quality.min_slope)
         if frame.settings.left_right and frame.copies_in_focus:
-            color = around.of(own.color)
+            color = around.of(pixels_unmixed.color)
             shifts = Shifts(color, radius, positions, inner, radii, aperture, parts[groups[-1]])
         lean = None if lean is None else inner.of(lean)
         samples = SurfaceSamples.within(
-            inside, own, inner.of(positions), radii, lean, shifts, self._others
+            inside, pixels_unmixed, inner.of(positions), radii, lean, shifts, self._others
         )
         return self._sliced(samples)
 
@@ -196,17 +202,17 @@ class Region:
     def tile(self, index: int) -> Views:
         """The views of one tile of the region."""
         frame, box = self._frame, self._tiles[index]
-        fronts, needed = self._fronts(index)
-        whole, *halves = self._lit(fronts.by_group, index)
-        trust = self._trust(whole[:, -1], fronts.invented, box)
+        compositor, needed = self._composited(index)
+        whole, *halves = self._lit(compositor.by_group, index)
+        trust = self._trust(whole[:, -1], compositor.invented, box)
         counts, content = self._counts(index, needed), frame.content
         _, parts, weights, groups = frame.division
         centre = picture(whole, weights[groups[0]], minimum=content.minimum)
         if not frame.settings.left_right:
             return Views([centre], trust, counts, box)
         both = halves[0] if halves else whole
-        if fronts.moved is not None:
-            both = add_light(both, fronts.moved)
+        if compositor.moved is not None:
+            both = add_light(both, compositor.moved)
         cut = sum(part.is_left for part in parts[groups[-1]])
         left = picture(both[:cut], weights[groups[-1]][:cut])
         right = picture(both[cut:], weights[groups[-1]][cut:])
@@ -234,11 +240,11 @@ class Region:
             fraction = fraction * mean(expected[:, 0])
         return fraction.clamp(0, 1)[None]
 
-    def _fronts(self, index: int) -> tuple[TileCompositor, list[Filling]]:
+    def _composited(self, index: int) -> tuple[TileCompositor, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
-        fronts, visible = self._blank(index), self._blur.over_tile(self._visible, index)
+        compositor, visible = self._blank(index), self._blur.over_tile(self._visible, index)
         composite_order, reaching = self._frame.slices.composite_order, self._reaching(index)
-        return fronts, add_in_order(fronts, visible, reaching, composite_order, index)
+        return compositor, add_in_order(compositor, visible, reaching, composite_order, index)
 
     def _blank(self, index: int) -> TileCompositor:
         """The views of a tile without surfaces."""
@@ -262,8 +268,8 @@ class Region:
         it, so that errors of the coverage do not make them brighter.
         """
         box = self._tiles[index].seen_from(self._tiles[0])
-        if self._own is not None:
-            views = [view + box.of(self._own) for view in views]
+        if self._fallback is not None:
+            views = [view + box.of(self._fallback) for view in views]
         if self._highlights is None:
             return views
         lit, groups = box.of(self._highlights), self._frame.division.groups

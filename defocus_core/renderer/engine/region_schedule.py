@@ -180,10 +180,10 @@ def blurred_part(frame: SharedFrame, grid: Grid, signed_radius: Pixels) -> Grid 
         return grid
     around = grid.box.grown(frame.margin, frame.box)
     radii = around.of(signed_radius).detach()
-    found = _reached(frame, around, radii).tolist()
-    if any(first > last for first, last in found):
+    reached = _reached(frame, around, radii).tolist()
+    if any(first > last for first, last in reached):
         return None
-    spans = (Span(first // BLOCK * BLOCK, (last // BLOCK + 1) * BLOCK) for first, last in found)
+    spans = (Span(first // BLOCK * BLOCK, (last // BLOCK + 1) * BLOCK) for first, last in reached)
     return grid.within(Box.over(*spans))
 
 

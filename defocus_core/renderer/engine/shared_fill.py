@@ -88,10 +88,10 @@ class SharedFill:
         )
         if frame.content.highlights:
             pixels, _ = split(pixels, radius, frame.content.limit)
-        own = whole(pixels, radius)
+        unmixed_pixels = whole(pixels, radius)
         if frame.quality.unmixes:
-            own = unmixed(pixels, radius, uncertain=frame.content.uncertain)
-        return continued(own.color, radius, self._backdrop, outer, inside, frame)
+            unmixed_pixels = unmixed(pixels, radius, uncertain=frame.content.uncertain)
+        return continued(unmixed_pixels.color, radius, self._backdrop, outer, inside, frame)
 
     @cached_property
     def _frame(self) -> SharedFrame:

@@ -71,8 +71,8 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
         color_range.append(pair)
         counts = band_counts + counts
     lows, highs = torch.stack(radius_range).T, torch.stack(color_range).T
-    found = [lows[0].amin(), *lows[1:].amax(1), highs[0].amin(), highs[1].amax()]
-    minimum, maximum, down, across, darkest, brightest = torch.stack(found).tolist()
+    extremes = [lows[0].amin(), *lows[1:].amax(1), highs[0].amin(), highs[1].amax()]
+    minimum, maximum, down, across, darkest, brightest = torch.stack(extremes).tolist()
     for name, *two in (("signed_radius", minimum, maximum), ("image", darkest, brightest)):
         if not all(map(math.isfinite, two)):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")

@@ -51,7 +51,7 @@ class Planes:
             slice(max(side.first // BLOCK, 0), -(-side.end // BLOCK)) for side in box.sides
         )
         local = self._common(layer_indices, rows, columns)
-        return [common or own for common, own in zip(everywhere, local, strict=True)]
+        return [common or in_window for common, in_window in zip(everywhere, local, strict=True)]
 
     def _common(
         self, layer_indices: list[int], rows: slice, columns: slice

@@ -79,14 +79,17 @@ class Surface:
         self._framed_box = Box(top, left, below - top, beside - left)
         count = len(reaches)
         whole = samples.coverage is None
-        own = self._sheet(self._layer(samples), samples.positions, count, whole=whole)
+        visible = self._sample_tensors(self._layer(samples), samples.positions, count, whole=whole)
         others = [
-            self._sheet(self._framed([x]), positions, count) for x, positions in samples.others
+            self._sample_tensors(self._framed([x]), positions, count)
+            for x, positions in samples.others
         ]
-        self._sheets = [own, *others]
-        self._positions, self._shifts = self._sheets[0].positions, samples.shifts
+        self._samples = [visible, *others]
+        self._positions, self._shifts = self._samples[0].positions, samples.shifts
         self._coverage = samples.coverage
-        blocks = reduce(torch.logical_or, [sheet.blocks for sheet in self._sheets])
+        blocks = reduce(
+            torch.logical_or, [sample_tensors.blocks for sample_tensors in self._samples]
+        )
         self._fringe = None
         if len(samples.at):
             at, layer_index = positions_continued(samples.at, size, around)
@@ -116,16 +119,16 @@ class Surface:
         self._unframed(self._own, framed).copy_(self._lean)
         return framed
 
-    def _sheet(
+    def _sample_tensors(
         self, layer: Tensor, positions: Tensor, count: int, *, whole: bool = False
     ) -> _SampleTensors:
         """Samples, from a framed layer and their places [H, W]; without coverage none exists."""
         framed = self._framed([positions[None]])[0]
-        own, exists = self._unframed(self._own, framed), None
+        visible, exists = self._unframed(self._own, framed), None
         if not whole:
             covered = self._unframed(self._own, layer.detach()[-1].bool())
             exists = None if bool(covered.all()) else covered
-        return _SampleTensors(layer, framed, blocks_of(own, count, exists).cpu())
+        return _SampleTensors(layer, framed, blocks_of(visible, count, exists).cpu())
 
     def _layer(self, samples: SurfaceSamples) -> Tensor:
         """The pixels themselves, colour times coverage and coverage, framed."""
@@ -173,12 +176,12 @@ class Surface:
                 of the layer or of the window; samples after its end are set to 0.
         """
         slices = None
-        for sheet in self._sheets_of(slice_indices, lit):
-            layer = self._unframed(window, sheet.layer)[:, None]
-            fractions = self._lit_fractions(sheet.positions, slice_indices, window, lit)
+        for sample_tensors in self._samples_of(slice_indices, lit):
+            layer = self._unframed(window, sample_tensors.layer)[:, None]
+            fractions = self._lit_fractions(sample_tensors.positions, slice_indices, window, lit)
             slices = layer * fractions if slices is None else slices.addcmul_(layer, fractions)
         if slices is None:
-            first = self._sheets[0].layer
+            first = self._samples[0].layer
             slices = first.new_zeros(len(first), len(slice_indices), window.height, window.width)
         if self._fringe:
             self._fringe.add(
@@ -186,15 +189,19 @@ class Surface:
             )
         return slices
 
-    def _sheets_of(self, slice_indices: range, box: Box) -> list[_SampleTensors]:
+    def _samples_of(self, slice_indices: range, box: Box) -> list[_SampleTensors]:
         """The sheets that have pixels of slices in the blocks of a box, the nearest first."""
-        if len(self._sheets) == 1:
-            return self._sheets
+        if len(self._samples) == 1:
+            return self._samples
         rows, columns = (
             slice(max(span.first, 0) // BLOCK, -(-span.end // BLOCK)) for span in box.sides
         )
         within = slice(slice_indices.start, slice_indices.stop), rows, columns
-        return [sheet for sheet in self._sheets if bool(sheet.blocks[within].any())]
+        return [
+            sample_tensors
+            for sample_tensors in self._samples
+            if bool(sample_tensors.blocks[within].any())
+        ]
 
     def _lit_fractions(
         self, positions: Tensor, slice_indices: range, window: Box, lit: Box
@@ -278,7 +285,7 @@ class Surface:
             tilted: Whether the slice has slopes.
         """
         kinds = 3 if tilted and self._slopes is not None else 1
-        first = self._sheets[0].layer
+        first = self._samples[0].layer
         result = first.new_zeros(kinds, len(first), *coarse[2:])
         for band in self._bands(slice_index, 1 << level, middle):
             pixels = self._slice(slice_index, band)[None]
@@ -302,12 +309,12 @@ class Surface:
     def _slice(self, slice_index: int, box: Box) -> Tensor:
         """The pixels [C + 1, h, w] of a slice in a box, without fringe."""
         layer, *others = (
-            self._unframed(box, sheet.layer)
+            self._unframed(box, sample_tensors.layer)
             * membership(
-                self._unframed(box, sheet.positions),
+                self._unframed(box, sample_tensors.positions),
                 self._slice_numbers[slice_index : slice_index + 1],
             )
-            for sheet in self._sheets
+            for sample_tensors in self._samples
         )
         return sum(others, layer)
 

@@ -204,15 +204,15 @@ class SampleStack(NamedTuple):
 
     def _behind(self, k: int) -> Tensor:
         """The share [h, w] of sample k that nearer surfaces hide, but not its own surface."""
-        own, radius = torch.ones_like(self.through[0]), self.signed_radius[k]
-        at_once = max(1, _PIXELS_AT_ONCE // own.numel())
+        not_hidden, radius = torch.ones_like(self.through[0]), self.signed_radius[k]
+        at_once = max(1, _PIXELS_AT_ONCE // not_hidden.numel())
         for first in range(0, k, at_once):
             some = slice(first, min(first + at_once, k))
             nearer = self.signed_radius[some]
             step = _NEAR + _FAR * torch.maximum(nearer.abs(), radius.abs())
             apart = (2 * (radius - nearer) / step - 1).clamp(0, 1)
-            own = own * (1 - self.color[some, -1] * (1 - apart)).prod(0)
-        return (own - self.through[k]).clamp(min=0)
+            not_hidden = not_hidden * (1 - self.color[some, -1] * (1 - apart)).prod(0)
+        return (not_hidden - self.through[k]).clamp(min=0)
 
     def _weighted(self, weights: Tensor) -> Sampled:
         """The samples times weights [L, h, w]."""
@@ -242,11 +242,11 @@ class Sampled(NamedTuple):
     """Samples of pixels.
 
     Attributes:
-        own: The nearest ones, and as fringe further ones that few pixels have.
+        nearest: The nearest ones, and as fringe further ones that few pixels have.
         others: Further ones that many pixels have.
     """
 
-    own: Unmixed
+    nearest: Unmixed
     others: list[Sheet]
 
 
@@ -266,7 +266,7 @@ class _Flattened(Derived):
         self.shape = (layered.colors.shape[1] + alpha, *layered.colors.shape[2:])
         self.dtype, self.device = layered.dtype, layered.colors.device
 
-    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
         """The window [rows, columns], each a pair of first and end."""
         picture = self._layered.stack(_box(rows, columns)).flattened()
         return picture if self._alpha else picture[:-1]
@@ -281,7 +281,7 @@ class _RadiiOf(Derived):
         self.shape = tuple(layered.signed_radius.shape[1:])
         self.dtype, self.device = layered.dtype, layered.colors.device
 
-    def made(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
         """The window [rows, columns], each a pair of first and end."""
         radii, coverage = self._layered.radii(_box(rows, columns))
         if not self._most_blurred:

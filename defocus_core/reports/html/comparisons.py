@@ -94,12 +94,12 @@ def _subjects(ranked: Sequence[Comparison], coc: Path | None) -> Iterable[Subjec
 
 
 def _item(record: Comparison, drawing: Drawing, header: ReportHeader) -> Item:
-    found = ", ".join(finding.text for finding in record.findings)
+    finding_words = ", ".join(finding.text for finding in record.findings)
     return Item(
         name=record.name,
         status=record.status,
         passes=record.passes,
-        words=found or _brief(record),
+        words=finding_words or _brief(record),
         facts=list(_facts(record, header.b)),
         metrics=record.metrics,
         facets={"lens": drawing.lens} if drawing.lens else {},

@@ -30,11 +30,11 @@ class FrameDepth(NamedTuple):
 
 def depth_of_frame(record: Record) -> FrameDepth | None:
     """The depth of a frame, from the record of a job that was done; None if it is of no shot."""
-    found = (record.get("measures") or {}).get("depth_over_time")
+    over_time = (record.get("measures") or {}).get("depth_over_time")
     focus = record["lens"]["focus_mm"]
-    if not isinstance(found, dict) or not (focus == "inf" or (focus and focus > 0)):
+    if not isinstance(over_time, dict) or not (focus == "inf" or (focus and focus > 0)):
         return None
-    frame, quantiles = found.get("frame"), found.get("disparity")
+    frame, quantiles = over_time.get("frame"), over_time.get("disparity")
     if not isinstance(frame, int) or not _are_quantiles(quantiles):
         return None
     last = rf"(.*)(?<!\d)0*{frame}(?!\d)"  # the shot may hold the same number: sh010.0010

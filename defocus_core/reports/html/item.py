@@ -44,7 +44,7 @@ class Layer:
         channels: names of its one or three channels.
         size: width and height in px.
         gamma: exponent of the power law that decodes it, 1 for linear, None for sRGB.
-        ends: the values of black and white in the thumbnail of a map.
+        value_range: the values of black and white in the thumbnail of a map.
         type: number type of the file, like half.
         thumbnail: the bytes of a JPEG or PNG; empty if there is none.
         halves: None if they are not wanted.
@@ -56,7 +56,7 @@ class Layer:
     channels: tuple[str, ...]
     size: tuple[int, int]
     gamma: float | None = 1.0
-    ends: tuple[float, float] = (0.0, 1.0)
+    value_range: tuple[float, float] = (0.0, 1.0)
     type: str = ""
     thumbnail: bytes = b""
     halves: StoredHalves | None = None

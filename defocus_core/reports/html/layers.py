@@ -47,7 +47,7 @@ def draw(
     picture: DecodedPicture,
     names: Sequence[str],
     *,
-    ends: tuple[float, float] | None = None,
+    value_range: tuple[float, float] | None = None,
     side: int = thumbnails.SIDE,
 ) -> Drawn:
     """A layer of some channels of a picture.
@@ -57,21 +57,21 @@ def draw(
         title: of the layer.
         picture: the picture.
         names: one or three channels.
-        ends: the values of black and white of a map, if they are known.
+        value_range: the values of black and white of a map, if they are known.
         side: longest side of the thumbnail, px.
     """
     planes = [picture.planes[name] for name in names]
     kind = kind_of(names)
-    if ends is None:
-        ends = thumbnails.ends_of(planes[0], kind)
+    if value_range is None:
+        value_range = thumbnails.ends_of(planes[0], kind)
     thumbnail = (
         thumbnails.of_light(planes, picture.gamma, side)
         if kind == LIGHT
-        else thumbnails.of_map(planes[0], ends, side)
+        else thumbnails.of_map(planes[0], value_range, side)
     )
     height, width = planes[0].shape
     layer = Layer(
-        *(key, title, kind, tuple(names), (width, height), picture.gamma, ends),
+        *(key, title, kind, tuple(names), (width, height), picture.gamma, value_range),
         type=picture.types[names[0]],
         thumbnail=thumbnail,
     )

@@ -168,7 +168,7 @@ def _layer(layer: Layer, payloads: _Payloads) -> dict[str, Any]:
         "channels": list(layer.channels),
         "size": layer.size,
         "gamma": layer.gamma,
-        "ends": layer.ends,
+        "ends": layer.value_range,
         "type": layer.type,
         "thumbnail": payloads.add(layer.thumbnail),
         "values": values

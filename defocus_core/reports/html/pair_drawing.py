@@ -110,8 +110,10 @@ def _pair(
         return [draw(k, t, each, shown_channels(list(each.planes))) for k, t, each in sides], 1.0
     names_shown = shown_channels(names, record.channels)
     first = sides[0][2]
-    ends = draw(A, "A", first, names_shown).layer.ends
-    drawn = [draw(key, title, each, names_shown, ends=ends) for key, title, each in sides]
+    value_range = draw(A, "A", first, names_shown).layer.value_range
+    drawn = [
+        draw(key, title, each, names_shown, value_range=value_range) for key, title, each in sides
+    ]
     if len(drawn) < 2 or drawn[0].planes[0].shape != drawn[1].planes[0].shape:
         return drawn, 1.0
     difference, full = difference_of(*drawn)

@@ -45,9 +45,9 @@ def _light(plane: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
     return decoded.astype(np.float32)
 
 
-def of_map(plane: NDArray[Any], ends: tuple[float, float], side: int = SIDE) -> bytes:
+def of_map(plane: NDArray[Any], value_range: tuple[float, float], side: int = SIDE) -> bytes:
     """A PNG of a map [H, W], grey from its least to its greatest value."""
-    low, high = ends
+    low, high = value_range
     with np.errstate(all="ignore"):  # NaN, infinity, numbers beyond single precision
         share = (np.asarray(plane, np.float64) - low) / ((high - low) or 1.0)
         values = reduced(share.astype(np.float32)[:, :, None], side)

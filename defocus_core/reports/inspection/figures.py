@@ -76,7 +76,7 @@ def depth_figures(
     depth = _read(path, reading, keeping, lens, color)
     height, width = depth.metres.shape
     sky = valid = nothing = 0
-    ends: list[float] = []  # of valid depth, sky included
+    limits: list[float] = []  # of valid depth, sky included
     finite_ends: list[float] = []
     for rows in bands((height, width)):
         usable = depth.valid(rows)
@@ -86,15 +86,15 @@ def depth_figures(
         metres = depth.metres[rows][usable]
         finite = metres[np.isfinite(metres)]
         sky, valid = sky + metres.size - finite.size, valid + metres.size
-        ends += ends_of(metres)
+        limits += ends_of(metres)
         finite_ends += ends_of(finite)
     invalid = height * width - valid - nothing
     coc_px, repair = None, None
     warnings: tuple[str, ...] = ()
-    if lens is not None and ends:
+    if lens is not None and limits:
         lens = focused(lens, depth)
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
-        extremes = np.array([min(ends), max(ends)], np.float32)
+        extremes = np.array([min(limits), max(limits)], np.float32)
         coc_px = _ends_px(lens, extremes, depth, keeping)
         if not invalid:
             repair, warnings = _repair(depth, lens, reading, keeping)
@@ -136,7 +136,7 @@ def _repair(
     """How the depth would be repaired, and warnings of a depth that hardly suits the lens."""
     with suppress(InputError):  # too near to be rendered, as the radius shows
         radii, declared = radii_of(lens, depth, keeping), reading.says_scale
-        warnings = implausible_radii(depth, radii.px, radii.ends, lens, declared=declared)
+        warnings = implausible_radii(depth, radii.px, radii.limits, lens, declared=declared)
         return radii.diagnosed(reading), warnings
     return None, ()
 
@@ -144,7 +144,7 @@ def _repair(
 def _ends_px(lens: Lens, extremes: NDArray[Any], depth: Depth, keeping: Keeping) -> list[float]:
     """The ends of the radii of depths with these extremes."""
     if depth.is_radius:
-        return list(radii_of(lens, depth, keeping).ends)
+        return list(radii_of(lens, depth, keeping).limits)
     return [float(r) for r in signed_radius(lens, extremes, depth.size)]
 
 

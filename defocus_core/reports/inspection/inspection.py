@@ -123,13 +123,13 @@ def _samples_of(path: Path, part: PartInfo) -> dict[str, Any]:
     """The samples of a deep part of an EXR in figures; nothing of others."""
     if not part.deep or part.data_window is None:
         return {}
-    found = summary(path, read_headers(path)[part.index])
+    counts = summary(path, read_headers(path)[part.index])
     return {
         "samples": {
-            "most_of_a_pixel": found.maximum,
-            "total": found.total,
-            "pixels": found.pixels,
-            "range_z": None if found.ends is None else list(found.ends),
+            "most_of_a_pixel": counts.maximum,
+            "total": counts.total,
+            "pixels": counts.pixels,
+            "range_z": None if counts.ends is None else list(counts.ends),
         }
     }
 

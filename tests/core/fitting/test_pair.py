@@ -48,8 +48,8 @@ def test_depth_of_unknown_scale_and_shift_gives_the_same_radii() -> None:
 def test_exposure_and_white_balance_are_found_beside_the_blur() -> None:
     image, disparity = scene()
     gains = torch.tensor([0.8, 1.1, 1.3])
-    seen = blurred(image, disparity) * gains[:, None, None]
-    found = fit(image, disparity, seen, exposure=True)
+    observed = blurred(image, disparity) * gains[:, None, None]
+    found = fit(image, disparity, observed, exposure=True)
     assert found.gains == pytest.approx(gains.tolist(), rel=0.01)
     assert found.focus == pytest.approx(FOCUS, abs=0.01)
 
@@ -104,16 +104,16 @@ def test_a_plane_whose_focus_is_known_tells_its_sensor_and_its_shading() -> None
 def test_the_pupil_is_chosen_that_explains_the_picture() -> None:
     image, disparity = scene()
     image[:, 20::32, 16::32] = 8.0  # lights show it
-    seen = blurred(image, disparity, aperture=Aperture(5))
-    found = fit(image, disparity, seen, apertures=[Aperture(), Aperture(5)])
+    observed = blurred(image, disparity, aperture=Aperture(5))
+    found = fit(image, disparity, observed, apertures=[Aperture(), Aperture(5)])
     assert found.aperture.blades == 5
 
 
 def test_the_rotation_of_the_blades_is_found() -> None:
     image, disparity = scene()
     image[:, 20::32, 16::32] = 8.0
-    seen = blurred(image, disparity, aperture=Aperture(5, 25.0))
-    found = fit(image, disparity, seen, apertures=[Aperture(), Aperture(5)], rotation=True)
+    observed = blurred(image, disparity, aperture=Aperture(5, 25.0))
+    found = fit(image, disparity, observed, apertures=[Aperture(), Aperture(5)], rotation=True)
     assert found.aperture.blades == 5
     assert found.aperture.rotation % 72 == pytest.approx(25.0, abs=3)
     assert found.strength == pytest.approx(STRENGTH, rel=0.02)
@@ -132,8 +132,8 @@ def test_the_power_is_found_by_which_pictures_are_light(power: float) -> None:
 
 def test_a_shift_between_the_pictures_is_found() -> None:
     image, disparity = scene(120)
-    seen = blurred(image, disparity)
-    moved = fit(image[:, 4:-4, 4:-4], disparity[4:-4, 4:-4], seen[:, 2:-6, 7:-1], shift=True)
+    observed = blurred(image, disparity)
+    moved = fit(image[:, 4:-4, 4:-4], disparity[4:-4, 4:-4], observed[:, 2:-6, 7:-1], shift=True)
     assert moved.shift == pytest.approx((-3.0, 2.0), abs=0.1)
     assert moved.strength == pytest.approx(STRENGTH, rel=0.01)
     assert moved.focus == pytest.approx(FOCUS, abs=0.01)
@@ -154,8 +154,8 @@ def test_lights_that_are_clipped_do_not_mislead() -> None:
     image, disparity = scene(144)
     image = 0.7 * image
     image[:, 10::20, 10::20] = 60.0
-    seen = blurred(image, disparity).clamp(max=1)
-    found = fit(image.clamp(max=1), disparity, seen)
+    observed = blurred(image, disparity).clamp(max=1)
+    found = fit(image.clamp(max=1), disparity, observed)
     assert found.strength == pytest.approx(STRENGTH, rel=0.002)
     assert found.psnr[0] > 50
 
@@ -176,10 +176,10 @@ def test_depth_is_repaired_in_a_fit_as_it_is_asked_for() -> None:
     box = torch.ones(1, 1, 7, 7) / 49
     padded = torch.nn.functional.pad(disparity[None, None], (3, 3, 3, 3), mode="replicate")
     soft = torch.nn.functional.conv2d(padded, box)[0, 0]
-    seen = blurred(image, disparity)
-    repaired, as_given = (fit(image, soft, seen, depth_repair=r) for r in ("auto", "off"))
+    observed = blurred(image, disparity)
+    repaired, as_given = (fit(image, soft, observed, depth_repair=r) for r in ("auto", "off"))
     assert repaired.psnr[1] > as_given.psnr[1] + 0.5
-    surfaces = fit(image, soft, seen, edge_width=0.0)
+    surfaces = fit(image, soft, observed, edge_width=0.0)
     assert surfaces.psnr[1] < repaired.psnr[1]
 
 

@@ -53,19 +53,19 @@ def unrelated(light: Tensor, _: Tensor, name: str) -> Tensor:
     return interpolate(other[None], light.shape[1:], mode="area")[0]
 
 
-def cropped(_: Tensor, seen: Tensor, __: str) -> Tensor:
-    height, width = seen.shape[1:]
-    part = seen[None, :, height // 10 : -height // 10, width // 10 : -width // 10]
+def cropped(_: Tensor, observed: Tensor, __: str) -> Tensor:
+    height, width = observed.shape[1:]
+    part = observed[None, :, height // 10 : -height // 10, width // 10 : -width // 10]
     return interpolate(part, (height, width), mode="bilinear")[0]
 
 
 HOSTILE: dict[str, tuple[Callable[[Tensor, Tensor, str], Tensor], set[str]]] = {
-    "shifted": (lambda _, seen, __: seen.roll((1, -2), (1, 2)), {"‹shift›"}),
+    "shifted": (lambda _, observed, __: observed.roll((1, -2), (1, 2)), {"‹shift›"}),
     "unrelated": (unrelated, REFUSED),
-    "gamma": (lambda _, seen, __: seen.clamp(min=0) ** 0.7, {"‹gamma›"}),
-    "brighter": (lambda _, seen, __: 1.4 * seen, {"‹exposure›"}),
+    "gamma": (lambda _, observed, __: observed.clamp(min=0) ** 0.7, {"‹gamma›"}),
+    "brighter": (lambda _, observed, __: 1.4 * observed, {"‹exposure›"}),
     "cropped": (cropped, {*REFUSED, "‹shift›"}),  # a floor that is cropped is nearly moved
-    "mirrored": (lambda _, seen, __: seen.flip(2), REFUSED),
+    "mirrored": (lambda _, observed, __: observed.flip(2), REFUSED),
 }
 
 
@@ -76,9 +76,9 @@ def said(refusals: list[Refusal]) -> str:
     return ""
 
 
-def judged(sharp: Tensor, disparity: Tensor, seen: Tensor, point: Candidate) -> str:
+def judged(sharp: Tensor, disparity: Tensor, observed: Tensor, point: Candidate) -> str:
     """What is said of a point of a pair."""
-    residual = Residual(sharp, disparity, (seen,), exposure=False)
+    residual = Residual(sharp, disparity, (observed,), exposure=False)
     evidence = JudgedPair.of(residual, point, Optics(Aperture(), DualPixel()))
     return said(list(refusals_of(evidence, NOTHING)))
 
@@ -90,39 +90,41 @@ def test_a_hostile_pair_is_refused_by_the_right_lens_and_by_hardly_any(
 ) -> None:
     change, wanted = HOSTILE[kind]
     for name in NAMES if kind != "mirrored" else NAMES[1:]:  # the floor mirrors itself
-        light, disparity, seen, point = blurred(name, 120)
+        light, disparity, observed, point = blurred(name, 120)
         found = Candidate(strength * point.strength, point.focus)
-        assert judged(light, disparity, change(light, seen, name), found) in wanted, name
+        assert judged(light, disparity, change(light, observed, name), found) in wanted, name
 
 
 def test_a_sharp_picture_in_the_place_of_the_blurred_one_is_said_to_be_it() -> None:
     for name in NAMES:
-        light, disparity, seen, point = blurred(name, 120)
-        assert judged(seen, disparity, light, point) == "swapped"
+        light, disparity, observed, point = blurred(name, 120)
+        assert judged(observed, disparity, light, point) == "swapped"
 
 
 def test_the_right_lens_leaves_no_difference_of_a_clean_pair() -> None:
     for name in NAMES:
-        light, disparity, seen, point = blurred(name, 120)
-        residual = Residual(light, disparity, (seen,), exposure=False)
+        light, disparity, observed, point = blurred(name, 120)
+        residual = Residual(light, disparity, (observed,), exposure=False)
         there = residual.of(point, Optics(Aperture(), DualPixel()), residual.scale(None))
         assert error_of(*there) < 1e-12, name
 
 
 def test_the_right_lens_is_not_refused() -> None:
     for name in NAMES:
-        light, disparity, seen, point = blurred(name, 120)
-        assert not judged(light, disparity, seen, point), name
-        assert not judged(light, disparity, seen.clamp(max=float(seen.quantile(0.8))), point), name
+        light, disparity, observed, point = blurred(name, 120)
+        assert not judged(light, disparity, observed, point), name
+        assert not judged(
+            light, disparity, observed.clamp(max=float(observed.quantile(0.8))), point
+        ), name
 
 
 @pytest.mark.bench
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("kind", HOSTILE)
 def test_the_fit_of_a_hostile_pair_is_refused(name: str, kind: str) -> None:
-    light, disparity, seen, _ = blurred(name, 240)
+    light, disparity, observed, _ = blurred(name, 240)
     change, wanted = HOSTILE[kind]
-    assert said(list(fit(light, disparity, change(light, seen, name)).refusals)) in wanted
+    assert said(list(fit(light, disparity, change(light, observed, name)).refusals)) in wanted
 
 
 @pytest.mark.bench

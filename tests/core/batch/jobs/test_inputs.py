@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+import tracemalloc
 from pathlib import Path
 
 import pytest
 from jobs_files import FIXED, jobs, names, touch
 
+from defocus_core.batch.jobs.inputs import read_inputs
 from defocus_core.batch.jobs.job import Picture
+from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.errors import DefocusError, InputError, UsageProblem
 from defocus_core.io.wildcards import matching
 
@@ -227,3 +230,18 @@ def test_a_picture_may_not_bring_what_is_swept(tmp_path: Path) -> None:
     sweep = FIXED.replace('focus = "2m"\n', "") + '[sweep]\nfocus = ["1m"]\n'
     with pytest.raises(UsageProblem, match=r"line 2: focus-at: is in \[sweep\], too"):
         jobs(tmp_path, sweep, inputs='list = "l.csv"')
+
+
+def test_a_row_of_a_list_takes_half_a_kilobyte(tmp_path: Path) -> None:
+    touch(tmp_path, "c.png")
+    rows = [f"c.png,d.npy,{number:07}" for number in range(10_000)]
+    (tmp_path / "list.csv").write_text("\n".join(["color,depth,stem", *rows]))
+    tracemalloc.start()
+    try:
+        entries = read_inputs(Table(tmp_path / "jobs.toml", "inputs", {"list": "list.csv"}))
+        held, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert len(entries) == len(rows)
+    assert held < 512 * len(rows)
+    assert peak < 640 * len(rows)

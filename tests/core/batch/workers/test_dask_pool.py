@@ -9,7 +9,7 @@ from typing import Any
 
 import fake_worker
 import pytest
-from batches import contents, in_process, jobs_file, without_times
+from batches import contents, jobs_file, without_times
 from command_line import refused, run
 from jobs_files import chunks_of
 from shots import pull
@@ -18,7 +18,6 @@ from defocus_core.batch.workers import dask_pool
 from defocus_core.errors import InputError
 
 distributed = pytest.importorskip("distributed")
-__all__ = ["in_process"]
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +130,7 @@ def test_a_scheduler_that_does_not_answer_is_told_of(
 
 @pytest.mark.parametrize("made", [jobs_file, pull], ids=["pictures", "shot"])
 def test_dask_makes_the_same_bytes_and_the_same_journal(
-    made: Callable[[Path], Path], tmp_path: Path, out: Path, request: pytest.FixtureRequest
+    made: Callable[[Path], Path], tmp_path: Path, out: Path
 ) -> None:
     path = made(tmp_path)
     options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
@@ -140,7 +139,6 @@ def test_dask_makes_the_same_bytes_and_the_same_journal(
     ) as threads:
         ran = run("batch", path, "-o", out, "--scheduler", threads.scheduler_address)
     assert ran.code == 0, ran.err
-    request.getfixturevalue("in_process")
     run("batch", path, "-o", tmp_path / "here")
     assert contents(out) == contents(tmp_path / "here")
     assert without_times(out) == without_times(tmp_path / "here")

@@ -11,7 +11,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import FULL, LEFT, RIGHT, Part
 from defocus_core.renderer.compositing.bokeh_discs import draw
 from defocus_core.renderer.compositing.highlights import Highlights, threshold
-from defocus_core.renderer.compositing.screens import Occluder
+from defocus_core.renderer.compositing.occluders import Occluder
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.order_statistics import Ranks, counted
@@ -145,10 +145,10 @@ def _at(light: int, away: float) -> int:
 def drawn(
     some: Highlights, signed_radius: Tensor, aperture: Aperture, parts: list[Part], box: Box = WHOLE
 ) -> Tensor:
-    screen = Occluder(
+    occluder = Occluder(
         signed_radius, slice_position(signed_radius, RADII), torch.ones_like(signed_radius)
     )
-    return draw(some, [screen], RADII, aperture, parts, box)
+    return draw(some, [occluder], RADII, aperture, parts, box)
 
 
 AT = [(30, 44), (0, 0), (60, 70), (28, 30), (3, 82), (29, 47)]
@@ -216,8 +216,8 @@ def test_a_shadow_is_as_dark_as_its_surface_covers(share: float) -> None:
     behind = Occluder(radius, slice_position(radius, RADII), whole)
     some = Highlights(torch.tensor([[30, 40]]), radius.new_ones(1, 1), radius.new_tensor([24.0]))
     clear = draw(some, [behind], RADII, Aperture(), [FULL], WHOLE)[0, 0]
-    for screens in ([own], [behind, fringe]):
-        picture = draw(some, screens, RADII, Aperture(), [FULL], WHOLE)[0, 0]
+    for occluders in ([own], [behind, fringe]):
+        picture = draw(some, occluders, RADII, Aperture(), [FULL], WHOLE)[0, 0]
         dimmed = 1 - picture[25:36, 30:51] / clear[25:36, 30:51]
         assert dimmed[:, 14].sub(share).abs().max() < 1e-12
         assert dimmed[:, :13].abs().max() < 1e-12  # nothing beside it
@@ -234,8 +234,8 @@ def test_the_shadow_of_a_slanted_wire_has_no_saw_teeth() -> None:
     behind = Occluder(24 * whole, slice_position(24 * whole, RADII), whole)
     light = Highlights(torch.tensor([[30, 40]]), front.new_ones(1, 1), front.new_tensor([24.0]))
     clear, seen = (
-        draw(light, [screen], RADII, Aperture(), [FULL], WHOLE)[0, 0, 14:47]
-        for screen in (behind, wire)
+        draw(light, [occluder], RADII, Aperture(), [FULL], WHOLE)[0, 0, 14:47]
+        for occluder in (behind, wire)
     )
     width = (1 - seen / torch.where(clear > 0, clear, 1.0))[:, 25:60].sum(1)[4:-4]
     assert width.std() < 0.12 * width.mean()

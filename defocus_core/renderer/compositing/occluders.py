@@ -1,6 +1,6 @@
-"""Screens: the surfaces that may stand before lights, and their coverage between pixels.
+"""Occluders: the surfaces that may stand before lights, and their coverage between pixels.
 
-A pixel on a depth edge is a part of two surfaces. The nearer one covers a share of it, and the
+A pixel on a depth edge is a part of two surfaces. The nearer one covers a fraction of it, and the
 farther one stands behind the whole of it.
 """
 
@@ -28,7 +28,7 @@ class Occluder(NamedTuple):
     Attributes:
         signed_radius: [H, W] px.
         positions: [H, W] positions between slice radii.
-        coverage: [H, W], the share of each pixel that the surface covers.
+        coverage: [H, W], the fraction of each pixel that the surface covers.
     """
 
     signed_radius: Tensor
@@ -36,12 +36,12 @@ class Occluder(NamedTuple):
     coverage: Tensor
 
 
-def screens_of(
-    own: Unmixed, signed_radius: Tensor, positions: Tensor, radii: tuple[float, ...]
+def occluders_of(
+    unmixed: Unmixed, signed_radius: Tensor, positions: Tensor, radii: tuple[float, ...]
 ) -> list[Occluder]:
     """The surfaces of pixels [H, W] that may stand before lights, with parts of mixed pixels."""
-    coverage = torch.ones_like(positions) if own.coverage is None else own.coverage[0]
-    screens, fringe = [Occluder(signed_radius, positions, coverage)], own.fringe
+    coverage = torch.ones_like(positions) if unmixed.coverage is None else unmixed.coverage[0]
+    occluders, fringe = [Occluder(signed_radius, positions, coverage)], unmixed.fringe
     if len(fringe.at):
         values = (
             fringe.signed_radius,
@@ -50,8 +50,8 @@ def screens_of(
         )
         at = fringe.at.unbind(1)
         blank = torch.zeros_like(positions)
-        screens.append(Occluder(*(blank.index_put(at, each) for each in values)))
-    return screens
+        occluders.append(Occluder(*(blank.index_put(at, each) for each in values)))
+    return occluders
 
 
 class Occluders:
@@ -62,19 +62,21 @@ class Occluders:
         blocks: [K, rows, columns] bool, the blocks that hold a pixel of each slice.
     """
 
-    def __init__(self, screens: Sequence[Occluder], slices: int) -> None:
+    def __init__(self, occluders: Sequence[Occluder], slices: int) -> None:
         """Find the depth edges, and the blocks of each slice.
 
         Args:
-            screens: The surfaces, at least one; depth edges are those of the first.
+            occluders: The surfaces, at least one; depth edges are those of the first.
             slices: K, the number of slices.
         """
-        self.size = screens[0].positions.shape[0], screens[0].positions.shape[1]
-        self._screens = [Occluder(*(x.detach().flatten() for x in screen)) for screen in screens]
-        r = screens[0].signed_radius.detach()
+        self.size = occluders[0].positions.shape[0], occluders[0].positions.shape[1]
+        self._occluders = [
+            Occluder(*(x.detach().flatten() for x in occluder)) for occluder in occluders
+        ]
+        r = occluders[0].signed_radius.detach()
         nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
         self._edges = exceeding(farthest - nearest, _EDGE).flatten()
-        held = [_blocks(screen, slices) for screen in screens]
+        held = [_blocks(occluder, slices) for occluder in occluders]
         self._slice_indices = [blocks.any(2).any(1).tolist() for blocks in held]
         self.blocks = torch.stack(held).any(0)
 
@@ -122,16 +124,16 @@ class Occluders:
     def coverage(self, spot: Tensor, slice_index: int, limit: Tensor) -> Tensor:
         """The coverage of pixels [n] by a slice, of surfaces whose radius is below a limit [n]."""
         total = torch.zeros_like(limit)
-        for screen, slice_indices in zip(self._screens, self._slice_indices, strict=True):
+        for occluder, slice_indices in zip(self._occluders, self._slice_indices, strict=True):
             if slice_indices[slice_index]:
-                radius, positions, coverage = (values.index_select(0, spot) for values in screen)
+                radius, positions, coverage = (values.index_select(0, spot) for values in occluder)
                 fraction = positions.sub_(slice_index).abs_().neg_().add_(1).clamp_(min=0)
                 # not the light's own surface
                 total.addcmul_(fraction.mul_(radius.sub_(limit).lt_(0)), coverage)
         return total
 
 
-def _blocks(screen: Occluder, slices: int) -> Tensor:
+def _blocks(occluder: Occluder, slices: int) -> Tensor:
     """For each slice the blocks that hold a pixel of a surface: [K, rows, columns] bool."""
-    covered = screen.coverage.detach() > 0
-    return blocks_of(screen.positions, slices, None if bool(covered.all()) else covered)
+    covered = occluder.coverage.detach() > 0
+    return blocks_of(occluder.positions, slices, None if bool(covered.all()) else covered)
