@@ -33,7 +33,7 @@ from defocus_core.compare.record import (
     Comparison,
     Worst,
 )
-from defocus_core.compare.selection import near_edges, read_mask, within_neighbours
+from defocus_core.compare.selection import coc_file, near_edges, read_mask, within_neighbours
 from defocus_core.compare.structure import compare_samples, compare_structure
 from defocus_core.compare.thresholds import Rule, Rules
 from defocus_core.errors import InputError
@@ -180,7 +180,8 @@ def _judged(
     suspect = bad or wants or bool(_met(rules.warn, metrics, names))
     if differing and settings.diagnose and suspect:
         named = {finding.name.split(" at ")[0] for finding in findings}
-        causes = diagnose(pixels, *sides)
+        coc = None if settings.coc is None else coc_file(settings.coc, record.name)
+        causes = diagnose(pixels, *sides, corner, coc)
         findings += [cause for cause in causes if cause.name.split(" at ")[0] not in named]
     if suspect and differing:
         metrics = {**measure(pixels, over=rules.over), **metrics}

@@ -28,6 +28,8 @@ _STRONGEST = 4.0  # gain of a halo
 _LENGTH = 4.0  # of a halo, in widths of it
 _SEAM_LEFT, _GAIN_LEFT, _HALO_LEFT, _SPARK_LEFT, _CODEC_LEFT = 0.4, 0.3, 0.4, 0.3, 0.75
 _FEW = 1e-3  # share of the pixels that fireflies are at most
+# Lines that would hold the difference if each held as much: at least these, and this share of all.
+_LONE, _ALIKE = 1.2, 0.35
 _SEGMENT = 16  # px along a line that are taken together, so that noise averages out
 _SPARK = 0.1  # least difference of a firefly
 _DCT = 8  # px of the blocks of JPEG and of DWAA
@@ -100,6 +102,8 @@ def _seams(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation
             outside = sum(float(np.where(line, 0, p).mean()) for p, line in sides) / total
             if max(float((p[line] > 0).mean()) for p, line in sides) < 0.6 or outside > 0.2:
                 continue
+            if not _is_repeated(*max(sides, key=lambda side: float(side[0].sum()))):
+                continue
             near = lines[1][:, None] | lines[0]
             rest = np.where(near, np.float32(0), difference)[shown]
             pairs = [(v[:, :-1], v[:, 1:]) for v in (difference[shown], rest)]
@@ -119,6 +123,14 @@ def _profile(difference: NDArray[Any]) -> NDArray[Any]:
     power = np.square(means).mean(axis=0, dtype="f8")
     beyond: NDArray[Any] = np.maximum(power - 2.5 * np.median(power), 0)
     return beyond
+
+
+def _is_repeated(profile: NDArray[Any], line: NDArray[np.bool_]) -> bool:
+    """Whether the difference lies on several of the lines of a period, and not on a lone one."""
+    starts = np.flatnonzero(line & ~np.roll(line, 1))
+    sums = np.add.reduceat(np.where(line, profile, 0), starts)
+    count = float(sums.sum()) ** 2 / max(float(np.square(sums).sum()), 1e-300)
+    return count >= min(len(sums), max(_LONE, _ALIKE * len(sums)))
 
 
 def _spacing(profile: NDArray[Any]) -> int:
