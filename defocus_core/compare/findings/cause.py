@@ -58,18 +58,11 @@ def diagnose(
     old, new = (evidence.scaled(side) for side in evidence.sampled)
     if old.size and float(abs(new - old).max()) < _LAST_BITS:
         return []
-    tried = list(tone.explanations(evidence))
-    kinds: list[Iterator[Explanation]] = [
-        geometry.explanations(evidence, _others(pixels, a.path)),
-        traces.explanations(evidence),
-    ]
-    if pixels.color:
-        kinds.append(filters.explanations(evidence))  # the dearest
-    for kind in kinds:
-        chosen = best(tried)
-        if chosen is None or chosen.left + chosen.cost > _CERTAIN:
-            tried += kind
-    chosen = best(tried)
+    others = _others(pixels, a.path)
+    chosen = _chosen(evidence, others)
+    if chosen is not None and evidence.is_small:
+        again = _chosen(Evidence(pixels, b.types, swapped=True), others)
+        chosen = chosen if again is not None and again.finding.name == chosen.finding.name else None
     if set(evidence.names) <= _MAPS_OF_COC and _is_of_values(chosen):
         return _of_maps(evidence)
     findings = []
@@ -81,6 +74,22 @@ def diagnose(
         place = place_of(_shown(evidence, (a, b), corner, coc))
         findings += [] if place is None else [place]
     return findings
+
+
+def _chosen(evidence: Evidence, others: Mapping[str, Mapping[str, Any]]) -> Explanation | None:
+    """The explanation that leaves least; the dear ones are tried where it leaves something."""
+    tried = list(tone.explanations(evidence))
+    kinds: list[Iterator[Explanation]] = [
+        geometry.explanations(evidence, others),
+        traces.explanations(evidence),
+    ]
+    if evidence.pixels.color:
+        kinds.append(filters.explanations(evidence))  # the dearest
+    for kind in kinds:
+        chosen = best(tried)
+        if chosen is None or chosen.left + chosen.cost > _CERTAIN:
+            tried += kind
+    return best(tried)
 
 
 def _shown(

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from defocus_core.compare.pixels import Pixels
 
 _SAMPLES = 20_000  # pixels that are looked at, each with its neighbour on the right
+_FEW = 2048  # pixels of a picture below which a finding must hold in both turns of the blocks
 _FRAME = 640  # px of a side of the part that is looked at as a whole
 _BLOCK = 16  # px of the blocks that take turns: one chooses parameters, the next measures
 _LARGEST = 1e30  # value that is looked at: beyond it, arithmetic in float32 overflows
@@ -65,10 +66,14 @@ class Evidence:
         names: of the channels that differ.
         gamma: as of `Pixels`.
         types: number types of B.
+        is_small: whether there are so few pixels that what explains half of them may be chance.
     """
 
-    def __init__(self, pixels: Pixels, types: Mapping[str, str]) -> None:
+    def __init__(self, pixels: Pixels, types: Mapping[str, str], *, swapped: bool = False) -> None:
+        """A pair; if swapped, the blocks that chose parameters measure, and the reverse."""
         self.pixels = pixels
+        self._swapped = swapped
+        self.is_small = pixels.a[0].size < _FEW
         self.names = tuple(n for n, most in pixels.differences.largest.items() if most)
         self.gamma = pixels.gamma
         self.types = {types[name] for name in self.names}
@@ -102,7 +107,7 @@ class Evidence:
         """Samples that choose parameters; the others measure."""
         rows, columns = (places // _BLOCK for places in self.places)
         half = len(rows) // 2
-        first = (rows[:half] + columns[:half]) % 2 == 0
+        first = (rows[:half] + columns[:half]) % 2 == self._swapped
         return np.concatenate([first, first])
 
     @cached_property

@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 _LOOKED_AT = 2**19  # pixels, of which every n-th row and column are kept
 _TELLS = 0.35  # least relative entropy of a place, in nats
 _MOST, _ONLY = 0.75, 0.9  # least shares of the difference
-_FEWEST = 256  # pixels, and
-_FEWEST_EQUAL = 12.0  # pixels that would hold the difference if each held as much
+_FEWEST = 12.0  # pixels that would hold the difference if each held as much
 _SHARP = 1.0  # px of the largest radius in focus
 _EDGE_REACH = 2  # px around a silhouette
 _BRIGHT, _BRIGHT_ON_SCREEN, _DARK = 1.0, 0.9, 0.1  # values as a screen shows them
@@ -188,7 +187,7 @@ def place_of(shown: LocatedPair) -> Finding | None:
     """The place that tells most of where the difference lies; None if none tells enough."""
     power = np.abs(shown.power)
     total = float(power.sum())
-    if power.size < _FEWEST or total**2 < _FEWEST_EQUAL * float(np.square(power).sum()):
+    if shown.evidence.is_small or total**2 < _FEWEST * float(np.square(power).sum()):
         return None
     measures = ~blocks_in_turn(shown.evidence.size)[shown.cut]
     told = []

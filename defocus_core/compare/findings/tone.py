@@ -44,8 +44,10 @@ def explanations(evidence: Evidence) -> Iterator[Explanation]:
     for rows in (_another_exposure, _another_gamma, _raised):
         yield from rows(evidence)
     if evidence.pixels.color:
-        for rows in (_mixed, _vignette, _tone_curve):
-            yield from rows(evidence)
+        yield from _vignette(evidence)
+        if not evidence.is_small:  # their many parameters fit a few edges
+            yield from _mixed(evidence)
+            yield from _tone_curve(evidence)
 
 
 def _empty(evidence: Evidence) -> Iterator[Explanation]:

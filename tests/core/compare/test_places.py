@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import compare_pairs
 import numpy as np
 import pytest
 from planted_faults import planes, write_planes
@@ -98,3 +99,22 @@ def test_without_a_map_silhouettes_are_edges(tmp_path: Path) -> None:
     ]
     record = compare_pair(FilePair("b", *files), Rules(), CompareSettings())[0]
     assert "at edges" in names(record)
+
+
+@pytest.mark.parametrize("name", ["spheres", "lights"])
+def test_few_pixels_give_no_name_by_chance(name: str, tmp_path: Path) -> None:
+    """Of crops of 24 x 16 px, another exposure is named, and another f-number is nothing else."""
+    source = compare_pairs.source(name, 3)
+    a, wide = source.rendered(), source.rendered(2.0)
+    for top, left in np.ndindex(3, 4):
+        cut = (slice(16 * top, 16 * top + 16), slice(24 * left, 24 * left + 24))
+        files = [
+            write_planes(tmp_path / file, planes(side[cut]))
+            for file, side in (("a.exr", a), ("wide.exr", wide), ("bright.exr", a * 1.07))
+        ]
+        blurred, bright = (
+            compare_pair(FilePair("b", files[0], file), Rules(), CompareSettings())[0]
+            for file in files[1:]
+        )
+        assert all("CoC" in said or "bokeh" in said for said in names(blurred)), (top, left)
+        assert names(bright) == ["another exposure"]
