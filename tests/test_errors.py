@@ -5,14 +5,12 @@ import pickle
 from pathlib import Path
 
 import pytest
-from command_line import pair, run
 
 from defocus_cli.commands.help import text
 from defocus_core.errors import CALLER, CODES, DefocusError, InputError, Place, with_dashes
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(ROOT.glob("defocus_c*/**/*.py"))
-LENS = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m")
 
 
 def raised(path: Path) -> set[str]:
@@ -78,50 +76,3 @@ def test_an_error_has_file_and_key_of_its_place(
 ) -> None:
     error = DefocusError("malformed", "is wrong", path=place)
     assert (error.path, error.field, str(error)) == (path, field, f"{text}: is wrong")
-
-
-# Arguments after the picture, the code, and the line.
-LINES = [
-    (
-        (*LENS, "--focus-at", "1,1"),
-        "contradiction",
-        "--focus: contradicts --focus-at; give one of them",
-    ),
-    (
-        (*LENS, "--blade-rotation", "10deg"),
-        "idle-option",
-        "--blade-rotation: turns blades; this aperture has none; add --blades 6, or leave it out",
-    ),
-    (
-        ("--fnumber", "2", "--focus", "2m"),
-        "missing-option",
-        "--focal-length: is missing; add --focal-length 50mm, or a --lens FILE that has it",
-    ),
-    (
-        (*LENS, "--vignetting", "on"),
-        "idle-option",
-        "--vignetting: darkens nothing without a rim; add --cat-eye 1.05:1.5, or leave it out",
-    ),
-    (
-        (*LENS, "--quality", "high", "--tolerance", "1px"),
-        "contradiction",
-        "--tolerance: stands beside --quality; keep one of them",
-    ),
-    (
-        (*LENS, "--lens", "@portrait-58"),
-        "unknown-name",
-        "--lens: no lens @portrait-58 ships with defocus; did you mean @portrait-85?",
-    ),
-    (
-        (*LENS, "--noise-seed", "3"),
-        "idle-option",
-        "--noise-seed: changes nothing without noise; add --noise 4000:3, or leave it out",
-    ),
-]
-
-
-@pytest.mark.parametrize(("words", "code", "line"), LINES, ids=lambda value: str(value)[:40])
-def test_the_lines_of_errors(words: tuple[str, ...], code: str, line: str, tmp_path: Path) -> None:
-    ran = run("render", *pair(tmp_path), "-o", tmp_path / "out", *words, "--json")
-    assert ran.err == f"defocus: {line}\n"
-    assert ran.json["error"] == {"message": line, "exit_code": 2, "code": code}

@@ -21,7 +21,7 @@ from defocus_core.tensors.neighbourhoods import (
     halfway,
     squares_around,
 )
-from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, positions_of
+from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, positions_of, sums_of_each
 
 # Range of radius in px, within 3 px of each other, that matters.
 _MATTERS = 1.013
@@ -46,20 +46,21 @@ AROUND = _BESIDE + 1 + 2 * _ROUNDS
 def averages(
     band: Tensor, sizes: list[Tensor], rows: tuple[int, int], infinity: float | None
 ) -> Tensor:
-    """Counts of averages on edges along rows and columns: [2, 4].
+    """Counts of averages on edges along rows and columns, for each picture: [..., 2, 4].
 
     The first row of the result counts averages of disparity, the second averages of distance: the
     averages on narrow edges, the sum of their places on these edges from 0 to 1, the pixels on wide
     edges, and the hard steps.
 
     Args:
-        band: [h, W] px, the counted rows and the three rows of the frame above and below.
+        band: [..., h, W] px, the counted rows and the three rows of the frame above and below, of
+            a picture or of each of a batch.
         sizes: Of steps in px from each pixel to the next, down and across.
         rows: The counted rows of the band, [first, end).
         infinity: Signed radius in px of what is infinitely far; None if that is not known.
     """
-    counts = band.new_zeros((2, 4), dtype=torch.float64)
-    long = [dim for dim in (0, 1) if band.shape[dim] > 2 * _BESIDE]
+    counts = band.new_zeros((*band.shape[:-2], 2, 4), dtype=torch.float64)
+    long = [dim for dim in (-2, -1) if band.shape[dim] > 2 * _BESIDE]
     ranges, inner = [], []
     for dim in long:
         n = band.shape[dim] - 2 * _BESIDE
@@ -69,13 +70,15 @@ def averages(
         return counts
     radii = _around(band, dict(zip(long, ranges, strict=True)), rows, _BESIDE, 2 * _BESIDE + 1)
     steps = _around(band, dict(zip(long, inner, strict=True)), rows, 1, 4)
-    for of_quantity, limit in zip(counts, (math.inf, infinity), strict=True):
+    for quantity, limit in enumerate((math.inf, infinity)):
         if limit is not None:
-            before, step, after = _as_averaged(steps, limit).diff(dim=1).abs().unbind(1)
-            hard = (torch.maximum(before, after) < _LEVEL * step).sum()
-            position, average, wide = _on_edges(_as_averaged(radii, limit))
-            sums = average.sum(), (position * average).sum(), wide.sum(), hard
-            of_quantity.copy_(torch.stack(sums))
+            before, step, after = _as_averaged(steps[0], limit).diff(dim=1).abs().unbind(1)
+            hard = torch.maximum(before, after) < _LEVEL * step
+            position, average, wide = _on_edges(_as_averaged(radii[0], limit))
+            each = torch.stack([average.to(position), position * average, wide.to(position)], 1)
+            of_quantity = counts[..., quantity, :].view(-1, 4)
+            of_quantity[:, :3] = sums_of_each(each, radii[1], len(of_quantity))
+            of_quantity[:, 3:] = sums_of_each(hard[:, None], steps[1], len(of_quantity))
     return counts
 
 
@@ -175,33 +178,40 @@ def _going_on(values: Tensor) -> Tensor:
 
 def _around(
     band: Tensor, ranges: dict[int, Tensor], rows: tuple[int, int], before: int, width: int
-) -> Tensor:
+) -> tuple[Tensor, Tensor]:
     """The radii [m, width] along both axes around the pixels of a band whose range matters.
 
     Args:
-        band: [h, W] px.
-        ranges: [h, W] px by axis, along it only of pixels that have so many around.
+        band: [..., h, W] px.
+        ranges: [..., h, W] px by axis, along it only of pixels that have so many around.
         rows: The rows of the band whose pixels count, [first, end).
         before: Px before each pixel that belong to it.
         width: Px that belong to it.
+
+    Returns:
+        The radii, and the number [m] of the picture that each pixel is of.
     """
-    W, masks, begins = band.shape[1], [], []
+    (h, W), masks, begins = band.shape[-2:], [], []
     for dim, values in ranges.items():
-        shift = before if dim == 0 else 0
+        shift = before if dim == -2 else 0
         begins.append(max(rows[0] - shift, 0))
-        own = values[begins[-1] : max(rows[1] - shift, begins[-1])]
+        own = values[..., begins[-1] : max(rows[1] - shift, begins[-1]), :]
         masks.append(exceeding(own, _MATTERS))
-    number = flat_nonzero(torch.cat([mask.flatten() for mask in masks]))
+    every = torch.cat([mask.flatten(-2) for mask in masks], -1)
+    number = flat_nonzero(every)
+    of = number.div(every.shape[-1], rounding_mode="floor")
+    number = number - of * every.shape[-1]
     start, stride, passed = torch.zeros_like(number), torch.ones_like(number), 0
     for dim, mask, begin in zip(ranges, masks, begins, strict=True):
         own = number - passed
-        row = own.div(mask.shape[1], rounding_mode="floor")
-        at = own + row * (W - mask.shape[1]) + begin * W
+        row = own.div(mask.shape[-1], rounding_mode="floor")
+        at = own + row * (W - mask.shape[-1]) + begin * W
         start = torch.where(own >= 0, at, start)
-        stride = torch.where(own >= 0, W if dim == 0 else 1, stride)
-        passed += mask.numel()
+        stride = torch.where(own >= 0, W if dim == -2 else 1, stride)
+        passed += mask.shape[-2] * mask.shape[-1]
+    start = start + of * (h * W)
     along = torch.arange(width, device=band.device) * stride[:, None]
-    return band.contiguous().flatten()[start[:, None] + along]
+    return band.contiguous().flatten()[start[:, None] + along], of
 
 
 def _on_edges(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -46,13 +46,14 @@ class Silhouette(NamedTuple):
     normal: Tensor
 
 
-def edges_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Tensor:
-    """The pixels [H, W] beside which the radius is greater by more than a step.
+def edges_of(radii: Tensor, step: float | Tensor, scale: DistanceScale | None) -> Tensor:
+    """The pixels [..., H, W] beside which the radius is greater by more than a step.
 
     Given a scale of distance, so is the distance: few levels of distance are many px of radius.
+    Of a batch the step is a number for each picture, [B, 1, 1].
     """
     edges = torch.zeros(radii.shape, dtype=torch.bool, device=radii.device)
-    for dim in (0, 1):
+    for dim in (-2, -1):
         rise = _rise(radii, dim, scale)
         edges.narrow(dim, 0, rise.shape[dim]).logical_or_(exceeding(rise, step))
         edges.narrow(dim, 1, rise.shape[dim]).logical_or_(exceeding(-rise, step))
@@ -69,8 +70,8 @@ def _rise(radii: Tensor, dim: int, scale: DistanceScale | None) -> Tensor:
 
 
 def silhouette_at(at: Tensor, radii: Tensor) -> Silhouette:
-    """The silhouette at pixels [n, 2] of radii [H, W]."""
-    size, flat = (radii.shape[0], radii.shape[1]), radii.flatten()
+    """The silhouette at pixels [n, 2] of radii [..., H, W]."""
+    size, flat = (radii.shape[-2], radii.shape[-1]), radii.flatten()
     beside = squares_around(at, size).flatten(1)[:, [1, 3, 5, 7]]  # along the axes
     maximum, which = flat[beside].max(1)
     far = beside.gather(1, which[:, None])[:, 0]
@@ -111,12 +112,16 @@ class Profiles(NamedTuple):
 
 
 def profiles_of(silhouette: Silhouette, radii: Tensor) -> Profiles:
-    """The profiles across a silhouette of radii [H, W]."""
+    """The profiles across a silhouette of radii [..., H, W]."""
     at, far, normal = silhouette
-    (H, W), flat = radii.shape, radii.flatten()
-    y, x = (at[:, d, None] + (normal[d, :, None] * _along(at)).round().long() for d in (0, 1))
+    (H, W), flat = radii.shape[-2:], radii.flatten()
+    row = at[:, :1].remainder(H)
+    y, x = (
+        start + (normal[d, :, None] * _along(at)).round().long()
+        for d, start in enumerate((row, at[:, 1:]))
+    )
     inside = (y >= 0) & (y <= H - 1) & (x >= 0) & (x <= W - 1)
-    index = y.clamp(0, H - 1) * W + x.clamp(0, W - 1)
+    index = (at[:, :1] - row + y.clamp(0, H - 1)) * W + x.clamp(0, W - 1)
     is_near = flat[index] < halfway(flat[at[:, 0] * W + at[:, 1]], flat[far])[:, None]
     inwards = (is_near & inside)[:, : REACH + 1].flip(1).long().cumprod(1).sum(1)
     outwards = (~is_near & inside)[:, REACH + 1 :].long().cumprod(1).sum(1)

@@ -25,7 +25,7 @@ from defocus_core.depth.soft_edges import (
     steepness,
 )
 from defocus_core.tensors.device_plan import launches_cost
-from defocus_core.tensors.neighbourhoods import extreme_around, range_of
+from defocus_core.tensors.neighbourhoods import extreme_around, ranges_of
 from defocus_core.tensors.source import Pixels, bands
 from defocus_core.tensors.threads import threaded
 
@@ -45,6 +45,8 @@ _AROUND = 3
 
 class _BandEvidence(NamedTuple):
     """The share of a band of rows in the evidence for the repair that a frame needs.
+
+    Of a batch of frames each has a first dimension more.
 
     Attributes:
         scatter: From `scatter_counts`.
@@ -107,13 +109,37 @@ def diagnosed(
         threads: Number of bands of rows examined at once.
         noise: Standard deviation in px of the noise that was smoothed; None to look for noise.
     """
+    (found,) = _found(signed_radius, infinity, threads)
+    return _diagnosis(signed_radius, found, infinity, noise)
+
+
+def diagnosed_each(signed_radius: Tensor, infinity: float | None) -> list[DepthRepair]:
+    """What `diagnosed` says of each picture of a batch [B, H, W]."""
+    found = _found(signed_radius, infinity, 1)
+    pairs = zip(signed_radius, found, strict=True)
+    return [_diagnosis(radii, evidence, infinity, None) for radii, evidence in pairs]
+
+
+def _found(
+    signed_radius: Pixels, infinity: float | None, threads: int
+) -> list[dict[str, list[float]]]:
+    """The evidence of a picture [H, W], or of each of a batch [B, H, W], by name."""
     dtype = torch.promote_types(signed_radius.dtype, torch.float32)
 
     def evidence(rows: tuple[int, int]) -> _BandEvidence:
         return _evidence(signed_radius, rows, dtype, infinity)
 
-    of_bands = list(threaded(evidence, bands(signed_radius), threads))
-    found = _fetched(of_bands)
+    count = math.prod(signed_radius.shape[:-2])
+    return _fetched(list(threaded(evidence, bands(signed_radius), threads)), count)
+
+
+def _diagnosis(
+    signed_radius: Pixels,
+    found: dict[str, list[float]],
+    infinity: float | None,
+    noise: float | None,
+) -> DepthRepair:
+    """The repair that the evidence of a picture asks for; arguments of `diagnosed`."""
     if noise is None:
         noise = noise_from([round(count) for count in found["scatter"]])
         if noise is not None:
@@ -121,17 +147,20 @@ def diagnosed(
     return _repair(signed_radius, found, infinity)._replace(noise=noise)
 
 
-def _fetched(of_bands: list[_BandEvidence]) -> dict[str, list[float]]:
-    """The evidence of all bands together, brought to the host at once."""
+def _fetched(of_bands: list[_BandEvidence], count: int) -> list[dict[str, list[float]]]:
+    """The evidence of all bands together for each picture, brought to the host at once."""
     together = {}
     for name, parts in zip(_BandEvidence._fields, zip(*of_bands, strict=True), strict=True):
-        every = torch.stack(parts).reshape(len(parts), -1).double()
+        every = torch.stack(parts).reshape(len(parts), count, -1).double()
         if name == "limits":
-            together[name] = torch.stack([every[:, 0].amin(), every[:, 1].amax()])
+            together[name] = torch.stack([every[..., 0].amin(0), every[..., 1].amax(0)], 1)
         else:
             together[name] = every.amax(0) if name == "softest" else every.sum(0)
-    values = iter(torch.cat(list(together.values())).tolist())
-    return {name: list(islice(values, len(each))) for name, each in together.items()}
+    pictures = map(iter, torch.cat(list(together.values()), 1).tolist())
+    return [
+        {name: list(islice(values, each.shape[1])) for name, each in together.items()}
+        for values in pictures
+    ]
 
 
 def _evidence(
@@ -139,25 +168,26 @@ def _evidence(
 ) -> _BandEvidence:
     """The evidence of the rows [first, end)."""
     above = min(rows[0], _AROUND)
-    around = signed_radius[rows[0] - above : rows[1] + _AROUND].detach().to(dtype)
+    around = signed_radius[..., rows[0] - above : rows[1] + _AROUND, :].detach().to(dtype)
     band = (above, above + rows[1] - rows[0])
-    r, steps = around[slice(*band)], [around.diff(dim=dim) for dim in (0, 1)]
+    within = (..., slice(*band), slice(None))
+    r, steps = around[within], [around.diff(dim=dim) for dim in (-2, -1)]
     sizes = [step.abs() for step in steps]
     greatest = [size.amax() for size in sizes if size.numel()]
     steepest = float(torch.stack(greatest).amax()) if greatest else 0.0
-    limits = range_of(r)
-    softest, averaged = limits.new_zeros(()), limits.new_zeros((2, 4), dtype=torch.float64)
-    ramps = torch.zeros((), dtype=torch.long, device=r.device)
+    limits, each = ranges_of(r), r.shape[:-2]
+    softest, averaged = limits.new_zeros(each), limits.new_zeros((*each, 2, 4), dtype=torch.float64)
+    ramps = torch.zeros(each, dtype=torch.long, device=r.device)
     if steepest > MINIMUM:
         if launches_cost(r.device) or any(
             are_steeper(step, dim, MINIMUM) for dim, step in enumerate(steps)
         ):
             slope = steepness(around)
-            softest = softness(slope)[slice(*band)].amax()
-            ramps = (slope[slice(*band)] > STEEP).sum()
+            softest = softness(slope)[within].amax((-2, -1))
+            ramps = (slope[within] > STEEP).sum((-2, -1))
         averaged = averages(around, sizes, band, infinity)
     scatter = scatter_counts(steps, band)
-    counts = steps_of([size[slice(*band)] for size in sizes])
+    counts = steps_of([size[within] for size in sizes])
     return _BandEvidence(scatter, limits, softest, ramps, counts, averaged)
 
 

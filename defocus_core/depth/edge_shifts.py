@@ -31,9 +31,15 @@ from defocus_core.depth.color_profiles import (
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.soft_edges import slope_of_soft_edges
 from defocus_core.tensors.device_plan import pieces
-from defocus_core.tensors.neighbourhoods import extreme_around, halfway, range_of, squares_around
+from defocus_core.tensors.neighbourhoods import (
+    extreme_around,
+    halfway,
+    range_of,
+    ranges_of,
+    squares_around,
+)
 from defocus_core.tensors.source import Pixels, banded, bands
-from defocus_core.tensors.sparse_masks import flat_nonzero, positions_of
+from defocus_core.tensors.sparse_masks import flat_nonzero, positions_of, sums_of_each, tally
 from defocus_core.tensors.threads import threaded
 
 # Share of profiles that count from which evidence counts in full.
@@ -116,40 +122,86 @@ def measured_shifts(
     """
     limits = torch.stack([range_of(band) for band in banded(signed_radius)])
     minimum, maximum = torch.stack([limits[:, 0].amin(), limits[:, 1].amax()]).tolist()
-    slope = slope_of_soft_edges(minimum, maximum, signed_radius.shape)
-    step = max(_MIN_STEP, _STEP * slope, soft or 0.0)
+    step = _step_of(minimum, maximum, signed_radius, soft)
     found, of_all = _evidence_of_some(signed_radius, pixels, step, threads, scale)
     if float(found.fraction.sum()) <= (_VOTES * of_all if soft is None else 0):
         return None
-    votes = _votes(found)
+    return _shifts(_votes(found)[0], step, soft)
+
+
+def measured_shifts_of_each(signed_radius: Tensor, pixels: Tensor) -> list[EdgeShifts | None]:
+    """What `measured_shifts` says of each picture of a batch of hard edges.
+
+    Args:
+        signed_radius: [B, H, W] px.
+        pixels: [C, B, H, W] linear.
+    """
+    radii, colors, (B, H, _) = signed_radius.detach(), pixels.detach(), signed_radius.shape
+    limits = ranges_of(radii).tolist()
+    steps = [_step_of(minimum, maximum, radii, None) for minimum, maximum in limits]
+    at = positions_of(edges_of(radii, radii.new_tensor(steps)[:, None, None], None))
+    every = at[:, 0].div(H, rounding_mode="floor")
+    hashes = _hashes(at, radii, colors)
+    edges = tally(every, B).tolist()
+    chances = [min(_EXAMINED / max(count, 1), 1.0) for count in edges]
+    examined = hashes < hashes.new_tensor(chances)[every]
+    for number, count in enumerate(tally(every[examined], B).tolist()):
+        if 2 * count < min(_EXAMINED, edges[number]):
+            chances[number] = 1.0  # too much is alike
+            examined = examined | (every == number)
+    at, of = at[examined], every[examined]
+    if not len(at):
+        return [None] * B
+    found = _evidence(silhouette_at(at, radii), radii, colors, along=False)
+    votes = torch.cat([_votes(found, of, B), sums_of_each(found.fraction, of, B)], 1).cpu()
+    return [
+        None if float(own[-1]) <= _VOTES * chance else _shifts(own[:-1], step, None)
+        for own, chance, step in zip(votes, chances, steps, strict=True)
+    ]
+
+
+def _step_of(minimum: float, maximum: float, signed_radius: Pixels, soft: float | None) -> float:
+    """The least step in px of an edge of pictures [..., H, W] of a range of radii."""
+    slope = slope_of_soft_edges(minimum, maximum, signed_radius.shape[-2:])
+    return max(_MIN_STEP, _STEP * slope, soft or 0.0)
+
+
+def _shifts(votes: Tensor, step: float, soft: float | None) -> EdgeShifts | None:
+    """The displacements that have votes [2 * FARTHEST + 1]; None if edges lie where they should."""
     median, agreed = _median(votes)
     if soft is None and (abs(median) < _BIASED or agreed < _AGREED):
         return None
     return EdgeShifts(step, median, tuple(_rarity(votes).tolist()))
 
 
-def _votes(found: ShiftEvidence) -> Tensor:
-    """How many pixels of silhouettes [2 * FARTHEST + 1] have each displacement.
+def _votes(found: ShiftEvidence, of: Tensor | None = None, count: int = 1) -> Tensor:
+    """How many pixels of silhouettes [count, 2 * FARTHEST + 1] have each displacement.
 
     By expectation and maximization: a pixel whose colours say little votes as the others do.
+
+    Args:
+        found: The evidence.
+        of: [n] the picture that each pixel is of; None if all are of one.
+        count: Number of pictures.
     """
+    of = torch.zeros(1, dtype=torch.long, device=found.costs.device) if of is None else of
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=found.costs.device)
     before = torch.exp(by.abs().double() / -_BEFORE)
-    before = before * (_FEW + _FEW_SHARE * found.fraction.sum()) / before.sum()
-    votes = before
+    few = _FEW + _FEW_SHARE * sums_of_each(found.fraction, of, count)
+    votes = before = before * few / before.sum()
     for _ in range(_MAXIMIZATIONS):
-        likely = ((found.costs + _rarity(votes)) / -_SPREAD).softmax(1)
-        votes = before + (likely * found.fraction).sum(0)
+        likely = ((found.costs + _rarity(votes).index_select(0, of)) / -_SPREAD).softmax(1)
+        votes = before + sums_of_each(likely * found.fraction, of, count)
     return votes
 
 
 def _rarity(votes: Tensor) -> Tensor:
-    """The cost in px [2 * FARTHEST + 1] of each displacement, by its votes."""
-    fraction = votes / votes.sum()
-    limits = torch.cat([fraction[:1], fraction, fraction[-1:]])
-    fraction = (1 - 2 * _BESIDE) * fraction + _BESIDE * (limits[:-2] + limits[2:])
+    """The cost in px [..., 2 * FARTHEST + 1] of each displacement, by its votes."""
+    fraction = votes / votes.sum(-1, keepdim=True)
+    limits = torch.cat([fraction[..., :1], fraction, fraction[..., -1:]], -1)
+    fraction = (1 - 2 * _BESIDE) * fraction + _BESIDE * (limits[..., :-2] + limits[..., 2:])
     rarity = -_RARITY * (fraction + 0.01).log()
-    return ((rarity - rarity.amin()) / _COARSE).round() * _COARSE
+    return ((rarity - rarity.amin(-1, keepdim=True)) / _COARSE).round() * _COARSE
 
 
 def _evidence_of_some(
@@ -204,7 +256,7 @@ def _evidence_of_some(
 
 def _hashes(at: Tensor, radii: Tensor, pixels: Tensor) -> Tensor:
     """Numbers [n] in [0, 1) that look random, of the radii and colours around pixels [n, 2]."""
-    beside = squares_around(at, (radii.shape[0], radii.shape[1])).flatten()
+    beside = squares_around(at, (radii.shape[-2], radii.shape[-1])).flatten()
     around = [values.flatten().index_select(0, beside) for values in (radii, *pixels)]
     bits = torch.stack(around).float().view(torch.int32).view(len(around), len(at), 9).long()
     factor = 2 * torch.arange(len(around) * bits.shape[2], device=at.device) + 1

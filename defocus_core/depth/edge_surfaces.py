@@ -76,13 +76,15 @@ class Around(NamedTuple):
 def around_edge(
     image: Tensor, signed_radius: Tensor, edge: Tensor, border: Tensor, at: Tensor
 ) -> Around:
-    """The squares around pixels at [n, 2]; radii below the border [H, W] are near."""
-    position = squares_around(at, (edge.shape[0], edge.shape[1]), AROUND).flatten(1).T.contiguous()
+    """The squares around pixels at [n, 2]; radii below the border [..., H, W] are near."""
+    size = edge.shape[-2], edge.shape[-1]
+    position = squares_around(at, size, AROUND).flatten(1).T.contiguous()
     spots = position.flatten()
     radii, on_edge = (
         x.flatten().index_select(0, spots).reshape(position.shape) for x in (signed_radius, edge)
     )
-    is_near = radii.detach() < border[at[:, 0], at[:, 1]]
+    own = at[:, 0] * size[1] + at[:, 1]
+    is_near = radii.detach() < border.flatten().index_select(0, own)
     colors = image.flatten(1).index_select(1, spots).reshape(len(image), *position.shape)
     return Around(colors, radii, is_near, closeness(image) * ~on_edge)
 

@@ -18,7 +18,7 @@ from torch.nn.functional import pad
 
 from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.neighbourhoods import range_of
-from defocus_core.tensors.sparse_masks import exceeding, taken, tally
+from defocus_core.tensors.sparse_masks import exceeding, taken, tally, tally_of
 
 # Greatest step in px between neighbours of one surface, and the least share of such neighbours.
 _STEP, _TOGETHER = 2.513, 0.5
@@ -48,37 +48,37 @@ _OUTSIDE = 1e18
 
 
 def scatter_counts(steps: list[Tensor], rows: tuple[int, int]) -> Tensor:
-    """Histogram of scatter in rows of a frame: [_INTERVALS + 3].
+    """Histogram of scatter in rows of a frame, or of each of a batch: [..., _INTERVALS + 3].
 
     How many pixels have a far neighbour; how many are as near as the mean of both neighbours along
     an axis, or between both, as on slopes and on terraces; and the others by their distance from
     that mean.
 
     Args:
-        steps: Differences in px of each pixel and the next of a band [h, W], down and across; the
-            band has the counted rows and at least the rows of the frame beside them.
+        steps: Differences in px of each pixel and the next of a band [..., h, W], down and across;
+            the band has the counted rows and at least the rows of the frame beside them.
         rows: The counted rows of the band, [first, end); the ends of a frame have no scatter.
     """
     down, across = steps
-    first, end = max(rows[0], 1), max(min(rows[1], len(across) - 1), 1)
-    inner = (down[first - 1 : end, 1:-1], across[first:end])
+    first, end = max(rows[0], 1), max(min(rows[1], across.shape[-2] - 1), 1)
+    inner = (down[..., first - 1 : end, 1:-1], across[..., first:end, :])
     pairs = [
         [step.narrow(dim, at, max(step.shape[dim] - 1, 0)) for at in (0, min(1, step.shape[dim]))]
-        for dim, step in enumerate(inner)
+        for dim, step in zip((-2, -1), inner, strict=True)
     ]
     before, after = (
-        torch.cat([step.flatten() for step in both]) for both in zip(*pairs, strict=True)
+        torch.cat([step.flatten(-2) for step in both], -1) for both in zip(*pairs, strict=True)
     )
     beyond = exceeding(before * -after, 0.0)
-    apart = torch.zeros((), dtype=torch.long, device=before.device)
+    apart = torch.zeros(before.shape[:-1], dtype=torch.long, device=before.device)
     if launches_cost(before.device) or _is_steep(before) or _is_steep(after):
         far = exceeding(torch.maximum(before.abs(), after.abs()), _STEP)
-        apart, beyond = torch.count_nonzero(far), beyond & ~far
+        apart, beyond = tally_of(far[..., None, :]), beyond & ~far
     off = taken(after - before, beyond).abs_() / 2
     limits = _interval_limits().to(off)
     counts = tally(torch.bucketize(off, limits, right=True), len(limits) + 1)
-    counts[0] += beyond.numel() - len(off) - apart
-    return torch.cat([apart[None], counts])
+    counts[..., 0] += beyond.shape[-1] - off.shape[-1] - apart
+    return torch.cat([apart[..., None], counts], -1)
 
 
 def _is_steep(steps: Tensor) -> bool:

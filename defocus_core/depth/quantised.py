@@ -8,12 +8,14 @@ as far as one surface goes.
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
 from defocus_core.tensors.neighbourhoods import extreme_around, steps_beside
 from defocus_core.tensors.source import Pixels, bands
-from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero
+from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, tally_of
 
 # Diagnosis of quantised depth: the least share of equal neighbours; among unequal neighbours, the
 # least share within one surface, and the least share of these with a step that matters; and the
@@ -30,19 +32,20 @@ AROUND = 2 * _WIDE + 2
 
 
 def steps_of(sizes: list[Tensor]) -> Tensor:
-    """The numbers [2, 4] of steps: all, zero, too small to matter, and too small for an edge.
+    """The numbers [..., 2, 4] of steps: all, zero, too small to matter, too small for an edge.
 
     Args:
-        sizes: Of steps in px from each pixel of a part of a frame to the next, down and across.
+        sizes: Of steps in px from each pixel of a part of a frame, or of each of a batch, to the
+            next, down and across: [..., H, W].
     """
     larger = [
-        torch.count_nonzero(mask)
+        tally_of(mask)
         for size in sizes
         for mask in (size.bool(), exceeding(size, _MINIMUM), exceeding(size, _MAXIMUM))
     ]
-    counts = torch.tensor([size.numel() for size in sizes])[:, None].repeat(1, 4)
-    counts = counts.to(larger[0].device)
-    counts[:, 1:] -= torch.stack(larger).view(2, 3)
+    counts = torch.tensor([math.prod(size.shape[-2:]) for size in sizes])[:, None].repeat(1, 4)
+    counts = counts.to(larger[0].device).repeat(*larger[0].shape, 1, 1)
+    counts[..., 1:] -= torch.stack(larger, -1).view(*counts.shape[:-1], 3)
     return counts
 
 

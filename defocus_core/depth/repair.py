@@ -9,11 +9,16 @@ from torch import Tensor
 
 from defocus_core.depth.antialiased import AROUND as AROUND_AVERAGES
 from defocus_core.depth.antialiased import without_averages
-from defocus_core.depth.diagnosis import DepthRepair, diagnosed
+from defocus_core.depth.diagnosis import DepthRepair, diagnosed, diagnosed_each
 from defocus_core.depth.edge_pixels import AROUND as AROUND_EDGE_PIXELS
 from defocus_core.depth.edge_pixels import are_beside_their_surface, with_pixels_by_color
 from defocus_core.depth.edge_shifts import AROUND as AROUND_SHIFTS
-from defocus_core.depth.edge_shifts import measured_shifts, with_shifted_edges
+from defocus_core.depth.edge_shifts import (
+    EdgeShifts,
+    measured_shifts,
+    measured_shifts_of_each,
+    with_shifted_edges,
+)
 from defocus_core.depth.noise import AROUND as AROUND_NOISE
 from defocus_core.depth.noise import without_noise
 from defocus_core.depth.quantised import AROUND as AROUND_TERRACES
@@ -90,6 +95,48 @@ def repaired(
     if repair.quantised:
         radii = hold_all(Repaired(radii, without_terraces, AROUND_TERRACES), radii)
     return radii, repair._replace(fraction=fraction_changed(signed_radius, radii))
+
+
+def repaired_each(
+    signed_radius: Tensor, pixels: Tensor, infinity: float | None
+) -> tuple[Tensor, list[DepthRepair]]:
+    """What `repaired` makes of each picture of a batch, by diagnosis alone.
+
+    Args:
+        signed_radius: [B, H, W] px.
+        pixels: [C, B, H, W] linear.
+        infinity: As for `repaired`.
+
+    Returns:
+        [B, H, W] px, the given radii themselves if none needs a repair; and the repairs.
+    """
+    repairs = diagnosed_each(signed_radius, infinity)
+    hard = [number for number, repair in enumerate(repairs) if repair == DepthRepair()]
+    index = torch.tensor(hard, dtype=torch.long).to(signed_radius.device)
+    shifts = dict[int, EdgeShifts | None]()
+    if hard:
+        whole = len(hard) == len(repairs)
+        radii = signed_radius if whole else signed_radius.index_select(0, index)
+        colors = pixels if whole else pixels.index_select(1, index)
+        shifts = dict(zip(hard, measured_shifts_of_each(radii, colors), strict=True))
+    pictures = list(signed_radius)
+    for number in range(len(pictures)):
+        found = shifts.get(number)
+        if number in shifts and found is None:
+            continue
+        picture, repairs[number] = repaired(
+            signed_radius[number],
+            pixels[:, number],
+            infinity=infinity,
+            threads=1,
+            hold=True,
+            decided=None if found is None else DepthRepair(edge_shifts=found),
+        )
+        assert isinstance(picture, Tensor), "radii in memory are repaired in memory"
+        pictures[number] = picture
+    if all(number in shifts and shifts[number] is None for number in range(len(pictures))):
+        return signed_radius, repairs
+    return torch.stack(pictures), repairs
 
 
 def _as_said(repair: DepthRepair, options: RepairOptions, radii: Pixels) -> DepthRepair:

@@ -126,10 +126,8 @@ def _other_cause(evidence: JudgedPair, options: dict[str, bool]) -> Refusal | No
 
 def _other_curve(evidence: JudgedPair, options: dict[str, bool]) -> Refusal | None:
     """The exposure or the gamma that explains more than a blur, if one does."""
-    images = (
-        evidence.modelled,
-        evidence.sharp,
-    )  # a wrong lens hides a curve that the sharp one shows
+    # a wrong lens hides a curve that the sharp picture shows
+    images = evidence.modelled, evidence.sharp
     tried = (_curves(image, evidence.observed, evidence.weight) for image in images)
     before, (factor, _, scaled), (_, power, curved) = min(tried, key=lambda each: each[2][2])
     scaled = min(before, scaled)

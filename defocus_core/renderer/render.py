@@ -16,6 +16,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.axial_color import apart
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.renderer.engine.batches import batches, fit_together
 from defocus_core.renderer.engine.picture import FramedPicture, repaired_once, shared_fill
 from defocus_core.renderer.engine.region_schedule import assembled
 from defocus_core.renderer.engine.settings import Settings
@@ -27,7 +28,7 @@ from defocus_core.tensors.checkpointing import recorded_for
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.torch_modes import own_modes
 from defocus_core.tensors.validation import check_image, dense, described, numbers
-from defocus_core.tensors.views import Views, batch, of_channels
+from defocus_core.tensors.views import Views, batch, in_order, of_channels
 
 
 def render(
@@ -92,7 +93,8 @@ def render(
             as they see it, other pixels as a mean of what the corners of their region see.
         color_offsets: For each channel the px to add to its signed radii, as axial colour does,
             see `color_offset`; different ones are rendered apart. Trust is the least of all.
-        progress: Called with (tiles done, tiles in all) of each picture.
+        progress: Called with (tiles done, tiles in all) of each picture, or of those that an
+            accelerator computes at once.
 
     Returns:
         Views in the shape and dtype of the image, their counts summed over the batch; half
@@ -119,6 +121,8 @@ def render(
     pictures, radii = _batched(image, signed_radius)
     behind = _hidden(hidden, pictures, radii)
     offsets = apart(color_offsets, pictures.shape[1])
+    if hidden is None and color_offsets is None and fit_together(pictures, settings):
+        return _in_batches(pictures, radii, settings, progress)
     views = []
     for pixels, radius, known in zip(pictures, radii, behind, strict=True):
         repair = fill = None
@@ -139,6 +143,22 @@ def render(
         ]
         views.append(colors[0] if len(colors) == 1 else of_channels(colors, offsets))
     return batch(views) if image.dim() == 4 else views[0]
+
+
+def _in_batches(
+    pictures: Tensor,
+    radii: Tensor,
+    settings: Settings,
+    progress: Callable[[int, int], None] | None,
+) -> Views:
+    """Pictures [B, C, H, W], those of like plans at once."""
+    with own_modes(pictures.device), recorded_for(pictures, radii, settings):
+        parts = []
+        for each in batches(pictures, radii, settings):
+            picture = each.framed(settings)
+            views = assembled(picture.frame, each.pixels, picture.parts(progress=progress))
+            parts.append((each.numbers, views))
+        return in_order(parts)
 
 
 def _rendered(

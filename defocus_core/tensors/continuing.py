@@ -27,7 +27,8 @@ def positions_continued(at: Tensor, size: tuple[int, int], box: Box) -> tuple[Te
     """Rows and columns of samples of which those on an edge are repeated all around.
 
     Args:
-        at: [n, 2] rows and columns of samples.
+        at: [n, 2] rows and columns of samples; rows are counted on from one picture of a batch to
+            the next, here and in the result.
         size: (height, width) of the values that they are of.
         box: The rectangle to fill, counted from the first of the values.
 
@@ -35,6 +36,8 @@ def positions_continued(at: Tensor, size: tuple[int, int], box: Box) -> tuple[Te
         [m, 2] rows and columns in the rectangle, and the numbers [m] of the samples that are there.
     """
     number = torch.arange(len(at), device=at.device)
+    above = at[:, 0].div(size[0], rounding_mode="floor")
+    at = torch.stack([at[:, 0] - above * size[0], at[:, 1]], 1)
     for dim, (side, length) in enumerate(zip(box.sides, size, strict=True)):
         positions, numbers = [at], [number]
         steps = (0, range(side.first, 0)), (length - 1, range(1, side.end - length + 1))
@@ -47,23 +50,24 @@ def positions_continued(at: Tensor, size: tuple[int, int], box: Box) -> tuple[Te
             positions.append(moved)
             numbers.append(number[on_edge].repeat(len(away)))
         at, number = torch.cat(positions), torch.cat(numbers)
-    return at - at.new_tensor(box[:2]), number
+    row = at[:, 0] - box.top + above.index_select(0, number) * box.height
+    return torch.stack([row, at[:, 1] - box.left], 1), number
 
 
 def level_beyond(slopes: Tensor, box: Box) -> Tensor:
-    """Slopes [2, H, W], x and y, in a rectangle around them: beyond an edge only along it.
+    """Slopes [2, ..., H, W], x and y, in a rectangle around them: beyond an edge only along it.
 
     Args:
         slopes: Of radii that are repeated there.
         box: The rectangle, counted from the first of them.
     """
-    H, W = slopes.shape[1:]
+    H, W = slopes.shape[-2:]
     given = Box(-box.top, -box.left, H, W)
     if box == given:
         return slopes
-    whole = slopes.new_zeros(2, box.height, box.width)
+    whole = slopes.new_zeros(*slopes.shape[:-2], box.height, box.width)
     given.of(whole).copy_(slopes)
     rows, columns = given.sides
-    continue_edges(whole[0, :, columns.first : columns.end], given._replace(left=0))
-    continue_edges(whole[1, rows.first : rows.end], given._replace(top=0))
+    continue_edges(whole[0, ..., columns.first : columns.end], given._replace(left=0))
+    continue_edges(whole[1, ..., rows.first : rows.end, :], given._replace(top=0))
     return whole

@@ -51,12 +51,13 @@ def squares_around(at: Tensor, size: tuple[int, int], by: int = 1) -> Tensor:
     Beyond the borders of the frame the pixels at the border are repeated.
 
     Args:
-        at: [n, 2] rows and columns.
+        at: [n, 2] rows and columns; rows are counted on from one picture of a batch to the next.
         size: (height, width) of the frame.
         by: Distance in px from a pixel to the sides of its square.
     """
     offset = torch.arange(-by, by + 1, device=at.device)
-    y = (at[:, :1] + offset).clamp(0, size[0] - 1)[:, :, None]
+    row = at[:, :1].remainder(size[0])
+    y = ((row + offset).clamp_(0, size[0] - 1) + (at[:, :1] - row))[:, :, None]
     x = (at[:, 1:] + offset).clamp(0, size[1] - 1)[:, None, :]
     return y * size[1] + x
 
@@ -83,6 +84,13 @@ def range_of(values: Tensor) -> Tensor:
     contiguous.
     """
     return torch.stack([values.amin(), values.amax()])
+
+
+def ranges_of(pictures: Tensor) -> Tensor:
+    """The least and the greatest value [..., 2] of each picture of a batch [..., H, W]."""
+    if pictures.dim() == 2:
+        return range_of(pictures)
+    return torch.stack([pictures.amin((-2, -1)), pictures.amax((-2, -1))], -1)
 
 
 # Where the border between a near and a far radius lies; below 1/2, so that a middle one is far.

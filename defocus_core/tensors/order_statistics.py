@@ -19,20 +19,21 @@ from defocus_core.tensors.sparse_masks import tally
 _BITS = 16
 
 
-def counted(values: Tensor, prefix: int = 0, level: int = 0) -> Tensor:
+def counted(values: Tensor, prefix: int = 0, level: int = 0, *, each: bool = False) -> Tensor:
     """The count of numbers for each value of their next 16 bits, given their first bits.
 
     Args:
         values: Any shape.
         prefix: The first bits.
         level: Number of first bits, divided by 16.
+        each: Whether values are [B, ...], and those of each of B are counted apart, at level 0.
 
     Returns:
-        [2^16], or [2^15] at level 0, where one bit is the sign.
+        [2^16], or [2^15] at level 0, where one bit is the sign; [B, 2^15] for each.
     """
     whole = values.dtype.itemsize * 8
     positive = values.clamp(min=0).abs_()  # not even -0
-    bits = positive.view(torch.int64 if whole == 64 else torch.int32).flatten()
+    bits = positive.view(torch.int64 if whole == 64 else torch.int32).flatten(int(each))
     if level:
         bits = bits[bits >> (whole - _BITS * level) == prefix]
     digits = bits >> (whole - _BITS * (level + 1))

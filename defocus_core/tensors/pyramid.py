@@ -97,8 +97,8 @@ def extended(values: Tensor, down: AxisHalving, across: AxisHalving, value: floa
 
 
 def spread_out(values: Tensor, odd: tuple[bool, bool]) -> Tensor:
-    """The greatest value [H, W] of the coarse pixels [h, w] that each pixel is part of."""
-    for dim in (0, 1):
+    """The greatest value [..., H, W] of the coarse pixels [..., h, w] that a pixel is part of."""
+    for dim in (-2, -1):
         twice = values.repeat_interleave(2, dim)
         if odd[dim]:
             n = 2 * values.shape[dim] - 1

@@ -14,7 +14,7 @@ from defocus_core.tensors.device_plan import launches_cost
 _WORD = 8
 
 
-def exceeding(values: Tensor, bound: float) -> Tensor:
+def exceeding(values: Tensor, bound: float | Tensor) -> Tensor:
     """Where values [...] exceed a bound: bool. No value is NaN, nor infinite if the bound is."""
     if launches_cost(values.device):
         return values.detach() > bound
@@ -40,24 +40,40 @@ def flat_nonzero(mask: Tensor) -> Tensor:
 def taken(values: Tensor, mask: Tensor) -> Tensor:
     """The values [n] of the pixels in a mask.
 
-    Elsewhere than on a CPU, where the host would wait for their number, those of all pixels, 0 for
-    the others.
+    Elsewhere than on a CPU, where the host would wait for their number, those of all pixels
+    [..., n], 0 for the others.
     """
     if launches_cost(values.device):
-        return torch.where(mask, values, 0).flatten()
+        return torch.where(mask, values, 0)
     return values.flatten()[flat_nonzero(mask)]
 
 
 def tally(numbers: Tensor, kinds: int) -> Tensor:
-    """How often [kinds] each number from 0 occurs in [n]; waits for nothing."""
+    """How often [..., kinds] each number from 0 occurs in [..., n]; waits for nothing."""
     if not launches_cost(numbers.device):
         return torch.bincount(numbers, minlength=kinds)
-    counts = torch.zeros(kinds, dtype=torch.long, device=numbers.device)
-    return counts.index_add_(0, numbers, torch.ones_like(numbers, dtype=torch.long))
+    counts = torch.zeros(*numbers.shape[:-1], kinds, dtype=torch.long, device=numbers.device)
+    return counts.scatter_add_(-1, numbers.long(), torch.ones_like(numbers, dtype=torch.long))
+
+
+def tally_of(mask: Tensor) -> Tensor:
+    """The number [...] of pixels in the mask of each picture of a batch [..., H, W]."""
+    return torch.count_nonzero(mask) if mask.dim() == 2 else mask.sum((-2, -1))
+
+
+def sums_of_each(values: Tensor, of: Tensor, count: int) -> Tensor:
+    """Sums [count, K] in double precision of values [n, K], by the picture [n] that they are of."""
+    if count == 1:
+        return values.sum(0, dtype=torch.float64)[None]
+    sums = torch.zeros(count, values.shape[1], dtype=torch.float64, device=values.device)
+    return sums.index_add_(0, of, values.double())
 
 
 def positions_of(mask: Tensor) -> Tensor:
-    """The rows and columns [n, 2] of the pixels in a mask [H, W] bool."""
+    """The rows and columns [n, 2] of the pixels in a mask [..., H, W] bool.
+
+    Rows are counted on from one picture of a batch to the next, as if it lay below.
+    """
     number = flat_nonzero(mask)
-    row = number.div(mask.shape[1], rounding_mode="floor")
-    return torch.stack([row, number - row * mask.shape[1]], 1)
+    row = number.div(mask.shape[-1], rounding_mode="floor")
+    return torch.stack([row, number - row * mask.shape[-1]], 1)

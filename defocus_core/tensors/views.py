@@ -88,6 +88,25 @@ def batch(pictures: Sequence[Views]) -> Views:
     return Views(images, trust, added(one.stats for one in pictures), pictures[0].box)
 
 
+def in_order(parts: Sequence[tuple[list[int], Views]]) -> Views:
+    """The views of pictures of one size, stacked in the order of their numbers.
+
+    Args:
+        parts: Numbers of pictures, and their views: of one, or of several, which are stacked.
+    """
+    if len(parts) == 1 and parts[0][1].trust.dim() > 3:
+        return parts[0][1]
+    each: dict[int, Views] = {}
+    for numbers, views in parts:
+        of_one = [[image] for image in (*views.images, views.trust)]
+        if views.trust.dim() > 3:
+            of_one = [list(image) for image in (*views.images, views.trust)]
+        for number, (*images, trust) in zip(numbers, zip(*of_one, strict=True), strict=True):
+            each[number] = Views(images, trust, {}, views.box)
+    together = batch([each[number] for number in sorted(each)])
+    return together._replace(stats=added(views.stats for _, views in parts))
+
+
 def added(counts: Iterable[dict[str, int]]) -> dict[str, int]:
     """The sums of counts by name."""
     total: dict[str, int] = {}

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from batches import again, folders
-from command_line import LENS, color_exr, refused, run
+from command_line import LENS, color_exr, failed, refused, run
 from jobs_files import FIXED, INPUTS, jobs_file, pictures
 from records import record
 
@@ -130,10 +130,10 @@ def test_a_journal_that_is_a_link_or_has_a_second_name_is_never_written(
     out = tmp_path / "out"
     out.mkdir()
     (out / "journal.jsonl").symlink_to(mine)
-    refused(again(folders, out), 3, "journal.jsonl: cannot be read: a symbolic link")
+    refused(again(folders, out), 3, "unreadable", "journal.jsonl")
     (out / "journal.jsonl").unlink()
     (out / "journal.jsonl").hardlink_to(mine)
-    refused(again(folders, out), 3, "journal.jsonl: cannot be written: it has a second name")
+    refused(again(folders, out), 3, "unwritable", "journal.jsonl")
     assert mine.read_text() == "mine"
 
 
@@ -165,21 +165,19 @@ def test_goldens_with_links_or_foreign_names_touch_nothing(tmp_path: Path, mine:
     words = ("--processes", "1", "--threads", "1")
     goldens.mkdir()
     (goldens / "render").symlink_to(mine.parent)
-    ran = run("golden", "update", jobs, goldens, "--accept", *words)
-    assert ran.code == 3
-    assert "symbolic link" in ran.err
+    failed(run("golden", "update", jobs, goldens, "--accept", *words), 3, "unwritable")
     assert names(mine.parent) == ["mine"]
     samples = {"z": {"files": ["../home/mine"], "settings": {}}}
     (goldens / "golden.json").write_text(json.dumps({"samples": samples}))
     for command in (("update", jobs, goldens, "--accept"), ("check", jobs, goldens, "--must-fail")):
-        refused(run("golden", *command, *words), 3, "'../home/mine', which leads upwards")
+        refused(run("golden", *command, *words), 3, "damaged", "golden.json")
     assert mine.read_text() == "mine"
 
 
 def test_no_goldens_notice_no_fault(tmp_path: Path) -> None:
     (tmp_path / "golden.json").write_text('{"samples": {}}')
     ran = run("golden", "check", tmp_path / "jobs.toml", tmp_path, "--must-fail")
-    refused(ran, 3, "has no goldens")
+    refused(ran, 3, "empty", tmp_path)
 
 
 def test_a_report_replaces_nothing_but_a_report(tmp_path: Path) -> None:
@@ -191,13 +189,13 @@ def test_a_report_replaces_nothing_but_a_report(tmp_path: Path) -> None:
     for option in ("--html", "--junit"):
         for file in (picture, jobs):
             ran = run("compare", picture, picture, option, file)
-            refused(ran, 3, f"{file}: exists already, and is no report")
+            refused(ran, 3, "exists", file)
     page.write_text("<!doctype html>\n<title>mine</title>")
-    refused(run("compare", picture, picture, "--html", page), 3, "a.html: exists already")
+    refused(run("compare", picture, picture, "--html", page), 3, "exists", page)
     page.unlink()
     for _ in range(2):
         assert run("compare", picture, picture, "--html", page, "--junit", cases).code == 0
-    refused(run("compare", picture, picture, "--junit", page), 3, "a.html: exists already")
+    refused(run("compare", picture, picture, "--junit", page), 3, "exists", page)
     assert (picture.read_bytes(), jobs.read_text()) == (before, "[inputs]")
 
 
@@ -216,7 +214,7 @@ def test_a_command_does_not_wait_for_a_pipe(
     monkeypatch.chdir(tmp_path)
     for name in ("pipe.toml", "pipe.csv"):
         os.mkfifo(tmp_path / name)
-    refused(run(*words), 3, "pipe.", "is not a regular file")
+    refused(run(*words), 3, "unreadable")
 
 
 def test_rows_are_read_from_no_pipe_and_columns_are_counted_once(tmp_path: Path) -> None:
@@ -233,7 +231,7 @@ def test_rows_are_read_from_no_pipe_and_columns_are_counted_once(tmp_path: Path)
 def test_a_key_of_endless_parts_is_refused_before_it_is_parsed(tmp_path: Path) -> None:
     jobs = tmp_path / "jobs.toml"
     jobs.write_text(".".join(["a"] * 100_000) + " = 1\n")
-    refused(run("batch", jobs, "-o", tmp_path / "out"), 3, "jobs.toml: is not a ")
+    refused(run("batch", jobs, "-o", tmp_path / "out"), 3, "malformed", jobs)
 
 
 @pytest.mark.parametrize(

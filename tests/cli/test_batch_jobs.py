@@ -105,17 +105,20 @@ def test_names_of_a_large_batch_that_two_jobs_share_are_refused(
     sweep = "lenses = [{squeeze = 2, obstruction = 0.4}, {squeeze = 2}]\n"
     path = tmp_path / "jobs.toml"
     path.write_text(f'[inputs]\nlist = "list.jsonl"\n{FIXED}[sweep]\n{sweep}')
-    twice = "render/a_mirror0.4_squeeze2.exr: would be written twice"
-    refused(run("batch", path, "-o", tmp_path / "out", "--dry-run"), 3, twice)
+    refused(
+        run("batch", path, "-o", tmp_path / "out", "--dry-run"),
+        3,
+        "duplicate",
+        "a_mirror0.4_squeeze2.exr",
+    )
 
 
 def test_what_a_jobs_file_says_wrong_is_one_line(tmp_path: Path) -> None:
     pictures(tmp_path)
-    where = f"{tmp_path / 'jobs.toml'}: [sweep]"
-    refused(batch(tmp_path, LENS + "[sweep]\nfnumbr = [2]\n"), 2, where, "did you mean fnumber?")
     refused(
-        run("batch", tmp_path / "no.toml", "-o", tmp_path / "out"), 3, "no.toml: cannot be read"
+        batch(tmp_path, LENS + "[sweep]\nfnumbr = [2]\n"), 2, "unknown-name", "jobs.toml", "[sweep]"
     )
+    refused(run("batch", tmp_path / "no.toml", "-o", tmp_path / "out"), 3, "not-found", "no.toml")
     assert not (tmp_path / "out").exists()
 
 

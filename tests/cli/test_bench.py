@@ -61,7 +61,7 @@ def test_each_picture_is_shown_beside_the_truth(tiny: Path, tmp_path: Path) -> N
     assert [layer["title"] for layer in standard["layers"][:2]] == ["truth", "standard"]
     assert keys(shown["card r7 sum"], valued=True) == []
     assert standard["metrics"]["psnr"] > shown["card r7 input"]["metrics"]["psnr"]
-    refused(bench("--time", "--html", file), 2, "--html: means nothing with --time")
+    refused(bench("--time", "--html", file), 2, "contradiction", "--html")
 
 
 def test_all_methods_are_measured_and_written(tiny: Path) -> None:
@@ -89,7 +89,7 @@ def test_more_blur_asked_for_is_more_blur_made(tiny: Path) -> None:
     assert (rows["standard"]["rank_correlation"], rows["standard"]["rises"]) == (1, 9)
     assert (rows["input"]["rank_correlation"], rows["input"]["rises"]) == (0, 0)
     assert "control           standard   1.000  1.000      9/9  card r7" in ran.err
-    refused(bench("--time", "--control"), 2, "--control: means nothing with --time")
+    refused(bench("--time", "--control"), 2, "contradiction", "--control")
 
 
 def test_less_can_be_asked_for(tiny: Path) -> None:
@@ -100,31 +100,28 @@ def test_less_can_be_asked_for(tiny: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("args", "code", "words"),
+    ("args", "exit_code", "code", "at"),
     [
-        (("--truth", "nowhere"), 3, ("nowhere", "is no directory", "camera.json")),
-        (("--quality", "best"), 2, ("--quality", "'best'", "draft,standard,high")),
-        (("--plot", "plot.exe"), 2, ("--plot", "plot.exe", ".png")),
+        (("--truth", "nowhere"), 3, "not-found", "nowhere"),
+        (("--quality", "best"), 2, "malformed", "quality"),
+        (("--plot", "plot.exe"), 2, "malformed", "plot"),
     ],
 )
 def test_what_makes_no_sense_is_refused(
-    tiny: Path, args: tuple[str, ...], code: int, words: tuple[str, ...]
+    tiny: Path, args: tuple[str, ...], exit_code: int, code: str, at: str
 ) -> None:
-    refused(bench("--truth", tiny, *args), code, *words)
+    refused(bench("--truth", tiny, *args), exit_code, code, at)
 
 
 def test_a_set_without_scenes_is_refused(tmp_path: Path) -> None:
-    refused(bench("--truth", tmp_path), 3, "holds no <scene>/camera.json")
+    refused(bench("--truth", tmp_path), 3, "empty", tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [("{", "JSONDecodeError"), ("[]", "TypeError"), ('{"shots": [{}]}', "focal_length_mm")],
-)
-def test_a_damaged_camera_is_refused(tmp_path: Path, text: str, words: str) -> None:
+@pytest.mark.parametrize("text", ["{", "[]", '{"shots": [{}]}'])
+def test_a_damaged_camera_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "camera.json").write_text(text)
-    refused(bench("--truth", tmp_path), 3, "camera.json", words)
+    refused(bench("--truth", tmp_path), 3, "malformed", "camera.json")
 
 
 def test_a_missing_truth_is_named(tiny: Path, tmp_path: Path) -> None:
@@ -133,7 +130,7 @@ def test_a_missing_truth_is_named(tiny: Path, tmp_path: Path) -> None:
     (tmp_path / "a" / "camera.json").write_text(camera)
     for name in ("rgb.exr", "depth.exr"):
         (tmp_path / "a" / name).symlink_to(tiny / "card" / name)
-    refused(bench("--truth", tmp_path), 3, "truth_r7.exr", "is missing")
+    refused(bench("--truth", tmp_path), 3, "missing-option", "truth_r7.exr")
 
 
 def test_a_set_must_be_named_outside_the_repository(
@@ -141,7 +138,7 @@ def test_a_set_must_be_named_outside_the_repository(
 ) -> None:
     monkeypatch.setattr("defocus_core.bench.truth_set._HERE", tmp_path)
     monkeypatch.chdir(tmp_path)
-    refused(bench(), 2, "--truth", "is missing", "name a directory")
+    refused(bench(), 2, "missing-option", "truth")
 
 
 def test_a_plot_without_matplotlib_says_what_to_install(
@@ -149,7 +146,7 @@ def test_a_plot_without_matplotlib_says_what_to_install(
 ) -> None:
     monkeypatch.setattr(error_plot, "find_spec", lambda name: None)
     ran = bench("--truth", tiny, "--plot", "plot.png")
-    refused(ran, 2, "--plot", "matplotlib", "pip install 'defocus[bench]'")
+    refused(ran, 2, "needs-extra", "plot")
 
 
 @pytest.mark.skipif(find_spec("matplotlib") is None, reason="matplotlib is not installed")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
-from command_line import pair, read_exr, run
+from command_line import pair, read_exr, refused, run
 
 JOBS = """
 [inputs]
@@ -148,6 +148,5 @@ def test_a_split_of_a_tampered_journal_names_no_file_elsewhere(folder: Path) -> 
     journal = folder / "out" / "journal.jsonl"
     journal.write_text(journal.read_text().replace('"split": "t', '"split": "../t'))
     ran = run("merge", folder / "out", "--shards-size", "1GB")
-    assert ran.code != 0
-    assert "which is no name" in ran.err
+    refused(ran, 3, "damaged", journal)
     assert not list(folder.rglob("*set-*.tar"))

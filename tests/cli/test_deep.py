@@ -151,23 +151,21 @@ def test_a_sample_without_depth_is_named(tmp_path: Path) -> None:
     wrong = np.array(depth)
     wrong[1, 20, 30] = np.nan
     file = write_deep_samples(tmp_path / "a.exr", from_layers(color, wrong, coverage))
-    refused_input(
-        render(file, "-o", tmp_path / "out", *LENS), file, "NaN or ≤ 0 in 1 sample", "30,20"
-    )
+    refused_input(render(file, "-o", tmp_path / "out", *LENS), file, "not-finite")
 
 
 def test_a_depth_file_beside_a_deep_picture_is_refused(tmp_path: Path) -> None:
     color, depth, coverage = layers(1.0, 5.0)
     file = write_deep_samples(tmp_path / "a.exr", from_layers(color, depth, coverage))
     other = write_exr(tmp_path / "z.exr", Z=np.ones(SIZE, np.float32))
-    refused_input(render(file, other, "-o", tmp_path / "out", *LENS), file, "depth of their own")
+    refused_input(render(file, other, "-o", tmp_path / "out", *LENS), file, "deep-data")
 
 
 def test_truncated_deep_data_is_refused(tmp_path: Path) -> None:
     color, depth, coverage = layers(1.0, 5.0)
     file = write_deep_samples(tmp_path / "a.exr", from_layers(color, depth, coverage))
     file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
-    refused_input(render(file, "-o", tmp_path / "out", *LENS), file, "truncated or damaged")
+    refused_input(render(file, "-o", tmp_path / "out", *LENS), file, "damaged")
     assert not (tmp_path / "out/render").exists() or not any((tmp_path / "out/render").iterdir())
 
 
@@ -240,12 +238,12 @@ def test_a_holdout_that_is_not_deep_or_of_another_size_is_refused(tmp_path: Path
     file = write_deep_samples(tmp_path / "a.exr", from_layers(color, depth, coverage))
     flat_file = write_exr(tmp_path / "z.exr", Z=np.ones(SIZE, np.float32))
     refused = render(file, "-o", tmp_path / "out", *LENS, "--holdout", flat_file)
-    refused_input(refused, flat_file, "holds no deep data")
+    refused_input(refused, flat_file, "empty")
     small = write_deep_samples(
         tmp_path / "s.exr", from_layers(color[..., :9], depth[..., :9], coverage[..., :9])
     )
     refused = render(file, "-o", tmp_path / "out", *LENS, "--holdout", small)
-    refused_input(refused, small, "is 9x40 px but the picture is 56x40 px")
+    refused_input(refused, small, "wrong-size")
 
 
 def test_a_deep_picture_over_a_plate_is_the_scene_of_both(tmp_path: Path) -> None:

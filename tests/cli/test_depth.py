@@ -74,8 +74,8 @@ def test_several_files_go_to_a_directory_and_one_that_fails_alone_fails(tmp_path
 
 def test_several_files_do_not_go_to_one(tmp_path: Path) -> None:
     files = [npy(tmp_path / folder / "a.npy", [[1.0]]) for folder in ("x", "y")]
-    refused(run("depth", *files, "-o", tmp_path / "z.exr"), 2, "--out: is one file", "directory")
-    refused(run("depth", *files, "-o", tmp_path / "o"), 2, "and so would", "two directories")
+    refused(run("depth", *files, "-o", tmp_path / "z.exr"), 2, "one-file", "out")
+    refused(run("depth", *files, "-o", tmp_path / "o"), 2, "duplicate", "a.npy")
 
 
 def test_files_are_replaced_only_with_overwrite_and_inputs_never(tmp_path: Path) -> None:
@@ -83,13 +83,11 @@ def test_files_are_replaced_only_with_overwrite_and_inputs_never(tmp_path: Path)
     out = tmp_path / "z.exr"
     depth(path, "-o", out)
     before = out.read_bytes()
-    refused(
-        run("depth", path, "-o", out, "--depth-unit", "cm"), 3, "is there already", "--overwrite"
-    )
+    refused(run("depth", path, "-o", out, "--depth-unit", "cm"), 3, "exists", out)
     assert out.read_bytes() == before
     changed = depth(path, "-o", out, "--depth-unit", "cm", "--overwrite")
     np.testing.assert_allclose(changed, ramp() / 100, rtol=1e-6)
-    refused(run("depth", path, "-o", tmp_path, "--overwrite"), 3, "is a file to convert")
+    refused(run("depth", path, "-o", tmp_path, "--overwrite"), 3, "replaces-input", path)
 
 
 def test_the_preview_is_brightest_where_it_is_nearest(tmp_path: Path) -> None:
@@ -102,11 +100,11 @@ def test_the_preview_is_brightest_where_it_is_nearest(tmp_path: Path) -> None:
     assert shown[0] > shown[1] > shown[2] == 0
 
 
-def test_an_unknown_format_names_those_like_it(tmp_path: Path) -> None:
+def test_an_unknown_format_is_refused(tmp_path: Path) -> None:
     path = npy(tmp_path / "a.npy", [[1.0]])
-    for word, near in (("kiti", "kitti"), ("hypersims", "hypersim"), ("scannet++", "scannetpp")):
+    for word in ("kiti", "hypersims", "scannet++"):
         ran = run("depth", path, "-o", tmp_path / "o", "--depth-format", word)
-        refused(ran, 2, f"--depth-format: '{word}' is no depth format; did you mean", near)
+        refused(ran, 2, "malformed", "depth-format")
 
 
 def test_16_bits_without_a_unit_are_millimetres_and_that_is_said(tmp_path: Path) -> None:
@@ -260,7 +258,7 @@ def test_depth_of_another_size_is_taken_from_the_nearest_pixel(tmp_path: Path) -
     color = color_exr(tmp_path / "a.exr")  # 24 × 16
     small = write_exr(tmp_path / "z.exr", Z=np.float32(1 + np.arange(24).reshape(4, 6)))
     ran = render(color, small, "-o", tmp_path / "o", "--outputs", "coc")
-    refused(ran, 3, "is 6x4 px but", "--resize-depth guided, or nearest")
+    refused(ran, 3, "wrong-size", small)
     said = ("--resize-depth", "nearest", "--outputs", "coc")
     assert render(color, small, "-o", tmp_path / "o", *said).code == 0
     large = write_exr(tmp_path / "l.exr", Z=np.kron(read_exr(small)["Z"], np.ones((4, 4), "f4")))
@@ -268,7 +266,7 @@ def test_depth_of_another_size_is_taken_from_the_nearest_pixel(tmp_path: Path) -
     of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
     np.testing.assert_array_equal(*of)
     square = write_exr(tmp_path / "s.exr", Z=np.ones((5, 5), np.float32))
-    refused(render(color, square, "-o", tmp_path / "q", *said), 3, "of another aspect")
+    refused(render(color, square, "-o", tmp_path / "q", *said), 3, "wrong-size", square)
 
 
 def test_depth_of_another_size_is_guided_by_the_colours(tmp_path: Path) -> None:
@@ -309,13 +307,13 @@ def test_depth_that_cannot_be_guided_is_refused(tmp_path: Path) -> None:
     holed = ramp(12, 8)
     holed[1, 2] = 0
     ran = render(color, depth_exr(tmp_path / "h.exr", holed), *args)
-    refused(ran, 3, "h.exr: is NaN or ≤ 0 in 1 pixel, the first at 2,1; ", "--invalid far")
+    refused(ran, 3, "invalid-depth", "h.exr")
     assert render(color, tmp_path / "h.exr", *args, "--invalid", "far").code == 0
     square = depth_exr(tmp_path / "s.exr", np.ones((5, 5), np.float32))
-    refused(render(color, square, *args), 3, "of another aspect")
+    refused(render(color, square, *args), 3, "wrong-size", square)
     held = write_exr(tmp_path / "coc.exr", coc=ramp(12, 8))
     words = ("render", color, held, *args, "-o", tmp_path / "p", "--depth-format", "coc")
-    refused(run(*words), 3, "holds radii in px")
+    refused(run(*words), 3, "radii", held)
 
 
 def test_signed_radii_are_used_as_they_are_and_need_no_lens(tmp_path: Path) -> None:
@@ -330,7 +328,12 @@ def test_signed_radii_are_used_as_they_are_and_need_no_lens(tmp_path: Path) -> N
     run("render", color, own, "-o", tmp_path / "q", *said, "--exr-type", "float")
     of = [read_exr(tmp_path / name / "render" / "a.exr")["R"] for name in "pq"]
     np.testing.assert_allclose(of[1], of[0], atol=1e-5)
-    refused(run("depth", held, "--depth-format", "coc", "-o", tmp_path / "z.exr"), 2, "no depth")
+    refused(
+        run("depth", held, "--depth-format", "coc", "-o", tmp_path / "z.exr"),
+        2,
+        "radii",
+        "depth-format",
+    )
     shown = run("info", held, "--depth-format", "coc").out
     assert "negative nearer than the focus): -3.00 to 3.00 px" in shown
     assert " m to " not in shown
@@ -342,12 +345,12 @@ def test_what_radii_leave_without_effect_is_refused(tmp_path: Path) -> None:
     held = write_exr(tmp_path / "coc.exr", coc=radii)
     args = ("render", color, held, "-o", tmp_path / "o", "--depth-format", "coc")
     for said in (("--focus-at", "3,3"), ("--focal-length", "50mm"), ("--sensor-width", "36mm")):
-        refused(run(*args, *said), 2, f"{said[0]}: changes nothing", "leave it out")
+        refused(run(*args, *said), 2, "idle-option", said[0][2:])
     half = write_exr(tmp_path / "h.exr", coc=radii[::2, ::2].copy())
     ran = run("render", color, half, *args[3:], "--resize-depth", "nearest")
-    refused(ran, 3, "holds radii in px of a picture of 12x8 px")
+    refused(ran, 3, "radii", half)
     held = write_exr(tmp_path / "n.exr", coc=np.full((16, 24), np.nan, np.float32))
-    refused(run("render", color, held, *args[3:]), 3, "is NaN or infinite in 384 pixels")
+    refused(run("render", color, held, *args[3:]), 3, "invalid-depth", held)
 
 
 def test_of_a_lens_file_radii_leave_the_shape_of_the_opening(tmp_path: Path) -> None:
@@ -374,7 +377,7 @@ def test_a_batch_of_radii_sweeps_the_shape_of_the_opening(tmp_path: Path) -> Non
         more = 'n = 1\nseed = 7\nfocal-length = "uniform(20mm, 50mm)"' if table == "sample" else ""
         value = {"lens": "fnumber = 2", "sweep": 'focus = ["1m", "2m"]', "sample": more}[table]
         jobs.write_text(f"{inputs}[{table}]\n{value}\n")
-        refused(run("batch", jobs, "-o", out), 2, f"[{table}] {name}: changes nothing")
+        refused(run("batch", jobs, "-o", out), 2, "idle-option", jobs, name)
     jobs.write_text(f"{inputs}[sweep]\nblades = [0, 5]\n")
     assert run("batch", jobs, "-o", out, "--processes", "1").code == 0
     assert "2 done before" in run("batch", jobs, "-o", out, "--processes", "1").err
@@ -422,7 +425,12 @@ def test_rows_without_a_header_have_the_size_of_the_colour(tmp_path: Path) -> No
     render(color, path, "-o", tmp_path / "p", "--outputs", "coc")
     of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
     np.testing.assert_array_equal(*of)
-    refused(run("depth", held, "--depth-format", "eth3d", "-o", tmp_path / "z.exr"), 3, "6048×4032")
+    refused(
+        run("depth", held, "--depth-format", "eth3d", "-o", tmp_path / "z.exr"),
+        3,
+        "wrong-size",
+        held,
+    )
 
 
 def test_a_frame_of_an_array_is_chosen_beside_a_colour_of_one_part(tmp_path: Path) -> None:
@@ -491,9 +499,9 @@ def test_zeros_of_integers_are_asked_for_their_meaning(tmp_path: Path) -> None:
     path = png(tmp_path / "z.png", np.where(ramp() < 2, 0, 500))
     for said in ((), ("--depth-unit", "mm")):
         ran = render(color, path, "-o", tmp_path / "o", *said)
-        refused(ran, 3, "say --depth-format, since 0 is a hole for some and sky for others")
+        refused(ran, 3, "invalid-depth", path)
     ran = render(color, path, "-o", tmp_path / "o", "--depth-format", "kitti")
-    refused(ran, 3, "say --invalid far if they are sky, or fill if they are holes")
+    refused(ran, 3, "invalid-depth", path)
     assert "write inf" not in ran.err
 
 

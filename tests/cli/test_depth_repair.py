@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
-from command_line import color_exr, depth_exr, header, read_exr, refused, run, write_exr
+from command_line import color_exr, depth_exr, failed, header, read_exr, refused, run, write_exr
 
 WIDTH, HEIGHT = 144, 96
 LENS = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m", "--sensor-width", "4mm")
@@ -125,33 +125,34 @@ def test_a_jobs_file_says_it_once(tmp_path: Path) -> None:
     jobs = tmp_path / "jobs.toml"
     start = f'[inputs]\ncolor = "{color}"\ndepth = "{depth}"\n[lens]\nfocal-length = "50mm"\n'
     start += 'fnumber = 2\nfocus = "2m"\n'
-    for more, words in (
-        ('[reading]\ndepth-repair = "off"\n[machine]\ndepth-repair = "auto"\n', "[reading], too"),
-        ('[reading]\ndepth-repair = "off"\nedge-width = "4px"\n', "[reading] edge-width: of 4px"),
-        ("[reading]\nedge-width = 101\n", "101 px is a surface"),
+    twice = '[reading]\ndepth-repair = "off"\n[machine]\ndepth-repair = "auto"\n'
+    for more, code, field in (
+        (twice, "contradiction", "depth-repair"),
+        ('[reading]\ndepth-repair = "off"\nedge-width = "4px"\n', "contradiction", "edge-width"),
+        ("[reading]\nedge-width = 101\n", "malformed", "edge-width"),
     ):
         jobs.write_text(start + more)
-        refused(run("batch", jobs, "-o", tmp_path / "out"), 2, str(jobs), words)
+        refused(run("batch", jobs, "-o", tmp_path / "out"), 2, code, jobs, field)
 
 
 @pytest.mark.parametrize(
-    ("args", "words"),
+    ("args", "code"),
     [
-        (("--depth-repair", "sof"), "'sof' is no depth repair; choose from auto, off"),
-        (("--depth-repair", "of"), "did you mean off"),
-        (("--depth-repair", "soft-edges"), "'soft-edges' is no depth repair"),
-        (("--depth-repair", "soft-edges=a"), "'a' is no slope of soft edges; write it like"),
-        (("--depth-repair", "soft-edges=-1"), "'-1' is no slope"),
-        (("--edge-width", "101px"), "101 px is a surface, and no edge; give 100px or less"),
-        (("--edge-width", "-3"), "--edge-width: '-3' is not positive"),
-        (("--edge-width", "px"), "--edge-width: 'px' is not a length"),
-        (("--edge-width", "4", "--depth-repair", "off"), "contradicts depth-repair off"),
-        (("--edge-width", "0", "--depth-repair", "soft-edges=1"), "contradicts depth-repair soft"),
+        (("--depth-repair", "sof"), "malformed"),
+        (("--depth-repair", "of"), "malformed"),
+        (("--depth-repair", "soft-edges"), "malformed"),
+        (("--depth-repair", "soft-edges=a"), "malformed"),
+        (("--depth-repair", "soft-edges=-1"), "malformed"),
+        (("--edge-width", "101px"), "malformed"),
+        (("--edge-width", "-3"), "malformed"),
+        (("--edge-width", "px"), "malformed"),
+        (("--edge-width", "4", "--depth-repair", "off"), "contradiction"),
+        (("--edge-width", "0", "--depth-repair", "soft-edges=1"), "contradiction"),
     ],
 )
-def test_what_makes_no_sense_is_refused(args: tuple[str, ...], words: str, tmp_path: Path) -> None:
+def test_what_makes_no_sense_is_refused(args: tuple[str, ...], code: str, tmp_path: Path) -> None:
     files = two_surfaces(tmp_path, 8)
-    refused(run("render", *files, *LENS, "-o", tmp_path / "out", *args), 2, words)
+    refused(run("render", *files, *LENS, "-o", tmp_path / "out", *args), 2, code, args[0][2:])
     assert not (tmp_path / "out").exists()
 
 
@@ -202,12 +203,12 @@ def test_a_picture_of_one_file_is_drawn_too(tmp_path: Path) -> None:
 def test_a_drawing_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
     color, depth = two_surfaces(tmp_path, 8)
     path = tmp_path / "a.png"
-    refused(run("info", color, depth, "--preview", path), 2, "--preview: needs a lens")
-    refused(run("info", color, depth, *LENS, "--preview", tmp_path / "a.jpg"), 2, "no PNG")
-    ran = run("info", depth, *LENS, "--preview", path)
-    assert ran.code == 2
-    assert "needs a colour and a depth file" in ran.err
+    refused(run("info", color, depth, "--preview", path), 2, "missing-option", "preview")
+    refused(
+        run("info", color, depth, *LENS, "--preview", tmp_path / "a.jpg"), 2, "malformed", "preview"
+    )
+    failed(run("info", depth, *LENS, "--preview", path), 2, "missing-option", "preview")
     path.write_bytes(b"")
     ran = run("info", path, depth, *LENS, "--preview", path)
-    refused(ran, 2, "is a file to look at")
+    refused(ran, 2, "replaces-input", "preview")
     assert path.read_bytes() == b""

@@ -113,7 +113,7 @@ def test_of_many_pictures_some_are_read_and_all_are_counted(
 def test_a_dry_run_finds_what_cannot_be_rendered(tmp_path: Path) -> None:
     color, depth = pair(tmp_path)
     depth_exr(depth, -ramp())
-    refused(render(color, depth, "-o", tmp_path / "out", "--dry-run"), 3, str(depth))
+    refused(render(color, depth, "-o", tmp_path / "out", "--dry-run"), 3, "invalid-depth", depth)
 
 
 def test_a_dry_run_of_several_names_all_that_cannot_be_rendered(tmp_path: Path) -> None:
@@ -204,7 +204,7 @@ def test_rendering_refuses_what_does_not_fit_and_writes_nothing(
     job = short(lambda threads, at_once: 90.0 if threads == 1 else 450.0)
     files = (job.picture.color, job.picture.depth)
     ran = run("render", *LENS, *files, "-o", tmp_path / "out", "--threads", "4")
-    refused(ran, 3, str(job.picture.color), "450", "use --threads 1")
+    refused(ran, 3, "out-of-memory", "a.exr")
     assert files_under(tmp_path) == {"rgb/a.exr", "depth/a.exr"}
 
 
@@ -227,7 +227,7 @@ def test_sizes_of_pixels_and_depth_are_compared(tmp_path: Path) -> None:
         color_exr(tmp_path / "c.exr"),
         depth_exr(tmp_path / "z.exr", np.ones((8, 8), np.float32)),
     )
-    refused(render(color, depth, "-o", tmp_path / "out", "--dry-run"), 3, "8x8 px", "24x16")
+    refused(render(color, depth, "-o", tmp_path / "out", "--dry-run"), 3, "wrong-size", depth)
 
 
 def test_colours_apart_and_up_and_down_are_counted(tmp_path: Path) -> None:

@@ -167,7 +167,7 @@ def test_to_divide_by_alpha_there_must_be_one(tmp_path: Path) -> None:
     planes = element(np.ones(SIZE, np.float32))
     del planes["A"]
     made = write(tmp_path / "a.exr", planes)
-    refused(render(made, tmp_path / "o", "--unpremultiply-depth", "on"), 3, "no alpha of its size")
+    refused(render(made, tmp_path / "o", "--unpremultiply-depth", "on"), 3, "no-such-channel", made)
 
 
 def test_edges_whose_depth_missed_the_object_have_that_beside_them(tmp_path: Path) -> None:
@@ -184,7 +184,7 @@ def test_edges_whose_depth_missed_the_object_have_that_beside_them(tmp_path: Pat
 def test_a_whole_pixel_without_depth_is_still_an_error(tmp_path: Path) -> None:
     planes = element(disc())
     planes["Z"][19, 29] = 0
-    refused(render(write(tmp_path / "a.exr", planes), tmp_path / "o"), 3, "1 pixel", "29,19")
+    refused(render(write(tmp_path / "a.exr", planes), tmp_path / "o"), 3, "invalid-depth", "a.exr")
 
 
 def test_light_without_alpha_stays_where_it_has_a_depth(tmp_path: Path) -> None:
@@ -207,9 +207,9 @@ def test_percentiles_of_the_focus_count_only_what_has_alpha(tmp_path: Path) -> N
 def test_nothing_cannot_be_focused_on(tmp_path: Path) -> None:
     made = write(tmp_path / "a.exr", element(disc()))
     ran = run("render", made, "-o", tmp_path / "o", *LENS[:4], "--focus-at", "0,0")
-    refused(ran, 2, "alpha of 0", "give a pixel of the element")
+    refused(ran, 2, "no-valid-depth", "focus-at")
     empty = write(tmp_path / "b.exr", element(np.zeros(SIZE, np.float32)))
-    refused(render(empty, tmp_path / "p", focus="percentile(50)"), 3, "nothing to focus on")
+    refused(render(empty, tmp_path / "p", focus="percentile(50)"), 3, "no-valid-depth", empty)
     assert rgba(picture(empty, tmp_path / "q")).max() == 0
 
 
@@ -251,7 +251,7 @@ def test_a_view_is_rendered_as_if_it_were_alone(make: Any, tmp_path: Path) -> No
 
 def test_a_view_of_files_without_views_is_refused(tmp_path: Path) -> None:
     made = write(tmp_path / "a.exr", element(disc()))
-    refused(render(made, tmp_path / "o", "--view", "left"), 3, "no views", "leave --view out")
+    refused(render(made, tmp_path / "o", "--view", "left"), 3, "no-such-view", made)
 
 
 def test_info_tells_views_windows_and_what_alpha_leaves_out(tmp_path: Path) -> None:
@@ -319,23 +319,16 @@ def test_passes_are_blurred_with_the_picture_and_data_is_copied(tmp_path: Path) 
     assert halves["specular.R"].tobytes() == planes["specular.R"].tobytes()
 
 
-@pytest.mark.parametrize(
-    ("pattern", "words"),
-    [
-        ("Z", "has Z, which is depth or whole numbers and is never averaged"),
-        ("diffuse.id", "never averaged"),
-        ("glossy.*", "has no channel glossy.* of light"),
-    ],
-)
-def test_what_is_no_light_is_not_blurred(pattern: str, words: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("pattern", ["Z", "diffuse.id", "glossy.*"])
+def test_what_is_no_light_is_not_blurred(pattern: str, tmp_path: Path) -> None:
     made, _ = passes(tmp_path / "a.exr")
-    refused(render(made, tmp_path / "o", "--blur-channels", pattern), 3, words, "it has N.X")
+    refused(render(made, tmp_path / "o", "--blur-channels", pattern), 3, "no-such-channel", made)
 
 
 def test_passes_need_a_file_that_can_hold_them(tmp_path: Path) -> None:
     made, _ = passes(tmp_path / "a.exr")
     arguments = ("-o", tmp_path / "o", *LENS, "1m", "--format", "png", "--blur-channels", "N.X")
-    refused(run("render", made, *arguments), 2, "--blur-channels", "use --format exr")
+    refused(run("render", made, *arguments), 2, "idle-option", "blur-channels")
 
 
 def moments(plane: Any) -> tuple[float, float]:
@@ -390,4 +383,4 @@ def test_a_wide_pixel_is_two_square_ones(tmp_path: Path) -> None:
 def test_distances_to_the_point_need_square_pixels(tmp_path: Path) -> None:
     planes = element(np.ones(SIZE, np.float32))
     made = write(tmp_path / "a.exr", planes, pixelAspectRatio=2.0)
-    refused(render(made, tmp_path / "o", "--radial"), 3, "not square", "depth along the axis")
+    refused(render(made, tmp_path / "o", "--radial"), 3, "not-square", made)

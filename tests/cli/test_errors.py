@@ -35,9 +35,9 @@ from defocus_core.errors import CODES
 
 def test_a_missing_file(color: Path, depth: Path, out: Path) -> None:
     missing = color.with_name("none.exr")
-    refused_input(render(missing, depth, "-o", out), missing, "no such file")
-    refused_input(render(color, missing, "-o", out), missing, "no such file")
-    refused_input(render(missing, "-o", out), missing, "no such file")
+    refused_input(render(missing, depth, "-o", out), missing, "not-found")
+    refused_input(render(color, missing, "-o", out), missing, "not-found")
+    refused_input(render(missing, "-o", out), missing, "not-found")
 
 
 def test_json_of_a_command_that_has_no_result_is_its_error(tmp_path: Path, color: Path) -> None:
@@ -60,10 +60,10 @@ def test_a_link_that_leads_nowhere(color: Path, depth: Path, out: Path) -> None:
         *(render(*args, "-o", out) for args in ((circle, depth), (color, circle), (circle,))),
         *(render(color, depth, "-o", circle), run("info", circle)),
     ):
-        refused_input(ran, circle, "is a symbolic link that leads to nothing; make the link anew")
+        refused_input(ran, circle, "not-found")
     lost = color.with_name("b")
     lost.symlink_to("none")
-    refused_input(render(color, depth, "-o", lost), lost, "leads to nothing")
+    refused_input(render(color, depth, "-o", lost), lost, "not-found")
 
 
 def test_a_link_in_a_folder_that_leads_in_a_circle(tmp_path: Path, out: Path) -> None:
@@ -77,19 +77,10 @@ def test_a_link_in_a_folder_that_leads_in_a_circle(tmp_path: Path, out: Path) ->
     assert files_under(out) == {"coc/a.exr"}
 
 
-def test_a_folder_that_is_linked_from_within_is_not_gone_round_in(tmp_path: Path) -> None:
-    color, _ = pair(tmp_path)
-    (color.parent / "self").symlink_to(".")
-    jobs = tmp_path / "jobs.toml"
-    jobs.write_text('[inputs]\ncolor = "rgb/**/*.exr"\ndepth = "depth/**/*.exr"\n')
-    told = "is a symbolic link to a folder that it is in"
-    refused(run("batch", jobs, "-o", tmp_path / "out"), 3, f"{color.parent / 'self'}: {told}")
-
-
 def test_a_directory_for_a_file(color: Path, depth: Path, out: Path) -> None:
-    refused_input(render(color, depth.parent, "-o", out), depth.parent, "is a directory")
-    refused_input(render(color.parent, depth, "-o", out), color.parent, "is a directory")
-    refused_input(run("info", color.parent), color.parent, "is a directory")
+    refused_input(render(color, depth.parent, "-o", out), depth.parent, "wrong-type")
+    refused_input(render(color.parent, depth, "-o", out), color.parent, "wrong-type")
+    refused_input(run("info", color.parent), color.parent, "wrong-type")
 
 
 def test_names_that_would_steer_a_terminal_are_told_escaped(
@@ -97,8 +88,13 @@ def test_names_that_would_steer_a_terminal_are_told_escaped(
 ) -> None:
     odd = color.rename(color.with_name("a\n\x1b[31mb\u3000é.exr"))
     told = "a\\n\\x1b[31mb\u3000é"
-    refused(render(odd.with_suffix(".png"), depth, "-o", out), 3, f"/{told}.png: no such file")
-    refused(render(odd, odd, "-o", out), 3, f"defocus: {odd.parent}/{told}.exr: has no depth")
+    refused(
+        render(odd.with_suffix(".png"), depth, "-o", out),
+        3,
+        "not-found",
+        f"{told}.png",
+    )
+    refused(render(odd, odd, "-o", out), 3, "no-depth", f"{told}.exr")
     for ran in (render(odd, depth, "-o", out, "-v"), render(odd, depth, "-o", out)):
         assert ran.code == 0
         assert f"{told}: " in ran.err
@@ -122,9 +118,8 @@ def test_what_is_no_regular_file(
     monkeypatch.chdir(color.parent)
     odd = Path("odd.exr")  # the name of a socket must be short
     make(odd)
-    words = ("is not a regular file; copy",)
     for ran in (render(color, odd, "-o", out), render(odd, color, "-o", out), run("info", odd)):
-        refused_input(ran, odd, *words)
+        refused_input(ran, odd, "wrong-type")
     assert render(color, odd, "-o", out, "--dry-run").code == 3
 
 
@@ -140,7 +135,7 @@ def test_zero_bytes(name: str, depth: Path, color: Path, out: Path) -> None:
 def test_a_name_that_is_not_utf_8(color: Path, depth: Path, out: Path) -> None:
     odd = color.rename(color.with_name(os.fsdecode(b"\xff.exr")))
     for files in ((odd, depth), (odd,)):
-        refused(render(*files, "-o", out), 3, "has a name that is not UTF-8; rename it")
+        refused(render(*files, "-o", out), 3, "not-utf-8", "\\udcff.exr")
 
 
 @pytest.mark.parametrize(
@@ -159,54 +154,45 @@ def truncated(path: Path, share: float) -> Path:
 
 
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.9])
-def test_a_truncated_exr(share: float, color: Path, depth: Path, out: Path) -> None:
-    truncated(color, share)
-    refused_input(render(color, depth, "-o", out), color)
-
-
-@pytest.mark.parametrize("share", [0.05, 0.5, 0.9])
-def test_a_truncated_depth_exr(share: float, color: Path, depth: Path, out: Path) -> None:
-    truncated(depth, share)
-    refused_input(render(color, depth, "-o", out), depth)
-
-
-@pytest.mark.parametrize("share", [0.05, 0.5, 0.9])
-def test_a_truncated_png(share: float, tmp_path: Path, depth: Path, out: Path) -> None:
-    png = save(tmp_path / "a.png", (texture() * 255).astype(np.uint8))
-    refused_input(render(truncated(png, share), depth, "-o", out), png)
+def test_a_truncated_file(share: float, color: Path, depth: Path, out: Path) -> None:
+    png = truncated(save(color.with_name("a.png"), (texture() * 255).astype(np.uint8)), share)
+    refused_input(render(png, depth, "-o", out), png, "damaged", "unreadable")
+    whole = depth.read_bytes()
+    refused_input(render(color, truncated(depth, share), "-o", out), depth, "damaged")
+    depth.write_bytes(whole)
+    refused_input(render(truncated(color, share), depth, "-o", out), color, "damaged")
 
 
 @pytest.mark.parametrize("name", ["a.exr", "a.png", "a.jpg", "a.txt"])
 def test_what_is_not_an_image(name: str, color: Path, depth: Path, out: Path) -> None:
     text = color.with_name(name)
     text.write_text("This is not an image, whatever its name says.\n" * 20)
-    refused_input(render(text, depth, "-o", out), text)
-    refused_input(render(color, text, "-o", out), text)
-    refused_input(run("info", text), text)
+    refused_input(render(text, depth, "-o", out), text, "wrong-type", "unreadable")
+    refused_input(render(color, text, "-o", out), text, "wrong-type", "unreadable")
+    refused_input(run("info", text), text, "unreadable")
 
 
-def test_no_depth_channel_names_those_present(color: Path, out: Path) -> None:
-    words = ("no depth channel", "B, G, R", "--depth-channel")
-    refused_input(render(color, color, "-o", out), color, *words)
-    refused_input(render(color, "-o", out), color, *words)
+def test_a_file_without_depth(color: Path, out: Path) -> None:
+    refused_input(render(color, color, "-o", out), color, "no-depth")
+    refused_input(render(color, "-o", out), color, "no-depth")
 
 
 @pytest.mark.parametrize("kind", ["coc", "disparity"])
 def test_a_map_in_px_is_no_depth(kind: str, tmp_path: Path, color: Path, out: Path) -> None:
     lone = write_exr(tmp_path / "lone.exr", **{kind: ramp()})
-    refused_input(render(color, lone, "-o", out), lone, "no depth channel", kind)
+    refused_input(render(color, lone, "-o", out), lone, "no-depth")
 
 
-def test_several_depth_candidates_are_listed(tmp_path: Path, color: Path, out: Path) -> None:
+def test_several_depth_candidates_are_refused(tmp_path: Path, color: Path, out: Path) -> None:
     path = write_exr(tmp_path / "z.exr", near_Z=ramp(), depth_Z=ramp(), other_depth=ramp())
-    refused_input(render(color, path, "-o", out), path, "depth.Z, other.depth", "--depth-channel")
+    refused_input(render(color, path, "-o", out), path, "ambiguous")
     assert render(color, path, "-o", out, "--depth-channel", "other.depth").code == 0
 
 
-def test_several_colour_layers_are_listed(tmp_path: Path, depth: Path, out: Path) -> None:
+def test_several_colour_layers_are_refused(tmp_path: Path, depth: Path, out: Path) -> None:
     rgb = {channel: texture()[..., 0] for channel in "RGB"}
     path = multi_part(tmp_path / "c.exr", sun=rgb, lamp=rgb)
-    refused_input(render(path, depth, "-o", out), path, "sun", "lamp", "--color-layer")
+    refused_input(render(path, depth, "-o", out), path, "ambiguous")
     assert render(path, depth, "-o", out, "--color-layer", "lamp").code == 0
 
 
@@ -214,7 +200,7 @@ def test_a_part_is_chosen_where_there_are_several(tmp_path: Path, depth: Path, o
     rgb = {channel: texture()[..., 0] for channel in "RGB"}
     path = multi_part(tmp_path / "c.exr", sun=rgb, lamp=rgb)
     assert render(path, depth, "-o", out, "--part", "1").code == 0
-    refused(render(path, depth, "-o", out / "more", "--part", "2"), 3, f"{path}: has no part 2")
+    refused(render(path, depth, "-o", out / "more", "--part", "2"), 3, "no-such-part", path)
 
 
 def test_a_lone_grey_channel_is_not_its_own_depth(tmp_path: Path, out: Path) -> None:
@@ -222,12 +208,7 @@ def test_a_lone_grey_channel_is_not_its_own_depth(tmp_path: Path, out: Path) -> 
         grey = write_exr(tmp_path / "grey.exr", **{name: texture()[..., 0] + 1})
         for more in ((), ("--dry-run",)):
             ran = render(grey, "-o", out, *more)
-            refused_input(ran, grey, f"has {name} alone", "second argument")
-
-
-def test_sizes_that_differ(tmp_path: Path, color: Path, out: Path) -> None:
-    small = depth_exr(tmp_path / "small.exr", ramp(12, 16))
-    refused_input(render(color, small, "-o", out), small, "12x16", "24x16", str(color))
+            refused_input(ran, grey, "no-depth")
 
 
 @pytest.mark.parametrize("bad", [np.nan, 0.0, -1.0])
@@ -235,7 +216,7 @@ def test_depth_that_is_none(bad: float, tmp_path: Path, color: Path, out: Path) 
     metres = ramp()
     metres[7, 5] = metres[8, 1] = bad
     path = depth_exr(tmp_path / "z.exr", metres)
-    refused_input(render(color, path, "-o", out), path, "2 pixels", "5,7")
+    refused_input(render(color, path, "-o", out), path, "invalid-depth")
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
@@ -243,19 +224,14 @@ def test_colour_that_is_not_finite(bad: float, tmp_path: Path, depth: Path, out:
     pixels = texture()
     pixels[3, 4, 1] = bad
     path = color_exr(tmp_path / "c.exr", pixels)
-    refused_input(render(path, depth, "-o", out), path, "1 pixel,", "4,3")
+    refused_input(render(path, depth, "-o", out), path, "not-finite")
 
 
 def test_a_deep_exr(tmp_path: Path, color: Path, depth: Path, out: Path) -> None:
     deep = tmp_path / "deep.exr"
     write_deep(deep)
-    refused_input(render(color, deep, "-o", out), deep, "deep")
-    refused_input(render(deep, depth, "-o", out), deep, "deep")
-
-
-def test_8_bit_depth(tmp_path: Path, color: Path, out: Path) -> None:
-    path = save(tmp_path / "z.png", np.full((16, 24, 1), 9, np.uint8))
-    refused_input(render(color, path, "-o", out), path, "8 bit", "16-bit PNG in millimetres")
+    refused_input(render(color, deep, "-o", out), deep, "wrong-size")
+    refused_input(render(deep, depth, "-o", out), deep, "no-color")
 
 
 @pytest.mark.parametrize("name", ["c.bmp", "c.dpx", "c.gif", "c.tga"])
@@ -264,74 +240,24 @@ def test_colour_of_another_format_is_refused_alone_as_in_a_folder(
 ) -> None:
     path = save(tmp_path / "in" / name, (texture() * 255).astype(np.uint8))
     ran = render(path, depth, "-o", out)
-    kind = path.suffix[1:].replace("tga", "targa").upper()
-    refused_input(ran, path, f"is of type {kind}, which is not read; use EXR, PNG, JPEG, TIFF")
-    refused_input(render(path.parent, depth.parent, "-o", out), path.parent, "no file of a known")
-    refused_input(run("info", path), path, "is not read")
+    refused_input(ran, path, "wrong-type")
+    refused_input(render(path.parent, depth.parent, "-o", out), path.parent, "empty")
+    refused_input(run("info", path), path, "wrong-type")
 
 
-@pytest.mark.parametrize("name", ["z.jpg", "z.txt", "z.bmp"])
-def test_depth_of_another_format_names_those_that_hold_depth(
-    name: str, tmp_path: Path, color: Path, out: Path
+@pytest.mark.parametrize(
+    ("name", "code"),
+    [("z.jpg", "unknown-unit"), ("z.txt", "unreadable"), ("z.bmp", "wrong-type")],
+)
+def test_depth_of_another_format_is_refused(
+    name: str, code: str, tmp_path: Path, color: Path, out: Path
 ) -> None:
     path = tmp_path / name
     if name in ("z.jpg", "z.bmp"):
         save(path, (texture() * 255).astype(np.uint8))
     else:
         np.savetxt(path, ramp())
-    words = ("EXR, PFM, NPY or float TIFF", "16-bit PNG in millimetres")
-    refused_input(render(color, path, "-o", out), path, *words)
-
-
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        ((), "--out: is missing"),
-        (
-            ("-o", "{out}", "--focal-lenght", "50mm"),
-            "no such option; did you mean --focal-length or",
-        ),
-        (("-o", "{out}", "--fnumber"), "requires an argument; see 'defocus render --help'"),
-        (("-o", "{out}", "--fnumber", "2"), "--focal-length: is missing; add --focal-length 50mm"),
-        (("-o", "{out}", "--focal-length", "50mm", "--focus", "2m"), "--fnumber: is missing"),
-        (("-o", "{out}", "--focal-length", "50mm", "--fnumber", "2"), "--focus: is missing"),
-        (("-o", "{out}", *LENS, "--aperture-diameter", "25mm"), "--fnumber: contradicts"),
-        (("-o", "{out}", *LENS, "--focus-at", "1,1"), "--focus: contradicts --focus-at"),
-        (("-o", "{out}", *LENS, "more"), "unexpected extra argument"),
-    ],
-)
-def test_usage(args: tuple[str, ...], words: str, color: Path, depth: Path, out: Path) -> None:
-    filled = [arg.format(out=out) for arg in args]
-    refused(run("render", color, depth, *filled), 2, words, "; ")
-    assert not out.exists()
-
-
-@pytest.mark.parametrize(
-    ("option", "table"), [("--quality", "machine"), ("--focus", "lens"), ("--format", "outputs")]
-)
-def test_an_option_that_a_jobs_file_has_is_looked_for_there(option: str, table: str) -> None:
-    words = f"write {option[2:]} below [{table}] of the jobs file"
-    refused(run("batch", "jobs.toml", "-o", "out", option, "high"), 2, f"{option}: ", words)
-
-
-def test_usage_before_any_command() -> None:
-    refused(run("bokeh"), 2, "bokeh", "--help")
-    refused(run("render"), 2, "COLOR: is missing")
-    refused(run("--nonsense"), 2, "--nonsense: no such option")
-
-
-@pytest.mark.parametrize(
-    ("args", "remedy"),
-    [
-        (("rendr",), "rendr: no such command; did you mean render?"),
-        (("Info",), "did you mean info?"),
-        (("bokeh",), "bokeh: no such command; see 'defocus --help'"),
-        (("render", "--fnumer", "2"), "--fnumer: no such option; did you mean --fnumber"),
-        (("info", "--dept-unit", "mm"), "did you mean --depth-"),
-    ],
-)
-def test_a_misspelt_word_is_met_with_the_nearest_known(args: tuple[str, ...], remedy: str) -> None:
-    refused(run(*args), 2, remedy)
+    refused_input(render(color, path, "-o", out), path, code)
 
 
 def test_no_arguments_show_help() -> None:
@@ -346,18 +272,30 @@ def test_cuda_that_is_not_there(
     import torch
 
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    refused(render(color, depth, "-o", out, "--device", "cuda"), 2, "--device: ", "cpu or auto")
+    refused(render(color, depth, "-o", out, "--device", "cuda"), 2, "no-gpu", "device")
     assert render(color, depth, "-o", out, "--device", "auto").code == 0
 
 
-@pytest.mark.parametrize("args", [("", "{z}"), ("{c}", ""), ("{c}", "{z}", "-o", ""), ("--lens",)])
+@pytest.mark.parametrize(
+    ("args", "at"),
+    [
+        (("", "{z}"), "COLOR"),
+        (("{c}", ""), "DEPTH"),
+        (("{c}", "{z}", "-o", ""), "out"),
+        (("--lens", "", "{c}", "{z}"), "lens"),
+    ],
+)
 def test_an_empty_path_is_not_the_current_directory(
-    args: tuple[str, ...], color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+    args: tuple[str, ...],
+    at: str,
+    color: Path,
+    depth: Path,
+    out: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(color.parent)
     filled = [arg.format(c=color, z=depth) for arg in args]
-    lens = ["", color, depth] if args == ("--lens",) else []
-    refused(render("-o", out, *filled, *lens), 2, "is empty; give a path")
+    refused(render("-o", out, *filled), 2, "empty", at)
     assert files_under(color.parent) == {"color.exr", "depth.exr"}
 
 
@@ -366,7 +304,7 @@ def test_a_part_that_a_lone_scene_does_not_have(tmp_path: Path, out: Path) -> No
     scene = write_exr(
         tmp_path / "s.exr", R=pixels[..., 0], G=pixels[..., 1], B=pixels[..., 2], Z=ramp()
     )
-    refused(render(scene, "-o", out, "--part", "3"), 3, "s.exr: has no part 3, only 1")
+    refused(render(scene, "-o", out, "--part", "3"), 3, "no-such-part", scene)
 
 
 @pytest.mark.parametrize("module", ["defocus_cli", "defocus_cli.main"])
@@ -382,4 +320,4 @@ def test_depth_that_no_frame_could_hold_the_blur_of(color: Path, tmp_path: Path)
     path = depth_exr(tmp_path / "tiny.exr", metres)
     for more in ((), ("--dry-run",)):
         ran = render(color, path, "-o", tmp_path / "out", *more)
-        refused_input(ran, path, "1e-18 m", "blurred by", "check --depth-unit")
+        refused_input(ran, path, "too-blurred")

@@ -131,7 +131,7 @@ def test_a_trust_map_is_no_depth(tmp_path: Path) -> None:
     assert 0 < map_["range"][0] <= map_["range"][1] == 1
     assert "trust map (share of the lens" in run("info", path).out
     ran = render(color, path, "-o", tmp_path / "again")
-    refused(ran, 3, "no depth channel, only trust")
+    refused(ran, 3, "no-depth", path)
 
 
 def test_what_is_not_finite_in_a_map_is_outside_its_range(tmp_path: Path) -> None:
@@ -162,14 +162,14 @@ def test_several_candidates_are_told_and_one_can_be_chosen(tmp_path: Path) -> No
 
 def test_a_channel_that_is_not_there_is_an_error(tmp_path: Path) -> None:
     path = depth_exr(tmp_path / "z.exr")
-    refused(run("info", path, "--depth-channel", "W"), 3, f"{path}: has no channel W")
+    refused(run("info", path, "--depth-channel", "W"), 3, "no-such-channel", path)
 
 
 def test_a_part_that_no_file_has_is_refused_as_render_refuses_it(tmp_path: Path) -> None:
     color, _ = pair(tmp_path)
-    refused(run("info", color, "--part", "1"), 3, f"{color}: has no part 1, only 1; leave --part")
+    refused(run("info", color, "--part", "1"), 3, "no-such-part", color)
     parts = multi_part(tmp_path / "p.exr", z={"Z": ramp()}, y={"Z": ramp()})
-    refused(run("info", parts, "--part", "2"), 3, f"{parts}: has no part 2, only 2; --part counts")
+    refused(run("info", parts, "--part", "2"), 3, "no-such-part", parts)
     ran = run("info", color, parts, "--part", "1")
     assert (ran.code, ran.err) == (0, ""), "the part of the other"
 
@@ -183,7 +183,7 @@ def test_a_pixel_outside_one_file_is_said_and_the_others_are_told(tmp_path: Path
 
 def test_half_a_lens_is_usage(tmp_path: Path) -> None:
     ran = run("info", depth_exr(tmp_path / "z.exr"), "--focal-length", "50mm")
-    refused(ran, 2, "--fnumber: is missing")
+    refused(ran, 2, "missing-option", "fnumber")
 
 
 def test_what_is_found_is_told_though_a_later_file_is_missing(tmp_path: Path) -> None:
@@ -209,14 +209,14 @@ def test_what_comes_after_a_missing_file_is_told_too(tmp_path: Path) -> None:
 def test_integers_are_depth_once_their_unit_is_said(tmp_path: Path) -> None:
     path = tmp_path / "z.npy"
     np.save(path, (ramp() * 1000).astype(np.uint16)[None])
-    refused(run("info", path), 3, f"{path}: holds uint16 numbers", "say --depth-unit mm")
+    refused(run("info", path), 3, "unknown-unit", path)
     (record,) = run("info", "--json", path, "--depth-unit", "mm").json["files"]
     assert record["depth"]["range_m"] == [1.0, 4.0]
 
 
 def test_a_missing_file_is_input(tmp_path: Path) -> None:
-    refused(run("info", tmp_path / "no.exr"), 3, "no.exr: no such file")
-    refused(run("info"), 2, "FILE...: is missing")
+    refused(run("info", tmp_path / "no.exr"), 3, "not-found", "no.exr")
+    refused(run("info"), 2, None, "FILE...")
 
 
 def test_a_depth_that_hardly_suits_the_lens_is_doubted(tmp_path: Path) -> None:

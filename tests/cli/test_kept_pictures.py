@@ -41,7 +41,7 @@ def test_another_lens_replaces_no_picture(name: str, tmp_path: Path, out: Path) 
     files = pair(tmp_path)
     assert render(*files, "-o", out, *MAPS).code == 0
     before = (out / "coc/a.exr").read_bytes()
-    refused(run("render", *another(name), *files, "-o", out, *MAPS), 3, "--overwrite", "--name")
+    refused(run("render", *another(name), *files, "-o", out, *MAPS), 3, "exists", "a.exr")
     assert run("render", *another(name), *files, "-o", out, *MAPS, "--dry-run").code == 3
     assert (out / "coc/a.exr").read_bytes() == before
     ran = run("render", *another(name), *files, "-o", out, *MAPS, "--overwrite")
@@ -57,9 +57,14 @@ def test_names_keep_lenses_apart(tmp_path: Path, out: Path) -> None:
     assert files_under(out) == {"coc/a_focus3m.exr", "coc/a_f8.exr"}
 
 
-@pytest.mark.parametrize("template", ["{stam}", "a/{stem}", "", ".{stem}"])
-def test_a_name_that_cannot_be_is_refused(template: str, tmp_path: Path, out: Path) -> None:
-    refused(render(*pair(tmp_path), "-o", out, "--name", template), 2, "--name")
+@pytest.mark.parametrize(
+    ("template", "code"),
+    [("{stam}", "unknown-name"), *((name, "malformed") for name in ("a/{stem}", "", ".{stem}"))],
+)
+def test_a_name_that_cannot_be_is_refused(
+    template: str, code: str, tmp_path: Path, out: Path
+) -> None:
+    refused(render(*pair(tmp_path), "-o", out, "--name", template), 2, code, "name")
 
 
 def test_each_view_is_rendered_and_named(tmp_path: Path, out: Path) -> None:
@@ -84,7 +89,7 @@ def test_another_view_replaces_no_picture(tmp_path: Path, out: Path) -> None:
     planes = {f"{v}_{c}": texture()[..., 0] for v in ("left", "right") for c in "RGB"}
     files = write_exr(tmp_path / "a.exr", **planes), depth_exr(tmp_path / "z.exr")
     assert render(*files, "-o", out, *MAPS, "--view", "left").code == 0
-    refused(render(*files, "-o", out, *MAPS, "--view", "right"), 3, "{stem}_{view}")
+    refused(render(*files, "-o", out, *MAPS, "--view", "right"), 3, "exists", "a.exr")
 
 
 @pytest.mark.parametrize(
@@ -98,29 +103,29 @@ def test_a_file_is_one_picture_without_a_journal(
     assert render(*files, "-o", out / name, *options).code == 0
     assert files_under(out) == {name}
     assert not (out / "journal.jsonl").exists()
-    refused(render(*files, "-o", out / name, *options), 3, "--overwrite")
+    refused(render(*files, "-o", out / name, *options), 3, "exists")
     assert render(*files, "-o", out / name, *options, "--overwrite").code == 0
 
 
 @pytest.mark.parametrize(
-    ("name", "options"),
+    ("options", "code", "at"),
     [
-        ("p.png", ("--outputs", "coc")),
-        ("p.png", ("--outputs", "left,right")),
-        ("p.png", ("--preview",)),
-        ("p.png", ("--name", "{stem}")),
-        ("p.png", ("--format", "jpg")),
+        (("--outputs", "coc"), "wrong-type", "p.png"),
+        (("--outputs", "left,right"), "contradiction", "outputs"),
+        (("--preview",), "contradiction", "preview"),
+        (("--name", "{stem}"), "contradiction", "p.png"),
+        (("--format", "jpg"), "wrong-type", "p.png"),
     ],
 )
 def test_what_a_file_cannot_hold_is_refused(
-    name: str, options: tuple[str, ...], tmp_path: Path, out: Path
+    options: tuple[str, ...], code: str, at: str, tmp_path: Path, out: Path
 ) -> None:
-    refused(render(*pair(tmp_path), "-o", out / name, *options), 2)
+    refused(render(*pair(tmp_path), "-o", out / "p.png", *options), 2, code, at)
     assert not out.exists()
 
 
 def test_a_file_is_none_of_its_inputs(tmp_path: Path) -> None:
     color, depth = color_exr(tmp_path / "a.exr"), depth_exr(tmp_path / "z.exr")
     before = color.read_bytes()
-    refused(render(color, depth, "-o", color, "--overwrite"), 3, "is an input")
+    refused(render(color, depth, "-o", color, "--overwrite"), 3, "replaces-input", color)
     assert color.read_bytes() == before

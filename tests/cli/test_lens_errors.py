@@ -5,27 +5,27 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from command_line import depth_exr, ramp, refused, refused_input, render, run
+from command_line import depth_exr, ramp, refused, refused_input, run
 
 from defocus_core.batch.jobs import toml_file
 
 
 @pytest.mark.parametrize(
-    ("data", "words"),
+    "data",
     [
-        (b"\x93NUMPY\x01\xff\xfe", "is not a text file"),
-        (b"PK\x03\x04\0\0", "is not a lens file"),
-        (b"\xff\xfef\0n\0", "is not a text file"),
-        (b"[" * 100_000, "is not TOML"),
-        (b"fnumber = " + b"9" * 5000, "is not TOML"),
+        b"\x93NUMPY\x01\xff\xfe",
+        b"PK\x03\x04\0\0",
+        b"\xff\xfef\0n\0",
+        b"[" * 100_000,
+        b"fnumber = " + b"9" * 5000,
     ],
 )
 def test_a_lens_file_of_anything_else(
-    data: bytes, words: str, tmp_path: Path, color: Path, depth: Path, out: Path
+    data: bytes, tmp_path: Path, color: Path, depth: Path, out: Path
 ) -> None:
     path = tmp_path / "lens.toml"
     path.write_bytes(data)
-    refused_input(run("render", color, depth, "-o", out, "--lens", path), path, words)
+    refused_input(run("render", color, depth, "-o", out, "--lens", path), path, "malformed")
 
 
 def test_a_lens_file_that_never_ends_is_not_read_to_its_end(
@@ -35,46 +35,25 @@ def test_a_lens_file_that_never_ends_is_not_read_to_its_end(
     path = color.with_name("lens.toml")
     path.write_bytes(b"#" * 100)
     ran = run("render", color, depth, "-o", out, "--lens", path)
-    refused_input(ran, path, "is not a lens file")
+    refused_input(ran, path, "malformed")
 
 
 def test_a_lens_file_that_is_an_image_or_a_directory(color: Path, depth: Path, out: Path) -> None:
-    remedy = 'give a TOML file, with lines like focal-length = "50mm"'
-    for path, read in ((color, color), (color.parent, color.with_suffix(".toml"))):
-        refused_input(run("render", color, depth, "-o", out, "--lens", path), read, remedy)
+    of_folder = color.with_suffix(".toml")
+    for path, read, code in (
+        (color, color, "malformed"),
+        (color.parent, of_folder, "not-found"),
+    ):
+        refused_input(run("render", color, depth, "-o", out, "--lens", path), read, code)
     missing = color.parent / "none.toml"
-    refused_input(
-        run("render", color, depth, "-o", out, "--lens", missing), missing, "No such file"
-    )
-
-
-def test_a_key_misspelt_in_a_lens_file(color: Path, depth: Path, out: Path) -> None:
-    for key in ("focal-lenght", "focal_length", "Focal-Length"):
-        path = color.with_name("lens.toml")
-        path.write_text(f'{key} = "50mm"\n')
-        words = f"{path}: unknown key '{key}'; did you mean focal-length?"
-        refused(run("render", color, depth, "-o", out, "--lens", path), 2, words)
-
-
-def test_a_length_without_unit(color: Path, depth: Path, out: Path) -> None:
-    ran = render(color, depth, "-o", out, "--focus", "2")
-    refused(ran, 2)
-    line = "defocus: --focus: '2' has no unit; write it with a unit, like 2m or 50mm\n"
-    assert ran.err == line
-    assert not out.exists()
-
-
-def test_focus_nearer_than_the_focal_length(color: Path, depth: Path, out: Path) -> None:
-    ran = render(color, depth, "-o", out, "--focus", "30mm")
-    refused(ran, 2, "defocus: --focus: 30mm", "focal length 50mm")
+    refused_input(run("render", color, depth, "-o", out, "--lens", missing), missing, "not-found")
 
 
 def test_a_blur_beyond_all_numbers(color: Path, depth: Path, out: Path) -> None:
     lens = ("--focal-length", "50mm", "--fnumber", "1e-300", "--focus", "2m")
-    told = ("defocus: --fnumber: f/1e-300 blurs beyond all numbers", "; check the lens options")
-    refused(run("render", color, depth, "-o", out, *lens), 2, *told)
+    refused(run("render", color, depth, "-o", out, *lens), 2, "out-of-range", "fnumber")
     assert not out.exists()
-    refused(run("info", depth, *lens), 2, *told)
+    refused(run("info", depth, *lens), 2, "out-of-range", "fnumber")
 
 
 def test_focus_at_a_depth_nearer_than_the_focal_length(
@@ -83,7 +62,7 @@ def test_focus_at_a_depth_nearer_than_the_focal_length(
     near = depth_exr(tmp_path / "near.exr", ramp() / 100)
     lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", "0,0")
     ran = run("render", color, near, "-o", out, *lens)
-    refused(ran, 2, "defocus: --focus-at: ", str(near), "10mm", "focal length 50mm")
+    refused(ran, 2, "out-of-range", "focus-at")
 
 
 def test_a_focus_that_a_file_has_is_blamed_on_the_file(
@@ -93,16 +72,15 @@ def test_a_focus_that_a_file_has_is_blamed_on_the_file(
     lens, jobs = tmp_path / "lens.toml", tmp_path / "jobs.toml"
     lens.write_text(options)
     jobs.write_text(f'[inputs]\ncolor = "{color}"\ndepth = "{depth}"\n[lens]\n{options}')
-    told = "focus-at: 24,0 lies outside"
     rendering = ("render", color, depth, "-o", out, "--lens", lens)
-    refused(run(*rendering), 2, f"defocus: {lens}: {told}")
-    refused(run("info", depth, "--lens", lens), 2, f"defocus: {lens}: {told}")
-    refused(run(*rendering, "--focus-at", "24,0"), 2, f"defocus: --{told}")
-    assert f"defocus: {jobs}: {told}" in run("batch", jobs, "-o", out, "--processes", "1").err
-    assert f"defocus: {out}: {told}" in run("retry", out, "--processes", "1").err
+    refused(run(*rendering), 2, "out-of-range", lens, "focus-at")
+    refused(run("info", depth, "--lens", lens), 2, "out-of-range", lens, "focus-at")
+    refused(run(*rendering, "--focus-at", "24,0"), 2, "out-of-range", "focus-at")
+    for words, blamed in (("batch", jobs, "-o", out), jobs), (("retry", out), out):
+        assert f"defocus: {blamed}: focus-at: " in run(*words).err
     depth_exr(depth, ramp() / 100)
     lens.write_text(options.replace("24", "0"))
-    refused(run(*rendering), 2, f"defocus: {lens}: focus-at: {depth} at 0,0: 10mm is not farther")
+    refused(run(*rendering), 2, "out-of-range", lens, "focus-at")
 
 
 @pytest.mark.parametrize("pixel", ["24,0", "0,16", "-1,0"])
@@ -111,5 +89,5 @@ def test_focus_at_a_pixel_outside_the_image(
 ) -> None:
     lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", pixel)
     ran = run("render", color, depth, "-o", out, *lens)
-    refused(ran, 2, "defocus: --focus-at: ", "24x16", "X from 0 to 23 and Y from 0 to 15")
+    refused(ran, 2, "out-of-range", "focus-at")
     assert not out.exists()

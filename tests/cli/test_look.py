@@ -81,39 +81,43 @@ def test_a_changed_picture_of_the_opening_is_rendered_again(
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "code", "field"),
     [
-        (("--obstruction", "2"), ("--obstruction", "0 to 0.95")),
-        (("--spherical", "much"), ("--spherical", "like 0.5")),
-        (("--squeeze", "0.5"), ("--squeeze", "1 to 4")),
-        (("--blade-curvature", "0.5"), ("--blade-curvature", "bends blades", "--blades 6")),
-        (("--aperture-image", "x.png", "--blades", "5"), ("contradicts --aperture-image",)),
+        (("--obstruction", "2"), "malformed", "obstruction"),
+        (("--spherical", "much"), "malformed", "spherical"),
+        (("--squeeze", "0.5"), "malformed", "squeeze"),
+        (("--blade-curvature", "0.5"), "idle-option", "blade-curvature"),
+        (("--aperture-image", "x.png", "--blades", "5"), "contradiction", "blades"),
+        (("--noise", "1000"), "malformed", "noise"),
+        (("--noise", "0:3"), "malformed", "noise"),
+        (("--noise-seed", "3"), "idle-option", "noise-seed"),
+        (("--noise", "100:1", "--noise-seed", "-3"), "malformed", "noise-seed"),
+        (("--dp-model", "round"), "malformed", "dp-model"),
+        (("--dp-crosstalk", "0.6"), "malformed", "dp-crosstalk"),
     ],
 )
-def test_a_look_that_makes_no_sense_is_refused(
-    light: tuple[Path, Path], tmp_path: Path, options: tuple[str, ...], words: tuple[str, ...]
+def test_a_look_or_sensor_that_makes_no_sense_is_refused(
+    light: tuple[Path, Path], tmp_path: Path, options: tuple[str, ...], code: str, field: str
 ) -> None:
-    refused(run("render", *light, "-o", tmp_path / "out", *LENS, *options), 2, *words)
+    refused(run("render", *light, "-o", tmp_path / "out", *LENS, *options), 2, code, field)
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    "values",
     [
-        (np.zeros((4, 4)), "above 0"),
-        (np.full((4, 4), -1.0), "0 or more"),
-        (np.stack([np.ones((4, 4)), np.zeros((4, 4)), np.ones((4, 4))], -1), "above 0"),
+        np.zeros((4, 4)),
+        np.full((4, 4), -1.0),
+        np.stack([np.ones((4, 4)), np.zeros((4, 4)), np.ones((4, 4))], -1),
     ],
 )
 def test_a_picture_that_is_no_opening_is_refused(
-    light: tuple[Path, Path], tmp_path: Path, values: np.ndarray, words: str
+    light: tuple[Path, Path], tmp_path: Path, values: np.ndarray
 ) -> None:
     np.save(tmp_path / "pupil.npy", values)
     out = tmp_path / "out"
     ran = run("render", *light, "-o", out, *LENS, "--aperture-image", tmp_path / "pupil.npy")
-    assert ran.code == 3
-    assert f"{tmp_path / 'pupil.npy'}: " in ran.err
-    assert words in ran.err
+    refused(ran, 3, "malformed", "pupil.npy")
     assert not list(out.glob("render/*"))
 
 
@@ -125,9 +129,9 @@ def test_aperture_draws_the_opening_and_the_blur_of_a_point(tmp_path: Path) -> N
     assert kernel.shape == (21, 21)
     assert kernel.sum() == pytest.approx(1, abs=1e-6)
     assert kernel[10, 10] == 0
-    refused(run("aperture", "-o", out), 3, "is there already", "--overwrite")
+    refused(run("aperture", "-o", out), 3, "exists", out)
     assert run("aperture", "-o", tmp_path / "a.png", "--blades", "5").code == 0
-    refused(run("aperture", "-o", tmp_path / "a.jpg"), 3, ".png or .exr")
+    refused(run("aperture", "-o", tmp_path / "a.jpg"), 3, "malformed", "a.jpg")
 
 
 def test_a_sharp_range_has_no_blur_and_changes_nothing_outside(tmp_path: Path) -> None:
@@ -152,7 +156,7 @@ def test_a_sharp_range_that_makes_no_sense_is_refused(
     light: tuple[Path, Path], tmp_path: Path, text: str
 ) -> None:
     ran = run("render", *light, "-o", tmp_path / "out", *LENS, "--sharp-range", text)
-    refused(ran, 2, "--sharp-range")
+    refused(ran, 2, "malformed", "sharp-range")
 
 
 def test_dual_pixels_are_less_apart_by_model_and_by_crosstalk(
@@ -196,23 +200,6 @@ def test_noise_is_that_of_its_seed_and_left_and_right_have_their_own(tmp_path: P
     assert abs(np.corrcoef(first["left"].ravel(), first["right"].ravel())[0, 1]) < 0.1
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--noise", "1000"), ("--noise", "ELECTRONS:READ")),
-        (("--noise", "0:3"), ("--noise", "like 4000:3")),
-        (("--noise-seed", "3"), ("--noise-seed", "add --noise")),
-        (("--noise", "100:1", "--noise-seed", "-3"), ("--noise-seed", "whole number")),
-        (("--dp-model", "round"), ("--dp-model", "split or smooth")),
-        (("--dp-crosstalk", "0.6"), ("--dp-crosstalk", "0 to 0.49")),
-    ],
-)
-def test_a_sensor_that_makes_no_sense_is_refused(
-    light: tuple[Path, Path], tmp_path: Path, options: tuple[str, ...], words: tuple[str, ...]
-) -> None:
-    refused(run("render", *light, "-o", tmp_path / "out", *LENS, *options), 2, *words)
-
-
 def test_highlights_make_a_lamp_of_8_bits_a_disc_and_leave_hdr_alone(tmp_path: Path) -> None:
     lens = ("--focal-length", "50mm", "--fnumber", "1.6", "--focus", "2m", "--sensor-width", "2mm")
     depth = depth_exr(tmp_path / "d.exr", np.full((SIZE, SIZE), 50.0, np.float32))
@@ -239,7 +226,10 @@ def test_highlights_make_a_lamp_of_8_bits_a_disc_and_leave_hdr_alone(tmp_path: P
     np.testing.assert_array_equal(shown(hdr, "a"), shown(hdr, "b", "--highlights", "auto"))
     np.testing.assert_array_equal(plain, shown(photo, "off", "--highlights", "off"))
     refused(
-        run("render", photo, depth, "-o", tmp_path / "x", *lens, "--highlights", "2"), 2, "auto"
+        run("render", photo, depth, "-o", tmp_path / "x", *lens, "--highlights", "2"),
+        2,
+        "malformed",
+        "highlights",
     )
 
 
@@ -295,15 +285,15 @@ def test_a_rim_makes_cats_eyes_off_the_middle_and_dark_corners(tmp_path: Path) -
     assert (eye > 0.1).sum() < 0.9 * (plain > 0.1).sum()
     assert dark[0, 0] < 0.75 * eye[0, 0]
     assert header(tmp_path / "eye/render/a.exr")["defocus:cat_eye"] == "1:10"
-    for options, words in (
-        (("--cat-eye", "1:90"), "at most"),
-        (("--cat-eye", "1"), "like 1.05:1.5"),
-        (("--vignetting", "on"), "add --cat-eye"),
+    for options, code, field in (
+        (("--cat-eye", "1:90"), "malformed", "cat-eye"),
+        (("--cat-eye", "1"), "malformed", "cat-eye"),
+        (("--vignetting", "on"), "idle-option", "vignetting"),
+        (("--obstruction", "0.4", "--cat-eye", "0.3:0.1"), "contradiction", "cat-eye"),
     ):
         out = ("-o", tmp_path / "wrong")
         ran = run("render", color, depth, *out, *lens, *options)
-        assert ran.code != 0
-        assert words in ran.err
+        refused(ran, 2, code, field)
 
 
 def test_axial_color_makes_rims_green_beyond_the_focus(
@@ -325,7 +315,12 @@ def test_axial_color_makes_rims_green_beyond_the_focus(
     assert attributes["defocus:axial_color"] == "0.2mm:0.2mm"
     for wrong in ("0.2", "0.2mm", "1m:0mm"):
         out = ("-o", tmp_path / "wrong")
-        refused(run("render", *light, *out, *lens, "--axial-color", wrong), 2, "--axial-color")
+        refused(
+            run("render", *light, *out, *lens, "--axial-color", wrong),
+            2,
+            "malformed",
+            "axial-color",
+        )
 
 
 @pytest.mark.parametrize(
@@ -384,8 +379,7 @@ def test_each_colour_sees_its_own_part_of_a_coloured_opening(
     assert blue - red > 8
     lens = ("--focal-length", "50mm", "--fnumber", "1.6", "--focus", "2m", "--sensor-width", "2mm")
     ran = run("render", *light, "-o", tmp_path / "x", *lens, *options, "--outputs", "left")
-    assert ran.code != 0
-    assert "is coloured" in ran.err
+    refused(ran, 2, "colored-pupil", "aperture-image")
     high = ("-o", tmp_path / "high", *lens, *options, "--quality", "high")
     assert run("render", *light, *high).code == 0
 

@@ -14,7 +14,6 @@ from defocus_cli.commands.info import command as info
 from defocus_cli.commands.render import command as render_command
 from defocus_core.batch.jobs.reading_options import READING_OPTIONS
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS
-from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.system.process import cores
 
 
@@ -53,44 +52,30 @@ def test_help_shows_options_under_their_headings() -> None:
 
 
 @pytest.mark.parametrize(
-    ("option", "value", "words"),
+    ("option", "value", "code"),
     [
-        ("--quality", "best", "'draft', 'standard', 'high'"),
-        ("--format", "gif", "'exr', 'png', 'png16', 'tiff', 'jpg'"),
-        ("--exr-type", "double", "'half', 'float'"),
-        ("--jpeg-quality", "101", "1<=x<=100"),
-        ("--device", "tpu", "'auto', 'cpu', 'cuda'"),
-        ("--depth-unit", "km", ", ".join(f"'{name}'" for name in UNITS)),
-        (
-            "--outputs",
-            "render,bokeh",
-            "'bokeh' is no output; write like render,left,right,up,down,coc,disparity",
-        ),
-        ("--outputs", "", "'' is no output; write like render"),
-        ("--outputs", "coc,rendr", "'rendr' is no output; did you mean render?"),
-        ("--threads", "0", "x>=1"),
-        ("--part", "-1", "x>=0"),
-        ("--blades", "2", "0 (round) or 3 and more"),
-        ("--blades", "1000000", "at most 100, or 0 (round)"),
-        ("--blade-rotation", "1rad", "15deg"),
-        ("--fnumber", "0", "like 1.4"),
-        ("--sensor-width", "36", "write it with a unit, like 2m or 50mm"),
-        ("--focus-at", "12", "write it as X,Y"),
+        ("quality", "best", None),
+        ("format", "gif", None),
+        ("exr-type", "double", None),
+        ("jpeg-quality", "101", None),
+        ("device", "tpu", None),
+        ("depth-unit", "km", None),
+        ("outputs", "render,bokeh", "malformed"),
+        ("outputs", "", "malformed"),
+        ("outputs", "coc,rendr", "malformed"),
+        ("threads", "0", None),
+        ("part", "-1", None),
+        ("blades", "2", "malformed"),
+        ("blades", "1000000", "malformed"),
+        ("blade-rotation", "1rad", "malformed"),
+        ("fnumber", "0", "malformed"),
+        ("sensor-width", "36", "malformed"),
+        ("focus-at", "12", "malformed"),
     ],
 )
-def test_an_unknown_value_is_usage_and_names_the_known_ones(
-    tmp_path: Path, option: str, value: str, words: str
+def test_an_unknown_value_is_usage(
+    tmp_path: Path, option: str, value: str, code: str | None
 ) -> None:
-    ran = render(*pair(tmp_path), "-o", tmp_path / "out", option, value)
-    refused(ran, 2, f"defocus: {option}: ", words)
+    ran = render(*pair(tmp_path), "-o", tmp_path / "out", f"--{option}", value)
+    refused(ran, 2, code, option)
     assert not (tmp_path / "out").exists()
-
-
-def test_the_number_type_of_exr_says_nothing_about_other_files(tmp_path: Path) -> None:
-    args = (*pair(tmp_path), "-o", tmp_path / "out", "--exr-type", "half")
-    refused(render(*args, "--format", "jpg"), 2, "--exr-type: says nothing about jpg; leave it out")
-
-
-def test_jpeg_quality_is_refused_where_no_jpeg_is_written(tmp_path: Path) -> None:
-    args = (*pair(tmp_path), "-o", tmp_path / "out", "--jpeg-quality", "80")
-    refused(render(*args, "--format", "png"), 2, "--jpeg-quality: says nothing about png")

@@ -162,7 +162,7 @@ def test_part_says_which_part_is_rendered(part: int, tmp_path: Path) -> None:
 def test_a_part_that_neither_file_has_is_refused(tmp_path: Path) -> None:
     color, depth = pair(tmp_path)
     ran = run("render", *LENS, color, depth, "-o", tmp_path / "out", "--part", "1")
-    refused(ran, 3, str(color), "has no part 1, only 1; leave --part out")
+    refused(ran, 3, "no-such-part", color)
 
 
 def test_part_says_where_the_depth_is(tmp_path: Path) -> None:
@@ -222,17 +222,17 @@ def test_tolerance_takes_the_cheapest_quality_within(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "code", "told"),
+    ("options", "code"),
     [
-        (("--tolerance", "1px", "--quality", "draft"), 2, "stands beside --quality; keep one"),
-        (("--tolerance", "0.01px"), 2, "--tolerance: must be at least 0."),
-        (("--tolerance", "-1"), 2, "like 40px"),
+        (("--tolerance", "1px", "--quality", "draft"), "contradiction"),
+        (("--tolerance", "0.01px"), "out-of-range"),
+        (("--tolerance", "-1"), "malformed"),
     ],
 )
 def test_a_tolerance_that_makes_no_sense_is_refused(
-    options: tuple[str, ...], code: int, told: str, tmp_path: Path
+    options: tuple[str, ...], code: str, tmp_path: Path
 ) -> None:
-    refused(render(*pair(tmp_path), "-o", tmp_path / "out", *options), code, told)
+    refused(render(*pair(tmp_path), "-o", tmp_path / "out", *options), 2, code, "tolerance")
 
 
 def test_a_tolerance_that_is_too_small_is_answered_with_one_that_will_do(tmp_path: Path) -> None:
@@ -276,7 +276,7 @@ def test_overwrite_with_preview_replaces_both(tmp_path: Path) -> None:
     args = (*pair(tmp_path), "-o", tmp_path / "out", "--preview")
     assert render(*args).code == 0
     (tmp_path / "out" / "journal.jsonl").unlink()
-    refused(render(*args), 3, "a.exr: exists already (and 1 more)")
+    refused(render(*args), 3, "exists", "a.exr")
     assert render(*args, "--overwrite").code == 0
 
 

@@ -70,4 +70,4 @@ def test_a_shard_that_is_missing_is_named(tmp_path: Path, out: Path) -> None:
 @pytest.mark.parametrize("shard", ["0/2", "3/2", "1", "1/0", "x/y", "-1/2"])
 def test_what_is_no_shard_is_refused(shard: str, tmp_path: Path, out: Path) -> None:
     ran = run("batch", jobs_file(tmp_path), "-o", out, f"--shard={shard}")
-    refused(ran, 2, "--shard", "no part of a batch")
+    refused(ran, 2, "malformed", "shard")

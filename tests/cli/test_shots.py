@@ -51,15 +51,22 @@ def test_frames_are_chosen(tmp_path: Path) -> None:
     patterns = shot(tmp_path)
     assert render(*patterns, "-o", tmp_path / "out", "--frames", "1001-1004x2").code == 0
     assert len(files_under(tmp_path / "out" / "render")) == 2
-    refused(render(*patterns, "-o", tmp_path / "o", "--frames", "1-2"), 3, "lacks 2 frames, 1-2")
-    refused(render(*patterns, "-o", tmp_path / "o", "--frames", "all"), 2, "names no frames")
-    refused(render(*patterns, "-o", tmp_path / "o", "--frames", "keys"), 2, "--animate")
+    refused(
+        render(*patterns, "-o", tmp_path / "o", "--frames", "1-2"),
+        3,
+        "missing-frames",
+        "rgb.####.exr",
+    )
+    refused(render(*patterns, "-o", tmp_path / "o", "--frames", "all"), 2, "malformed", "frames")
+    refused(
+        render(*patterns, "-o", tmp_path / "o", "--frames", "keys"), 2, "missing-option", "frames"
+    )
 
 
 def test_gaps_are_named_before_any_work_or_left_out(tmp_path: Path) -> None:
     patterns = shot(tmp_path)
     (tmp_path / "z_1003.exr").unlink()
-    refused(render(*patterns, "-o", tmp_path / "out"), 3, "z_%04d.exr: lacks 1 frame, 1003")
+    refused(render(*patterns, "-o", tmp_path / "out"), 3, "missing-frames", "z_%04d.exr")
     assert not (tmp_path / "out").exists()
     ran = render(*patterns, "-o", tmp_path / "out", "--missing", "skip")
     assert ran.code == 0
@@ -70,11 +77,11 @@ def test_gaps_are_named_before_any_work_or_left_out(tmp_path: Path) -> None:
 def test_files_and_patterns_do_not_mix_and_files_have_no_frames(tmp_path: Path) -> None:
     color, _ = shot(tmp_path)
     ran = render(color, tmp_path / "z_1001.exr", "-o", tmp_path / "out")
-    refused(ran, 3, "z_1001.exr: numbers no frames")
+    refused(ran, 3, "missing-frames", "z_1001.exr")
     ran = render(*pair(tmp_path), "-o", tmp_path / "out", "--frames", "1")
-    refused(ran, 2, "--frames: chooses frames, but no path numbers them")
+    refused(ran, 2, "idle-option", "frames")
     ran = render(*pair(tmp_path), "-o", tmp_path / "out", "--missing", "skip")
-    refused(ran, 2, "--missing")
+    refused(ran, 2, "idle-option", "missing")
 
 
 def test_hidden_layers_may_be_patterns(tmp_path: Path) -> None:
@@ -84,7 +91,7 @@ def test_hidden_layers_may_be_patterns(tmp_path: Path) -> None:
     assert ran.code == 0, ran.err
     (tmp_path / "hidden" / "rgb.1002.exr").unlink()
     ran = render(*patterns, "-o", tmp_path / "out2", "--hidden", *behind)
-    refused(ran, 3, "hidden/rgb.####.exr: lacks 1 frame, 1002")
+    refused(ran, 3, "missing-frames", "rgb.####.exr")
 
 
 def test_a_pull_gives_each_frame_what_the_command_line_would(tmp_path: Path) -> None:
@@ -118,7 +125,7 @@ def test_ease_changes_frames_between_keys_alone(tmp_path: Path) -> None:
     same = [np.array_equal(*(picture(tmp_path / o, f) for o in "ab")) for f in range(1001, 1005)]
     assert same == [True, False, False, True]
     ran = render(*patterns, "-o", tmp_path / "c", "--interpolate", "ease")
-    refused(ran, 2, "--interpolate")
+    refused(ran, 2, "idle-option", "interpolate")
 
 
 def test_a_camera_of_nuke_zooms(tmp_path: Path) -> None:
@@ -143,7 +150,7 @@ def test_the_lens_comes_from_metadata_and_what_is_missing_is_asked_for(tmp_path:
         depth_exr(depth.with_name(f"z.000{frame}.exr"))
     words = ("render", tmp_path / "rgb.#.exr", tmp_path / "z.#.exr", "--lens-from-metadata")
     words = tuple(str(word).replace(".#.", ".####.") for word in words)
-    refused(run(*words, "-o", tmp_path / "out"), 2, "--sensor-width", "add --sensor-width 36mm")
+    refused(run(*words, "-o", tmp_path / "out"), 2, "missing-option", "sensor-width")
     words = (*words, "--sensor-width", "36mm")
     ran = run(*words, "-o", tmp_path / "out", "-v")
     assert ran.code == 0, ran.err
@@ -153,7 +160,7 @@ def test_the_lens_comes_from_metadata_and_what_is_missing_is_asked_for(tmp_path:
     ran = run(*words, "-o", tmp_path / "own", "--focus", "2m")
     assert "50mm f/2, focus 2m" in ran.err
     bare = ("render", *pair(tmp_path), "-o", tmp_path / "bare", "--lens-from-metadata")
-    refused(run(*bare), 2, "--focal-length: is missing, and not in")
+    refused(run(*bare), 2, "missing-option", "focal-length")
 
 
 def test_a_lone_pattern_is_of_files_that_hold_colour_and_depth(tmp_path: Path) -> None:
@@ -162,7 +169,7 @@ def test_a_lone_pattern_is_of_files_that_hold_colour_and_depth(tmp_path: Path) -
         write_exr(tmp_path / f"both.{frame:04}.exr", **planes, Z=ramp())
     assert render(tmp_path / "both.####.exr", "-o", tmp_path / "out").code == 0
     ran = render(tmp_path / "both.####.png", "-o", tmp_path / "out")
-    refused(ran, 3, "has no depth, which only EXR holds")
+    refused(ran, 3, "missing-frames", "both.####.png")
 
 
 def test_shots_of_a_jobs_file(tmp_path: Path) -> None:
@@ -209,7 +216,7 @@ def test_metadata_serve_a_jobs_file(tmp_path: Path) -> None:
     jobs = tmp_path / "jobs.toml"
     text = '[inputs]\ncolor = "a.exr"\ndepth = "z.exr"\n[lens]\nlens-from-metadata = true\n'
     jobs.write_text(text)
-    refused(run("batch", jobs, "-o", tmp_path / "out"), 2, "sensor-width")
+    refused(run("batch", jobs, "-o", tmp_path / "out"), 2, "missing-option", "sensor-width")
     jobs.write_text(text + 'sensor-width = "36mm"\n')
     ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1", "-v")
     assert ran.code == 0, ran.err
@@ -229,7 +236,7 @@ def test_a_contact_sheet_shows_some_frames(tmp_path: Path) -> None:
     assert again.code == 0
     assert oiio.ImageBuf(str(tmp_path / "out" / "contact.png")).spec().width == 320
     ran = render(*patterns, "-o", tmp_path / "coc", "--contact", "3", "--outputs", "coc")
-    refused(ran, 2, "--contact: shows images")
+    refused(ran, 2, "idle-option", "contact")
 
 
 def test_a_shot_is_summed_up(tmp_path: Path) -> None:

@@ -85,4 +85,4 @@ def test_status_can_be_asked_while_a_batch_runs(
 
 def test_there_is_no_status_without_a_journal(tmp_path: Path) -> None:
     for command in ("status", "merge", "retry"):
-        refused(run(command, tmp_path), 3, f"{tmp_path}: has no journal")
+        refused(run(command, tmp_path), 3, "empty", tmp_path)

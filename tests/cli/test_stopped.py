@@ -48,7 +48,7 @@ def test_a_shot_that_is_killed_comes_to_the_same_end(tmp_path: Path) -> None:
     assert run(*render_batch, tmp_path / "whole").code == 0
     out = tmp_path / "killed"
     journal, words = out / "journal.jsonl", [*render_batch, out]
-    runner = [sys.executable, HERE / "killed_runs.py", "5", "6", journal, "--", *words]
+    runner = [sys.executable, HERE / "killed_runs.py", "5", "4", journal, "--", *words]
     told = json.loads(subprocess.run(runner, capture_output=True, check=True).stdout)
     assert told["killed"] >= 2
     assert (told["lies"], told["code"]) == (0, 0)

@@ -78,8 +78,8 @@ def test_a_person_who_watches_sees_progress(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_wrong_options_are_usage() -> None:
-    refused(run("verify", "--quality", "fine"), 2, "--quality")
-    refused(run("verify", "--threads", "0"), 2, "--threads")
+    refused(run("verify", "--quality", "fine"), 2, None, "quality")
+    refused(run("verify", "--threads", "0"), 2, None, "threads")
 
 
 def test_help_has_an_example() -> None:

@@ -44,14 +44,14 @@ def test_an_output_directory_that_is_a_file(color: Path, depth: Path, out: Path)
     out.write_text("mine")
     for args in ((), ("--dry-run",), ("--overwrite",)):
         ran = render(color, depth, "-o", out, *args)
-        refused(ran, 3, f"defocus: {out}: is a file where a directory is needed", "-o")
+        refused(ran, 3, "wrong-type", out)
     assert out.read_text() == "mine"
 
 
 def test_an_output_that_is_a_directory(color: Path, depth: Path, out: Path) -> None:
     (out / "render" / "color.exr").mkdir(parents=True)
     ran = render(color, depth, "-o", out, "--overwrite")
-    refused(ran, 3, f"{out / 'render' / 'color.exr'}: ")
+    refused(ran, 3, "wrong-type", "color.exr")
     assert files_under(out) == set()
 
 
@@ -105,7 +105,7 @@ def test_a_full_disk(color: Path, depth: Path, out: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(os, "fsync", full)
     for name in ("exr", "png", "jpg"):
         ran = render(color, depth, "-o", out, "--format", name, "--outputs", "render,coc")
-        refused(ran, 3, str(out), "No space left on device; free some space")
+        refused(ran, 3, "unwritable", ".journal.run")
         assert not out.exists()
 
 
@@ -114,7 +114,7 @@ def test_a_disk_that_fills_up_leaves_no_half_picture(
 ) -> None:
     fill_at_the_third_file(monkeypatch)
     ran = render(color, depth, "-o", out, "--outputs", "render,left,right")
-    refused(ran, 3, "No space left")
+    refused(ran, 3, "unwritable", "color.exr")
     assert not out.exists()
 
 
@@ -130,7 +130,7 @@ def test_a_file_that_another_worker_wrote_meanwhile_stays(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(delivery, "write_exr", full)
-    refused(render(color, depth, "-o", out, "--outputs", "render,coc"), 3, "No space left")
+    refused(render(color, depth, "-o", out, "--outputs", "render,coc"), 3, None)
     assert (out / "render" / "color.exr").read_text() == "theirs"
 
 
@@ -153,7 +153,7 @@ def test_an_output_directory_that_is_removed_meanwhile_ends_the_run(
 
     monkeypatch.setattr(module, at, removing)
     ran = render(color.parent, depth.parent, "-o", out, "--outputs", "coc")
-    refused(ran, 3, f"{out / '.journal.lock'}: was removed", "run the same command")
+    refused(ran, 3, "unwritable", ".journal.lock")
     assert again or not out.exists()
 
 
@@ -164,7 +164,9 @@ def test_the_systems_own_errors_are_one_line(
         raise OSError(errno.EIO, os.strerror(errno.EIO), "/mnt/disk")
 
     monkeypatch.setattr(job_steps, "compute", broken)
-    refused(render(color, depth, "-o", out), 3, "defocus: /mnt/disk: Input/output error; ")
+    ran = render(color, depth, "-o", out)
+    refused(ran, 3, None)
+    assert ran.err.startswith("defocus: /mnt/disk: ")
 
 
 def test_a_fault_of_our_own_asks_for_a_report(
@@ -174,7 +176,9 @@ def test_a_fault_of_our_own_asks_for_a_report(
         raise RuntimeError("wires\ncrossed")
 
     monkeypatch.setattr(job_steps, "compute", faulty)
-    refused(render(color, depth, "-o", out), 1, "RuntimeError: wires crossed; please report")
+    ran = render(color, depth, "-o", out)
+    refused(ran, 1, None)
+    assert "RuntimeError: wires crossed" in ran.err
     verbose = render(color, depth, "-o", out, "-v")
     assert verbose.code == 1
     assert "Traceback" in verbose.err
@@ -188,7 +192,8 @@ def test_the_process_itself_says_one_line_and_exits(color: Path, out: Path) -> N
         text=True,
         check=False,
     )
-    refused(Ran(ran.returncode, ran.stdout, ran.stderr), 3, "defocus: no.exr: no such file")
+    refused(Ran(ran.returncode, ran.stdout, ran.stderr), 3, None)
+    assert ran.stderr.startswith("defocus: no.exr: ")
 
 
 def test_ctrl_c_waits_for_imports_and_is_not_lost() -> None:
@@ -223,7 +228,7 @@ def test_ctrl_c_ends_the_process_with_130_and_one_line(tmp_path: Path) -> None:
     time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=10)
-    refused(Ran(process.returncode, "", err), 130, "interrupted")
+    refused(Ran(process.returncode, "", err), 130, None)
 
 
 def test_what_overwrite_replaced_comes_back_if_a_later_file_fails(
@@ -236,11 +241,11 @@ def test_what_overwrite_replaced_comes_back_if_a_later_file_fails(
     assert len(before) == 3
     fill_at_the_third_file(monkeypatch)
     ran = render(color, depth, "-o", out, *kinds, "--overwrite", "--quality", "draft")
-    refused(ran, 3, "No space left")
+    refused(ran, 3, "unwritable", "color.exr")
     assert {path: path.read_bytes() for path in out.rglob("*.exr")} == before
     assert files_under(out) == {str(path.relative_to(out)) for path in before}
 
 
 def test_a_directory_in_the_place_of_an_output(color: Path, depth: Path, out: Path) -> None:
     (out / "render" / f"{color.stem}.exr").mkdir(parents=True)
-    refused(render(color, depth, "-o", out, "--overwrite"), 3, "is a directory where a file")
+    refused(render(color, depth, "-o", out, "--overwrite"), 3, "wrong-type", "color.exr")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -36,14 +37,20 @@ def passes(folder: Path, *options: str, expression: str = "image", bounds: str =
     return said.getvalue() if code else None
 
 
+@pytest.fixture(scope="module")
+def accepted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("accepted")
+    (folder / "pytest.ini").write_text("[pytest]\n")
+    assert "there is no such golden" in str(passes(folder))
+    assert passes(folder, "--golden-update") is None
+    assert (folder / "goldens" / "test_it" / "noise" / "a.exr").is_file()
+    return folder
+
+
 @pytest.fixture
-def project(tmp_path: Path) -> Path:
+def project(accepted: Path, tmp_path: Path) -> Path:
     """A project whose golden has been accepted."""
-    (tmp_path / "pytest.ini").write_text("[pytest]\n")
-    assert "there is no such golden" in str(passes(tmp_path))
-    assert passes(tmp_path, "--golden-update") is None
-    assert (tmp_path / "goldens" / "test_it" / "noise" / "a.exr").is_file()
-    return tmp_path
+    return Path(shutil.copytree(accepted, tmp_path, dirs_exist_ok=True))
 
 
 @pytest.mark.parametrize(

@@ -306,6 +306,48 @@ def test_a_picture_takes_few_launches(device: Device, kind: str, maximum: int, w
     assert all(counts.waits <= waits for counts in counted)
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"left_right": True, "aperture": Aperture(5, 10.0)},
+        {"cat_eye": CatEye(1.1, 0.5), "depth_repair": "off"},
+    ],
+    ids=lambda options: "-".join(options),
+)
+def test_a_batch_is_its_pictures(device: Device, options: dict[str, object]) -> None:
+    # of other ranges of radius, one with highlights: no two plans are the same
+    scenes = [scene(kind, (41, 52)) for kind in ("floor", "cards", "most", "lights")]
+    radii = [radius * (0.4 + 0.4 * i) for i, (_, radius) in enumerate(scenes)]
+    images = [image for image, _ in scenes]
+    with torch.no_grad(), device.known():
+        each = [
+            pictures(*map(device.there, pair), **options)
+            for pair in zip(images, radii, strict=True)
+        ]
+        batch = pictures(*(device.there(torch.stack(x)) for x in (images, radii)), **options)
+        for together, apart in zip(batch, zip(*each, strict=True), strict=True):
+            if together is None:
+                continue
+            alone = torch.stack([device.here(x) for x in apart if x is not None])
+            torch.testing.assert_close(device.here(together), alone, rtol=0, atol=device.within)
+
+
+# depth that needs a repair is repaired picture by picture
+@pytest.mark.parametrize(("kind", "repair"), [("floor", "auto"), ("cards", "off")])
+def test_a_batch_takes_half_as_many_launches_again_as_a_picture(
+    device: Device, kind: str, repair: str
+) -> None:
+    image, radius = map(device.there, scene(kind, (41, 52)))
+    counted: list[Launches] = []
+    for many in (1, 6):
+        pair = [torch.stack([values] * many) for values in (image, radius)]
+        with torch.no_grad(), device.known(), Launches(device.name) as counts:
+            render(pair[0], pair[1], depth_repair=repair)
+        counted.append(counts)
+    assert counted[1].launches <= 1.5 * counted[0].launches
+    assert counted[1].waits <= 1.5 * counted[0].waits
+
+
 def test_little_memory_makes_more_tiles_of_the_same_picture(
     agree: Agree, device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -81,10 +81,14 @@ def drawn(pick: Any, seed: int) -> Extreme:
     size = pick((1, 1), (2, 3), (1, 9), (9, 1), *([] if few else [(5, 7), (2, 40)]))
     kind = "constant" if few else pick(*KINDS)
     blades = pick(0, 0, 0, 3)
+    open_to = 0.5 if blades else 1.0, rim.get("size", 1.0)
     pupil: dict[str, Any] = {
         "blades": blades,
         "psf_type": pick("pillbox", "gaussian"),
-        "obstruction": pick(0.0, 0.0, 1e-9, 0.4, *([] if blades else [0.95])),
+        "obstruction": pick(
+            *(0.0, 0.0, 1e-9),
+            *(obstruction for obstruction in (0.4, 0.95) if obstruction < min(open_to)),
+        ),
         "spherical": pick(0.0, -1.0, -0.5, 0.7, 1.0),
         "squeeze": pick(1.0, 1.0, 0.05, 0.6, 2.0, 20.0),
     }
@@ -154,3 +158,11 @@ def test_blades_leave_room_for_the_opaque_disc() -> None:
     with pytest.raises(ValueError, match=r"obstruction must be below 0.5, .*got 0.6"):
         Aperture(3, obstruction=0.6)
     Aperture(3, obstruction=0.6, curvature=0.8)
+
+
+def test_a_rim_that_an_opaque_middle_fills_is_refused() -> None:
+    """No light passes both: light divided by none of it was 3 to 48 times the brightest pixel."""
+    rim, ring = {"size": 0.3, "shift": 0.27}, {"obstruction": 0.4}
+    with pytest.raises(ValueError, match="cat_eye must be larger than the opaque middle"):
+        Extreme((2, 3), pupil=ring, rim=rim).faults()
+    assert Extreme((2, 3), pupil=ring, rim={**rim, "size": 0.45}).faults() == []

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import OpenEXR
+from click import ClickException
 
-from defocus_cli.main import main
+from defocus_cli import main as entry
+from defocus_cli.options.types import option_name
+from defocus_core.errors import DefocusError
 
 LENS = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m")
 WIDTH, HEIGHT = 24, 16
@@ -21,11 +26,12 @@ PITCH = 36.0 / WIDTH  # mm
 
 @dataclass(frozen=True)
 class Ran:
-    """What a command left behind."""
+    """What a command left behind; ``error`` is what ended it."""
 
     code: int
     out: str
     err: str
+    error: DefocusError | ClickException | None = None
 
     @property
     def json(self) -> Any:
@@ -41,31 +47,62 @@ class Terminal(io.StringIO):
 
 def run(*args: str | Path, err: io.StringIO | None = None) -> Ran:
     out, err = io.StringIO(), err or io.StringIO()
-    with redirect_stdout(out), redirect_stderr(err):
-        code = main([str(arg) for arg in args])
-    return Ran(code, out.getvalue(), err.getvalue())
+    ended: list[Any] = []
+
+    def noting(say: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        return lambda error: (ended.append(error), say(error))[1]
+
+    with (
+        redirect_stdout(out),
+        redirect_stderr(err),
+        patch.object(entry, "exit_code_of", noting(entry.exit_code_of)),
+        patch.object(entry, "error_line", noting(entry.error_line)),
+    ):
+        code = entry.main([str(arg) for arg in args])
+    return Ran(code, out.getvalue(), err.getvalue(), *ended)
 
 
 def render(*args: str | Path) -> Ran:
     return run("render", *LENS, *args)
 
 
-def refused(ran: Ran, code: int, *words: str) -> None:
-    """Assert that the run ended with ``code`` and one line on stderr that holds all ``words``."""
-    assert ran.code == code, ran.err
+def failed(ran: Ran, exit_code: int, code: str | None, *at: str | Path) -> None:
+    """Assert that the run ended with this error, whatever was done and said before.
+
+    Args:
+        ran: the run.
+        exit_code: its exit code.
+        code: of the error; None of a command line that click refuses, which has none.
+        at: what the error is about: its file, as a path or by its name, and its option or key.
+    """
+    assert ran.code == exit_code, ran.err
+    assert "Traceback" not in ran.err
+    if isinstance(ran.error, DefocusError):
+        path, field = ran.error.path or "", ran.error.field
+    else:
+        param = getattr(ran.error, "param", None)
+        option = option_name(param) if param else getattr(ran.error, "option_name", "")
+        path, field = "", option.removeprefix("--")
+    assert getattr(ran.error, "code", None) == code, ran.err
+    for each in at:
+        subjects = (path,) if isinstance(each, Path) else (path, field, Path(path).name)
+        assert str(each) in subjects, ran.err
+
+
+def refused(ran: Ran, exit_code: int, code: str | None, *at: str | Path) -> None:
+    """Assert that the run did nothing but say this error in one line."""
+    failed(ran, exit_code, code, *at)
     assert ran.out == ""
     assert ran.err.startswith("defocus: ")
     assert ran.err.count("\n") == 1
-    assert "Traceback" not in ran.err
-    for word in words:
-        assert word in ran.err
 
 
-def refused_input(ran: Ran, file: Path, *words: str) -> None:
-    """Refused because of ``file``, with a remedy, and nothing written beside the inputs."""
-    refused(ran, 3, *words)
-    assert ran.err.startswith(f"defocus: {file}: ")
-    assert "; " in ran.err
+def refused_input(ran: Ran, file: Path, *codes: str) -> None:
+    """Refused because of ``file``, for one of ``codes``, with nothing written beside the inputs."""
+    assert isinstance(ran.error, DefocusError)
+    assert ran.error.code in codes, ran.err
+    assert ran.error.remedy
+    refused(ran, 3, ran.error.code, file)
     assert not (file.parent / "out").exists()
 
 

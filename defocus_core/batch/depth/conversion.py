@@ -109,7 +109,7 @@ def convert(place: DepthTarget, reading: Reading) -> Converted:
     if reading.row.rule == "radius":
         problem = "holds radii of a lens, and no depth"
         raise UsageProblem(
-            "radii", problem, "give such files to 'defocus render'", field="depth-format coc"
+            "radii", problem, "give such files to 'defocus render'", field="depth-format"
         )
     depth = read_depth(place.file, reading)
     require_valid(depth)

@@ -17,7 +17,7 @@ _SHARP_PX = 1.0  # radius up to which a pixel counts as sharp
 _SHARP = (0.25, 0.80, 0.35)  # sRGB
 _DARKEST = 0.35  # brightness of a black pixel, so that its colour shows
 _BINS = 48
-_FRACTIONS = (5, 3)  # of the height and the width of the picture that the histogram takes
+_DIVISORS = (5, 3)  # of the height and the width of the picture, for those of the histogram
 _MINIMUM = (40, 96)  # px of its height and width, less in pictures that have no room
 _BEHIND = 0.12  # brightness behind it
 
@@ -70,8 +70,8 @@ def _histogram(radius: Any, maximum: float) -> NDArray[Any]:
     of_strips = [np.histogram(s, _BINS, (limits[0], limits[0] + width_px))[0] for s in strips]
     counts = np.sum(of_strips, axis=0)
     height, width = (
-        min(max(length // fraction, minimum), length)
-        for length, fraction, minimum in zip(radius.shape, _FRACTIONS, _MINIMUM, strict=True)
+        min(max(length // divisor, minimum), length)
+        for length, divisor, minimum in zip(radius.shape, _DIVISORS, _MINIMUM, strict=True)
     )
     letters = max(8, height // 7)
     room = max(height - letters - 6, 1)

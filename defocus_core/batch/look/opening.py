@@ -69,8 +69,8 @@ def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
     """The barrel that clips the opening in pictures of (width, height) px, if one does.
 
     Raises:
-        UsageProblem: the rim would hide the middle of the opening in the corners, or the opening is
-            a field of kernels.
+        UsageProblem: the rim would hide the middle of the opening in the corners, or all that an
+            opaque middle leaves of it, or the opening is a field of kernels.
     """
     from defocus_core.optics.cat_eye import CatEye
     from defocus_core.optics.pupil_field import PupilField
@@ -81,6 +81,10 @@ def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
         problem = "clips a field of kernels, which were clipped where they were measured"
         raise UsageProblem("idle-option", problem, "leave it out", field="cat-eye")
     rim, distance = lens.cat_eye
+    if 0 < lens.obstruction >= rim:
+        problem = "lets no light pass beside the opaque middle of the opening"
+        remedy = f"give a rim larger than {lens.obstruction:g}, or a smaller ‹obstruction›"
+        raise UsageProblem("contradiction", problem, remedy, field="cat-eye")
     width, height = size
     tangent = lens.sensor_width / 2 * math.hypot(1, height / width) / lens.foclen
     try:

@@ -336,10 +336,10 @@ def pairs_of(pictures: Sequence[Picture], blurred: Path, right: Path | None) -> 
 def _partner(picture: Picture, place: Path) -> Path:
     if not place.is_dir():
         return place
-    fitted = sorted(path for path in place.iterdir() if path.stem == picture.stem)
-    if len(fitted) != 1:
-        problem = f"holds {len(fitted)} files named {picture.stem}"
+    matches = sorted(path for path in place.iterdir() if path.stem == picture.stem)
+    if len(matches) != 1:
+        problem = f"holds {len(matches)} files named {picture.stem}"
         raise InputError(
             "ambiguous", problem, "name blurred pictures as the sharp ones", path=place
         )
-    return fitted[0]
+    return matches[0]

@@ -15,7 +15,7 @@ from defocus_core.io.arrays import evenly
 
 _WHITE = 0.9999  # of an integer picture, in linear light
 _FLOATS = (".exr", ".hdr")  # whose light has no end
-_FRACTIONS = 32  # of the pixels of a frame, between quantiles of their disparity
+_PARTS = 32  # equal parts of the pixels of a frame, between quantiles of their disparity
 # Keys of the measures, in the order of the table of a card.
 MEASURES = (*RADII, "clipped_share", "invented_share")
 
@@ -51,7 +51,7 @@ def _over_time(rendered: Rendered) -> dict[str, Any]:
         metres = metres[~evenly(rendered.inputs.nothing)]
     if not metres.size:
         return {}
-    quantiles = np.quantile(1 / metres, np.linspace(0, 1, _FRACTIONS + 1))
+    quantiles = np.quantile(1 / metres, np.linspace(0, 1, _PARTS + 1))
     return {
         "depth_over_time": {
             "frame": frame,

@@ -66,15 +66,15 @@ def is_found(lens: Lens) -> bool:
 
 def _mean_focus(frames: Sequence[FrameLens], job: Job) -> float:
     """The mean focus in mm of frames, in disparity, of those that have something to focus on."""
-    focused_lens, failed = [], []
+    distances, failed = [], []
     for frame in frames:
         try:
-            focused_lens.append(_own_focus(frame, job))
+            distances.append(_own_focus(frame, job))
         except DefocusError as error:
             failed.append(error)
-    if not focused_lens:
+    if not distances:
         raise failed[0]
-    disparity = [1 / each for each in focused_lens]
+    disparity = [1 / each for each in distances]
     whole = job.shot is not None and not job.shot.focus  # a frame that is unlike others counts less
     mean = median(disparity) if whole else sum(disparity) / len(disparity)
     return 1 / mean if mean else float("inf")

@@ -47,11 +47,11 @@ class WorkerConfig:
         return Machine(
             device=self.device,
             threads=self.threads or cores() // self.count or 1,
-            memory=self.memory or self._fraction(),
+            memory=self.memory or self._memory_of_each(),
             tile=self.tile,
         )
 
-    def _fraction(self) -> int | None:
+    def _memory_of_each(self) -> int | None:
         """Bytes of memory that one of several processes may take; None for no bound."""
         available = memory.available_mb()
         if self.scheduler != "local" or self.count == 1 or available is None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -21,7 +22,7 @@ from defocus_core.io.damage import damaged
 from defocus_core.io.exr.header import MULTIPART, Channel, Header, Raw, channels_of, raw_headers
 
 # Samples of a strip of rows that are decoded at once, and the most of a row; px of a tile at most.
-_AT_ONCE, _MAXIMUM, _MAX_OF_TILE = 1 << 20, 1 << 23, 1 << 24
+_AT_ONCE, _MAXIMUM, _MAX_OF_TILE = 1 << 18, 1 << 21, 1 << 24
 # Decoded bytes of samples that any file may promise; beyond, how many for each byte of the file:
 # cards of one colour take 1 byte for 200, and a file made to fill the memory for 1000.
 _ANY, _RATIO = 1 << 26, 250
@@ -96,13 +97,31 @@ def decoded(path: Path, header: Header) -> Iterator[Samples]:
     Raises:
         InputError: the file is damaged, or promises more than it can hold.
     """
+    with _opened(path, header) as (file, part, chunks):
+        for strip_chunks in _strips(part, chunks):
+            yield _samples(file, part, strip_chunks)
+
+
+def max_count(path: Path, header: Header) -> int:
+    """The number of samples of the pixel with most of them, of which none is decoded.
+
+    Raises:
+        InputError: the file is damaged, or promises more than it can hold.
+    """
+    with _opened(path, header) as (file, part, chunks):
+        counts = (_counts(file, part, chunk) for chunk in chunks if chunk.unpacked)
+        return max((int(count.max()) for count in counts), default=0)
+
+
+@contextmanager
+def _opened(path: Path, header: Header) -> Iterator[tuple[BinaryIO, _Part, list[_Chunk]]]:
+    """A deep part whose samples are counted, to read."""
     try:
         with path.open("rb") as file:
             part, start = _part(file, header)
             chunks = _chunks(file, part, start)
             _check_promise(path, part, chunks)
-            for strip_chunks in _strips(part, chunks):
-                yield _samples(file, part, strip_chunks)
+            yield file, part, chunks
     except (OSError, ValueError, KeyError, struct.error, zlib.error) as error:
         raise damaged(path, str(error)) from error
 
@@ -194,19 +213,13 @@ def _samples(file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]) -> Samples:
     }
     pixels: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
     for chunk in (chunk for chunk in chunks if chunk.unpacked):
-        rows = min(part.tile[1], y1 - y0 + 1 - chunk.y)
-        columns = min(part.tile[0], width - chunk.x)
-        file.seek(chunk.at)
-        table = _unpacked(file.read(chunk.table), 4 * rows * columns, part.compression)
-        ends = np.frombuffer(table, "<i4").reshape(rows, columns).astype(np.int64)
-        counts = np.diff(ends, axis=1, prepend=0)
-        if (counts < 0).any() or int(ends[:, -1].sum()) * part.sample_bytes != chunk.unpacked:
-            raise ValueError("its table of samples is wrong")
+        counts = _counts(file, part, chunk)
         data = _unpacked(file.read(chunk.packed), chunk.unpacked, part.compression)
-        number = (np.arange(rows)[:, None] + chunk.y - top) * width + chunk.x + np.arange(columns)
+        y, x = (np.arange(n) for n in counts.shape)
+        number = (y[:, None] + (chunk.y - top)) * width + chunk.x + x
         pixels.append(np.repeat(number.ravel(), counts.ravel()))
         at = 0
-        for of_row in ends[:, -1].tolist():
+        for of_row in counts.sum(1).tolist():
             for channel in part.channels:
                 piece = np.frombuffer(data, _DTYPES[channel.type], of_row, at)
                 values[channel.name].append(piece)
@@ -219,29 +232,42 @@ def _samples(file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]) -> Samples:
     )
 
 
+def _counts(file: BinaryIO, part: _Part, chunk: _Chunk) -> NDArray[np.int64]:
+    """The number [h, w] of samples of each pixel of a chunk; the file stands before their data."""
+    x0, y0, x1, y1 = part.data
+    rows = min(part.tile[1], y1 - y0 + 1 - chunk.y)
+    columns = min(part.tile[0], x1 - x0 + 1 - chunk.x)
+    file.seek(chunk.at)
+    table = _unpacked(file.read(chunk.table), 4 * rows * columns, part.compression)
+    ends = np.frombuffer(table, "<i4").reshape(rows, columns).astype(np.int64)
+    counts = np.diff(ends, axis=1, prepend=0)
+    if (counts < 0).any() or int(ends[:, -1].sum()) * part.sample_bytes != chunk.unpacked:
+        raise ValueError("its table of samples is wrong")
+    return counts
+
+
 def _unpacked(data: bytes, size: int, compression: int) -> bytes:
     """So many bytes, from what they were packed to; as they are if packing made them no smaller."""
     if compression == NONE or len(data) == size:
-        listed = data
+        unpacked = data
     elif compression == RLE:
-        listed = _ordered(_run_lengths(data, size))
+        unpacked = _ordered(_run_lengths(data, size))
     else:
-        listed = _ordered(zlib.decompressobj().decompress(data, size + 1)) if size else b""
-    if len(listed) != size:
-        raise ValueError(f"{len(listed)} bytes in place of {size}")
-    return listed
+        unpacked = _ordered(zlib.decompressobj().decompress(data, size + 1)) if size else b""
+    if len(unpacked) != size:
+        raise ValueError(f"{len(unpacked)} bytes in place of {size}")
+    return unpacked
 
 
 def _run_lengths(data: bytes, size: int) -> bytes:
     """Runs: below 0, so many bytes as they are; else a byte once more than so many times."""
-    listed, at = bytearray(), 0
-    while at < len(data) and len(listed) <= size:
+    unpacked, at = bytearray(), 0
+    while at < len(data) and len(unpacked) <= size:
         (count,) = struct.unpack_from("<b", data, at)
-        listed += (
-            data[at + 1 : at + 1 - count] if count < 0 else data[at + 1 : at + 2] * (count + 1)
-        )
+        run = data[at + 1 : at + 1 - count] if count < 0 else data[at + 1 : at + 2] * (count + 1)
+        unpacked += run
         at += 1 - count if count < 0 else 2
-    return bytes(listed)
+    return bytes(unpacked)
 
 
 def _ordered(data: bytes) -> bytes:
@@ -249,6 +275,6 @@ def _ordered(data: bytes) -> bytes:
     steps = np.frombuffer(data, np.uint8).copy()
     steps[1:] -= np.uint8(128)
     bytes_ = np.cumsum(steps, dtype=np.uint8)
-    listed, half = np.empty_like(bytes_), (len(bytes_) + 1) // 2
-    listed[0::2], listed[1::2] = bytes_[:half], bytes_[half:]
-    return listed.tobytes()
+    ordered, half = np.empty_like(bytes_), (len(bytes_) + 1) // 2
+    ordered[0::2], ordered[1::2] = bytes_[:half], bytes_[half:]
+    return ordered.tobytes()

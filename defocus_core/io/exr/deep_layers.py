@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -113,17 +112,17 @@ def deep_layers(
 
 
 def _fractions(strip: Strip) -> NDArray[Any]:
-    """The share [N] of each sample that nearer ones leave."""
-    left = np.ones(strip.window.height * strip.window.width)
-    fractions = np.ones(len(strip.rank))
-    by_rank = np.argsort(strip.rank, kind="stable")
-    ends = np.cumsum(np.bincount(strip.rank)).tolist()
-    for first, end in pairwise((0, *ends)):
-        chosen = by_rank[first:end]
-        at = strip.pixel[chosen]
-        fractions[chosen] = left[at]
-        left[at] *= 1 - strip.values[ALPHA][chosen]
-    return fractions
+    """The share [N] of each sample that nearer ones leave: the product of what each lets through.
+
+    Twice as many samples at each step, for a pixel may have a million of them.
+    """
+    through, index = (1 - strip.values[ALPHA]).astype(np.float64), np.arange(len(strip.rank))
+    step = 1
+    while step < strip.maximum:
+        later = index[strip.rank >= step]
+        through[later] *= through[later - step]
+        step *= 2
+    return np.where(strip.rank > 0, np.roll(through, 1), 1.0)
 
 
 def _is_distance(name: str) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
-from defocus_core.io.exr.deep_chunks import Samples, decoded
+from defocus_core.io.exr.deep_chunks import Samples, decoded, max_count
 from defocus_core.io.exr.header import Header
 from defocus_core.io.exr.windows import Window
 
@@ -86,7 +86,7 @@ def max_samples(path: Path, header: Header) -> int:
 
 @lru_cache(maxsize=64)
 def _max_samples(path: Path, header: Header, version: object) -> int:
-    return max((strip.maximum for strip in strips(path, header)), default=0)
+    return max_count(path, header)
 
 
 def summary(path: Path, header: Header) -> DeepSummary:

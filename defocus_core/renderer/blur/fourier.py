@@ -134,10 +134,15 @@ def _lens_points(radius: Tensor, extent: int, aperture: Aperture) -> Tensor:
 
 def sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:
     """Sum of spectra [C + 1, ...] times kernels' spectra [M, 1, ...], for a group of m parts."""
+
+    def of_group(kernel: Tensor, spectrum: Tensor) -> Tensor:
+        kernel = kernel[group]
+        return kernel if spectrum.dim() == 3 else kernel[:, :, None]  # the same for a batch
+
     (spectrum, kernel), *others = terms
-    total = spectrum * kernel[group]
+    total = spectrum * of_group(kernel, spectrum)
     for spectrum, kernel in others:
-        total = total.addcmul_(spectrum, kernel[group])
+        total = total.addcmul_(spectrum, of_group(kernel, spectrum))
     return total
 
 

@@ -232,4 +232,4 @@ class Blur:
         """A layer whose slices are not blurred, for each group of parts."""
         box = piece.patch.shown
         pixels = sliced.surface.members(piece.slice_indices, box, box).sum(1)
-        return [pixels.expand(g.stop - g.start, -1, -1, -1) for g in self._groups]
+        return [pixels.expand(g.stop - g.start, *pixels.shape) for g in self._groups]

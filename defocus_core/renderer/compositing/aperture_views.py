@@ -132,17 +132,21 @@ class TileCompositor:
         for front, covered_near, maximum in zip(aside.composited, near, self._full, strict=True):
             full = torch.as_tensor(maximum).to(front)
             # where these cover all, nothing is seen behind: as if it were full
-            limits = covered_near > full - _MIN_ROOM
-            covered = torch.where(limits, full, front[:, -1:] - covered_near)
+            filled = covered_near > full - _MIN_ROOM
+            covered = torch.where(filled, full, front[:, -1:] - covered_near)
             aside.covered.append(covered)
             self.by_group.append(torch.cat([torch.zeros_like(front[:, :-1]), covered], 1))
         return aside
 
-    def close_gaps(self, aside: Aside) -> None:
+    def close_gaps(self, aside: Aside, pictures: Tensor | None = None) -> None:
         """Close gaps that are small beside what the surfaces that were set aside cover.
 
         What these hide is continued at half the resolution: with what is visible of the same
         surface it may not quite cover all, and a bright sky behind both must not show.
+
+        Args:
+            aside: The surfaces that were set aside.
+            pictures: [B, 1, 1], 0 for pictures of a batch whose gaps stay; None to close all.
         """
         for group, covered in enumerate(aside.covered):
             front = self.by_group[group]
@@ -153,7 +157,7 @@ class TileCompositor:
             between = (gap > error) & (gap < 2 * error)  # where a quotient has a finite gradient
             grown = gap / torch.where(between, error, 1.0) - 1
             kept = gap * torch.where(between, grown, (gap >= 2 * error).to(gap))
-            added = gap - kept
+            added = gap - kept if pictures is None else (gap - kept) * pictures
             larger = 1 + added / (room - gap).clamp(min=_MIN_ROOM)
             color, coverage = front.tensor_split([-1], 1)
             self.by_group[group] = torch.cat([color * larger, coverage + added], 1)

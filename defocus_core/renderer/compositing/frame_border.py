@@ -42,7 +42,7 @@ def fraction_in_frame(
     Lens point u images the surface at pixel q to q + r u: pixel x sees the surface at x - r u.
 
     Args:
-        signed_radius: [h, w] px.
+        signed_radius: [..., h, w] px.
         box: The place of these pixels in the rectangle.
         size: (height, width) of the rectangle.
         aperture: The pupil; a gaussian one counts as evenly lit.
@@ -50,7 +50,7 @@ def fraction_in_frame(
         views: Views of the pupil; M counts each part once with each.
 
     Returns:
-        [M, 1, h, w] in [0.01, 1].
+        [M, 1, ..., h, w] in [0.01, 1].
     """
     positions = (torch.arange(s.first, s.end).to(signed_radius) + 0.5 for s in box.sides)
     # [h, 2] and [w, 2] px from both borders of an axis to a pixel
@@ -59,6 +59,8 @@ def fraction_in_frame(
     index = flat_nonzero(exceeding(signed_radius.abs() - nearest, 0.0))
     rows = index.div(box.width, rounding_mode="floor")
     columns = index - rows * box.width
+    if signed_radius.dim() > 2:  # of a batch
+        rows = rows.remainder(box.height)
     r = signed_radius.flatten().index_select(0, index)[:, None]
     y, x = (
         (away / r).clamp(-1, 1)

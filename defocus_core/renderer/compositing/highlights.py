@@ -103,20 +103,20 @@ def split_samples(
     shown = shown if nearest.coverage is None else shown * nearest.coverage
     layer = nearest.fringe.layer
     bright = [shown.detach().amax(0) > limit]
-    bright += [samples.detach()[:channels].amax(0) > limit for samples, _ in others]
+    bright += [each.detach()[:channels].amax(0) > limit for each, _ in others]
     listed = layer.detach()[:, :channels].amax(1) > limit
     if not bool(listed.any()) and not any(bool(each.any()) for each in bright):
         return samples, None
     dark = _darkened(nearest.color, channels, bright[0], 0)
     rest = _darkened(layer, channels, listed[:, None], 1)
     farther = [
-        (_darkened(samples, channels, where, 0), radius)
-        for where, (samples, radius) in zip(bright[1:], others, strict=True)
+        (_darkened(each, channels, where, 0), radius)
+        for where, (each, radius) in zip(bright[1:], others, strict=True)
     ]
     drawn = [
         (nearest.fringe.at[listed], layer[listed, :channels], nearest.fringe.signed_radius[listed])
     ]
-    colors = [(shown, signed_radius), *((samples[:channels], radius) for samples, radius in others)]
+    colors = [(shown, signed_radius), *((each[:channels], radius) for each, radius in others)]
     for where, (color, radius) in zip(bright, colors, strict=True):
         at = positions_of(where)
         row, column = at.unbind(1)

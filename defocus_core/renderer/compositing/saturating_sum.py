@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.renderer.layers.subpixel_shifts import stacked
+from defocus_core.renderer.layers.subpixel_shifts import along_first
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.source import Scalar
 
@@ -143,7 +143,7 @@ def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tenso
     total: Tensor | None = None
     for box, layer in layers:
         if total is None:
-            total = layer.new_zeros(*layer.shape[:2], *size)
+            total = layer.new_zeros(*layer.shape[:-2], *size)
         total = add_within(total, box, layer)
     return total
 
@@ -166,7 +166,7 @@ def picture(
     if weights is not None:
         learn = any(isinstance(weight, Tensor) for weight in weights)
         if learn or max(weights) - min(weights) > _EQUAL:
-            front = front * stacked(weights, front)[:, None, None, None]
+            front = front * along_first(weights, front)
     total = front.sum(0) if len(front) > 1 else front[0]
     image = total[:-1] / total[-1:]
     return image if minimum is None else image.clamp_(min=minimum)
@@ -216,7 +216,7 @@ def pair_of(
     of_left = torch.where(lit, left / torch.where(lit, total, 1.0), 0.5)
     pair = 2 * centre * torch.stack([of_left, 1 - of_left])
     if not _is_half(fraction):
-        pair = pair / stacked([2 * fraction, 2 - 2 * fraction], pair)[:, None, None, None]
+        pair = pair / along_first([2 * fraction, 2 - 2 * fraction], pair)
     return pair + minimum if minimum else pair
 
 
@@ -236,5 +236,5 @@ def within_alpha(pair: Tensor, fraction: Scalar) -> Tensor:
     """
     alpha = pair[:, -1:]
     excess = pair * ((alpha - 1) / alpha.clamp(min=1)).clamp(min=0)
-    weights = stacked([fraction, 1 - fraction], pair)[:, None, None, None]
+    weights = along_first([fraction, 1 - fraction], pair)
     return pair - excess + (excess * weights).flip(0) / weights

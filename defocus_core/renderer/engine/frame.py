@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ from defocus_core.renderer.compositing.frame_border import ASIDE, OPAQUE
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.layers.octaves import CompositeOrder
 from defocus_core.renderer.layers.quality import Quality
-from defocus_core.renderer.layers.subpixel_shifts import stacked
+from defocus_core.renderer.layers.subpixel_shifts import along_first
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.tiling import Grid
@@ -37,6 +38,8 @@ class Content(NamedTuple):
         minimum: Least light, 0 unless pixels are negative (colours outside the gamut).
         limit: Brightness that a highlight exceeds.
         highlights: Whether there are highlights.
+        double: Whether float32 is too coarse for the pixels.
+        each: The limits of each picture of a batch; empty for one.
     """
 
     limits: tuple[float, float]
@@ -47,6 +50,19 @@ class Content(NamedTuple):
     minimum: float
     limit: float
     highlights: bool
+    double: bool
+    each: tuple[tuple[float, float], ...] = ()
+
+    @classmethod
+    def of_batch(cls, contents: Sequence[Content]) -> Content:
+        """The properties of all pictures of a batch together, which differ in range alone."""
+        return contents[0]._replace(
+            limits=(min(c.limits[0] for c in contents), max(c.limits[1] for c in contents)),
+            edges=any(c.edges for c in contents),
+            tilted=any(c.tilted for c in contents),
+            limit=max(c.limit for c in contents),
+            each=tuple(c.limits for c in contents),
+        )
 
 
 class Slicing(NamedTuple):
@@ -129,10 +145,10 @@ class Division(NamedTuple):
         return sum(weight for part, weight in parts if part.is_left) / sum(self.weights[group])
 
     def mean(self, values: Tensor) -> Tensor:
-        """The mean [h, w] of values [m, h, w] over the m parts of the centre view."""
+        """The mean [..., h, w] of values [m, ..., h, w] over the m parts of the centre view."""
         if len(values) == 1:
             return values[0]
-        fractions = stacked(self.weights[self.groups[0]], values)[:, None, None]
+        fractions = along_first(self.weights[self.groups[0]], values)
         return (values * fractions).sum(0) / fractions.sum()
 
 

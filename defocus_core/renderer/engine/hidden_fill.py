@@ -95,10 +95,8 @@ class Filling:
         if self.level:
             down, across = (halves(n, axis) for n, axis in zip(inner[2:], self._fine, strict=True))
             self._coarse = (down.axis, across.axis)
-            axis_lengths = axes(frame.size, held.top, held.left)
-            rows, columns = (
-                halves(n, axis) for n, axis in zip(held[2:], axis_lengths, strict=True)
-            )
+            frame_axes = axes(frame.size, held.top, held.left)
+            rows, columns = (halves(n, axis) for n, axis in zip(held[2:], frame_axes, strict=True))
             corner = rows.axis.middle - down.axis.middle, columns.axis.middle - across.axis.middle
             around = Box(*corner, down.length, across.length)
             read = [coarse_read(tile, self._fine, self._coarse, 1) for tile in coarse.tiles]
@@ -166,7 +164,7 @@ def _samples(hidden: HiddenLayer, radii: tuple[float, ...]) -> SurfaceSamples:
     nowhere = torch.zeros((0, 2), dtype=torch.long, device=positions.device)
     no_fringe, coverage = color.new_zeros(0, len(color) + 1), mask[None].to(color.dtype)
     return SurfaceSamples(
-        color, coverage, positions, nowhere, no_fringe, positions[0, :0], None, None
+        color, coverage, positions, nowhere, no_fringe, positions.flatten()[:0], None, None
     )
 
 

@@ -13,6 +13,8 @@ were not there, what they hide included, and shows in proportion where these lea
 
 from __future__ import annotations
 
+from torch import Tensor
+
 from defocus_core.renderer.blur.layer_blur import ShownLayer
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.engine.hidden_fill import Filling, Hidden
@@ -48,7 +50,13 @@ def add_in_order(
     def fill(octave: int) -> None:
         for surface in hidden:
             if surface.has(octave, index) and not compositor.are_full(known=surface.known):
-                compositor.fill(over_tile(surface).of(octave), known=surface.known)
+                layers = over_tile(surface).of(octave)
+                if (pictures := with_octave(octave)) is not None:
+                    layers = [None if layer is None else layer * pictures for layer in layers]
+                compositor.fill(layers, known=surface.known)
+
+    def with_octave(octave: int) -> Tensor | None:
+        return order.pictures_with(octave, compositor.by_group[0]) if octave else None
 
     def show(indices: set[int]) -> None:
         compositor.add([{n: layers[n] for n in layers if n in indices} for layers in visible])
@@ -75,7 +83,7 @@ def add_in_order(
                 fill(octave)
             elif octave > 0:
                 fill(octave)
-                compositor.close_gaps(aside)
+                compositor.close_gaps(aside, with_octave(octave))
         show({k})
     for surface in hidden:
         if not compositor.are_full(known=surface.known):

@@ -19,15 +19,15 @@ from defocus_core.renderer.engine.draft_coarse import (
 )
 from defocus_core.renderer.engine.draft_enlarging import Enlarging
 from defocus_core.renderer.engine.field import darkened
-from defocus_core.renderer.engine.frame import SharedFrame
-from defocus_core.renderer.engine.preparation import frame_of
+from defocus_core.renderer.engine.frame import Content, SharedFrame
+from defocus_core.renderer.engine.preparation import computed_in, content_of, frame_of
 from defocus_core.renderer.engine.region_schedule import rendered_regions
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.engine.shared_fill import FillOfColors, SharedFill
-from defocus_core.renderer.engine.statistics import border_range
+from defocus_core.renderer.engine.statistics import border_range, surveyed
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.inpainting.known_layer import Behind
-from defocus_core.renderer.layers.quality import find
+from defocus_core.renderer.layers.quality import Quality, find
 from defocus_core.renderer.layers.slice_radii import SHARP
 from defocus_core.renderer.layers.stacked_samples import Layered
 from defocus_core.tensors.device_plan import launches_cost
@@ -62,12 +62,13 @@ class FramedPicture:
         repair: DepthRepair | None = None,
         fill: FillOfColors | None = None,
         hold: bool = False,
+        content: Content | None = None,
     ) -> None:
         """Repair the depth, and prepare the frame.
 
         Args:
-            image: [C, H, W], linear light.
-            signed_radius: [H, W] px.
+            image: [C, H, W], linear light; of a batch [C, B, H, W].
+            signed_radius: [H, W] px; of a batch [B, H, W].
             settings: The options.
             hidden: The known layer behind the visible surface.
             layered: The layers of which `image`, with alpha, and `signed_radius` are the picture;
@@ -77,6 +78,8 @@ class FramedPicture:
                 not rendered at half size.
             hold: Whether there is room for the repaired radii and the coarse pixels of a large
                 picture that is no tensor; without room they are computed anew for each window.
+            content: Of a batch whose radii are repaired and that is not rendered at half size, what
+                all its pictures hold together.
 
         Raises:
             ValueError: If a value is not finite, or a CoC does not fit psf_ks.
@@ -84,7 +87,7 @@ class FramedPicture:
         if launches_cost(signed_radius.device):  # its memory is planned for one tile at once
             settings = replace(settings, threads=1)
         threads, quality = settings.threads, find(settings.quality)
-        self.size = signed_radius.shape[0], signed_radius.shape[1]
+        self.size = signed_radius.shape[-2], signed_radius.shape[-1]
         self.repair = DepthRepair() if repair is None else repair
         if settings.repair.on and layered is None and repair is None:
             signed_radius, self.repair = repaired(
@@ -101,7 +104,7 @@ class FramedPicture:
         if layered is not None:
             quality = quality.of_layers(layered.deepest)
         by_scene = quality.half_size and settings.by_scene
-        self.at_half_size = by_scene and _is_blurred(signed_radius)
+        self.at_half_size = content is None and by_scene and _is_blurred(signed_radius)
         if self.at_half_size:
             quality = quality.in_coarse_pixels()
             coarse = partial(half_size, threads=threads, hold=hold)
@@ -119,16 +122,26 @@ class FramedPicture:
             settings,
             quality,
             self._hidden,
-            quantised=self.repair.quantised and not self.at_half_size,
-            uncertain=self.repair.uncertain_edges,
+            content or self._content(counted, quality, threads),
             layered=layered,
-            all_ranges=self.fill and self.fill.shared.limits,
             border=None if layered is None else border_range(self.reaching),
         )
         self._enlarging: Enlarging | None = None
         if self.at_half_size:
             self._enlarging = Enlarging(self.frame, self.image, image, signed_radius)
             self.image = self._enlarging.coarse
+
+    def _content(self, counted: Pixels, quality: Quality, threads: int) -> Content:
+        """What the picture holds, of whose pixels [C, h, w] count."""
+        dtype = computed_in(counted, self.signed_radius)
+        return content_of(
+            surveyed(counted, self.signed_radius, dtype, threads),
+            quality,
+            quantised=self.repair.quantised and not self.at_half_size,
+            uncertain=self.repair.uncertain_edges,
+            layered=self.layered is not None,
+            all_ranges=self.fill and self.fill.shared.limits,
+        )
 
     def parts(
         self,

@@ -29,7 +29,6 @@ from defocus_core.renderer.engine.statistics import (
     Survey,
     border_range,
     needs_double,
-    surveyed,
     with_hidden,
 )
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
@@ -57,25 +56,20 @@ def frame_of(
     settings: Settings,
     quality: Quality,
     hidden: Behind | None,
+    content: Content,
     *,
-    quantised: bool = False,
-    uncertain: bool = False,
     layered: Layered | None = None,
-    all_ranges: tuple[float, float] | None = None,
     border: tuple[float, float] | None = None,
 ) -> SharedFrame:
     """The frame of a picture: its statistics, slices, windows, tiles and parts.
 
     Args:
-        pixels: [C, H, W], in px or in coarse pixels.
-        signed_radius: [H, W], repaired, in px or in coarse pixels.
+        pixels: [C, H, W], in px or in coarse pixels; of a batch [C, B, H, W].
+        signed_radius: [H, W], repaired, in px or in coarse pixels; of a batch [B, H, W].
         settings: The options.
         quality: Settings of the quality, in px or in coarse pixels.
         hidden: The known layer behind the visible surface.
-        quantised: Whether radii had few levels before they were repaired.
-        uncertain: Whether edges of depth were soft or averages before they were repaired.
-        all_ranges: Least and greatest signed radius of all colours that are rendered apart; None
-            for those of these pixels.
+        content: What the picture holds, or all of a batch together.
         layered: The layers of which `pixels` and `signed_radius` are the picture.
         border: Least and greatest signed radius on the edge of the frame; None for those of
             `signed_radius`.
@@ -83,11 +77,8 @@ def frame_of(
     Raises:
         ValueError: If a value is not finite, or a CoC does not fit psf_ks.
     """
-    size = signed_radius.shape[0], signed_radius.shape[1]
-    dtype = torch.promote_types(torch.promote_types(pixels.dtype, signed_radius.dtype), torch.float)
-    survey = surveyed(pixels, signed_radius, dtype, settings.threads)
-    edges = layered is not None or max(survey.steepest) > EDGE
-    content = _content(survey, quality, all_ranges, edges, (quantised, uncertain))
+    size = signed_radius.shape[-2], signed_radius.shape[-1]
+    edges = content.edges
     limits = content.limits if hidden is None else with_hidden(hidden, content.limits)
     limits = layered.limits if layered is not None else limits
     radii = _slice_radii(*limits, quality, settings)
@@ -108,8 +99,9 @@ def frame_of(
     farthest = max(fine.reaches + coarse.reaches if content.edges else fine.reaches)
     margin = _margin(farthest, edges=content.edges, highlights=content.highlights)
     division = _division(settings, quality)
-    dtype = torch.float64 if needs_double(survey, content.limit) else dtype
+    dtype = torch.float64 if content.double else computed_in(pixels, signed_radius)
     sample = (pixels.shape[0] + 1 + (layered is not None)) * dtype.itemsize
+    sample *= math.prod(signed_radius.shape[:-2])
     grid = _grid_of(settings, size, pixels.device, layer_indices, sample * len(division.parts))
     tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
     slicing = partial(
@@ -126,9 +118,17 @@ def frame_of(
         grid,
         margin,
         content,
-        slices,
+        _of_each(slices, content, quality, settings),
         division,
     )
+
+
+def _of_each(slices: Slices, content: Content, quality: Quality, settings: Settings) -> Slices:
+    """The slices of a batch, with the octaves that are ahead by each picture's own slices."""
+    each = (_slice_radii(*limits, quality, settings) for limits in content.each)
+    orders = (composite_order(radii, layers(radii, quality)) for radii in each)
+    greatest = tuple(max(map(abs, order.ahead), default=0) for order in orders)
+    return slices._replace(composite_order=slices.composite_order._replace(greatest=greatest))
 
 
 def _division(settings: Settings, quality: Quality) -> Division:
@@ -186,24 +186,43 @@ class _Resolution(NamedTuple):
     reaches: list[int]
 
 
-def _content(
+def computed_in(pixels: Pixels, signed_radius: Pixels) -> torch.dtype:
+    """The type of numbers to compute with, if float32 is fine enough."""
+    given = torch.promote_types(pixels.dtype, signed_radius.dtype)
+    return torch.promote_types(given, torch.float32)
+
+
+def content_of(
     survey: Survey,
     quality: Quality,
-    all_ranges: tuple[float, float] | None,
-    edges: bool,
-    depth: tuple[bool, bool],
+    *,
+    quantised: bool = False,
+    uncertain: bool = False,
+    layered: bool = False,
+    all_ranges: tuple[float, float] | None = None,
 ) -> Content:
-    """What a picture holds; `depth` says whether it had few levels, and uncertain edges."""
+    """What a picture holds.
+
+    Args:
+        survey: Its statistics.
+        quality: Settings of the quality.
+        quantised: Whether radii had few levels before they were repaired.
+        uncertain: Whether edges of depth were soft or averages before they were repaired.
+        layered: Whether it is of layers.
+        all_ranges: Least and greatest signed radius of all colours that are rendered apart; None
+            for those of these pixels.
+    """
     limit = threshold(survey.brightness, survey.brightest, max(-survey.minimum, survey.maximum))
     return Content(
         limits=all_ranges or (survey.minimum, survey.maximum),
-        edges=edges,
+        edges=layered or max(survey.steepest) > EDGE,
         tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.min_slope**2,
-        quantised=depth[0],
-        uncertain=depth[1],
+        quantised=quantised,
+        uncertain=uncertain,
         minimum=min(survey.darkest, 0.0),
         limit=limit,
         highlights=survey.brightest > limit,
+        double=needs_double(survey, limit),
     )
 
 

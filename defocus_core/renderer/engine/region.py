@@ -6,6 +6,7 @@ part of the aperture. Hidden layers fill the gaps of visible ones; in focus they
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import partial
 
@@ -69,8 +70,8 @@ class Region:
         Args:
             frame: The frame that the region is a part of.
             grid: The tiles of the region.
-            pixels: [C, H, W] of the frame, in any precision.
-            signed_radius: [H, W] px of the frame.
+            pixels: [C, H, W] of the frame, in any precision; of a batch [C, B, H, W].
+            signed_radius: [H, W] px of the frame; of a batch [B, H, W].
             behind: The known layer behind the visible surface of the frame.
             backdrop: The frame at low resolution, or hidden surfaces that are continued for all
                 colours; None if nothing is continued.
@@ -95,24 +96,24 @@ class Region:
             pixels, signed_radius = pixels.contiguous(), signed_radius.contiguous()
         inmost = core.seen_from(outer)
         self._others: list[Sheet] = []
-        pixels_unmixed, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
+        unmixed_pixels, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
         radius, groups = inmost.of(signed_radius), frame.division.groups
         self._in_frame = self._fractions_within(frame.box, radius, groups[:1])
         self._in_scene = self._fractions_within(frame.scene, radius, groups) if frame.cut else None
-        self._like = pixels_unmixed.color
+        self._like = unmixed_pixels.color
         self._fallback = (
-            border_fallback(inmost.of(pixels_unmixed.color), frame.trace) if frame.trace else None
+            border_fallback(inmost.of(unmixed_pixels.color), frame.trace) if frame.trace else None
         )
         positions = slice_position(signed_radius, slices.radii) if highlights else None
-        self._visible = self._in_front(pixels_unmixed, signed_radius, positions)
+        self._visible = self._in_front(unmixed_pixels, signed_radius, positions)
         self._hidden: list[Filling] = []
         if backdrop is not None:
             self._hidden = self._fillings(
-                pixels_unmixed.color, signed_radius, behind, backdrop, outer
+                unmixed_pixels.color, signed_radius, behind, backdrop, outer
             )
         self._highlights: Tensor | None = None
         if highlights and positions is not None:
-            occluders = occluders_of(pixels_unmixed, signed_radius, positions, slices.radii)
+            occluders = occluders_of(unmixed_pixels, signed_radius, positions, slices.radii)
             self._highlights = self._drawn(highlights, occluders, inmost)
 
     def _surfaces(
@@ -125,8 +126,8 @@ class Region:
             pixels, highlights = split(pixels, signed_radius, frame.content.limit)
         unmixes = frame.content.edges and frame.quality.unmixes
         unmix = partial(unmixed, uncertain=frame.content.uncertain) if unmixes else whole
-        pixels_unmixed = unmix(pixels, signed_radius)
-        return pixels_unmixed, signed_radius, highlights
+        unmixed_pixels = unmix(pixels, signed_radius)
+        return unmixed_pixels, signed_radius, highlights
 
     def _drawn(self, highlights: Highlights, occluders: Sequence[Occluder], core: Box) -> Tensor:
         """The discs of highlights behind surfaces, for each part of the aperture."""
@@ -150,23 +151,23 @@ class Region:
         return [blended(fraction, core, core) for fraction in fractions] if seen else fractions
 
     def _in_front(
-        self, pixels_unmixed: Unmixed, signed_radius: Tensor, positions: Tensor | None
+        self, unmixed_pixels: Unmixed, signed_radius: Tensor, positions: Tensor | None
     ) -> Sliced:
         """The visible surfaces, from pixels, their radii, and their positions if known."""
         frame, inside = self._frame, self._inside
         radii, (aperture, parts, _, groups) = frame.slices.radii, frame.division
-        around = inside.grown(_AROUND, Box(0, 0, *signed_radius.shape))
+        around = inside.grown(_AROUND, Box(0, 0, *signed_radius.shape[-2:]))
         inner, radius = inside.seen_from(around), around.of(signed_radius)
         positions = slice_position(radius, radii) if positions is None else around.of(positions)
         lean = shifts = None
         if frame.content.tilted:
             lean = slopes(radius, frame.quality.min_slope)
         if frame.settings.left_right and frame.copies_in_focus:
-            color = around.of(pixels_unmixed.color)
+            color = around.of(unmixed_pixels.color)
             shifts = Shifts(color, radius, positions, inner, radii, aperture, parts[groups[-1]])
         lean = None if lean is None else inner.of(lean)
         samples = SurfaceSamples.within(
-            inside, pixels_unmixed, inner.of(positions), radii, lean, shifts, self._others
+            inside, unmixed_pixels, inner.of(positions), radii, lean, shifts, self._others
         )
         return self._sliced(samples)
 
@@ -252,7 +253,7 @@ class Region:
         doubt = _DOUBT * quality.min_slope if content.quantised else None
         size, like = self._tiles[index][2:], self._like
         blank = [
-            like.new_zeros(group.stop - group.start, len(like) + 1, *size)
+            like.new_zeros(group.stop - group.start, len(like) + 1, *like.shape[1:-2], *size)
             for group in self._frame.division.groups
         ]
         return TileCompositor(blank, self._full(index), doubt)
@@ -314,7 +315,7 @@ class Region:
             for surface in needed
             for slice_index in surface.plan[index]
         ]
-        return {
+        counts = {
             "pixels": area,
             "pixels_copied": 0 if any(window.margin for window in visible + hidden) else area,
             "tiles": 1,
@@ -328,3 +329,5 @@ class Region:
             "tiles_culled": int(len(needed) < len(reaching)),
             "tiles_with_hidden": int(any(not surface.known for surface in reaching)),
         }
+        pictures = math.prod(self._like.shape[1:-2])
+        return {name: pictures * count for name, count in counts.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from itertools import count, islice
@@ -112,13 +113,14 @@ def _copied(frame: SharedFrame, grid: Grid, pixels: Pixels, part: Views | None =
     """Views of a region in focus: its pixels themselves, but for a part that was computed."""
     image = grid.box.of(pixels).to(frame.dtype)
     trust, images = image.new_ones(1, *image.shape[1:]), [image] * frame.views
-    area, tiles, counts = grid.box.area, len(grid.tiles), dict[str, int]()
+    pictures = math.prod(image.shape[1:-2])
+    area, tiles, counts = pictures * grid.box.area, pictures * len(grid.tiles), dict[str, int]()
     if part:
         images, counts = [image.clone() for image in images], part.stats
         where = part.box.seen_from(grid.box)
         for whole, computed in zip([*images, trust], [*part.images, part.trust], strict=True):
             where.of(whole).copy_(computed)
-        area, tiles = area - part.box.area, tiles - counts["tiles"]
+        area, tiles = area - pictures * part.box.area, tiles - counts["tiles"]
     slice_tiles = 2 * len(frame.slices.radii) * tiles
     copies = {"pixels": area, "pixels_copied": area, "tiles": tiles, "slice_tiles": slice_tiles}
     return Views(images, trust, added([counts, copies]), grid.box)
@@ -128,7 +130,7 @@ def assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[Views]) -> Vie
     """The views of the whole picture.
 
     Each image [C, H, W] has memory of its own: a caller who keeps one does not keep the others.
-    Trust is [1, H, W].
+    Trust is [1, H, W]. Of a batch they are [B, C, H, W] and [B, 1, H, W].
 
     Args:
         frame: The frame of the picture.
@@ -137,16 +139,27 @@ def assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[Views]) -> Vie
     """
     if torch.is_grad_enabled():
         views = joined(list(in_rows(part.to(pixels.dtype) for part in parts)))
-        return views._replace(stats=total(frame, [views.stats]))
-    images = [pixels.new_empty(pixels.shape) for _ in range(frame.views)]
-    trust = pixels.new_empty(1, *pixels.shape[-2:])
+        return _by_picture(views._replace(stats=total(frame, [views.stats])))
+    each = pixels.movedim(0, -3)  # in memory picture by picture
+    images = [each.new_empty(each.shape).movedim(-3, 0) for _ in range(frame.views)]
+    trust = each.new_empty(*each.shape[:-3], 1, *each.shape[-2:]).movedim(-3, 0)
     counts: list[dict[str, int]] = []
     for part in (each.to(pixels.dtype) for each in parts):
         for image, part_image in zip(images, part.images, strict=True):
             part.box.of(image).copy_(part_image)
         part.box.of(trust).copy_(part.trust)
         counts.append(part.stats)
-    return Views(images, trust, total(frame, counts), Box(0, 0, *pixels.shape[-2:]))
+    whole = Box(0, 0, *pixels.shape[-2:])
+    return _by_picture(Views(images, trust, total(frame, counts), whole))
+
+
+def _by_picture(views: Views) -> Views:
+    """Views [C, ..., H, W] as [..., C, H, W]; each picture of a batch has the slices of all."""
+    if views.trust.dim() == 3:
+        return views
+    images = [image.movedim(0, -3) for image in views.images]
+    stats = views.stats | {"slices": views.trust.shape[1] * views.stats["slices"]}
+    return views._replace(images=images, trust=views.trust.movedim(0, -3), stats=stats)
 
 
 def total(frame: SharedFrame, counts: list[dict[str, int]]) -> dict[str, int]:
@@ -195,9 +208,10 @@ def _reached(frame: SharedFrame, around: Box, radii: Tensor) -> Tensor:
     Args:
         frame: The frame of the picture.
         around: A part of the frame.
-        radii: [h, w] px of the part.
+        radii: [..., h, w] px of the part.
     """
-    minimum, maximum = (torch.cat([end(1), end(0)]) for end in (radii.amin, radii.amax))
+    lows, highs = (radii, radii) if radii.dim() == 2 else (radii.amin(0), radii.amax(0))
+    minimum, maximum = (torch.cat([end(1), end(0)]) for end in (lows.amin, highs.amax))
     blurred, reach = (minimum < -SHARP) | (maximum > SHARP), _reach(frame, minimum, maximum)
     lines = [torch.arange(side.first, side.end, device=radii.device) for side in around.sides]
     at, sizes = torch.cat(lines), [len(line) for line in lines]

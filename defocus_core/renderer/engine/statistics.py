@@ -11,7 +11,7 @@ from torch import Tensor
 
 from defocus_core.renderer.inpainting.known_layer import Behind
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.neighbourhoods import range_of
+from defocus_core.tensors.neighbourhoods import range_of, ranges_of
 from defocus_core.tensors.order_statistics import Ranks, counted
 from defocus_core.tensors.source import Pixels, banded, bands
 from defocus_core.tensors.threads import threaded
@@ -56,23 +56,57 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
     Raises:
         ValueError: If a value is not finite, a radius beyond 1e8 px, or light beyond `BRIGHTEST`.
     """
-    W = signed_radius.shape[1]
+    (survey,) = _surveyed(pixels, signed_radius, dtype, threads)
+    return survey
+
+
+def surveyed_each(pixels: Tensor, signed_radius: Tensor, dtype: torch.dtype) -> list[Survey]:
+    """What `surveyed` says of each picture of a batch, [C, B, H, W] and [B, H, W]."""
+    return _surveyed(pixels, signed_radius, dtype, 1)
+
+
+def _surveyed(
+    pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int
+) -> list[Survey]:
+    W, batch = signed_radius.shape[-1], len(signed_radius.shape) > 2
 
     def band_statistics(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
         """Statistics of radii, the least and greatest value of colours, counts of brightness."""
         band = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
         brightness = band.amax(0)
-        radii = _radius_statistics(signed_radius[rows[0] : rows[1] + 1].detach().to(dtype), rows)
-        return radii, torch.stack([band.amin(), brightness.amax()]), counted(brightness)
+        radii = signed_radius[..., rows[0] : rows[1] + 1, :].detach().to(dtype)
+        darkest = band.amin() if not batch else band.amin((0, -2, -1))
+        pair = torch.stack([darkest, brightness.amax((-2, -1))], -1)
+        return _radius_statistics(radii, rows), pair, counted(brightness, each=batch)
 
     radius_range, color_range, counts = [], [], torch.zeros((), dtype=torch.long)
-    for radii, pair, band_counts in threaded(band_statistics, bands(pixels), threads):
-        radius_range.append(radii)
+    for of_radii, pair, band_counts in threaded(band_statistics, bands(pixels), threads):
+        radius_range.append(of_radii)
         color_range.append(pair)
         counts = band_counts + counts
-    lows, highs = torch.stack(radius_range).T, torch.stack(color_range).T
-    extremes = [lows[0].amin(), *lows[1:].amax(1), highs[0].amin(), highs[1].amax()]
-    minimum, maximum, down, across, darkest, brightest = torch.stack(extremes).tolist()
+    every = torch.cat([torch.stack(radius_range), torch.stack(color_range)], -1)
+    every = every if batch else every[:, None]  # [bands, B, 6]
+    least = torch.cat([every[..., :1], every[..., 4:5]], -1).amin(0)
+    greatest = torch.cat([every[..., 1:4], every[..., 5:]], -1).amax(0)
+    extremes = torch.cat([least, greatest], 1).tolist()
+    of_each = counts.cpu() if batch else counts.cpu()[None]
+    pictures = [pixels[:, number] for number in range(len(extremes))] if batch else [pixels]
+    return [
+        _checked(numbers, own, picture, dtype)
+        for numbers, own, picture in zip(extremes, of_each, pictures, strict=True)
+    ]
+
+
+def _checked(numbers: list[float], counts: Tensor, pixels: Pixels, dtype: torch.dtype) -> Survey:
+    """The survey of a picture.
+
+    Args:
+        numbers: Least radius, darkest, greatest radius, steepest down and across, and brightest.
+        counts: Of its brightness.
+        pixels: [C, H, W].
+        dtype: Type of the numbers to compute with.
+    """
+    minimum, darkest, maximum, down, across, brightest = numbers
     for name, *two in (("signed_radius", minimum, maximum), ("image", darkest, brightest)):
         if not all(map(math.isfinite, two)):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
@@ -96,16 +130,16 @@ def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads:
         steepest=(down, across),
         darkest=darkest,
         brightest=brightest,
-        brightness=Ranks(counts.cpu(), brightness_again, dtype),
+        brightness=Ranks(counts, brightness_again, dtype),
     )
 
 
 def border_range(signed_radius: Pixels) -> tuple[float, float]:
-    """The least and the greatest signed radius [H, W] on the edge of the frame."""
-    H, W = signed_radius.shape
-    lines = [signed_radius[:1], signed_radius[H - 1 :]]
+    """The least and the greatest signed radius [..., H, W] on the edge of the frame."""
+    H, W = signed_radius.shape[-2:]
+    lines = [signed_radius[..., :1, :], signed_radius[..., H - 1 :, :]]
     for first, last in bands(signed_radius):
-        lines += [signed_radius[first:last, :1], signed_radius[first:last, W - 1 :]]
+        lines += [signed_radius[..., first:last, at] for at in (slice(1), slice(W - 1, W))]
     minimum, maximum = range_of(torch.cat([line.detach().flatten() for line in lines])).tolist()
     return minimum, maximum
 
@@ -158,15 +192,18 @@ def needs_double(survey: Survey, limit: float) -> bool:
 
 
 def _radius_statistics(band: Tensor, rows: tuple[int, int]) -> Tensor:
-    """Least and greatest radius of a band, and greatest step down and across: [4].
+    """Least and greatest radius of a band, and greatest step down and across: [..., 4].
 
     Args:
-        band: [h, W] px, the rows of the band and the one below them.
+        band: [..., h, W] px, the rows of the band and the one below them.
         rows: First row of the band, and the one after the last.
     """
-    radii = band[: rows[1] - rows[0]]
-    steps = band.diff(dim=0), radii.diff(dim=1)
+    radii = band[..., : rows[1] - rows[0], :]
+    steps = band.diff(dim=-2), radii.diff(dim=-1)
     steepest = [
-        range_of(step).abs().amax() if step.numel() else radii.new_zeros(()) for step in steps
+        ranges_of(step).abs().amax(-1, keepdim=True)
+        if step.numel()
+        else radii.new_zeros((*radii.shape[:-2], 1))
+        for step in steps
     ]
-    return torch.cat([range_of(radii), torch.stack(steepest)])
+    return torch.cat([ranges_of(radii), *steepest], -1)

@@ -37,7 +37,7 @@ def structure(half: PyramidLevel) -> PyramidLevel:
         half: Linear colour and radius in px, at half of the resolution.
     """
     radius = torch.where(half.edges, torch.nan, half.first.maximum)
-    picture, r = (x.reshape(*x.shape[:-1], *half.size) for x in (half.first.values, radius))
+    picture, r = (x.reshape(*x.shape[:-1], *half.shape) for x in (half.first.values, radius))
     x, y = (_slope(picture[:-1], r, dim) for dim in (-1, -2))
     tensor = torch.stack([(x * x).sum(0), (x * y).sum(0), (y * y).sum(0)])
     second = half.second
@@ -71,21 +71,24 @@ def transported(
     smooth: Tensor,
     tensor: Tensor,
     level: int = 0,
+    of: Tensor | None = None,
 ) -> Tensor:
     """Colours [n, C] behind nearer surfaces, with lines continued from the visible picture.
 
     Args:
-        picture: [C + 1, H, W] linear colour and radius in px.
+        picture: [C + 1, ..., H, W] linear colour and radius in px.
         at: [n, 2] rows and columns of pixels.
         border: [n] px of radius, beyond which a pixel is of a farther surface.
         smooth: [n, C + 1] colour and radius as continued without a direction.
         tensor: [n, 3] structure tensor, continued without a direction.
         level: How many times the resolution of the picture is halved.
+        of: [n] the picture of a batch that each pixel is of; None if there is one.
     """
-    r, color, size = picture[-1].detach().flatten(), smooth[:, :-1], picture.shape[1:]
+    r, color, size = picture[-1].detach().flatten(), smooth[:, :-1], picture.shape[-2:]
     along, coherence = _direction(tensor, color)
     ways = (torch.cat([at, at]), torch.cat([border, border]), torch.cat([along, -along]))
-    spot, away = _first_beyond(r, size, *ways, 0.5**level)
+    first = None if of is None else (of * (size[0] * size[1])).repeat(2)
+    spot, away = _first_beyond(r, size, *ways, 0.5**level, first)
     expected = smooth[:, -1].detach().repeat(2)
     near = (away < FARTHEST) & ((r.index_select(0, spot) - expected).abs() < _ALIKE)
     limits = picture[:-1].flatten(1).index_select(1, spot).T
@@ -116,7 +119,13 @@ def _direction(tensor: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _first_beyond(
-    r: Tensor, size: tuple[int, ...], at: Tensor, border: Tensor, along: Tensor, scale: float
+    r: Tensor,
+    size: tuple[int, ...],
+    at: Tensor,
+    border: Tensor,
+    along: Tensor,
+    scale: float,
+    first: Tensor | None,
 ) -> tuple[Tensor, Tensor]:
     """The first pixel along a direction that lies beyond the border, and its distance.
 
@@ -127,6 +136,7 @@ def _first_beyond(
         border: [n].
         along: [n, 2] of length 1.
         scale: Pixels of the picture in one px.
+        first: [n] index in r of the first pixel of each one's picture; None if there is one.
 
     Returns:
         [n] index in r, and [n] px; infinitely far where there is none.
@@ -148,11 +158,13 @@ def _first_beyond(
 
     if launches_cost(r.device):  # all at once, and none waits for the one before
         every = torch.stack([spots_at(step) for step in _STEPS])
+        every = every if first is None else every + first
         known = r.index_select(0, every.flatten()).view(every.shape) > border
-        first = known.byte().argmax(0)
-        distance = r.new_tensor(_STEPS).index_select(0, first)
+        which = known.byte().argmax(0)
+        distance = r.new_tensor(_STEPS).index_select(0, which)
         distance = torch.where(known.any(0), distance, torch.inf)
-        return every.gather(0, first[None])[0], distance
+        return every.gather(0, which[None])[0], distance
+    assert first is None, "on a CPU pictures are computed one by one"
     for step in _STEPS:
         limit, spot = state[-1], spots_at(step)
         known = r.index_select(0, spot) > limit

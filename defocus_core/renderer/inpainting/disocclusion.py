@@ -119,9 +119,9 @@ class Reach(NamedTuple):
                 start += 2 * origin
                 first, last = start // 2, (start + length - 1 + axis.odd) // 2
                 cuts.append(slice(start - 2 * first, start - 2 * first + length))
-            edges = edges.narrow(d, first, last + 1 - first)
+            edges = edges.narrow(d - 2, first, last + 1 - first)
         if not level:
-            edges = spread_out(edges, (middle[0].odd, middle[1].odd))[cuts[0], cuts[1]]
+            edges = spread_out(edges, (middle[0].odd, middle[1].odd))[..., cuts[0], cuts[1]]
         return edges >> _BITS, (edges & _RADIUS) - (1 << _LEVELS)
 
 
@@ -135,26 +135,28 @@ def coarse_edges(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis, A
     """The radii of the farther pixels at edges, at half resolution: cones that reach nowhere yet.
 
     Args:
-        r: [H, W] px.
+        r: [..., H, W] px.
         farther: Numbers of the farther pixels.
         grain: Px of one grain.
         middle: Of the frame.
     """
     grains = r.flatten()[farther].clamp(-_MAXIMUM, _MAXIMUM) / grain
     radii = (grains + _BETWEEN).round().to(torch.int32)
-    row = farther.div(r.shape[1], rounding_mode="floor")
-    column = farther - row * r.shape[1]
+    row = farther.div(r.shape[-1], rounding_mode="floor")
+    column = farther - row * r.shape[-1]
     source = (radii << _BITS) + (radii + (1 << _LEVELS))
-    down, across = (halves(n, axis) for n, axis in zip(r.shape, middle, strict=True))
-    cone = source.new_full((down.length * across.length,), _NOWHERE)
-    for coarse_row in _coarse_size(row, down):
+    down, across = (halves(n, axis) for n, axis in zip(r.shape[-2:], middle, strict=True))
+    cone = source.new_full((*r.shape[:-2], down.length, across.length), _NOWHERE)
+    above = 0 if r.dim() == 2 else row.div(r.shape[-2], rounding_mode="floor")
+    for coarse_row in _coarse_size(row - above * r.shape[-2], down):
+        first = (coarse_row + above * down.length) * across.length
         for coarse_column in _coarse_size(column, across):
-            cone.scatter_reduce_(0, coarse_row * across.length + coarse_column, source, "amax")
-    return cone.reshape(down.length, across.length)
+            cone.view(-1).scatter_reduce_(0, first + coarse_column, source, "amax")
+    return cone
 
 
 def reach_of(edges: Tensor, grain: float, span: float, fine: tuple[Axis, Axis]) -> Reach:
-    """The reach of edges [h, w] from `coarse_edges`, whose radii differ by `span` px at most.
+    """The reach of edges [..., h, w] from `coarse_edges`, whose radii differ by `span` px at most.
 
     The edges are overwritten.
     """
@@ -176,15 +178,15 @@ def _coarse_size(position: Tensor, axis: AxisHalving) -> list[Tensor]:
 
 
 def _dilated(edges: Tensor, decay: int, span: float) -> Tensor:
-    """Edges [h, w] whose upper bits fall by the decay per px, by `span` at most; in place."""
+    """Edges [..., h, w] whose upper bits fall by the decay per px, by `span` at most; in place."""
     reached, stride, coarse = 0, 1, pieces(edges.device, _PIXELS, _BYTES_EACH)
     while 2 * reached * decay < span:
         fall = (2 * decay * stride) << _BITS
-        for dim in (0, 1):
+        for dim in (-2, -1):
             n = edges.shape[dim] - stride
             if n < 1:
                 continue
-            for lines in torch.split(edges, max(1, coarse // edges.shape[dim]), 1 - dim):
+            for lines in torch.split(edges, max(1, coarse // edges.shape[dim]), -3 - dim):
                 fallen = lines - fall
                 for target, source in ((0, stride), (stride, 0)):
                     side = lines.narrow(dim, target, n)

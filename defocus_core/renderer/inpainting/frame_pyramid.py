@@ -7,7 +7,7 @@ These pictures, and the map of the reach of each edge, are computed once for the
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ from defocus_core.renderer.inpainting.two_layer_pyramid import (
 )
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import launches_cost, pieces
-from defocus_core.tensors.neighbourhoods import range_of
+from defocus_core.tensors.neighbourhoods import range_of, ranges_of
 from defocus_core.tensors.pyramid import Axis, axes, halves
 from defocus_core.tensors.source import Pixels, banded
 from defocus_core.tensors.sparse_masks import exceeding, positions_of
@@ -51,11 +51,19 @@ class Backdrop(NamedTuple):
             structure tensor.
         reach: The reach of its depth edges.
         fine: Where the middle of the frame is at full resolution.
+        spans: [B] px, the range of the radii of each picture of a batch; None if there is one.
     """
 
     levels: list[PyramidLevel]
     reach: Reach
     fine: tuple[Axis, Axis]
+    spans: Tensor | None = None
+
+    def is_of(self, level: PyramidLevel, of: Tensor | None) -> Tensor | None:
+        """Whether pixels [n] of pictures have a level; None if all have."""
+        if self.spans is None or of is None:
+            return None
+        return (_WIDER * self.spans > 1 << (level.level - 1)).index_select(0, of)
 
 
 def backdrop_of(
@@ -69,14 +77,14 @@ def backdrop_of(
     """The pyramid of a frame, and the reach of its edges.
 
     Args:
-        pixels: [C, H, W] linear.
-        signed_radius: [H, W] px.
+        pixels: [C, H, W] linear, or [C, B, H, W] of a batch.
+        signed_radius: [H, W] px, or [B, H, W].
         limit: Brightness above which a pixel is a highlight, which is not continued.
         dtype: Type to compute in; None for the type of the pixels.
         threads: Number of bands computed at once.
         limits: Least and greatest radius in px; None to find them.
     """
-    H, W = signed_radius.shape
+    H, W = signed_radius.shape[-2:]
     device = signed_radius.device
     dtype = dtype or pixels.dtype
     if limits is None:
@@ -102,26 +110,38 @@ def backdrop_of(
             axes((H, W), top),
         )
         start = 0 if rows[0] == 0 else 2 * first + halved_rows
-        end = edges.shape[0] if rows[1] == quarter.length else 2 * last + halved_rows
+        end = edges.shape[-2] if rows[1] == quarter.length else 2 * last + halved_rows
         middle = level.middle[0].middle
-        return level, edges[start:end], first + middle, last + middle
+        return level, edges[..., start:end, :], first + middle, last + middle
 
     rows = quarter.length if launches_cost(device) else _BAND
     step = max(1, min(rows, pieces(device, _PIXELS, _BYTES_EACH) // (W << 2)))
     cuts = [*range(0, quarter.length, step), quarter.length]
-    edges = torch.empty(half.length, halves(W, fine[1]).length, dtype=torch.int32, device=device)
-
-    def bands() -> Iterator[tuple[PyramidLevel, int, int]]:
-        done = 0
-        for level, band_edges, first, end in threaded(band_of, list(pairwise(cuts)), threads):
-            edges[done : done + len(band_edges)] = band_edges
-            done += len(band_edges)
-            yield level, first, end
-
-    levels = [stacked(bands(), quarter.length, quarter.axis)]
+    batch = len(signed_radius.shape) > 2
+    if batch or (len(cuts) == 2 and launches_cost(device)):
+        level, edges, _, _ = band_of((0, quarter.length))
+    else:
+        edges = torch.empty(
+            half.length, halves(W, fine[1]).length, dtype=torch.int32, device=device
+        )
+        bands = threaded(band_of, list(pairwise(cuts)), threads)
+        level = stacked(_with_edges(bands, edges), quarter.length, quarter.axis)
+    levels = [level]
     while max(levels[-1].size) > 1 and 1 << levels[-1].level < _WIDER * (maximum - minimum):
         levels.append(coarser(levels[-1]))
-    return Backdrop(levels, reach_of(edges, grain, maximum - minimum, fine), fine)
+    spans = ranges_of(signed_radius[:].detach()).diff(dim=-1)[..., 0] if batch else None
+    return Backdrop(levels, reach_of(edges, grain, maximum - minimum, fine), fine, spans)
+
+
+def _with_edges(
+    bands: Iterable[tuple[PyramidLevel, Tensor, int, int]], edges: Tensor
+) -> Iterator[tuple[PyramidLevel, int, int]]:
+    """The levels of bands, and their rows; edges of all [h, w] are filled with those of each."""
+    done = 0
+    for level, band_edges, first, end in bands:
+        edges[done : done + len(band_edges)] = band_edges
+        done += len(band_edges)
+        yield level, first, end
 
 
 def _coarsely(
@@ -142,10 +162,14 @@ def _coarsely(
 
 
 def _beside_edges(r: Tensor) -> Tensor:
-    """The numbers of the farther pixels at edges of radii [H, W] px."""
+    """The numbers of the farther pixels at edges of radii [..., H, W] px."""
     numbers = []
-    for dim, stride in ((0, r.shape[1]), (1, 1)):
+    H, W = r.shape[-2:]
+    for dim, stride in ((-2, W), (-1, 1)):
         step = r.diff(dim=dim)
         row, column = positions_of(exceeding(step.abs(), EDGE)).unbind(1)
-        numbers.append(row * r.shape[1] + column + stride * (step[row, column] > 0))
+        rises = step.flatten().index_select(0, row * step.shape[-1] + column) > 0
+        if r.dim() > 2 and dim == -2:  # a picture has a row of steps less
+            row = row + row.div(max(H - 1, 1), rounding_mode="floor")
+        numbers.append(row * W + column + stride * rises)
     return torch.cat(numbers)

@@ -64,8 +64,8 @@ def hidden_layer(
     """Continue farther surfaces behind nearer ones, as far as the aperture sees them.
 
     Args:
-        image: [C, H, W] linear.
-        signed_radius: [H, W] px.
+        image: [C, ..., H, W] linear.
+        signed_radius: [..., H, W] px.
         backdrop: The frame that this is a part of; None if it is the whole.
         box: Where in the frame it is.
         wanted: Where in it the layer matters; None if everywhere.
@@ -74,7 +74,7 @@ def hidden_layer(
     Returns:
         The layer within `wanted`, None where nothing is hidden.
     """
-    H, W = signed_radius.shape
+    H, W = signed_radius.shape[-2:]
     backdrop = backdrop or backdrop_of(image, signed_radius)
     box = box or Box(0, 0, H, W)
     middle = (
@@ -91,9 +91,13 @@ def hidden_layer(
     if not len(index):
         return None
     row = index.div(coarse.width, rounding_mode="floor")
-    at = torch.stack([row + coarse.top, index - row * coarse.width + coarse.left], 1)
+    column, of = index - row * coarse.width, None
+    if near.dim() > 2:
+        of = row.div(coarse.height, rounding_mode="floor")
+        row = row - of * coarse.height
+    at = torch.stack([row + coarse.top, column + coarse.left], 1)
     shown, source, front, ceiling = (x.flatten().index_select(0, index) for x in revealed)
-    asked = HiddenQueries(at, front + (source - front) * _BETWEEN, ceiling)
+    asked = HiddenQueries(at, front + (source - front) * _BETWEEN, ceiling, of)
     values, tensor, weight = _from_frame(
         backdrop, asked._replace(at=view.pixels(at) + at.new_tensor(box[:2]))
     )
@@ -103,7 +107,8 @@ def hidden_layer(
     if len(lines):
         spot, border, smooth = (x.index_select(0, lines) for x in (*asked[:2], surface))
         way = tensor.index_select(1, lines).T
-        colors = transported(view.picture, spot, border, smooth, way, level)
+        own = None if of is None else of.index_select(0, lines)
+        colors = transported(view.picture, spot, border, smooth, way, level, own)
         surface = surface.index_copy(0, lines, torch.cat([colors, smooth[:, -1:]], 1))
     if not bool((weight > 0).all()):
         exists = torch.nonzero(weight > 0)[:, 0]
@@ -126,11 +131,14 @@ def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tenso
     """
     finest, *levels = backdrop.levels
     both, weight = nearby(finest, asked, backdrop.fine)
+    exist = [backdrop.is_of(pyramid_level, asked.of) for pyramid_level in levels]
     colors = [pyramid_level.channels(slice(-3)) for pyramid_level in levels]
-    values, weight = continued((both[:-3], weight), colors, asked, backdrop.fine)
+    pairs = list(zip(colors, exist, strict=True))
+    values, weight = continued((both[:-3], weight), pairs, asked, backdrop.fine)
     tensor = both[-3:]
-    for pyramid_level in levels[: _DIRECTIONS - 1]:
-        tensor = tensor + nearby(pyramid_level.channels(slice(-3, None)), asked, backdrop.fine)[0]
+    for pyramid_level, exists in list(zip(levels, exist, strict=True))[: _DIRECTIONS - 1]:
+        more = nearby(pyramid_level.channels(slice(-3, None)), asked, backdrop.fine)[0]
+        tensor = tensor + (more if exists is None else more * exists)
     return values, tensor, weight
 
 
@@ -142,7 +150,8 @@ def _with_adjacent_surface(
     offset = asked.border.new_tensor([(y, x) for y in offsets for x in offsets])
     n, count = len(asked.at), len(offset)
     spots = view.pixels((offset[:, None] + asked.at).flatten(0, 1))
-    each = HiddenQueries(spots, asked.border.repeat(count), asked.ceiling.repeat(count))
+    of = None if asked.of is None else asked.of.repeat(count)
+    each = HiddenQueries(spots, asked.border.repeat(count), asked.ceiling.repeat(count), of)
     next_values, fraction = nearby(half, each, view.fine)
     next_values = next_values.reshape(-1, count, n).mean(1)
     fraction = fraction.reshape(count, n).mean(0)

@@ -52,7 +52,7 @@ def separated(
         hidden: The invented layer, at full or half resolution.
         middle: The middle of the frame, in px.
     """
-    size = (known.mask.shape[0], known.mask.shape[1])
+    size = (known.mask.shape[-2], known.mask.shape[-1])
     halved = hidden.mask.shape != known.mask.shape
     mask, radius = hidden.mask, hidden.signed_radius
     if halved:

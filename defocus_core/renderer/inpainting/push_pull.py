@@ -31,20 +31,24 @@ class HiddenQueries(NamedTuple):
         at: [n, 2] rows and columns, also between pixels.
         border: [n] px, the radius that a surface must exceed.
         ceiling: [n] px, the radius that a surface must not reach.
+        of: [n] the picture of a batch that each is of; None if there is one.
     """
 
     at: Tensor
     border: Tensor
     ceiling: Tensor
+    of: Tensor | None = None
 
     def select(self, index: Tensor) -> HiddenQueries:
         """The pixels of these indices."""
-        return HiddenQueries(*(values.index_select(0, index) for values in self))
+        at, border, ceiling = (values.index_select(0, index) for values in self[:3])
+        of = None if self.of is None else self.of.index_select(0, index)
+        return HiddenQueries(at, border, ceiling, of)
 
 
 def continued(
     finest: tuple[Tensor, Tensor],
-    levels: Sequence[PyramidLevel],
+    levels: Sequence[tuple[PyramidLevel, Tensor | None]],
     asked: HiddenQueries,
     fine: tuple[Axis, Axis],
 ) -> tuple[Tensor, Tensor]:
@@ -52,7 +56,8 @@ def continued(
 
     Args:
         finest: Values and weights from the finest level, in the form of the result.
-        levels: The coarser levels, from fine to coarse, K channels.
+        levels: The coarser levels, from fine to coarse, K channels; and which pixels [n] have them,
+            None if all do.
         asked: The hidden pixels, at full resolution.
         fine: Where the middle of the frame is at full resolution.
 
@@ -60,8 +65,9 @@ def continued(
         [K, n] values times weights, and [n] weights in [0, 1].
     """
     values, weight = finest
-    for level in levels:
-        lacking = torch.nonzero(weight < _ENOUGH)[:, 0]
+    for level, exists in levels:
+        lacks = weight < _ENOUGH
+        lacking = torch.nonzero(lacks if exists is None else lacks & exists)[:, 0]
         if not len(lacking):
             break
         more, fraction = nearby(level, asked.select(lacking), fine)
@@ -79,8 +85,10 @@ def nearby(
     Arguments and result are those of `continued`.
     """
     count = pieces(asked.at.device, _PIXELS, _BYTES_EACH)
-    chunks = zip(*(torch.split(values, count) for values in asked), strict=True)
-    parts = [_nearby(level, HiddenQueries(*chunk), fine) for chunk in chunks]
+    if len(asked.at) <= count:
+        return _nearby(level, asked, fine)
+    numbers = torch.split(torch.arange(len(asked.at), device=asked.at.device), count)
+    parts = [_nearby(level, asked.select(chunk), fine) for chunk in numbers]
     values, weights = zip(*parts, strict=True)
     return torch.cat(values, 1), torch.cat(weights)
 
@@ -92,7 +100,10 @@ def _nearby(
     n, limits = len(asked.at), (asked.border.detach().repeat(4), asked.ceiling.detach().repeat(4))
     position = torch.stack(positions(asked.at, fine, level.middle, level.level))
     (row, column), (down, across) = _neighbours(position.to(asked.border.dtype), level.size)
-    coarse_pixel = (row[:, None] * level.size[1] + column).flatten()
+    coarse_pixel = row[:, None] * level.size[1] + column
+    if asked.of is not None:
+        coarse_pixel = coarse_pixel + asked.of * (level.size[0] * level.size[1])
+    coarse_pixel = coarse_pixel.flatten()
     fraction = (down[:, None] * across).flatten()
     values, weight = _weighed(level.first, coarse_pixel, limits, fraction)
     if level.second is not None and level.second_index is not None:

@@ -18,9 +18,9 @@ class View(NamedTuple):
     """A part of a frame whose coarse pixels are pixels or, at half resolution, two by two pixels.
 
     Attributes:
-        picture: [C + 1, h, w], colour and radius in px of the farthest surface in each coarse
+        picture: [C + 1, ..., h, w], colour and radius in px of the farthest surface in each coarse
             pixel.
-        near: [h, w] px, the least radius in each coarse pixel.
+        near: [..., h, w] px, the least radius in each coarse pixel.
         middle: Where the middle of the frame is among coarse pixels.
         fine: Where the middle of the frame is among pixels.
         level: 0 or 1.
@@ -56,8 +56,9 @@ class View(NamedTuple):
 
 def whole_view(whole: PyramidLevel) -> View:
     """A picture at full resolution."""
-    values, near = (x.reshape(-1, *whole.size) for x in (whole.first.values, whole.first.minimum))
-    return View(values, near[0], whole.middle, whole.middle, 0)
+    first = whole.first
+    values, near = (x.reshape(*x.shape[:-1], *whole.shape) for x in (first.values, first.minimum))
+    return View(values, near, whole.middle, whole.middle, 0)
 
 
 def half_view(half: PyramidLevel, fine: _Axes) -> View:
@@ -67,18 +68,18 @@ def half_view(half: PyramidLevel, fine: _Axes) -> View:
         held = torch.nonzero(half.second_index >= 0)[:, 0]
         nearer = half.second.minimum.index_select(0, half.second_index.index_select(0, held))
         near = near.index_copy(0, held, torch.minimum(near.index_select(0, held), nearer))
-    values = half.first.values.reshape(-1, *half.size)
-    return View(values, near.reshape(half.size), half.middle, fine, 1)
+    values = half.first.values.reshape(-1, *half.shape)
+    return View(values, near.reshape(half.shape), half.middle, fine, 1)
 
 
 def in_pixels(values: Tensor, size: tuple[int, int], middle: _Axes) -> Tensor:
-    """The greatest value [H, W] of the coarse pixels that each pixel is part of."""
+    """The greatest value [..., H, W] of the coarse pixels that each pixel is part of."""
     down, across = (halves(n, axis) for n, axis in zip(size, middle, strict=True))
     wide = spread_out(values, (down.axis.odd, across.axis.odd))
-    return wide[down.before : down.before + size[0], across.before : across.before + size[1]]
+    return Box(down.before, across.before, *size).of(wide)
 
 
 def in_coarse_pixels(mask: Tensor, middle: _Axes) -> Tensor:
-    """Which coarse pixels of half resolution hold any pixel of a mask [H, W] bool."""
+    """Which coarse pixels of half resolution hold any pixel of a mask [..., H, W] bool."""
     fraction, _ = averaged(mask.to(torch.float32)[None, None], 1, middle)
     return fraction[0, 0].gt(0)

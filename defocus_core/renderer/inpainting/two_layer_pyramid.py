@@ -8,6 +8,7 @@ hardly depend on where an edge lies among them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -80,7 +81,7 @@ class PyramidLevel(NamedTuple):
 
     Attributes:
         size: (height, width) in coarse pixels.
-        first: The farthest surface in each coarse pixel, row by row.
+        first: The farthest surface in each coarse pixel, row by row, picture by picture of a batch.
         second: The surface in front of the first, for the coarse pixels that hold two.
         second_index: [height * width] the index of each coarse pixel in `second`, or -1; None if
             all are -1.
@@ -99,6 +100,12 @@ class PyramidLevel(NamedTuple):
     edges: Tensor
     whole: bool = False
 
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The size, after the number of pictures of a batch: there is no such batch of one."""
+        pictures = self.first.data.shape[1] // (self.size[0] * self.size[1])
+        return self.size if pictures == 1 else (pictures, *self.size)
+
     def channels(self, channels: slice) -> PyramidLevel:
         """The level with a range of its channels."""
         second = None if self.second is None else self.second.channels(channels)
@@ -114,13 +121,13 @@ def pixels_of(
     """A picture at full resolution.
 
     Args:
-        values: Each [k, H, W], together K channels.
-        signed_radius: [H, W] px.
+        values: Each [k, ..., H, W], together K channels.
+        signed_radius: [..., H, W] px.
         middle: The middle of the frame.
-        weight: [H, W] in [0, 1], weights of pixels; None if all are 1.
+        weight: [..., H, W] in [0, 1], weights of pixels; None if all are 1.
     """
     r = signed_radius.detach()
-    size = (r.shape[0], r.shape[1])
+    size = (r.shape[-2], r.shape[-1])
     minimum = maximum = r = r.flatten()
     whole = weight is None
     weight = torch.ones_like(r) if weight is None else weight.flatten()
@@ -141,8 +148,9 @@ def coarser(pyramid_level: PyramidLevel) -> PyramidLevel:
     overlapping = pyramid_level.level > 0
     alike = _ALIKE * _GROWTH ** max(pyramid_level.level - 1, 0)
     middle, size = (down.axis, across.axis), (down.length, across.length)
-    device, count = pyramid_level.first.data.device, size[0] * size[1]
-    if launches_cost(device) and count <= _FEW:
+    device, each = pyramid_level.first.data.device, size[0] * size[1]
+    count = math.prod(pyramid_level.shape[:-2]) * each
+    if launches_cost(device) and each <= _FEW:
         every = torch.arange(count, device=device)
         dense, near = _split(pyramid_level, every, (down, across), overlapping, alike)
         is_edge = near.maximum > -torch.inf
@@ -194,13 +202,14 @@ def _dense(
     if not pyramid_level.whole:
         weighed = weighed.clone()
         weighed[:-1] *= first.weight
-    sums = (pulled if overlapping else halved)(coarse(weighed, 0.0), odd).flatten(1)
+    sums = (pulled if overlapping else halved)(coarse(weighed, 0.0), odd)
+    sums = sums.reshape(len(weighed), -1)
     values, weight = sums[:-1], sums[-1]
     values = values / torch.where(weight > 0, weight, 1.0)
     limits = _greatest_of(
         coarse(torch.stack([-minimum, first.maximum]), -torch.inf), odd, overlapping
     )
-    minimum, maximum = limits.flatten(1).unbind()
+    minimum, maximum = limits.reshape(2, -1).unbind()
     return values, weight.clamp(max=1), minimum, maximum
 
 
@@ -248,17 +257,20 @@ def _split(
         alike: Range of radii in px that counts as one surface.
     """
     row = coarse.div(axes[1].length, rounding_mode="floor")
+    column, above = coarse - row * axes[1].length, None
+    if len(pyramid_level.shape) > 2:
+        above = row.div(axes[0].length, rounding_mode="floor")
+        row = row - above * axes[0].length
     positions, fractions = [], []
-    for second_index, axis, length in zip(
-        (row, coarse - row * axes[1].length), axes, pyramid_level.size, strict=True
-    ):
+    for second_index, axis, length in zip((row, column), axes, pyramid_level.size, strict=True):
         offsets, by = zip(*_taps(axis, overlapping), strict=True)
         first = torch.tensor(offsets, device=coarse.device) - axis.before
         position = torch.add(first[:, None], second_index, alpha=2)
         inside = position.clamp(0, length - 1)
         fractions.append(pyramid_level.first.data.new_tensor(by)[:, None] * (inside == position))
         positions.append(inside)
-    index = torch.add(positions[1], positions[0][:, None], alpha=pyramid_level.size[1]).flatten()
+    rows = positions[0] if above is None else positions[0] + above * pyramid_level.size[0]
+    index = torch.add(positions[1], rows[:, None], alpha=pyramid_level.size[1]).flatten()
     fraction = (fractions[0][:, None] * fractions[1]).flatten()
     data, count = pyramid_level.first.data.index_select(1, index), len(coarse)
     if pyramid_level.second is not None and pyramid_level.second_index is not None:

@@ -53,30 +53,30 @@ def blocks_of(positions: Tensor, slices: int, present: Tensor | None = None) -> 
     """For each slice the blocks of 16 px that hold a pixel of it: [K, rows, columns] bool.
 
     Args:
-        positions: [H, W] positions of pixels among the slice radii.
+        positions: [..., H, W] positions of pixels among the slice radii, of any picture of a batch.
         slices: K, the number of slices.
-        present: [H, W] bool, which pixels exist; None if all do.
+        present: [..., H, W] bool, which pixels exist; None if all do.
     """
     positions = positions.detach()
     if present is not None:
         at = torch.nonzero(present)
-        return blocks_at(
-            positions[at[:, 0], at[:, 1]], at, slices, (positions.shape[0], positions.shape[1])
-        )
+        size = positions.shape[-2], positions.shape[-1]
+        return blocks_at(positions[at.unbind(1)], at[:, -2:], slices, size)
     extremes = block_ranges(positions)
     occupied = torch.zeros((*extremes[0].shape, slices), dtype=torch.bool, device=positions.device)
     (first, above), (below, last) = (
         (extreme.floor().long(), extreme.ceil().long()) for extreme in extremes
     )
     for slice_index in (first, above, below, last):
-        occupied.scatter_(2, slice_index[..., None], True)
+        occupied.scatter_(-1, slice_index[..., None], True)
     # which slices between the least and the greatest have a pixel?
-    row, column = torch.nonzero(below - above > 1).unbind(1)
-    if len(row):
-        mixed = _in_blocks(positions)[row, :, column].flatten(1)
-        slices_held = torch.zeros((len(row), slices), dtype=torch.bool, device=positions.device)
+    several = torch.nonzero(below - above > 1)
+    if len(several):
+        mixed = _in_blocks(positions).transpose(-3, -2)[several.unbind(1)].flatten(1)
+        slices_held = torch.zeros((len(several), slices), dtype=torch.bool, device=positions.device)
         slices_held.scatter_(1, mixed.floor().long(), True).scatter_(1, mixed.ceil().long(), True)
-        occupied[row, column] = slices_held
+        occupied[several.unbind(1)] = slices_held
+    occupied = occupied if occupied.dim() == 3 else occupied.any(0)
     return occupied.permute(2, 0, 1)
 
 
@@ -89,16 +89,22 @@ def block_ranges(values: Tensor) -> tuple[Tensor, Tensor]:
 def _in_blocks(values: Tensor) -> Tensor:
     """Values [..., H, W] as [..., rows, 16, columns, 16]; past the border the last one repeats."""
     rest = (0, -values.shape[-1] % BLOCK, 0, -values.shape[-2] % BLOCK)
-    padded = pad(values[None], rest, mode="replicate")[0]
+    padded = pad(values.reshape(-1, *values.shape[-2:]), rest, mode="replicate")
+    padded = padded.view(*values.shape[:-2], *padded.shape[-2:])
     return torch.unflatten(torch.unflatten(padded, -1, (-1, BLOCK)), -3, (-1, BLOCK))
 
 
 def blocks_at(positions: Tensor, at: Tensor, slices: int, size: tuple[int, int]) -> Tensor:
-    """As `blocks_of`, for n samples: their places [n], and their rows and columns [n, 2]."""
+    """As `blocks_of`, for n samples: their places [n], and their rows and columns [n, 2].
+
+    Rows may be counted on from one picture of a batch to the next.
+    """
     rows, columns = (-(-n // BLOCK) for n in size)
     occupied = torch.zeros(slices * rows * columns, dtype=torch.bool, device=positions.device)
-    block = at.div(BLOCK, rounding_mode="floor")
-    number = block[:, 0] * columns + block[:, 1]
+    row, column = (
+        x.div(BLOCK, rounding_mode="floor") for x in (at[:, 0].remainder(size[0]), at[:, 1])
+    )
+    number = row * columns + column
     for slice_index in (positions.detach().floor(), positions.detach().ceil()):
         occupied.index_fill_(0, slice_index.long() * (rows * columns) + number, True)
     return occupied.view(slices, rows, columns)

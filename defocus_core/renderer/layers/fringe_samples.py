@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -19,7 +21,8 @@ class FringeSamples:
         """Sort samples by layer and by rows of blocks.
 
         Args:
-            at: [n, 2] rows and columns.
+            at: [n, 2] rows and columns; rows are counted on from one picture of a batch to the
+                next.
             samples: [n, C + 1], colour premultiplied by coverage, then coverage.
             positions: [n] positions between slice radii.
             layers: For each slice, the number of its layer.
@@ -30,11 +33,14 @@ class FringeSamples:
         fraction = 1 - (torch.cat([positions, positions]) - slice_index).abs()
         self._rows = -(-height // BLOCK)
         layer_index = torch.tensor([*layers, layers[-1]], device=at.device)[slice_index.long()]
+        above = at[:, 0].div(height, rounding_mode="floor")
+        at = torch.stack([at[:, 0] - above * height, at[:, 1]], 1)
         band = layer_index * self._rows + at[:, 0].div(BLOCK, rounding_mode="floor").repeat(2)
         order = band.argsort(stable=True)
         self._slice_index = slice_index.long().index_select(0, order)
         sample = order % max(len(at), 1)
         self._y, self._x = at.index_select(0, sample).unbind(1)
+        self._of = above.index_select(0, sample)  # the picture of the batch
         self._samples = samples.index_select(0, sample).T * fraction.index_select(0, order)
         counts = torch.bincount(band, minlength=(max(layers) + 1) * self._rows)
         self._starts = [0, *counts.cumsum(0).tolist()]
@@ -48,7 +54,7 @@ class FringeSamples:
         """Add the samples in a rectangle to slices of a layer.
 
         Args:
-            slices: [C + 1, k, height, width]; changed in place.
+            slices: [C + 1, k, ..., height, width]; changed in place.
             layer_index: Number of the layer.
             first: Rung of the first slice; the others follow.
             window: The rectangle of the slices.
@@ -57,7 +63,7 @@ class FringeSamples:
         chosen = self._range(layer_index, lit.top // BLOCK, -(-(lit.top + lit.height) // BLOCK))
         if chosen.start == chosen.stop:
             return
-        _, k, height, width = slices.shape
+        k, (height, width) = slices.shape[1], slices.shape[-2:]
         slot, y, x = (
             self._slice_index[chosen] - first,
             self._y[chosen] - lit.top,
@@ -66,7 +72,9 @@ class FringeSamples:
         inside = (slot >= 0) & (slot < k) & (y >= 0) & (y < lit.height)
         inside &= (x >= 0) & (x < lit.width)
         origin = (lit.top - window.top) * width + lit.left - window.left
-        spot = ((slot * height + y) * width + x + origin) * inside
+        pictures = math.prod(slices.shape[2:-2])
+        number = slot if pictures == 1 else slot * pictures + self._of[chosen]
+        spot = ((number * height + y) * width + x + origin) * inside
         slices.view(len(slices), -1).index_add_(1, spot, self._samples[:, chosen] * inside)
 
     def averaged(
@@ -81,7 +89,7 @@ class FringeSamples:
         """Add the samples of a slice to this slice at reduced resolution.
 
         Args:
-            pixels: [C + 1, height, width], the slice without the samples; changed in place.
+            pixels: [C + 1, ..., height, width], the slice without the samples; changed in place.
             layer_index: Number of its layer.
             slice_index: Rung of the slice.
             step: Px from one coarse pixel to the next.
@@ -108,11 +116,12 @@ class FringeSamples:
                 else [(lower - start, torch.ones_like(upper))]
             )
         flat = pixels.view(len(pixels), -1)
+        first = self._of[index_of_slice] * (coarse.height * coarse.width)
         channel = torch.arange(len(pixels), device=pixels.device)[:, None]
         for y, row_weight in sides[0]:
             for x, column_weight in sides[1]:
                 inside = (y >= 0) & (y < coarse.height) & (x >= 0) & (x < coarse.width)
-                spot = torch.where(inside, y * coarse.width + x, 0)
+                spot = torch.where(inside, first + y * coarse.width + x, 0)
                 fractions = row_weight * column_weight * inside
                 # in a fixed order on a GPU, too, where index_add_ has none
                 flat.index_put_((channel, spot), samples * fractions, accumulate=True)

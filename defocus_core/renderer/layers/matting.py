@@ -44,7 +44,7 @@ class Fringe(NamedTuple):
     """Parts of nearer surfaces in pixels whose depth is that of a farther one.
 
     Attributes:
-        at: [n, 2] rows and columns.
+        at: [n, 2] rows and columns; rows are counted on from one picture of a batch to the next.
         layer: [n, C + 1], colour premultiplied by coverage, then coverage.
         signed_radius: [n] px.
     """
@@ -76,8 +76,8 @@ def unmixed(image: Tensor, signed_radius: Tensor, *, uncertain: bool = False) ->
     of a nearer surface that is nowhere seen alone, like a wire two px wide.
 
     Args:
-        image: [C, H, W] linear.
-        signed_radius: [H, W] px.
+        image: [C, ..., H, W] linear.
+        signed_radius: [..., H, W] px.
         uncertain: Whether depth says only roughly where edges are: then less colour is enough to
             take a pixel apart.
     """
@@ -93,7 +93,7 @@ def unmixed(image: Tensor, signed_radius: Tensor, *, uncertain: bool = False) ->
         for at in torch.split(positions, pieces(positions.device, AT_ONCE, BYTES_EACH))
     ]
     at, own, fraction, fringe_at, fringe, fringe_radius = map(torch.cat, zip(*chunks, strict=True))
-    index = at[:, 0] * edge.shape[1] + at[:, 1]
+    index = at[:, 0] * edge.shape[-1] + at[:, 1]
     color = image.flatten(1).index_copy(1, index, own.T).reshape(image.shape)
     coverage = torch.ones_like(image[:1]).flatten().index_copy(0, index, fraction)
     coverage = coverage.reshape(image[:1].shape)
@@ -101,10 +101,10 @@ def unmixed(image: Tensor, signed_radius: Tensor, *, uncertain: bool = False) ->
 
 
 def whole(image: Tensor, signed_radius: Tensor) -> Unmixed:
-    """A picture [C, H, W] of radii [H, W] without mixed pixels."""
+    """A picture [C, ..., H, W] of radii [..., H, W] without mixed pixels."""
     nothing = image.new_zeros(0, len(image) + 1)
     nowhere = torch.zeros((0, 2), dtype=torch.long, device=image.device)
-    return Unmixed(image, None, Fringe(nowhere, nothing, signed_radius[0, :0]))
+    return Unmixed(image, None, Fringe(nowhere, nothing, signed_radius.flatten()[:0]))
 
 
 def _taken_apart(

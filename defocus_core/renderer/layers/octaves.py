@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from torch import Tensor
+
 from defocus_core.renderer.layers.slice_radii import ALONE
 
 # A hidden octave comes before visible layers whose radius is this many times its greatest one.
@@ -28,11 +30,21 @@ class CompositeOrder(NamedTuple):
             is none.
         ahead: For each hidden octave, nearest first, the number of the first visible layer that
             comes after it. Octaves that come before no visible layer are absent.
+        greatest: For each picture of a batch, whose slices are those of all, the greatest octave
+            that is ahead by its own; empty where there is one picture.
     """
 
     around: int
     beyond: int
     ahead: dict[int, int]
+    greatest: tuple[int, ...] = ()
+
+    def pictures_with(self, octave: int, like: Tensor) -> Tensor | None:
+        """1 for pictures [B, 1, 1] in which an octave is ahead, else 0; None if it is in all."""
+        if all(abs(octave) <= greatest for greatest in self.greatest):
+            return None
+        which = [float(abs(octave) <= greatest) for greatest in self.greatest]
+        return like.new_tensor(which)[:, None, None]
 
 
 def octaves(radii: tuple[float, ...]) -> list[int]:

@@ -28,10 +28,13 @@ class Planes:
         """Look for slices that are planes.
 
         Args:
-            slopes: [2, H, W], x and y, px per px.
+            slopes: [2, ..., H, W], x and y, px per px.
             blocks: [K, rows, columns] bool, where slices are, on the CPU.
         """
-        self._lowest, self._highest = (end.cpu() for end in block_ranges(slopes))
+        lowest, highest = block_ranges(slopes)
+        if slopes.dim() > 3:  # of all pictures of a batch
+            lowest, highest = lowest.amin(1), highest.amax(1)
+        self._lowest, self._highest = lowest.cpu(), highest.cpu()
         self._blocks = blocks
         self.tilted: Tensor = ((self._lowest < 0) | (self._highest > 0)).any(0)
         every, all_blocks = list(range(len(blocks))), slice(None)

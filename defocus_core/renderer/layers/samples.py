@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import torch
 from torch import Tensor
 
 from defocus_core.renderer.layers.matting import Unmixed
@@ -25,7 +26,8 @@ class SurfaceSamples(NamedTuple):
         color: [C, H, W].
         coverage: [1, H, W], the share of each pixel that the layer covers; None if all are whole.
         positions: [H, W] positions.
-        at: [n, 2] rows and columns of fringe samples.
+        at: [n, 2] rows and columns of fringe samples; rows are counted on from one picture of a
+            batch to the next.
         extra: [n, C + 1] fringe samples: parts of nearer surfaces in the same pixels.
         extra_positions: [n] positions of fringe samples.
         slopes: [2, H, W] of the radius, px per px; None where no surface is tilted.
@@ -71,11 +73,13 @@ class SurfaceSamples(NamedTuple):
         coverage, fringe = pixels.coverage, pixels.fringe
         at, extra, radius = fringe
         if len(at):
-            at = at - at.new_tensor(box[:2])
-            inside = (at >= 0).all(1) & (at[:, 0] < box.height) & (at[:, 1] < box.width)
-            at, extra, radius = (
-                x.index_select(0, flat_nonzero(inside)) for x in (at, extra, radius)
-            )
+            height = pixels.color.shape[-2]
+            above = at[:, 0].div(height, rounding_mode="floor")
+            y, x = at[:, 0] - above * height - box.top, at[:, 1] - box.left
+            inside = (y >= 0) & (x >= 0) & (y < box.height) & (x < box.width)
+            at = torch.stack([y + above * box.height, x], 1)
+            number = flat_nonzero(inside)
+            at, extra, radius = (each.index_select(0, number) for each in (at, extra, radius))
         return cls(
             box.of(pixels.color),
             None if coverage is None else box.of(coverage),

@@ -202,5 +202,6 @@ def _sharp(whole: _QuadraticPiece) -> list[_QuadraticPiece]:
 
 
 def membership(positions: Tensor, slices: Tensor) -> Tensor:
-    """Shares [K, H, W] of pixels of places [H, W] in slices [K]; over all slices they sum to 1."""
-    return (1 - (positions - slices[:, None, None]).abs_()).clamp_(min=0)
+    """Shares [K, ..., H, W] of pixels of places [..., H, W] in slices [K]; all sum to 1."""
+    numbers = slices.view(-1, *[1] * positions.dim())
+    return (1 - (positions - numbers).abs_()).clamp_(min=0)

@@ -30,9 +30,9 @@ class _SampleTensors(NamedTuple):
     """Samples of which no two are of one pixel.
 
     Attributes:
-        layer: [C + 1, H, W] in a frame of zeros, continued around the samples.
-        positions: [H, W] positions between slice radii, in the same frame.
-        blocks: [K, rows, columns] bool, the blocks that hold samples of a slice.
+        layer: [C + 1, ..., H, W] in a frame of zeros, continued around the samples.
+        positions: [..., H, W] positions between slice radii, in the same frame.
+        blocks: [K, rows, columns] bool, the blocks that hold samples of a slice, in any picture.
     """
 
     layer: Tensor
@@ -67,7 +67,7 @@ class Surface:
             before: Greatest distance in px from the first row or column of a window to its tile.
             beyond: Greatest distance in px from the first row of a tile to the end of a window.
         """
-        size = samples.positions.shape[0], samples.positions.shape[1]
+        size = samples.positions.shape[-2], samples.positions.shape[-1]
         around = samples.around or Box(0, 0, *size)
         # counted from the first sample that is repeated
         self._given = Box(-around.top, -around.left, *size)
@@ -87,9 +87,7 @@ class Surface:
         self._samples = [visible, *others]
         self._positions, self._shifts = self._samples[0].positions, samples.shifts
         self._coverage = samples.coverage
-        blocks = reduce(
-            torch.logical_or, [sample_tensors.blocks for sample_tensors in self._samples]
-        )
+        blocks = reduce(torch.logical_or, [each.blocks for each in self._samples])
         self._fringe = None
         if len(samples.at):
             at, layer_index = positions_continued(samples.at, size, around)
@@ -115,7 +113,7 @@ class Surface:
         """Slopes of samples in the frame of zeros; only needed by slices that are no planes."""
         if self._lean is None:
             return None
-        framed = self._lean.new_zeros(2, *self._framed_box[2:])
+        framed = self._lean.new_zeros(*self._lean.shape[:-2], *self._framed_box[2:])
         self._unframed(self._own, framed).copy_(self._lean)
         return framed
 
@@ -124,22 +122,24 @@ class Surface:
     ) -> _SampleTensors:
         """Samples, from a framed layer and their places [H, W]; without coverage none exists."""
         framed = self._framed([positions[None]])[0]
-        visible, exists = self._unframed(self._own, framed), None
+        inner, exists = self._unframed(self._own, framed), None
         if not whole:
             covered = self._unframed(self._own, layer.detach()[-1].bool())
             exists = None if bool(covered.all()) else covered
-        return _SampleTensors(layer, framed, blocks_of(visible, count, exists).cpu())
+        return _SampleTensors(layer, framed, blocks_of(inner, count, exists).cpu())
 
     def _layer(self, samples: SurfaceSamples) -> Tensor:
         """The pixels themselves, colour times coverage and coverage, framed."""
         color, coverage = samples.color, samples.coverage
         if coverage is not None:
             return self._framed([color * coverage, coverage])
-        return self._framed([color, torch.ones_like(color[:1, :1, :1]).expand(1, *color.shape[1:])])
+        one = torch.ones_like(color[:1, ..., :1, :1]).expand(1, *color.shape[1:])
+        return self._framed([color, one])
 
     def _framed(self, channels: list[Tensor]) -> Tensor:
-        """Channels [..., H, W], one after another, continued in a frame of zeros."""
-        framed = channels[0].new_zeros(sum(map(len, channels)), *self._framed_box[2:])
+        """Channels [n, ..., H, W], one after another, continued in a frame of zeros."""
+        pictures, size = channels[0].shape[1:-2], self._framed_box[2:]
+        framed = channels[0].new_zeros(sum(map(len, channels)), *pictures, *size)
         given, first = self._unframed(self._given, framed), 0
         for values in channels:
             given[first : first + len(values)].copy_(values)
@@ -167,7 +167,7 @@ class Surface:
         return patches(occupied, self._tiles, list(margins.values()), self._own[2:])
 
     def members(self, slice_indices: range, window: Box, lit: Box) -> Tensor:
-        """Slices of one layer within a window, [C + 1, k, height, width].
+        """Slices of one layer within a window, [C + 1, k, ..., height, width].
 
         Args:
             slice_indices: Their index among the slices.
@@ -176,13 +176,14 @@ class Surface:
                 of the layer or of the window; samples after its end are set to 0.
         """
         slices = None
-        for sample_tensors in self._samples_of(slice_indices, lit):
-            layer = self._unframed(window, sample_tensors.layer)[:, None]
-            fractions = self._lit_fractions(sample_tensors.positions, slice_indices, window, lit)
+        for each in self._samples_of(slice_indices, lit):
+            layer = self._unframed(window, each.layer)[:, None]
+            fractions = self._lit_fractions(each.positions, slice_indices, window, lit)
             slices = layer * fractions if slices is None else slices.addcmul_(layer, fractions)
         if slices is None:
             first = self._samples[0].layer
-            slices = first.new_zeros(len(first), len(slice_indices), window.height, window.width)
+            pictures = first.shape[1:-2]
+            slices = first.new_zeros(len(first), len(slice_indices), *pictures, *window[2:])
         if self._fringe:
             self._fringe.add(
                 slices, self._layers[slice_indices.start], slice_indices.start, window, lit
@@ -190,18 +191,14 @@ class Surface:
         return slices
 
     def _samples_of(self, slice_indices: range, box: Box) -> list[_SampleTensors]:
-        """The sheets that have pixels of slices in the blocks of a box, the nearest first."""
+        """The samples of slices that have pixels in the blocks of a box, the nearest first."""
         if len(self._samples) == 1:
             return self._samples
         rows, columns = (
             slice(max(span.first, 0) // BLOCK, -(-span.end // BLOCK)) for span in box.sides
         )
         within = slice(slice_indices.start, slice_indices.stop), rows, columns
-        return [
-            sample_tensors
-            for sample_tensors in self._samples
-            if bool(sample_tensors.blocks[within].any())
-        ]
+        return [each for each in self._samples if bool(each.blocks[within].any())]
 
     def _lit_fractions(
         self, positions: Tensor, slice_indices: range, window: Box, lit: Box
@@ -214,7 +211,7 @@ class Surface:
         limits = lit.seen_from(window).sides
         below, beside = window.height - limits[0].end, window.width - limits[1].end
         if below > 0:
-            fractions[:, -below:].zero_()
+            fractions[..., -below:, :].zero_()
         if beside > 0:
             fractions[..., -beside:].zero_()
         return fractions
@@ -286,7 +283,7 @@ class Surface:
         """
         kinds = 3 if tilted and self._slopes is not None else 1
         first = self._samples[0].layer
-        result = first.new_zeros(kinds, len(first), *coarse[2:])
+        result = first.new_zeros(kinds, *first.shape[:-2], *coarse[2:])
         for band in self._bands(slice_index, 1 << level, middle):
             pixels = self._slice(slice_index, band)[None]
             if tilted and self._slopes is not None:
@@ -309,12 +306,12 @@ class Surface:
     def _slice(self, slice_index: int, box: Box) -> Tensor:
         """The pixels [C + 1, h, w] of a slice in a box, without fringe."""
         layer, *others = (
-            self._unframed(box, sample_tensors.layer)
+            self._unframed(box, each.layer)
             * membership(
-                self._unframed(box, sample_tensors.positions),
+                self._unframed(box, each.positions),
                 self._slice_numbers[slice_index : slice_index + 1],
             )
-            for sample_tensors in self._samples
+            for each in self._samples
         )
         return sum(others, layer)
 

@@ -24,13 +24,13 @@ AROUND = _AROUND + 1
 
 
 def slopes(signed_radius: Tensor, minimum: float = 0.0) -> Tensor | None:
-    """∇r in px per px, x then y: [2, H, W] of radii [H, W]; at most 1 long.
+    """∇r in px per px, x then y: [2, ..., H, W] of radii [..., H, W]; at most 1 long.
 
     At an edge of depth it is the slope of the pixel's own surface, to 0.01. Beyond a length of 1
     some lens points see its back.
 
     Args:
-        signed_radius: [H, W] px.
+        signed_radius: [..., H, W] px.
         minimum: Slopes up to this become 0. So do steep lines, like the limb of a ball: a steep
             pixel counts if a third of the pixels around it are steep.
 
@@ -56,12 +56,13 @@ def slopes(signed_radius: Tensor, minimum: float = 0.0) -> Tensor | None:
 
 
 def _many_around(mask: Tensor) -> Tensor:
-    """Where enough of the square around each pixel, cut to the frame, is in a mask [H, W]."""
+    """Where enough of the square around each pixel, cut to the frame, is in a mask [..., H, W]."""
     count, area = mask.to(torch.int32), torch.ones((), device=mask.device)
-    for dim, n in enumerate(mask.shape):
+    for dim in (-2, -1):
+        n = mask.shape[dim]
         position = torch.arange(n, device=mask.device)
         first, end = (position - _AROUND).clamp(min=0), (position + _AROUND + 1).clamp(max=n)
-        sums = pad(count.cumsum(dim, dtype=torch.int32), (1, 0) if dim else (0, 0, 1, 0))
+        sums = pad(count.cumsum(dim, dtype=torch.int32), (1, 0) if dim == -1 else (0, 0, 1, 0))
         count = sums.index_select(dim, end) - sums.index_select(dim, first)
         area = area[..., None] * (end - first)
     return count > _AREA * area

@@ -65,7 +65,7 @@ class Shifts:
             parts: M parts of it.
         """
         self._color, self._radius, self._positions = color, signed_radius, positions
-        self._whole = Box(-inner.top, -inner.left, *signed_radius.shape)
+        self._whole = Box(-inner.top, -inner.left, *signed_radius.shape[-2:])
         requires_grad = aperture.requires_grad
         apparent = _apparent.__wrapped__ if requires_grad else _apparent
         half = parts[0] if parts[0].is_uneven else LEFT
@@ -104,15 +104,21 @@ class Shifts:
         dims = (-1, -2)[: self._centroids.shape[1]]
         slopes = torch.stack([inner.of(_slope(color, radius, dim)) for dim in dims])
         changes = slopes * (apparent - begun * r)
-        moved: Tensor = self._centroids[:, 0, None, None, None] * changes[0]
+        shape = -1, *[1] * changes[0].dim()
+        moved: Tensor = self._centroids[:, 0].view(shape) * changes[0]
         for mean, change in zip(self._centroids.unbind(1)[1:], changes[1:], strict=True):
-            moved = moved.addcmul(mean[:, None, None, None], change)
+            moved = moved.addcmul(mean.view(shape), change)
         return moved
 
 
 def stacked(values: Sequence[Scalar], like: Tensor) -> Tensor:
     """A tensor [n] of numbers and of tensors of one number, through which gradients flow."""
     return torch.stack([torch.as_tensor(value, dtype=torch.float64) for value in values]).to(like)
+
+
+def along_first(values: Sequence[Scalar], like: Tensor) -> Tensor:
+    """Numbers as in `stacked`, one for each of the first dimension of a tensor [n, ...]."""
+    return stacked(values, like).view(-1, *[1] * (like.dim() - 1))
 
 
 def _slope(color: Tensor, signed_radius: Tensor, dim: int) -> Tensor:

@@ -145,40 +145,45 @@ def test_fit_writes_lens_files_whose_radii_are_those_of_the_set(reference: Path)
 
 
 @pytest.mark.parametrize(
-    ("words", "problem"),
+    ("words", "code", "at"),
     [
-        ((), "BLURRED: is missing"),
-        (("--seed", "1"), "--seed: has no effect without --match"),
-        (("--match", "ref", "--exposure"), "--exposure: stands beside --match"),
-        (("--match", "ref", "--shift"), "--shift: stands beside --match"),
-        (("blurred", "--match", "ref"), "BLURRED: stands beside --match"),
+        ((), "missing-option", "BLURRED"),
+        (("--seed", "1"), "idle-option", "seed"),
+        (("--match", "ref", "--exposure"), "contradiction", "--exposure"),
+        (("--match", "ref", "--shift"), "contradiction", "--shift"),
+        (("blurred", "--match", "ref"), "contradiction", "BLURRED"),
     ],
 )
 def test_fit_refuses_what_has_no_effect(
-    reference: Path, words: tuple[str, ...], problem: str
+    reference: Path, words: tuple[str, ...], code: str, at: str
 ) -> None:
-    refused(run("fit", reference / "a.exr", reference / "z.exr", *words), 2, problem)
+    refused(run("fit", reference / "a.exr", reference / "z.exr", *words), 2, code, at)
 
 
 @pytest.mark.parametrize(
-    ("sample", "lens", "words"),
+    ("sample", "lens", "code", "at"),
     [
-        ('match = "nowhere"', "", "nowhere: "),
-        ('match = "new"', "", "finished batch"),
-        ('match = "ref"\nfnumber = "uniform(1, 2)"', "", "stands beside match"),
-        ('match = "ref"', "focus = '2m'", "[lens] focus: stands beside match"),
-        ('match = "ref"', "max-coc = '9px'", "max-coc: stands beside match"),
-        ('match = "h.json"', "", "name it after its type"),
-        ('match = "bad.csv"', "", "line 2: has no coc_p50_px"),
-        ('match = "odd.csv"', "", "not a number of at least 0"),
+        ('match = "nowhere"', "", "wrong-type", ["nowhere"]),
+        ('match = "new"', "", "empty", ["new"]),
+        (
+            'match = "ref"\nfnumber = "uniform(1, 2)"',
+            "",
+            "contradiction",
+            ["jobs.toml", "fnumber"],
+        ),
+        ('match = "ref"', "focus = '2m'", "contradiction", ["jobs.toml", "focus"]),
+        ('match = "ref"', "max-coc = '9px'", "contradiction", ["jobs.toml", "max-coc"]),
+        ('match = "h.json"', "", "wrong-type", ["h.json"]),
+        ('match = "bad.csv"', "", "malformed", ["bad.csv", "line 2"]),
+        ('match = "odd.csv"', "", "malformed", ["odd.csv", "line 2"]),
     ],
 )
 def test_mistakes_are_answered_in_a_line(
-    reference: Path, sample: str, lens: str, words: str
+    reference: Path, sample: str, lens: str, code: str, at: list[str]
 ) -> None:
     (reference / "h.json").write_text("{}")
     (reference / "bad.csv").write_text("coc_mean_px\n2\n")
     (reference / "odd.csv").write_text("coc_mean_px,coc_p50_px,coc_p99_px\n2,-1,3\n")
     ran = batch(reference, "new", sample, "never", lens)
-    refused(ran, 2 if "beside" in words else 3, words)
+    refused(ran, 2 if code == "contradiction" else 3, code, *at)
     assert not (reference / "never").exists()

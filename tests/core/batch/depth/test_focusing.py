@@ -114,7 +114,7 @@ def test_the_focus_of_a_percentile_is_written_down(tmp_path: Path) -> None:
 def test_a_focus_that_is_no_percentile_is_refused(tmp_path: Path) -> None:
     for text in ("percentile(101)", "percentile(5m)", "percentile()", "percentile(5, 95)"):
         lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", text)
-        refused(run("render", "a", "b", "-o", tmp_path / "out", *lens), 2, "--focus: '")
+        refused(run("render", "a", "b", "-o", tmp_path / "out", *lens), 2, "malformed", "focus")
 
 
 @pytest.mark.parametrize("focus", [50.000001, 50.00001])

@@ -94,11 +94,11 @@ def test_kernels_over_the_frame_split_each_light_as_at_its_place(
     ]
     assert apart[1] == pytest.approx(0.1 * apart[0], rel=0.1)
     out = ("-o", tmp_path / "p", "--outputs", "left", *LENS, "--dp-model", grid)
-    refused(run("render", *lights, *out, "--cat-eye", "1.05:1.5"), 2, "--dp-model", "one place")
+    refused(run("render", *lights, *out, "--cat-eye", "1.05:1.5"), 2, "contradiction", "dp-model")
     np.savez(grid, left=left[None, None], center=right[None, None])
-    refused(run("render", *lights, *out), 3, str(grid), "no right")
+    refused(run("render", *lights, *out), 3, "no-such-channel", grid)
     np.savez(grid, left=left[None, None], right=right[None, None, 1:])
-    refused(run("render", *lights, *out), 3, str(grid), "not kernels of two")
+    refused(run("render", *lights, *out), 3, "wrong-size", grid)
 
 
 def test_kernels_are_inputs_of_a_batch_and_are_found_again(
@@ -134,12 +134,12 @@ def test_kernels_are_inputs_of_a_batch_and_are_found_again(
 
 
 @pytest.mark.parametrize(
-    ("option", "values", "words"),
+    ("option", "values", "code"),
     [
-        ("--aperture-image", np.ones((2, 2, 3, 5, 5)), "no field of kernels"),
-        ("--aperture-image", np.zeros((1, 2, 5, 5)), "black"),
-        ("--dp-model", np.ones((3, 5, 5)), "not kernels of two"),
-        ("--dp-model", np.ones((2, 5, 5)), "left must lie left"),
+        ("--aperture-image", np.ones((2, 2, 3, 5, 5)), "malformed"),
+        ("--aperture-image", np.zeros((1, 2, 5, 5)), "malformed"),
+        ("--dp-model", np.ones((3, 5, 5)), "wrong-size"),
+        ("--dp-model", np.ones((2, 5, 5)), "malformed"),
     ],
 )
 def test_kernels_that_make_no_sense_are_refused(
@@ -147,12 +147,12 @@ def test_kernels_that_make_no_sense_are_refused(
     tmp_path: Path,
     option: str,
     values: np.ndarray,  # type: ignore[type-arg]
-    words: str,
+    code: str,
 ) -> None:
     np.save(tmp_path / "k.npy", values)
     out = ("-o", tmp_path / "out", "--outputs", "left")
     ran = run("render", *lights, *out, *LENS, option, tmp_path / "k.npy")
-    refused(ran, 3, str(tmp_path / "k.npy"), words)
+    refused(ran, 3, code, "k.npy")
     assert not list((tmp_path / "out").glob("left/*"))
 
 
@@ -160,7 +160,6 @@ def test_a_rim_does_not_clip_kernels_twice(lights: tuple[Path, Path], tmp_path: 
     np.save(tmp_path / "field.npy", field())
     options = ("--aperture-image", tmp_path / "field.npy", "--cat-eye", "1.05:1.5")
     ran = run("render", *lights, "-o", tmp_path / "out", *LENS, *options)
-    refused(ran, 2, "--cat-eye", "leave it out")
+    refused(ran, 2, "idle-option", "cat-eye")
     missing = run("render", *lights, "-o", tmp_path / "out", *LENS, "--dp-model", "no.npy")
-    assert missing.code == 3
-    assert "no.npy" in missing.err
+    refused(missing, 3, "not-found", "no.npy")

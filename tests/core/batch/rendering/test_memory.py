@@ -107,11 +107,11 @@ def test_holes_and_infinite_pixels_are_found_in_scratch_files(
     pixels, depth = texture(*SIZE), ramp(*SIZE)
     depth[40, 7] = depth[60, 1] = np.nan
     args = (color_exr(tmp_path / "c.exr", pixels), depth_exr(tmp_path / "z.exr", depth))
-    refused(render(*args, "-o", tmp_path / "out"), 3, "is NaN or ≤ 0 in 2 pixels", "at 7,40")
+    refused(render(*args, "-o", tmp_path / "out"), 3, "invalid-depth", "z.exr")
     pixels[50, 3] = np.inf
     color_exr(tmp_path / "c.exr", pixels)
     depth_exr(tmp_path / "z.exr", ramp(*SIZE))
-    refused(render(*args, "-o", tmp_path / "out"), 3, "is NaN or infinite in 1 pixel,", "at 3,50")
+    refused(render(*args, "-o", tmp_path / "out"), 3, "not-finite", "c.exr")
 
 
 def test_a_damaged_file_is_refused_in_strips_as_well(
@@ -119,7 +119,7 @@ def test_a_damaged_file_is_refused_in_strips_as_well(
 ) -> None:
     color, depth = frames(tmp_path, "exr")
     color.write_bytes(color.read_bytes()[:-400])
-    refused(render(color, depth, "-o", tmp_path / "out"), 3, str(color), "truncated or damaged")
+    refused(render(color, depth, "-o", tmp_path / "out"), 3, "damaged", color)
 
 
 def test_no_room_for_scratch_is_said_before_any_work(
@@ -132,7 +132,7 @@ def test_no_room_for_scratch_is_said_before_any_work(
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
     ran = render(*frames(tmp_path, "exr"), "-o", tmp_path / "out")
-    refused(ran, 3, str(tmp_path), "no room for", "scratch", "--memory")
+    refused(ran, 3, "no-space", tmp_path)
 
 
 def test_scratch_files_have_no_name_and_lie_where_tmpdir_says(
@@ -213,7 +213,7 @@ def test_what_must_be_decoded_at_once_and_does_not_fit_is_refused(
     monkeypatch.setattr(memory_budget, "capacity_mb", lambda machine: 800.0)
     monkeypatch.setattr("defocus_core.batch.rendering.inputs.capacity_mb", lambda machine: 800.0)
     ran = render(*frames(tmp_path, "png"), "-o", tmp_path / "out")
-    refused(ran, 3, "c.png", "868 MB to decode, 800 MB are left", "save it as EXR")
+    refused(ran, 3, "out-of-memory", "c.png")
 
 
 def test_too_little_memory_is_refused_with_how_much_would_do(
@@ -221,7 +221,7 @@ def test_too_little_memory_is_refused_with_how_much_would_do(
 ) -> None:
     args = (*frames(tmp_path, "exr"), "-o", tmp_path / "out")
     ran = render(*args, "--memory", "20MB", "--threads", "1")
-    refused(ran, 3, "to render, but", "MB are allowed; use --memory ")
+    refused(ran, 3, "out-of-memory", "c.exr")
     dry = render(*args, "--memory", "20MB", "--threads", "1", "--dry-run")
     assert (dry.code, dry.err) == (3, ran.err), "a dry run says so, too"
     for _ in range(2):  # from the headers first, then from what was decoded
@@ -336,7 +336,7 @@ def test_where_no_region_fits_a_gpu_the_picture_is_refused(
 ) -> None:
     out_of_memory(monkeypatch, fits=0)
     ran = render(*pair(tmp_path), "-o", tmp_path / "out")
-    refused(ran, 3, "does not fit into the memory of the GPU", "use --device cpu")
+    refused(ran, 3, "out-of-memory", "a.exr")
 
 
 def test_a_megabyte_is_that_of_the_option() -> None:

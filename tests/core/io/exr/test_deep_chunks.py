@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import time
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,13 @@ import pytest
 from deep_files import write_deep_samples
 from refusals import refuses
 
+from defocus_core.io.exr import deep_chunks
 from defocus_core.io.exr.deep_chunks import decoded
-from defocus_core.io.exr.deep_samples import summary
+from defocus_core.io.exr.deep_layers import _fractions
+from defocus_core.io.exr.deep_merging import MAX_LAYERS, merged
+from defocus_core.io.exr.deep_samples import Strip, max_samples, summary
 from defocus_core.io.exr.header import raw_headers, read_headers
+from defocus_core.io.exr.windows import Window
 
 CODECS = ("NO", "RLE", "ZIPS")
 
@@ -83,3 +88,28 @@ def test_chunks_lie_where_they_say(tmp_path: Path) -> None:
         file.write(8 * first)
     with refuses("damaged"):
         summary(path, header)
+
+
+def test_a_pixel_of_many_samples_is_merged_at_once() -> None:
+    """A row of a file of 60 kB may hold millions; one merge a step took minutes."""
+    count, generator = 50_000, np.random.default_rng(0)
+    pixel, depth = np.zeros(count, np.int32), np.sort(generator.uniform(1, 9, count))
+    light = {name: generator.uniform(0, 1e-4, count).astype("f4") for name in "RA"}
+    values = {**light, "Z": depth.astype("f4")}
+    strip = Strip(Window(0, 0, 0, 0), pixel, np.arange(count, dtype=np.int32), values)
+    before = time.process_time()
+    few, crowded = merged(strip, ("R", "A"))
+    assert time.process_time() - before < 2
+    assert (crowded, few.maximum) == (1, MAX_LAYERS)
+    shown = [float((each.values["R"] * _fractions(each)).sum()) for each in (strip, few)]
+    assert shown[1] == pytest.approx(shown[0], rel=1e-5)  # 1 - alpha is a float
+
+
+def test_samples_are_counted_and_none_is_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = {"R": 1.0, "G": 0.5, "B": 0.2, "A": 1.0, "Z": 2.0}
+    path = write_deep_samples(tmp_path / "a.exr", [[[one] * 3, [one]], [[], [one] * 7]])
+    (header,) = read_headers(path)
+    monkeypatch.setattr(deep_chunks, "_samples", None)
+    assert max_samples(path, header) == 7

@@ -134,4 +134,4 @@ def test_a_name_that_is_not_utf_8_is_not_called_damage(
         channels = planes("RGB", HEIGHT, WIDTH) | {"mask": ramp()}
         OpenEXR.File({**SCANLINE, "about": 1.0}, channels).write(str(path))
         path.write_bytes(path.read_bytes().replace(name.encode(), b"\xff" * len(name)))
-        refused_input(render(path, depth, "-o", out), path, "has a name in its header", "not UTF-8")
+        refused_input(render(path, depth, "-o", out), path, "not-utf-8")

@@ -61,7 +61,7 @@ def test_a_thumbnail_is_no_page_to_choose_from(tmp_path: Path) -> None:
 def test_render_and_info_take_the_same_page(tmp_path: Path, out: Path) -> None:
     color = tiff(tmp_path / "a.tif", photograph(0), photograph(1))
     depth = depth_exr(tmp_path / "z.exr", np.full_like(ramp(), 2))  # in focus
-    refused_input(render(color, depth, "-o", out), color, "has 2 pages; choose one with --part")
+    refused_input(render(color, depth, "-o", out), color, "ambiguous")
     ran = run("info", color)
     assert ran.code == 0
     assert "no colour: has 2 pages; choose one with --part" in ran.out

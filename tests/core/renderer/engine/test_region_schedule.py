@@ -8,9 +8,10 @@ import torch
 from defocus_core import render
 from defocus_core.renderer.engine import region_schedule
 from defocus_core.renderer.engine.frame import SharedFrame
-from defocus_core.renderer.engine.preparation import frame_of
+from defocus_core.renderer.engine.preparation import content_of, frame_of
 from defocus_core.renderer.engine.region_schedule import blurred_part
 from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.engine.statistics import surveyed
 from defocus_core.renderer.layers.quality import find
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.tiling import BLOCK, Grid
@@ -39,7 +40,9 @@ def scene(spot: Box, *, hard: bool) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def frame_for(image: torch.Tensor, radius: torch.Tensor) -> SharedFrame:
-    return frame_of(image, radius, Settings(), find("standard"), None)
+    quality = find("standard")
+    content = content_of(surveyed(image, radius, torch.float32, 1), quality)
+    return frame_of(image, radius, Settings(), quality, None, content)
 
 
 @pytest.mark.parametrize("hard", [False, True])

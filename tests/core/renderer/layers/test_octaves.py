@@ -14,7 +14,7 @@ def test_octaves_count_from_two_px_on_both_sides_of_focus() -> None:
 
 
 def test_an_octave_comes_before_the_first_layer_that_is_much_more_blurred() -> None:
-    around, beyond, ahead = composite_order(RADII, LAYERS)
+    around, beyond, ahead, _ = composite_order(RADII, LAYERS)
     assert (around, beyond) == (3, 6)
     # up to 4 px before 9 px, for 5 px are too alike; up to 8 px before 20 px; up to 16 before 30
     assert ahead == {-3: 10, -2: 9, -1: 8, 1: 8, 2: 9, 3: 10}
@@ -22,9 +22,9 @@ def test_an_octave_comes_before_the_first_layer_that_is_much_more_blurred() -> N
 
 
 def test_where_nothing_is_beyond_focus_nothing_comes_before_it() -> None:
-    assert composite_order((-5.0, -2.5, -1.0, 0.0), [0, 1, 2, 3]) == (2, 4, {})
-    assert composite_order((-5.0, -2.5), [0, 1]) == (2, 2, {})
-    assert composite_order((0.0, 2.5, 3.5), [0, 1, 1]) == (0, 1, {})
+    assert composite_order((-5.0, -2.5, -1.0, 0.0), [0, 1, 2, 3]) == (2, 4, {}, ())
+    assert composite_order((-5.0, -2.5), [0, 1]) == (2, 2, {}, ())
+    assert composite_order((0.0, 2.5, 3.5), [0, 1, 1]) == (0, 1, {}, ())
 
 
 def test_what_comes_before_nothing_is_not_told_apart() -> None:

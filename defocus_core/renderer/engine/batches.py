@@ -1,0 +1,135 @@
+"""Batches: pictures of one size that an accelerator computes at once, for it waits for launches.
+
+Pictures [C, B, H, W] have one plan: what any of them needs is computed for all, and is nothing in
+the others. Pictures whose plans would change each other are batches of their own.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.depth.repair import repaired_each
+from defocus_core.depth.repair_options import RepairOptions
+from defocus_core.renderer.engine.frame import Content
+from defocus_core.renderer.engine.picture import FramedPicture
+from defocus_core.renderer.engine.preparation import computed_in, content_of
+from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.engine.statistics import surveyed_each
+from defocus_core.renderer.layers.quality import find
+from defocus_core.tensors.device_plan import launches_cost, tile_pixels
+
+# Bytes that a pixel takes with all layers of its tile, at least.
+_BYTES_EACH = 2000
+
+
+class PictureBatch(NamedTuple):
+    """Pictures to compute at once.
+
+    Attributes:
+        numbers: Their numbers among those given.
+        pixels: [C, B, H, W], or [C, H, W] of a picture that is computed alone.
+        signed_radius: [B, H, W] px, or [H, W].
+        repair: What is known of their depth, which is repaired.
+        content: What they hold together; None of a picture that is computed alone.
+    """
+
+    numbers: list[int]
+    pixels: Tensor
+    signed_radius: Tensor
+    repair: DepthRepair
+    content: Content | None
+
+    def framed(self, settings: Settings) -> FramedPicture:
+        """The pictures, prepared."""
+        return FramedPicture(
+            self.pixels,
+            self.signed_radius,
+            settings,
+            None,
+            repair=self.repair,
+            content=self.content,
+        )
+
+
+def fit_together(pixels: Tensor, settings: Settings) -> bool:
+    """Whether pictures [B, C, H, W] are computed in batches: where launches cost, and they fit.
+
+    A draft changes its size, and an exact number of slices spans the radii of each picture.
+    """
+    (count, _, H, W), options = pixels.shape, settings.repair
+    by_scene = settings.num_layers is None and not find(settings.quality).half_size
+    by_diagnosis = options in (RepairOptions(), RepairOptions(on=False))
+    fits = launches_cost(pixels.device) and _most_pixels(pixels.device) >= 2 * H * W
+    return count > 1 and fits and by_scene and by_diagnosis
+
+
+def batches(pixels: Tensor, signed_radius: Tensor, settings: Settings) -> list[PictureBatch]:
+    """Pictures in batches, their depth repaired.
+
+    Args:
+        pixels: [B, C, H, W] that `fit_together`.
+        signed_radius: [B, H, W] px.
+        settings: The options.
+
+    Raises:
+        ValueError: If a value is not finite.
+    """
+    at_once = max(1, _most_pixels(pixels.device) // math.prod(pixels.shape[-2:]))
+    if len(pixels) > at_once:
+        return [
+            batch._replace(numbers=[first + number for number in batch.numbers])
+            for first in range(0, len(pixels), at_once)
+            for batch in batches(
+                pixels[first : first + at_once], signed_radius[first : first + at_once], settings
+            )
+        ]
+    pixels = pixels.movedim(0, 1).contiguous()
+    repairs = [DepthRepair()] * len(signed_radius)
+    if settings.repair.on:
+        signed_radius, repairs = repaired_each(signed_radius, pixels, settings.infinity)
+    surveys = surveyed_each(pixels, signed_radius, computed_in(pixels, signed_radius))
+    quality = find(settings.quality)
+    contents = [
+        content_of(survey, quality, quantised=repair.quantised, uncertain=repair.uncertain_edges)
+        for survey, repair in zip(surveys, repairs, strict=True)
+    ]
+    alike: dict[object, list[int]] = {}
+    for number, content in enumerate(contents):
+        key = content.quantised, content.uncertain, content.double
+        alone = content.highlights or content.minimum < 0 or _is_opaque(content, settings, pixels)
+        alike.setdefault((*key, number if alone else None), []).append(number)
+    return [_batch(numbers, pixels, signed_radius, repairs, contents) for numbers in alike.values()]
+
+
+def _batch(
+    numbers: list[int],
+    pixels: Tensor,
+    signed_radius: Tensor,
+    repairs: list[DepthRepair],
+    contents: list[Content],
+) -> PictureBatch:
+    """Some pictures of [C, B, H, W]."""
+    first = numbers[0]
+    if len(numbers) == 1:
+        return PictureBatch(numbers, pixels[:, first], signed_radius[first], repairs[first], None)
+    if len(numbers) < len(signed_radius):
+        index = torch.tensor(numbers).to(pixels.device)
+        pixels, signed_radius = pixels.index_select(1, index), signed_radius.index_select(0, index)
+    content = Content.of_batch([contents[number] for number in numbers])
+    return PictureBatch(numbers, pixels, signed_radius, repairs[first], content)
+
+
+def _is_opaque(content: Content, settings: Settings, pixels: Tensor) -> bool:
+    """Whether an opaque middle of the pupil may hide the frame, see `SharedFrame.trace`."""
+    opaque = float(settings.aperture.fixed.obstruction)
+    return 4 * opaque * max(map(abs, content.limits)) >= min(pixels.shape[-2:])
+
+
+def _most_pixels(device: torch.device) -> int:
+    """The greatest number of pixels that are computed at once."""
+    return tile_pixels(device, _BYTES_EACH)
