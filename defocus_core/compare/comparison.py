@@ -254,9 +254,8 @@ def _is_open(rule: Rule, findings: Sequence[str], pixels: Pixels) -> bool:
     """Whether only a diagnosis says if a finding is there that a rule is about."""
     if not rule.found or rule.is_met({}, findings):
         return False
-    return rule.found != "clipped" or may_be_cut_below(
-        pixels
-    )  # light cut off above is always found
+    # Light that is cut off above is always found.
+    return rule.found != "clipped" or may_be_cut_below(pixels)
 
 
 def _placed(record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Comparison:
