@@ -260,8 +260,8 @@ class Evidence:
 
 def blocks_in_turn(size: tuple[int, int], side: int = _BLOCK) -> NDArray[np.bool_]:
     """Pixels [H, W] of blocks that choose parameters; the others measure."""
-    rows, columns = (np.arange(length) // side for length in size)
-    turn: NDArray[np.bool_] = (rows[:, None] + columns) % 2 == 0
+    rows, columns = (np.arange(length) // side % 2 == 0 for length in size)
+    turn: NDArray[np.bool_] = rows[:, None] == columns
     return turn
 
 
