@@ -178,8 +178,9 @@ def _shown(curve: Callable[[Any, float], Any]) -> Callable[[NDArray[Any], float]
     """A curve of sRGB-encoded values, the mirror image below 0; light beyond 1 is encoded, too."""
 
     def plant(planes: NDArray[Any], strength: float) -> NDArray[Any]:
-        changed: NDArray[Any] = srgb_to_linear(curve(linear_to_srgb(np.abs(planes)), strength))
-        return np.copysign(changed, planes)
+        changed = srgb_to_linear(curve(linear_to_srgb(np.abs(planes)), strength))
+        signed: NDArray[Any] = np.copysign(changed, planes)
+        return signed
 
     return plant
 
