@@ -6,6 +6,7 @@ Where none explains enough, the place of the difference is, if it has one.
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,6 +31,12 @@ _MAPS_OF_COC = {"coc", "disparity"}
 _OF_A_LENS = {
     "another CoC": ("fnumber", "focus", "focal_length", "coc_px"),
     "another bokeh shape": ("blades", "blade_rotation"),
+}
+# What changes light by that name, and other numbers by another.
+_OF_NUMBERS = {
+    "another exposure": "multiplied",
+    "raised blacks": "offset",
+    "lowered blacks": "offset",
 }
 _SPREADS = ("another CoC", "another CoC or bokeh shape", "spread otherwise")
 _LAST_BITS = 2e-5  # largest difference that is that of another machine, on no scale to be seen
@@ -67,7 +74,7 @@ def diagnose(
         return _of_maps(evidence)
     findings = []
     if chosen is not None:
-        finding = _by_metadata(chosen.finding, a.metadata, b.metadata)
+        finding = _by_metadata(_by_channels(chosen.finding, evidence), a.metadata, b.metadata)
         share = round(max(0.0, 1 - chosen.left), 4)
         findings = [Finding(finding.name, finding.text, finding.values, share)]
     if not findings or findings[0].name == _PLACED_TOO:
@@ -113,6 +120,20 @@ def _shown(
             with suppress(InputError):
                 maps["radius"] = read_radius(file, full)[cut]
     return LocatedPair(evidence, **maps)
+
+
+def _by_channels(finding: Finding, evidence: Evidence) -> Finding:
+    """A finding on light, in words of numbers where no channel of light differs."""
+    colors = {name for layer in evidence.pixels.color for name in layer}
+    if colors & set(evidence.names) or finding.name not in _OF_NUMBERS:
+        return finding
+    name, values = _OF_NUMBERS[finding.name], finding.values
+    changes = [f"x {values['factor']:.4g}"] if values.get("factor", 1.0) != 1.0 else []
+    changes += [f"{values['offset']:+.3g}"] if "offset" in values else []
+    if not changes:  # each channel by its own factor
+        return replace(finding, name=name, text=finding.text.replace(finding.name, name))
+    text = f"{name}: {', '.join(evidence.names)} {', '.join(changes)}"
+    return replace(finding, name=name, text=text)
 
 
 def _by_metadata(finding: Finding, a: Mapping[str, str], b: Mapping[str, str]) -> Finding:

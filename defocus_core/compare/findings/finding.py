@@ -48,7 +48,7 @@ FINDINGS = (
         "seams",
         "halo",
     ),
-    *("fireflies", "dropped pixels", "compressed with losses", "noise"),
+    *("multiplied", "offset", "fireflies", "dropped pixels", "compressed with losses", "noise"),
     # Places of what no cause explains.
     *("in focus only", "out of focus only", "at silhouettes", "at edges", "in highlights"),
     *("in shadows", "at the border", "in one region"),
