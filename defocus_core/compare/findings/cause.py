@@ -20,7 +20,7 @@ from defocus_core.compare.selection import read_radius
 from defocus_core.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from defocus_core.compare.picture import DecodedPicture
@@ -42,6 +42,8 @@ _SPREADS = ("another CoC", "another CoC or bokeh shape", "spread otherwise")
 _LAST_BITS = 2e-5  # largest difference that is that of another machine, on no scale to be seen
 _PLACED_TOO = "spread otherwise"  # says how, and no cause
 _DEPTHS = ("Z", "depth.Z", "depth")  # channels
+# Of a difference, and of the cost: two causes of few pixels that are closer are not told apart.
+_NEARLY, _AS_SIMPLE = 0.02, 0.005
 _CERTAIN = 0.03  # left of a difference, below which nothing else is tried
 
 
@@ -96,7 +98,17 @@ def _chosen(evidence: Evidence, others: Mapping[str, Mapping[str, Any]]) -> Expl
         chosen = best(tried)
         if chosen is None or chosen.left + chosen.cost > _CERTAIN:
             tried += kind
-    return best(tried)
+    chosen = best(tried)
+    return None if evidence.is_small and _is_one_of_many(chosen, tried) else chosen
+
+
+def _is_one_of_many(chosen: Explanation | None, tried: Sequence[Explanation]) -> bool:
+    """Whether another cause that is as simple explains nearly as much."""
+    if chosen is None:
+        return False
+    left, cost = chosen.left + _NEARLY, chosen.cost + _AS_SIMPLE
+    rivals = [each for each in tried if each.left <= min(each.limit, left) and each.cost <= cost]
+    return any(each.finding.name != chosen.finding.name for each in rivals)
 
 
 def _shown(

@@ -8,6 +8,7 @@ from typing import Any
 import compare_pairs
 import numpy as np
 import pytest
+from image_files import save
 from planted_faults import planes, write_planes
 
 from defocus_core.compare.comparison import compare_pair
@@ -15,6 +16,7 @@ from defocus_core.compare.findings import places
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.record import CompareSettings, Comparison
 from defocus_core.compare.thresholds import Rules
+from defocus_core.io.images.color_space import linear_to_srgb
 
 SIZE = (120, 160)
 Y, X = np.indices(SIZE)
@@ -118,3 +120,9 @@ def test_few_pixels_give_no_name_by_chance(name: str, tmp_path: Path) -> None:
         )
         assert all("CoC" in said or "bokeh" in said for said in names(blurred)), (top, left)
         assert names(bright) == ["another exposure"]
+        stored = [
+            save(tmp_path / file, np.rint(linear_to_srgb(side[cut].clip(0, 1)) * 255).astype("u1"))
+            for file, side in (("a.png", a), ("raised.png", a + 0.01))
+        ]
+        raised = compare_pair(FilePair("b", *stored), Rules(), CompareSettings())[0]
+        assert names(raised) in ([], ["raised blacks"])
