@@ -98,7 +98,8 @@ class LayeredRegion(Region):
         radii, weights = self._shown
         total = [fraction * (1 - weights.sum(0)) for fraction in total]
         layers = max(1, _SAMPLES_AT_ONCE // signed_radius.numel())
-        for radius, weight in zip(radii.split(layers), weights.split(layers), strict=True):
+        for first in range(0, len(radii), layers):
+            radius, weight = (x[first : first + layers] for x in (radii, weights))
             fractions = super()._fractions_within(bounds, radius, groups) or []
             total = [
                 so_far + (fraction * weight).sum(2)
