@@ -31,6 +31,9 @@ from defocus_core.tensors.pyramid import axes
 from defocus_core.tensors.source import Pixels
 from defocus_core.tensors.tiling import Grid
 
+# Samples at the border of the frame that are looked up at once; bounds memory.
+_SAMPLES_AT_ONCE = 1 << 17
+
 
 class LayeredRegion(Region):
     """A rectangle of tiles of layers with coverage, and everything that they share."""
@@ -94,10 +97,12 @@ class LayeredRegion(Region):
             return None
         radii, weights = self._shown
         total = [fraction * (1 - weights.sum(0)) for fraction in total]
-        for radius, weight in zip(radii, weights, strict=True):
+        layers = max(1, _SAMPLES_AT_ONCE // signed_radius.numel())
+        for first in range(0, len(radii), layers):
+            radius, weight = (x[first : first + layers] for x in (radii, weights))
             fractions = super()._fractions_within(bounds, radius, groups) or []
             total = [
-                so_far + fraction * weight
+                so_far + (fraction * weight).sum(2)
                 for so_far, fraction in zip(total, fractions, strict=True)
             ]
         return total

@@ -7,6 +7,7 @@ belongs to both, by weights that sum to one and keep the second moment of its bl
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -174,6 +175,7 @@ class _QuadraticPiece(NamedTuple):
     c: float
 
 
+@lru_cache(maxsize=8)
 def _pieces(radii: tuple[float, ...]) -> list[_QuadraticPiece]:
     """The pieces of the function from radii to shares, in ascending order."""
     pieces = []
