@@ -86,7 +86,19 @@ def resampled(values: Tensor, rows: AxisWeights, columns: AxisWeights) -> Tensor
     wide = across.reshape(-1, across.shape[-1]) @ columns.block.mT
     wide = wide.view(*across.shape[:-2], -1)[..., : columns.pixels]
     down = wide.unfold(-2, rows.block.shape[1], _STRIDE).mT  # [..., n, K, W]
-    return (rows.block @ down).flatten(-3, -2)[..., : rows.pixels, :]
+    return _products(rows.block, down).flatten(-3, -2)[..., : rows.pixels, :]
+
+
+def _products(block: Tensor, down: Tensor) -> Tensor:
+    """The products [..., n, P, W] of shares [P, K] and coarse pixels [..., n, K, W]."""
+    if torch.is_grad_enabled():
+        return block @ down
+    every = block.expand(down.shape[-3], -1, -1)
+    products = down.new_empty(*down.shape[:-2], len(block), down.shape[-1])
+    # one picture at a time: blocks share coarse pixels, which a product of all would copy
+    for one, result in zip(down.flatten(0, -4), products.flatten(0, -4), strict=True):
+        torch.bmm(every, one, out=result)
+    return products
 
 
 def _missing(fractions: AxisWeights, length: int) -> tuple[int, int]:

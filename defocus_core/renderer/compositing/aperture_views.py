@@ -172,8 +172,10 @@ class TileCompositor:
             fraction = fraction_behind(front, layer, self._full[group])
             self.by_group[group] = torch.addcmul(front, layer, fraction)
             if group == 0 and since is not None:
-                more = since * fraction[:, 0]
-                self.invented = more if before is None else before + more
+                share = fraction[:, 0]
+                self.invented = (
+                    since * share if before is None else torch.addcmul(before, since, share)
+                )
 
     def are_full(self, *, known: bool) -> bool:
         """Whether no gap is left that a hidden surface, known or invented, may fill."""
@@ -193,8 +195,12 @@ class TileCompositor:
                 continue
             whole, fraction = Box(0, 0, *front.shape[-2:]), fraction_behind(front, layer, maximum)
             if group == 0 and not known:
-                more = (fraction * layer[:, -1:])[:, 0]
-                self.invented = more if self.invented is None else self.invented + more
+                share, covered = fraction[:, 0], layer[:, -1]
+                self.invented = (
+                    share * covered
+                    if self.invented is None
+                    else torch.addcmul(self.invented, share, covered)
+                )
             self.by_group[group] = add_within(front, whole, layer, fraction)
 
     def reserve(self, layers: list[dict[int, ShownLayer]]) -> None:

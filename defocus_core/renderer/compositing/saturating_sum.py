@@ -46,9 +46,9 @@ def fraction_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) ->
     Returns:
         [M, 1, h, w].
     """
-    left, coverage = full - front[:, -1:], layer[:, -1:]
-    added = torch.minimum(left, coverage * _STEEP).clamp_(min=0)
-    fraction = added / torch.maximum(coverage, left).clamp_(min=_MIN_FRACTION)
+    left, coverage = (full - front[:, -1:]).clamp_(min=_MIN_FRACTION), layer[:, -1:]
+    added = (coverage * _STEEP).clamp_(left.new_zeros(()), left)
+    fraction = added / torch.maximum(coverage, left)
     if torch.is_grad_enabled():
         certain = torch.minimum(coverage, left) > _CERTAIN * torch.finfo(left.dtype).eps
         fraction = torch.where(certain, fraction, fraction.detach())
