@@ -17,6 +17,7 @@ from defocus_core.batch.depth.repair_words import repair_record, repair_words
 from defocus_core.batch.jobs.job import Job, Outputs
 from defocus_core.batch.rendering import delivery, job_steps
 from defocus_core.batch.rendering.colors_apart import renderings
+from defocus_core.batch.rendering.inputs import load_inputs
 from defocus_core.batch.rendering.memory_budget import base_mb, image_type, regions_at_once
 from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.batch.rendering.renderers import Renderers
@@ -127,7 +128,7 @@ def _forecast(job: Job, device: str, rate: float, written: dict[Outputs, float])
     from defocus_core.evaluation.cost import cost
 
     start = time.perf_counter()
-    inputs = job_steps.load_inputs(job)
+    inputs = load_inputs(job)
     read_seconds, start = time.perf_counter() - start, time.perf_counter()
     rendered, held = job_steps.prepare(job, inputs), inputs.holding
     peak = base_mb() + held.files_mb if device == "cpu" else 0.0

@@ -70,7 +70,7 @@ def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float
 
 
 def quantisation(minimum: float, maximum: float, quality: str) -> float:
-    """The greatest distance in px from the radius of a pixel to the nearest rung: half a step.
+    """The greatest distance in px from the radius of a pixel to the nearest slice: half a step.
 
     A pixel belongs to the slices on both sides, so that its blur has the right width in any case.
     If the quality renders at half size, the rounding to coarse pixels adds half a px.
