@@ -85,7 +85,7 @@ def load() -> None:
     with put_off(), imports():
         import torch  # noqa: F401
 
-        import defocus_core.renderer.stream  # noqa: F401
+        import defocus_core.renderer.engine.renderer  # noqa: F401
     base_mb()
 
 
