@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from defocus_core.compare.pairing import FilePair
 
 _NEVER_SILENT = ("clipped", "deep samples")  # findings that are a warning if no rule fails
+_SEEN = 0.5 / 255  # half a step of 8 bits, on the scale of hdr
 
 
 def compare_pair(
@@ -177,7 +178,7 @@ def _judged(
     decided = any(each.is_met(metrics, ()) is not None for each in rules.fail if each.metric)
     decided |= any(each.found for each in rules.fail)
     bad = bool(_met(rules.fail, metrics, names)) if decided else differing
-    suspect = bad or wants or bool(_met(rules.warn, metrics, names))
+    suspect = bad or wants or (bool(_met(rules.warn, metrics, names)) and _is_seen(metrics))
     if differing and settings.diagnose and suspect:
         named = {finding.name.split(" at ")[0] for finding in findings}
         coc = None if settings.coc is None else coc_file(settings.coc, record.name)
@@ -248,6 +249,11 @@ def _met(
     rules: Sequence[Rule], metrics: Mapping[str, float], findings: Sequence[str]
 ) -> tuple[str, ...]:
     return tuple(each.text for each in rules if each.is_met(metrics, findings))
+
+
+def _is_seen(metrics: Mapping[str, float]) -> bool:
+    """Whether a pixel differs by as much as a screen of 8 bits can show, or it is not known."""
+    return not metrics.get("hdr-max", math.inf) < _SEEN
 
 
 def _is_open(rule: Rule, findings: Sequence[str], pixels: Pixels) -> bool:

@@ -114,6 +114,7 @@ def test_causes_are_looked_for_only_where_a_rule_needs_one(
     b = write_exr(tmp_path / "b.exr", Y=light + np.float32(1e-5))
     dark = write_exr(tmp_path / "dark.exr", Y=light - np.float32(0.5))
     cut = write_exr(tmp_path / "cut.exr", Y=np.maximum(light - np.float32(0.5), 0))
+    half = write_exr(tmp_path / "half.exr", Y=light + np.float32(0.5))
     for text, one, other, count in (
         ("max>1", a, b, 0),
         ("max>1e-6", a, b, 1),
@@ -127,3 +128,8 @@ def test_causes_are_looked_for_only_where_a_rule_needs_one(
         rules = Rules(fail=(rule(text),))
         comparison.compare_pair(FilePair("b", one, other), rules, CompareSettings())
         assert len(looked) == count, text
+    for other, count in ((b, 0), (half, 1)):  # no screen of 8 bits shows 1e-5
+        looked.clear()
+        rules = Rules(fail=(rule("max>1"),), warn=(rule("max>1e-6"), rule("hdr-max>0.01")))
+        record, _ = comparison.compare_pair(FilePair("b", a, other), rules, CompareSettings())
+        assert (len(looked), record.status) == (count, "warning")
