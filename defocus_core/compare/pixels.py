@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,12 @@ from defocus_core.compare.picture import color_layers, is_map
 
 _STRIP = 2**17  # pixels of a channel that are looked at together
 _LARGEST = 1e18  # value whose square float32 holds
+
+
+@cache
+def halves() -> NDArray[np.float32]:
+    """All numbers of 16 bits, by their code."""
+    return np.arange(2**16, dtype=np.uint16).view(np.float16).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -114,15 +120,23 @@ class Pixels:
         same = all(a is b for a, b in zip(self.a, self.b, strict=True))
         for rows in () if same else self.strips():
             ok = None if self.finite is None else self.finite[rows]
-            for name, a in zip(self.names, self.a, strict=True):
-                values = np.abs(a[rows] if ok is None else a[rows][ok], dtype=self._type)
-                level += float(values.sum(dtype=np.float64))
-                values = np.abs(self.difference(name, rows))
+            for name, *sides in zip(self.names, self.a, self.b, strict=True):
+                a, b = (self._numbers(side[rows]) for side in sides)
+                level += float(np.abs(a if ok is None else a[ok]).sum(dtype=np.float64))
+                values = np.abs(b - a)
+                if ok is not None:
+                    values[~ok] = 0.0
                 largest[name] = max(largest[name], float(values.max()))
                 np.maximum(greatest[rows], values, out=greatest[rows])
                 magnitude += float(values.sum(dtype=np.float64))
                 squares += float(np.square(values, out=values).sum(dtype=np.float64))
         return Differences(greatest, largest, magnitude, squares, level)
+
+    def _numbers(self, plane: NDArray[Any]) -> NDArray[Any]:
+        """Values in the number type of differences."""
+        if plane.dtype == np.float16:  # a look-up is three times as fast as a conversion
+            plane = halves().take(plane.view(np.uint16))
+        return np.asarray(plane, self._type)
 
     @property
     def greatest(self) -> NDArray[Any]:
