@@ -13,7 +13,8 @@ from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_cli.words import dry_run as dry_runs
-from defocus_core.batch.datasets import origin, update
+from defocus_core.batch.datasets import update
+from defocus_core.batch.jobs import origin
 from defocus_core.batch.jobs.job import Job, Outputs
 from defocus_core.batch.jobs.jobs_file import read_batch
 from defocus_core.batch.journal.journal import Shard

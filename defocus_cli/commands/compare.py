@@ -12,7 +12,6 @@ import click
 from defocus_cli.options import comparing, shared
 from defocus_cli.options.types import FilePath, GroupedCommand, grouped_option
 from defocus_cli.words import console
-from defocus_cli.words.batch import bar
 from defocus_core.compare.accepting import accept_files
 from defocus_core.compare.batch_pairs import are_batches, pair_batches
 from defocus_core.compare.metrics import METRICS
@@ -96,13 +95,11 @@ def command(
     for pattern in asked.rules.idle([pair.name for pair in pairs]):
         console.stderr(f"{asked.file}: no picture matches files = '{pattern}'")
     records, lone = [], not a.is_dir()
-    with bar("pair", len(pairs)) as watched:
-        for record in compare_all(pairs, asked.task, processes):
-            records.append(record)
-            watched.update()
-            worth = compare_report.is_worth_a_line(record, verbose=verbose, lone=lone)
-            if worth and not as_json:
-                console.stdout(compare_report.line(record))
+    for record in console.watch(compare_all(pairs, asked.task, processes), "pair", len(pairs)):
+        records.append(record)
+        worth = compare_report.is_worth_a_line(record, verbose=verbose, lone=lone)
+        if worth and not as_json:
+            console.stdout(compare_report.line(record))
     if asked.junit is not None:
         write_junit(asked.junit, records, time.perf_counter() - start)
     if asked.html is not None:

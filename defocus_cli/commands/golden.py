@@ -256,7 +256,7 @@ def _plant(folder: Path, asked: comparing.ComparisonOptions, *, as_json: bool) -
         if not as_json:
             for line in golden_report.planted_lines(name, planted[name]):
                 console.stdout(line)
-    missed = sum(not each.noticed for faults in planted.values() for each in faults)
+    missed = sum(each.is_silent for faults in planted.values() for each in faults)
     if as_json:
         console.print_json(**golden_report.planted_document(planted))
     else:

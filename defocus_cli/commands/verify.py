@@ -11,7 +11,6 @@ from defocus_cli.options import shared
 from defocus_cli.options.types import GroupedCommand
 from defocus_cli.words import console
 from defocus_cli.words import verify as verify_table
-from defocus_cli.words.batch import bar
 from defocus_core.batch.jobs.job import Machine
 from defocus_core.batch.rendering import job_steps
 from defocus_core.system.process import set_to_render
@@ -49,7 +48,7 @@ def command(machine: Machine, as_json: bool) -> int:
     set_to_render()
     start = time.perf_counter()
     checks: list[Check] = []
-    with bar("law", len(LAWS)) as laws:
+    with console.bar("law", len(LAWS)) as laws:
         for law_checks in verify(Setting(device, machine.quality, machine.threads)):
             checks += law_checks
             laws.update()

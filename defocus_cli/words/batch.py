@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from defocus_cli.words import console
 from defocus_cli.words import job as job_report
@@ -20,9 +19,6 @@ from defocus_core.batch.workers.plan import Plan
 from defocus_core.batch.workers.run import Summary
 from defocus_core.io.safe_files import spoken
 from defocus_core.system.text import counted, duration
-
-if TYPE_CHECKING:
-    from tqdm import tqdm
 
 _WARNINGS = 3  # kinds of which an example is shown
 _WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
@@ -87,18 +83,9 @@ class BatchReport:
     @contextmanager
     def bar(self, unit: str) -> Iterator[None]:
         """Count jobs on a bar while the block runs, if stderr is a terminal."""
-        with bar(unit) as self._bar:
+        with console.bar(unit) as self._bar:
             yield
         self._bar = None
-
-
-def bar(unit: str, total: int | None = None) -> tqdm[Any]:
-    """A progress bar on stderr, if that is a terminal."""
-    from tqdm import tqdm
-
-    watched = sys.stderr is not None and sys.stderr.isatty()  # None: closed by whoever started us
-    watched = watched and not console.Due.quiet
-    return tqdm(total=total, unit=unit, file=sys.stderr, leave=False, disable=not watched)
 
 
 @contextmanager
@@ -107,7 +94,7 @@ def tile_bar() -> Iterator[Callable[[int, int], None]]:
 
     Until then it says that the picture is prepared, and for how long: lights are searched then.
     """
-    with bar("tile") as tiles:
+    with console.bar("tile") as tiles:
         ended = Event()
 
         def tick() -> None:

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterable
 from contextlib import suppress
 from errno import ENOSPC
 from logging import Handler, LogRecord, getLogger
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from defocus_core.errors import InputError, printable, reason, with_dashes
 from defocus_core.io.safe_files import spoken
 from defocus_core.system.text import version
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+T = TypeVar("T")
 
 
 def stderr(line: str) -> None:
@@ -27,6 +33,28 @@ def stderr(line: str) -> None:
             sys.modules["tqdm"].tqdm.write(line, file=sys.stderr)
         else:
             click.echo(line, err=True)
+
+
+def bar(unit: str, total: int | None = None) -> tqdm[Any]:
+    """A progress bar on stderr, if that is a terminal."""
+    from tqdm import tqdm
+
+    return tqdm(total=total, unit=unit, file=sys.stderr, leave=False, disable=not _is_watched())
+
+
+def watch(items: Iterable[T], unit: str, total: int) -> Iterable[T]:
+    """Items, counted on a progress bar on stderr, if that is a terminal."""
+    if not _is_watched():
+        return items
+    from tqdm import tqdm
+
+    watched: Iterable[T] = tqdm(items, total=total, unit=unit, file=sys.stderr, leave=False)
+    return watched
+
+
+def _is_watched() -> bool:
+    # None: closed by whoever started us.
+    return sys.stderr is not None and sys.stderr.isatty() and not Due.quiet
 
 
 class ToStderr(Handler):

@@ -8,7 +8,8 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.datasets import origin, update
+from defocus_core.batch.datasets import update
+from defocus_core.batch.jobs import origin
 from defocus_core.batch.jobs.job import DEVICES, Job, Machine, Outputs
 from defocus_core.batch.jobs.jobs_file import batch_of, read_jobs
 from defocus_core.batch.journal.journal import Record

@@ -62,40 +62,6 @@ def layer_windows(pictures: Sequence[Pixels]) -> LazyArray:
     return LazyArray(shape, torch.float32, read, pictures[0].device)
 
 
-def chosen(image: Pixels, channels: Sequence[int]) -> Pixels:
-    """Some channels of a picture [..., C, H, W]; itself of all of them."""
-    if len(channels) == image.shape[-3]:
-        return image
-    shape, some = (*image.shape[:-3], len(channels), *image.shape[-2:]), list(channels)
-
-    def read(window: Any) -> Tensor:
-        return image[window][..., some, :, :]
-
-    return LazyArray(shape, image.dtype, read, image.device)
-
-
-def plus(radii: Pixels, px: float) -> Pixels:
-    """Radii and some px."""
-    if px == 0:
-        return radii
-    return LazyArray(radii.shape, radii.dtype, lambda window: radii[window] + px, radii.device)
-
-
-def transposed(image: Pixels) -> Pixels:
-    """A picture [..., H, W] with rows for columns."""
-    *before, height, width = image.shape
-
-    def read(window: Any) -> Tensor:
-        cuts = _cuts(window)
-        if len(cuts) == len(before) + 2:  # channels before rows and columns
-            rows, columns = cuts[-2:]
-            return image[(*cuts[:-2], columns, rows)].mT.contiguous()
-        columns = cuts[1] if len(cuts) > 1 else slice(None)
-        return image[..., columns, cuts[0]].mT.contiguous()
-
-    return LazyArray((*before, width, height), image.dtype, read, image.device)
-
-
 def to_device(values: Any, device: torch.device) -> Tensor:
     """An array as a tensor on a device; the copy to a GPU goes on while the CPU works."""
     import torch

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from filecmp import cmp
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from defocus_core.compare.findings.cause import diagnose, of_another_size
-from defocus_core.compare.findings.clipping import clipped, has_negatives
+from defocus_core.compare.findings.clipping import clipped, may_be_cut_below
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.flip import measure_flip
 from defocus_core.compare.metrics import equal_metrics, measure, measure_edges
@@ -32,7 +33,7 @@ from defocus_core.compare.record import (
     Comparison,
     Worst,
 )
-from defocus_core.compare.selection import near_edges, read_mask, within_neighbours
+from defocus_core.compare.selection import coc_file, near_edges, read_mask, within_neighbours
 from defocus_core.compare.structure import compare_samples, compare_structure
 from defocus_core.compare.thresholds import Rule, Rules
 from defocus_core.errors import InputError
@@ -61,7 +62,9 @@ def compare_pair(
     if pair.a is None or pair.b is None:
         return replace(blank, status=MISSING if pair.b is None else EXTRA), None
     try:
-        a, b = read_picture(pair.a), read_picture(pair.b)
+        a = read_picture(pair.a)
+        same = cmp(pair.a, pair.b, shallow=False)
+        b = replace(a, path=pair.b) if same else read_picture(pair.b)
         return compare_pictures(pair.name, a, b, rules, settings)
     except InputError as error:
         return replace(blank, status=UNREADABLE, error=str(error)), None
@@ -164,7 +167,7 @@ def _judged(
     """The record with all that the pixels say, and the verdict."""
     nonfinite = count_nonfinite(pixels, corner)
     apart = nonfinite.apart is not None
-    differing = any(each.any() for each in pixels.differences)
+    differing = pixels.differ
     metrics, near = _measured(record, pixels, corner, rules, settings, differing=differing)
     findings = [*record.findings, *nonfinite.findings()]
     if differing:
@@ -177,7 +180,8 @@ def _judged(
     suspect = bad or wants or bool(_met(rules.warn, metrics, names))
     if differing and settings.diagnose and suspect:
         named = {finding.name.split(" at ")[0] for finding in findings}
-        causes = diagnose(pixels, *sides)
+        coc = None if settings.coc is None else coc_file(settings.coc, record.name)
+        causes = diagnose(pixels, *sides, corner, coc)
         findings += [cause for cause in causes if cause.name.split(" at ")[0] not in named]
     if suspect and differing:
         metrics = {**measure(pixels, over=rules.over), **metrics}
@@ -250,7 +254,8 @@ def _is_open(rule: Rule, findings: Sequence[str], pixels: Pixels) -> bool:
     """Whether only a diagnosis says if a finding is there that a rule is about."""
     if not rule.found or rule.is_met({}, findings):
         return False
-    return rule.found != "clipped" or has_negatives(pixels)  # light cut off above is always found
+    # Light that is cut off above is always found.
+    return rule.found != "clipped" or may_be_cut_below(pixels)
 
 
 def _placed(record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Comparison:
@@ -272,10 +277,7 @@ def _placed(record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Comp
         differing=int(np.count_nonzero(bad)),
         window=(x + left, y + top, int(columns[-1]) - left + 1, int(rows[-1]) - top + 1),
         worst=Worst(x + int(column), y + int(row), a, b),
-        channels={
-            name: float(np.abs(each).max())
-            for name, each in zip(pixels.names, pixels.differences, strict=True)
-        },
+        channels=pixels.differences.largest,
     )
 
 

@@ -29,10 +29,7 @@ def write_differences(folder: Path, record: Comparison, pixels: Pixels) -> tuple
     """
     exr, png = (folder / f"{record.name}.diff{suffix}" for suffix in (".exr", ".png"))
     with np.errstate(over="ignore"):
-        signed = {
-            name: each.astype(np.float32)
-            for name, each in zip(pixels.names, pixels.differences, strict=True)
-        }
+        signed = {name: pixels.difference(name).astype(np.float32) for name in pixels.names}
     apart = None if record.nonfinite is None else record.nonfinite.apart
     if apart is not None:
         for plane in signed.values():
@@ -47,10 +44,11 @@ def write_differences(folder: Path, record: Comparison, pixels: Pixels) -> tuple
 def amplified(pixels: Pixels, apart: NDArray[np.bool_] | None) -> tuple[float, NDArray[np.uint8]]:
     """The power of 2 that makes the difference visible, and the picture of it [H, W, 3]."""
     names = pixels.color[0] if pixels.color else pixels.names[:1]
-    chosen = [pixels.differences[pixels.names.index(name)] for name in names]
-    if not any(each.any() for each in chosen):  # the others differ
-        chosen = [each for each in pixels.differences if each.any()][:3] or chosen
-        chosen = chosen if len(chosen) == 3 else chosen[:1]
+    largest = pixels.differences.largest
+    if not any(largest[name] for name in names):  # the others differ
+        names = tuple(name for name in pixels.names if largest[name])[:3] or names
+        names = names if len(names) == 3 else names[:1]
+    chosen = [pixels.difference(name) for name in names]
     difference = np.stack(chosen * (3 // len(chosen)), axis=2)
     maximum = float(np.percentile(np.abs(difference).max(axis=2), 99.9)) or float(
         np.abs(difference).max()

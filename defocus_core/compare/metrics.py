@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -79,15 +80,15 @@ METRICS = {metric.name: metric for metric in _ROWS}
 EQUAL = 99.0
 # A window of SSIM: 11 x 11 px, gaussian of sigma 1.5 px (Wang et al. 2004).
 _LUMA = {"R": 0.2126, "G": 0.7152, "B": 0.0722, "Y": 1.0}
-COSTLY = 2**21  # pixels beyond which SSIM and the metrics of hdr are measured if rules ask
+COSTLY = 2**21  # pixels beyond which metrics of a screen and of hdr are measured if rules ask
 _STRIP = 64  # rows of SSIM that are computed at once, so that they stay in the cache
+_APART = 101  # pixels from one to the next of a sample
 
 
 def encoded(plane: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
     """Values as a screen shows them: sRGB-encoded, clipped to 0…1; NaN is 0."""
     if plane.dtype == np.float16 and gamma == 1.0:  # a hundred times as fast for 16 bits
-        codes = np.ascontiguousarray(plane).view(np.uint16)
-        return encoded(_halves(), gamma)[codes]
+        return _encoded_halves()[plane.view(np.uint16)]
     values = np.clip(np.nan_to_num(np.asarray(plane, np.float32), nan=0.0), 0.0, 1.0)
     if gamma is None:
         return values
@@ -100,9 +101,7 @@ def unclipped(light: NDArray[Any]) -> NDArray[np.float32]:
     A negative value is the mirror image of a positive one.
     """
     if light.dtype == np.float16:  # a hundred times as fast for 16 bits
-        codes = np.ascontiguousarray(light).view(np.uint16)
-        table: NDArray[np.float32] = unclipped(_halves())
-        return table[codes]
+        return _unclipped_halves()[light.view(np.uint16)]
     magnitude = np.abs(np.asarray(light, np.float32))
     with np.errstate(invalid="ignore"):  # NaN stays NaN
         shown = linear_to_srgb(np.minimum(magnitude, np.float32(1.0)))
@@ -116,6 +115,16 @@ def _halves() -> NDArray[np.float32]:
     return np.arange(2**16, dtype=np.uint16).view(np.float16).astype(np.float32)
 
 
+@cache
+def _encoded_halves() -> NDArray[np.float32]:
+    return encoded(_halves(), 1.0)
+
+
+@cache
+def _unclipped_halves() -> NDArray[np.float32]:
+    return unclipped(_halves())
+
+
 def measure(
     pixels: Pixels, *, over: float, asked: Collection[str] | None = None
 ) -> dict[str, float]:
@@ -124,108 +133,105 @@ def measure(
     Args:
         pixels: the pair.
         over: the difference that the metric ``share`` counts pixels beyond.
-        asked: the metrics that must be there even if they take long; None for those that the size
-            of the picture allows.
+        asked: the metrics that must be there even if they take long; None for all, SSIM if the
+            size of the picture allows.
     """
     count = np.count_nonzero(pixels.finite) if pixels.finite is not None else pixels.a[0].size
     if not count:
         return {}
     total, channels = int(count), len(pixels.names)
-    squares = sum(float(np.square(each).sum()) for each in pixels.differences)
-    rmse = math.sqrt(squares / (total * channels))
-    level = sum(_sum_of_magnitudes(plane, pixels.finite) for plane in pixels.a) / (total * channels)
-    greatest = pixels.greatest
+    differences = pixels.differences
+    rmse = math.sqrt(differences.squares / (total * channels))
     metrics = {
-        "max": float(greatest.max()),
-        "mean": sum(float(np.abs(d).sum()) for d in pixels.differences) / (total * channels),
+        "max": max(differences.largest.values()),
+        "mean": differences.magnitude / (total * channels),
         "rmse": rmse,
     }
-    if level > 0:
-        metrics["rel-rmse"] = rmse / level
-    shown = [_shown(pixels, layer) for layer in pixels.color]
-    if shown:
-        metrics["psnr"] = min(_decibels(a, b, pixels.finite, total) for a, b in shown)
-    small = asked is None and pixels.a[0].size <= COSTLY
-    if small or any(name.startswith("hdr-") for name in asked or ()):
-        metrics |= _with_highlights(pixels, total)
-    if shown and (small or "ssim" in (asked or ())) and min(pixels.shape) > 2 * REACH:
-        values = [
-            _ssim(_luma(a, layer), _luma(b, layer), pixels.finite)
-            for (a, b), layer in zip(shown, pixels.color, strict=True)
-        ]
-        if None not in values:
-            metrics["ssim"] = min(value for value in values if value is not None)
-    metrics["p99.9"] = _percentile(greatest, pixels.finite, total)
-    metrics["share"] = int(np.count_nonzero(greatest > over)) / total
+    if differences.level > 0:
+        metrics["rel-rmse"] = rmse / (differences.level / (total * channels))
+    small = pixels.a[0].size <= COSTLY
+    shown = asked is None or small or "psnr" in asked
+    if shown or any(name.startswith("hdr-") for name in asked or ()):
+        metrics |= _on_scales(pixels, total, shown=shown)
+    if small if asked is None else "ssim" in asked:
+        metrics |= _similarity(pixels)
+    metrics["p99.9"] = _percentile(differences.greatest, pixels.finite, total)
+    metrics["share"] = int(np.count_nonzero(differences.greatest > over)) / total
     return metrics
 
 
-def _with_highlights(pixels: Pixels, total: int) -> dict[str, float]:
-    """The metrics of hdr: colour of linear light on a scale without bounds, the rest as it is."""
-    colors = {name for layer in pixels.color for name in layer} if pixels.gamma == 1.0 else ()
-    greatest, squares = np.zeros(pixels.shape, np.float32), 0.0
-    for name, a, b in zip(pixels.names, pixels.a, pixels.b, strict=True):
-        scale = unclipped if name in colors else np.float32
-        difference = np.abs(scale(b) - scale(a))
-        if pixels.finite is not None:
-            difference[~pixels.finite] = 0.0
-        np.maximum(greatest, difference, out=greatest)
-        squares += float(np.square(difference, out=difference).sum(dtype=np.float64))
-    mean = squares / (total * len(pixels.names))
-    return {
+def _similarity(pixels: Pixels) -> dict[str, float]:
+    """The structural similarity of a pair; none where it is not defined."""
+    if min(pixels.shape) <= 2 * REACH:
+        return {}
+    values = []
+    for layer in pixels.color:
+        a, b = (_luma_of(pixels, side, layer) for side in ("a", "b"))
+        values.append(_ssim(a, b, pixels.finite))
+    known = [value for value in values if value is not None]
+    return {"ssim": min(known)} if known and len(known) == len(values) else {}
+
+
+def _on_scales(pixels: Pixels, total: int, *, shown: bool) -> dict[str, float]:
+    """The metrics of hdr and, if ``shown``, PSNR: of the same values, clipped as by a screen."""
+    colors = {name for layer in pixels.color for name in layer}
+    greatest = np.zeros(pixels.shape, np.float32)
+    squares, of_screen = 0.0, dict.fromkeys(pixels.names, 0.0)
+    for rows in pixels.strips():
+        out = None if pixels.finite is None else ~pixels.finite[rows]
+        for name, *sides in zip(pixels.names, pixels.a, pixels.b, strict=True):
+            scaled = name in colors and pixels.gamma == 1.0
+            a, b = (unclipped(s[rows]) if scaled else np.asarray(s[rows], "f4") for s in sides)
+            difference = _apart(a, b, out)
+            squares += _squares(difference)
+            np.maximum(greatest[rows], np.abs(difference, out=difference), out=greatest[rows])
+            if shown and name in colors:
+                if pixels.gamma not in (None, 1.0):
+                    a, b = (encoded(side, pixels.gamma) for side in (a, b))
+                of_screen[name] += _squares(_apart(np.clip(a, 0, 1), np.clip(b, 0, 1), out))
+    metrics = {
         "hdr-max": float(greatest.max()),
         "hdr-p99.9": _percentile(greatest, pixels.finite, total),
-        "hdr-psnr": EQUAL if mean < 1e-10 else -10 * math.log10(mean),
+        "hdr-psnr": _decibels(squares / (total * len(pixels.names))),
     }
+    if shown and colors:
+        means = [sum(of_screen[n] for n in layer) / (total * len(layer)) for layer in pixels.color]
+        metrics["psnr"] = _decibels(max(means))
+    return metrics
+
+
+def _apart(a: NDArray[Any], b: NDArray[Any], out: NDArray[np.bool_] | None) -> NDArray[Any]:
+    """B − A, 0 where out."""
+    difference: NDArray[Any] = b - a
+    if out is not None:
+        difference[out] = 0.0
+    return difference
+
+
+def _squares(difference: NDArray[Any]) -> float:
+    return float(np.square(difference).sum(dtype=np.float64))
+
+
+def _decibels(mean: float) -> float:
+    """PSNR of a mean squared error, for a peak of 1."""
+    return EQUAL if mean < 1e-10 else -10 * math.log10(mean)
 
 
 def measure_edges(pixels: Pixels, near: NDArray[np.bool_]) -> dict[str, float]:
     """The metrics near depth edges and elsewhere."""
     metrics = {}
     for place, selected in (("edges", near), ("elsewhere", ~near)):
-        for name, value in measure(pixels.within(selected), over=0.0, asked=()).items():
+        for name, value in measure(pixels.within(selected), over=0.0, asked=["psnr"]).items():
             if f"{place}-{name}" in METRICS:
                 metrics[f"{place}-{name}"] = value
     return metrics
 
 
-def _sum_of_magnitudes(plane: NDArray[Any], finite: NDArray[np.bool_] | None) -> float:
-    magnitudes = np.abs(plane) if finite is None else np.abs(plane[finite])
-    return float(magnitudes.sum(dtype=np.float64))
-
-
-def _shown(
-    pixels: Pixels, layer: Sequence[str]
-) -> tuple[list[NDArray[np.float32]], list[NDArray[np.float32]]]:
-    """The encoded channels of a colour layer, of A and of B."""
-    a, b = (
-        [encoded(pixels.plane(side, name), pixels.gamma) for name in layer] for side in ("a", "b")
-    )
-    return a, b
-
-
-def _decibels(
-    a: Sequence[NDArray[np.float32]],
-    b: Sequence[NDArray[np.float32]],
-    finite: NDArray[np.bool_] | None,
-    total: int,
-) -> float:
-    """PSNR of encoded channels for a peak of 1."""
-    squares = 0.0
-    for old, new in zip(a, b, strict=True):
-        difference = np.subtract(new, old)
-        if finite is not None:
-            difference[~finite] = 0.0
-        squares += float(np.einsum("yx,yx->y", difference, difference).sum(dtype=np.float64))
-    mean = squares / (total * len(a))
-    return EQUAL if mean < 1e-10 else -10 * math.log10(mean)
-
-
-def _luma(channels: Sequence[NDArray[np.float32]], layer: Sequence[str]) -> NDArray[np.float32]:
-    weights = [np.float32(_LUMA[name[-1]]) for name in layer]
-    luma = channels[0] * weights[0]
-    for channel, weight in zip(channels[1:], weights[1:], strict=True):
-        luma += channel * weight
+def _luma_of(pixels: Pixels, side: str, layer: Sequence[str]) -> NDArray[np.float32]:
+    """The luma of a colour layer as a screen shows it."""
+    luma = np.zeros(pixels.shape, np.float32)
+    for name in layer:
+        luma += encoded(pixels.plane(side, name), pixels.gamma) * np.float32(_LUMA[name[-1]])
     return luma
 
 
@@ -250,8 +256,11 @@ def _percentile(greatest: NDArray[Any], finite: NDArray[np.bool_] | None, total:
     place = 0.999 * (total - 1)
     lower = math.floor(place)
     upper = min(lower + 1, total - 1)
-    ordered = np.partition(values, (lower, upper))
-    low, high = float(ordered[lower]), float(ordered[upper])
+    few = values[values >= np.quantile(values[::_APART], 0.99, method="lower")]
+    below = total - few.size  # pixels that are less than all of the few
+    few, below = (few, below) if below <= lower else (values, 0)
+    ordered = np.partition(few, (lower - below, upper - below))
+    low, high = float(ordered[lower - below]), float(ordered[upper - below])
     return low + (place - lower) * (high - low)
 
 

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.array_files.float_maps import is_float_map, read_float_map
+from defocus_core.io.exr.channel_choice import NO_DEPTH
 from defocus_core.io.exr.deep_samples import strips
 from defocus_core.io.exr.header import Header, Raw, is_exr, read_attributes, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.images.color_space import linear_light, unit
-from defocus_core.io.images.exr_channels import NO_DEPTH
 from defocus_core.io.images.raster import Raster, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
 

@@ -146,7 +146,16 @@ def near_edges(folder: Path, name: str, size: tuple[int, int]) -> NDArray[np.boo
     Raises:
         InputError: there is no such map, it cannot be read or is of another size.
     """
-    path = coc_file(folder, name)
+    radius = read_radius(coc_file(folder, name), size)
+    return widened(beside_jumps(radius), math.ceil(float(np.abs(radius).max(initial=0.0))))
+
+
+def read_radius(path: Path, size: tuple[int, int]) -> NDArray[np.float32]:
+    """The signed radius [H, W] in px of a CoC map, 0 where it is not finite.
+
+    Raises:
+        InputError: the map cannot be read, is of another size or has no radius.
+    """
     picture = read_picture(path)
     if (picture.height, picture.width) != size:
         problem = f"is {picture.width}x{picture.height}, but the picture is {size[1]}x{size[0]}"
@@ -160,15 +169,19 @@ def near_edges(folder: Path, name: str, size: tuple[int, int]) -> NDArray[np.boo
             "no-such-channel", problem, "give what 'defocus render ‹outputs› coc' wrote", path=path
         )
     radius = np.asarray(plane, np.float32)
-    radius = np.where(np.isfinite(radius), radius, np.float32(0.0))
-    edges = np.zeros(size, bool)
-    across = np.abs(np.diff(radius, axis=1)) > _EDGE
-    down = np.abs(np.diff(radius, axis=0)) > _EDGE
+    return np.where(np.isfinite(radius), radius, np.float32(0.0))
+
+
+def beside_jumps(values: NDArray[Any], least: float = _EDGE) -> NDArray[np.bool_]:
+    """Pixels [H, W] with a neighbour whose value differs by more than ``least``."""
+    edges = np.zeros(values.shape, bool)
+    across = np.abs(np.diff(values, axis=1)) > least
+    down = np.abs(np.diff(values, axis=0)) > least
     for beside, step in ((edges[:, 1:], across), (edges[:, :-1], across)):
         beside |= step
     for beside, step in ((edges[1:], down), (edges[:-1], down)):
         beside |= step
-    return widened(edges, math.ceil(float(np.abs(radius).max(initial=0.0))))
+    return edges
 
 
 def widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:

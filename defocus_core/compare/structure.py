@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 # Attributes that differ from run to run: times, and the program that wrote a file.
 _OF_A_RUN = ("capdate", "*date", "date*", "*datetime*", "time", "*time*", "software", "utcoffset")
+_DEPTHS = ("Z", "ZBack")  # channels of deep samples
 
 
 @dataclass(frozen=True)
@@ -64,8 +65,9 @@ def compare_structure(
     if resized and not findings:
         text = f"another size of {_list(resized)}"
         findings.append(Finding("another size", text, {"channels": resized}))
-    missing = [name for name in a.planes if name not in b.planes]
-    further = [name for name in b.planes if name not in a.planes]
+    lone = _depths_of_samples(a, b)
+    missing = [name for name in a.planes if name not in b.planes and name not in lone]
+    further = [name for name in b.planes if name not in a.planes and name not in lone]
     if missing:
         text = f"missing {_counted(missing)}"
         findings.append(Finding("missing channel", text, {"channels": missing}))
@@ -76,7 +78,7 @@ def compare_structure(
     shown = (a.height, a.width)
     return Structure(
         findings=tuple(findings),
-        notes=tuple(_notes(a, b)),
+        notes=(*_notes(a, b), *([f"flattened, without {_list(lone)}"] if lone else [])),
         metadata=tuple(_differing(*(_heeded(each.metadata, ignored) for each in (a, b)))),
         common=tuple(name for name in same if a.planes[name].shape == shown),
         apart=tuple(name for name in same if a.planes[name].shape != shown),
@@ -103,6 +105,15 @@ def compare_samples(a: DecodedPicture, b: DecodedPicture) -> Finding | None:
         return None
     each = ", ".join(f"{name} by up to {maximum:.3g}" for name, maximum in greatest.items())
     return Finding("deep samples", f"deep samples: other values, {each}", {"max": greatest})
+
+
+def _depths_of_samples(a: DecodedPicture, b: DecodedPicture) -> list[str]:
+    """Channels of depth that a deep picture must have, and that the other lacks as it is flat."""
+    if bool(a.samples) == bool(b.samples):
+        return []
+    deep, flat = (a, b) if a.samples else (b, a)
+    names = set(deep.planes) - set(flat.planes)
+    return sorted(name for name in names if name.rpartition(".")[2] in _DEPTHS)
 
 
 def _heeded(metadata: Mapping[str, str], ignored: Sequence[str]) -> dict[str, str]:

@@ -186,8 +186,8 @@ def _evidence(
             softest = softness(slope)[within].amax((-2, -1))
             ramps = (slope[within] > STEEP).sum((-2, -1))
         averaged = averages(around, sizes, band, infinity)
-    scatter = scatter_counts(steps, band)
-    counts = steps_of([size[within] for size in sizes])
+    scatter = scatter_counts(steps, band, steepest)
+    counts = steps_of([size[within] for size in sizes], steepest)
     return _BandEvidence(scatter, limits, softest, ramps, counts, averaged)
 
 

@@ -17,7 +17,6 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from defocus_core.tensors.device_plan import launches_cost
-from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.sparse_masks import exceeding, taken, tally, tally_of
 
 # Greatest step in px between neighbours of one surface, and the least share of such neighbours.
@@ -47,7 +46,7 @@ _HALF = [
 _OUTSIDE = 1e18
 
 
-def scatter_counts(steps: list[Tensor], rows: tuple[int, int]) -> Tensor:
+def scatter_counts(steps: list[Tensor], rows: tuple[int, int], steepest: float) -> Tensor:
     """Histogram of scatter in rows of a frame, or of each of a batch: [..., _INTERVALS + 3].
 
     How many pixels have a far neighbour; how many are as near as the mean of both neighbours along
@@ -58,6 +57,7 @@ def scatter_counts(steps: list[Tensor], rows: tuple[int, int]) -> Tensor:
         steps: Differences in px of each pixel and the next of a band [..., h, W], down and across;
             the band has the counted rows and at least the rows of the frame beside them.
         rows: The counted rows of the band, [first, end); the ends of a frame have no scatter.
+        steepest: The greatest size of a step.
     """
     down, across = steps
     first, end = max(rows[0], 1), max(min(rows[1], across.shape[-2] - 1), 1)
@@ -66,24 +66,22 @@ def scatter_counts(steps: list[Tensor], rows: tuple[int, int]) -> Tensor:
         [step.narrow(dim, at, max(step.shape[dim] - 1, 0)) for at in (0, min(1, step.shape[dim]))]
         for dim, step in zip((-2, -1), inner, strict=True)
     ]
-    before, after = (
-        torch.cat([step.flatten(-2) for step in both], -1) for both in zip(*pairs, strict=True)
-    )
-    beyond = exceeding(before * -after, 0.0)
-    apart = torch.zeros(before.shape[:-1], dtype=torch.long, device=before.device)
-    if launches_cost(before.device) or _is_steep(before) or _is_steep(after):
+    before, after = (torch.cat(both, -2) for both in zip(*pairs, strict=True))
+    limits = _interval_limits().to(before)
+    apart = torch.zeros(before.shape[:-2], dtype=torch.long, device=before.device)
+    if steepest < float(limits[0]):  # so is no pixel far from the mean of its neighbours
+        counts = torch.zeros(*apart.shape, len(limits) + 1, dtype=torch.long, device=before.device)
+        counts[..., 0] = before.shape[-2] * before.shape[-1]
+        return torch.cat([apart[..., None], counts], -1)
+    beyond = torch.mul(before, after).clamp_(max=0).bool()
+    if launches_cost(before.device) or steepest > _STEP:
         far = exceeding(torch.maximum(before.abs(), after.abs()), _STEP)
-        apart, beyond = tally_of(far[..., None, :]), beyond & ~far
-    off = taken(after - before, beyond).abs_() / 2
-    limits = _interval_limits().to(off)
+        apart, beyond = tally_of(far), beyond & ~far
+    off = (taken(after, beyond) - taken(before, beyond)).abs_() / 2
+    off = off.flatten(-2) if off.dim() > 1 else off
     counts = tally(torch.bucketize(off, limits, right=True), len(limits) + 1)
-    counts[..., 0] += beyond.shape[-1] - off.shape[-1] - apart
+    counts[..., 0] += before.shape[-2] * before.shape[-1] - off.shape[-1] - apart
     return torch.cat([apart[..., None], counts], -1)
-
-
-def _is_steep(steps: Tensor) -> bool:
-    """Whether any of the steps in px is one between surfaces."""
-    return steps.numel() > 0 and float(range_of(steps).abs().amax()) > _STEP
 
 
 def noise_from(counts: list[int]) -> float | None:

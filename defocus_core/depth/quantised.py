@@ -31,17 +31,19 @@ _WIDE = 4
 AROUND = 2 * _WIDE + 2
 
 
-def steps_of(sizes: list[Tensor]) -> Tensor:
+def steps_of(sizes: list[Tensor], steepest: float) -> Tensor:
     """The numbers [..., 2, 4] of steps: all, zero, too small to matter, too small for an edge.
 
     Args:
         sizes: Of steps in px from each pixel of a part of a frame, or of each of a batch, to the
             next, down and across: [..., H, W].
+        steepest: The greatest size.
     """
+    none = torch.zeros(sizes[0].shape[:-2], dtype=torch.long, device=sizes[0].device)
     larger = [
-        tally_of(mask)
+        tally_of(exceeding(size, bound)) if steepest > bound else none
         for size in sizes
-        for mask in (size.bool(), exceeding(size, _MINIMUM), exceeding(size, _MAXIMUM))
+        for bound in (0.0, _MINIMUM, _MAXIMUM)
     ]
     counts = torch.tensor([math.prod(size.shape[-2:]) for size in sizes])[:, None].repeat(1, 4)
     counts = counts.to(larger[0].device).repeat(*larger[0].shape, 1, 1)

@@ -19,9 +19,9 @@ from defocus_core.renderer.blur.field_blend import CORNERS
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.preparation import copies_of_tile
 from defocus_core.renderer.engine.region_schedule import blurred_part
+from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.layers.block_index import blocks_of, visible_slices
 from defocus_core.renderer.layers.slice_radii import slice_position
-from defocus_core.renderer.stream import Stream
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.neighbourhoods import extreme_around
@@ -66,79 +66,80 @@ class Cost(NamedTuple):
     work: float
 
 
-def cost(stream: Stream) -> Cost:
+def cost(renderer: Renderer) -> Cost:
     """The work of rendering a picture; its radii are read once."""
-    frame, radius = stream.frame, stream.signed_radius
-    grids = _computed(stream)
+    frame, radius = renderer.frame, renderer.scene.signed_radius
+    grids = _computed(renderer)
     tiles = [tile for grid in grids for tile in grid.tiles]
     blocks, edges = _visible_blocks(frame, radius)
     plan = visible_slices(blocks, frame.slices.visible.reaches, tiles) if tiles else []
     reached = sum(map(len, plan))
-    samples = stream.image.shape[0] + 1
+    samples = renderer.scene.image.shape[0] + 1
     around = sum(_around(frame, grid).area for grid in grids)
     full_size = 1.0 if frame.quality.hidden_level else _AT_FULL_SIZE
-    pixels = stream.size[0] * stream.size[1]
+    pixels = renderer.size[0] * renderer.size[1]
     sliced = _SLICED if frame.settings.field is None else _SLICED * _FIELD
     work = (
         pixels * frame.views
         + _COMPUTED * (1.4 if frame.settings.left_right else 1.0) * around
-        + _ENLARGED * pixels * stream.at_half_size
+        + _ENLARGED * pixels * renderer.at_half_size
         + sliced * (1 + len(frame.division.parts) / 4) * _samples_sliced(frame, tiles, plan)
         + _BEHIND * full_size * edges * max(map(abs, frame.content.limits))
     )
-    if stream.layered is not None and stream.layered.deepest > 1:
+    if renderer.scene.layered is not None and renderer.scene.layered.deepest > 1:
         work *= _LAYERED
     slices, count = len(frame.slices.radii), len(frame.grid.tiles)
     return Cost(slices, count, 2 * slices * count, reached, _PICTURE + samples * work)
 
 
-def memory_bound(stream: Stream, threads: int, at_once: int) -> float:
+def memory_bound(renderer: Renderer, threads: int, at_once: int) -> float:
     """Upper bound of the bytes that rendering takes beside its input and output.
 
     Args:
-        stream: The picture.
+        renderer: The picture, prepared.
         threads: Number of threads that compute.
         at_once: Most regions that are computed at once.
     """
-    frame, channels = stream.frame, stream.image.shape[0]
+    frame, channels = renderer.frame, renderer.scene.image.shape[0]
     size = frame.dtype.itemsize
     sample = (channels + 1) * size
     pixels = frame.box.area
-    grids = _computed(stream)
-    if launches_cost(stream.image.device):
+    grids = _computed(renderer)
+    if launches_cost(renderer.scene.image.device):
         threads = at_once = 1
     at_once = max(1, min(at_once, len(grids)))
     copies = (
         _COPIES + _HIDDEN_COPIES * frame.content.edges + _VIEW_COPIES * frame.settings.left_right
     )
-    if stream.layered is not None:
-        copies += _COPIES_OF_LAYER * stream.layered.number
+    if renderer.scene.layered is not None:
+        copies += _COPIES_OF_LAYER * renderer.scene.layered.number
     region = max((_around(frame, grid).area for grid in grids), default=0) * sample * copies
     result = max((grid.box.area for grid in grids), default=0)
     result *= (channels * frame.views + 1) * size * (1 + AHEAD * (threads > 1))
     coarse = pixels * sample * frame.content.edges * 0.7
-    enlarged = 3 * stream.at_half_size * pixels * sample * isinstance(stream.image, Tensor)
+    in_memory = isinstance(renderer.scene.image, Tensor)
+    enlarged = 3 * renderer.at_half_size * pixels * sample * in_memory
     # each region has kernels of its own where the pupil changes over the frame
     versions = 1 if frame.settings.field is None else CORNERS * at_once
     spectra = 2 * _bytes_of_spectra(frame) * versions
-    repaired = stream.size[0] * stream.size[1] * size * (stream.repair != DepthRepair())
-    whole = _FIXED + coarse + enlarged + spectra + repaired + _bytes_of_fill(stream, grids)
-    return whole + threads * _bytes_of_tile(stream) + at_once * (region + result)
+    repaired = renderer.size[0] * renderer.size[1] * size * (renderer.repair != DepthRepair())
+    whole = _FIXED + coarse + enlarged + spectra + repaired + _bytes_of_fill(renderer, grids)
+    return whole + threads * _bytes_of_tile(renderer) + at_once * (region + result)
 
 
-def _bytes_of_tile(stream: Stream) -> float:
+def _bytes_of_tile(renderer: Renderer) -> float:
     """Bytes of a tile that is computed."""
-    frame = stream.frame
-    if not launches_cost(stream.image.device):
+    frame = renderer.frame
+    if not launches_cost(renderer.scene.image.device):
         return _OF_THREAD
-    sample = (stream.image.shape[0] + 1) * frame.dtype.itemsize * len(frame.division.parts)
+    sample = (renderer.scene.image.shape[0] + 1) * frame.dtype.itemsize * len(frame.division.parts)
     area = max(tile.area for tile in frame.grid.tiles)
     return float(area * sample * copies_of_tile(frame.slices.visible.layers))
 
 
-def _bytes_of_fill(stream: Stream, grids: list[Grid]) -> float:
+def _bytes_of_fill(renderer: Renderer, grids: list[Grid]) -> float:
     """Bytes of what is continued for all colours, which is kept until each has taken it."""
-    frame, fill = stream.frame, stream.fill
+    frame, fill = renderer.frame, renderer.scene.fill
     if fill is None or not fill.shared.keeps:
         return 0.0
     reach = frame.farthest + frame.farthest % 2
@@ -153,9 +154,9 @@ def coarse_bytes(shape: tuple[int, ...]) -> float:
     return 3.0 * (channels + 2) * (height // 2 + 1) * (width // 2 + 1) * 4
 
 
-def _computed(stream: Stream) -> list[Grid]:
+def _computed(renderer: Renderer) -> list[Grid]:
     """The regions that are computed, cut to their blurred parts; the others are copied."""
-    frame, radius = stream.frame, stream.reaching
+    frame, radius = renderer.frame, renderer.reaching
     every = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     parts = (blurred_part(frame, grid, radius) for grid in every)
     return [part for part in parts if part]

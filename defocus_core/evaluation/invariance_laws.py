@@ -6,7 +6,7 @@ import torch
 
 from defocus_core.evaluation import law_probes as probes
 from defocus_core.evaluation.law_checks import Check, Setting, greatest, pictures, rendered
-from defocus_core.evaluation.law_probes import Scene
+from defocus_core.evaluation.law_probes import Probe
 
 
 def tiles(setting: Setting) -> list[Check]:
@@ -19,8 +19,8 @@ def tiles(setting: Setting) -> list[Check]:
     rows, columns = slice(top, top + size[0]), slice(left, left + size[1])
     off = []
     for radius in (probes.slope(whole), probes.strips(whole)):
-        large = Scene(probes.waves(whole), radius)
-        part = Scene(large.image[:, rows, columns], radius[rows, columns])
+        large = Probe(probes.waves(whole), radius)
+        part = Probe(large.image[:, rows, columns], radius[rows, columns])
         one, other = (rendered(scene, setting, torch.float32) for scene in (part, large))
         observed = one.trust > 1 - 1e-5
         for a, b in zip(pictures(one), pictures(other), strict=True):
@@ -33,7 +33,7 @@ def same_bytes(setting: Setting) -> list[Check]:
     """Threads, and whether left and right are rendered too, change no byte of the centre."""
     size = (200, 210)  # four tiles
     threads, outputs = 0.0, 0.0
-    for scene in (Scene(probes.waves(size), probes.slope(size)), probes.card(-7.0, 5.0, size=size)):
+    for scene in (Probe(probes.waves(size), probes.slope(size)), probes.card(-7.0, 5.0, size=size)):
         one = rendered(scene, setting, torch.float32, threads=1)
         two = rendered(scene, setting, torch.float32, threads=2)
         alone = rendered(scene, setting, torch.float32, left_right=False)
@@ -55,10 +55,10 @@ def rounding(setting: Setting) -> list[Check]:
     precision: list[float] = []
     inputs: list[float] = []
     for image, radius in probes.scenes():
-        scene = Scene(image.float(), radius.float())
+        scene = Probe(image.float(), radius.float())
         single, changed = (
             pictures(rendered(each, setting, torch.float32))
-            for each in (scene, Scene(*map(probes.rounded, scene)))
+            for each in (scene, Probe(*map(probes.rounded, scene)))
         )
         double = pictures(rendered(scene, setting, torch.float64))
         for off, others in ((precision, double), (inputs, changed)):

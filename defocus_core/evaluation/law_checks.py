@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from defocus_core.evaluation.law_probes import Scene
+from defocus_core.evaluation.law_probes import Probe
 from defocus_core.optics.aperture import Aperture
 from defocus_core.renderer.render import render
 from defocus_core.tensors.views import Views
@@ -54,7 +54,7 @@ class Check:
 
 
 def rendered(
-    scene: Scene,
+    scene: Probe,
     setting: Setting,
     dtype: torch.dtype,
     *,

@@ -17,7 +17,7 @@ from torch import Tensor
 from defocus_core.evaluation import law_probes as probes
 from defocus_core.evaluation.invariance_laws import devices, rounding, same_bytes, tiles
 from defocus_core.evaluation.law_checks import Check, Setting, greatest, pictures, rendered
-from defocus_core.evaluation.law_probes import Scene
+from defocus_core.evaluation.law_probes import Probe
 from defocus_core.optics.aperture import Aperture
 from defocus_core.renderer.layers.quality import find
 
@@ -96,7 +96,7 @@ def near_focus(setting: Setting) -> list[Check]:
     off = []
     for r in (sign * size for size in _NEAR for sign in (1, -1)):
         radius = torch.full(probes.SIZE, r, dtype=torch.float64)
-        _, left, right = pictures(rendered(Scene(probes.wave(), radius), setting, torch.float64))
+        _, left, right = pictures(rendered(Probe(probes.wave(), radius), setting, torch.float64))
         off.append(abs(probes.shift(right) - probes.shift(left) - 8 * r / (3 * math.pi)))
     measured = "near focus, off 8 r/(3 pi), |r| to 1 px"
     return [Check("half discs", measured, "px", greatest(off), 0.01)]
@@ -108,7 +108,7 @@ def white(setting: Setting) -> list[Check]:
     for name, aperture in (("round", Aperture()), ("6 blades", Aperture(6, 10.0))):
         off = []
         for radius in (probes.slope(), probes.strips(), probes.noise()):
-            scene = Scene(torch.ones(3, *probes.SIZE), radius)
+            scene = Probe(torch.ones(3, *probes.SIZE), radius)
             views = rendered(scene, setting, torch.float32, aperture=aperture)
             off += [probes.worst(picture - 1) for picture in pictures(views)]
         measured = f"white over slope, steps, noise; {name}"
@@ -128,7 +128,7 @@ def left_and_right(setting: Setting) -> list[Check]:
 
 def focus(setting: Setting) -> list[Check]:
     """A picture that is all in focus stays as it is."""
-    scene = Scene(probes.waves(), torch.zeros(probes.SIZE))
+    scene = Probe(probes.waves(), torch.zeros(probes.SIZE))
     views = rendered(scene, setting, torch.float32)
     off = [probes.worst(picture - scene.image.to(picture)) for picture in pictures(views)]
     return [Check("focus", "picture in focus, change", "-", greatest(off), 1e-6)]
@@ -156,10 +156,10 @@ def symmetry(setting: Setting) -> list[Check]:
     """Flips and quarter turns change nothing; a mirror swaps left and right."""
     flips, turns = [], []
     for image, radius in probes.scenes():
-        centre, left, right = pictures(rendered(Scene(image, radius), setting, torch.float64))
-        mirrored = Scene(image.flip(-1), radius.flip(-1))
-        upset = Scene(image.flip(-2), radius.flip(-2))
-        turned = Scene(image.rot90(1, (-2, -1)), radius.rot90())
+        centre, left, right = pictures(rendered(Probe(image, radius), setting, torch.float64))
+        mirrored = Probe(image.flip(-1), radius.flip(-1))
+        upset = Probe(image.flip(-2), radius.flip(-2))
+        turned = Probe(image.rot90(1, (-2, -1)), radius.rot90())
         for scene, axis, expected in (
             (mirrored, -1, (centre, right, left)),
             (upset, -2, (centre, left, right)),
@@ -190,7 +190,7 @@ def gradient(setting: Setting) -> list[Check]:
 
     def weighted_sum(step: float) -> Tensor:
         moved = [x + step * d for x, d in zip(at, directions, strict=True)]
-        scene = Scene(moved[0], moved[1])
+        scene = Probe(moved[0], moved[1])
         rendering = rendered(scene, setting, torch.float64, left_right=False)
         return (rendering.render * weight).sum()
 

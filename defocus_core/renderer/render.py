@@ -11,23 +11,19 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
-from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.axial_color import apart
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.renderer.engine.batches import batches, fit_together
-from defocus_core.renderer.engine.picture import FramedPicture, repaired_once, shared_fill
-from defocus_core.renderer.engine.region_schedule import assembled
+from defocus_core.renderer.engine.renderer import Renderer, repaired_once, shared_fill
+from defocus_core.renderer.engine.scene import Scene, check_hidden
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.engine.shared_fill import FillOfColors
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-from defocus_core.renderer.inpainting.known_layer import Behind
-from defocus_core.renderer.layers.stacked_samples import Layered
 from defocus_core.tensors.checkpointing import recorded_for
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.torch_modes import own_modes
-from defocus_core.tensors.validation import check_image, dense, described, numbers
+from defocus_core.tensors.validation import check_image, numbers
 from defocus_core.tensors.views import Views, batch, in_order, of_channels
 
 
@@ -119,61 +115,36 @@ def render(
         cat_eye=cat_eye,
     )
     pictures, radii = _batched(image, signed_radius)
-    behind = _hidden(hidden, pictures, radii)
-    offsets = apart(color_offsets, pictures.shape[1])
+    behind = _behind(hidden, pictures, radii)
+    colors = apart(color_offsets, pictures.shape[1])
     if hidden is None and color_offsets is None and fit_together(pictures, settings):
-        return _in_batches(pictures, radii, settings, progress)
-    views = []
-    for pixels, radius, known in zip(pictures, radii, behind, strict=True):
-        repair = fill = None
-        if len(offsets) > 1:  # once for all colours
-            radius, repair = repaired_once(radius, pixels, settings)
-            fill = shared_fill(pixels, radius, settings, repair, [px for _, px in offsets])
-        colors = [
-            _rendered(
-                pixels if len(offsets) == 1 else pixels[c],
-                radius if color_offsets is None else radius + px,
-                settings,
-                known and known.of_channels(c, px),
-                progress,
-                repair,
-                None if fill is None else fill.of(c, float(px)),
-            )
-            for c, px in offsets
-        ]
-        views.append(colors[0] if len(colors) == 1 else of_channels(colors, offsets))
+        with own_modes(pictures.device), recorded_for(pictures, radii, settings):
+            together = [
+                (each.numbers, Renderer(each.scene, settings).picture(progress))
+                for each in batches(pictures, radii, settings)
+            ]
+            return in_order(together)
+    views = [
+        _rendered(Scene(*each), settings, colors, progress)
+        for each in zip(pictures, radii, behind, strict=True)
+    ]
     return batch(views) if image.dim() == 4 else views[0]
 
 
-def _in_batches(
-    pictures: Tensor,
-    radii: Tensor,
-    settings: Settings,
-    progress: Callable[[int, int], None] | None,
-) -> Views:
-    """Pictures [B, C, H, W], those of like plans at once."""
-    with own_modes(pictures.device), recorded_for(pictures, radii, settings):
-        parts = []
-        for each in batches(pictures, radii, settings):
-            picture = each.framed(settings)
-            views = assembled(picture.frame, each.pixels, picture.parts(progress=progress))
-            parts.append((each.numbers, views))
-        return in_order(parts)
-
-
 def _rendered(
-    pixels: Tensor,
-    radius: Tensor,
+    scene: Scene,
     settings: Settings,
-    known: Behind | None,
+    colors: list[tuple[list[int], Scalar]],
     progress: Callable[[int, int], None] | None,
-    repair: DepthRepair | None = None,
-    fill: FillOfColors | None = None,
 ) -> Views:
-    """One picture, or one channel of it, whose radii may be repaired already."""
-    with own_modes(pixels.device), recorded_for(pixels, radius, settings, known):
-        picture = FramedPicture(pixels, radius, settings, known, repair=repair, fill=fill)
-        return assembled(picture.frame, pixels, picture.parts(progress=progress))
+    """One picture, its colours apart if the px that are added to their radii differ."""
+    fill = None
+    if len(colors) > 1:
+        scene = repaired_once(scene, settings)
+        fill = shared_fill(scene, settings, [px for _, px in colors])
+    passes = (scene.of_colors(*color, fill) for color in colors)
+    views = [Renderer(each, settings).picture(progress) for each in passes]
+    return views[0] if len(views) == 1 else of_channels(views, colors)
 
 
 def render_layers(
@@ -233,46 +204,13 @@ def render_layers(
         infinity=infinity,
         depth_repair=depth_repair,
     )
-    _check_layers(colors, signed_radius, coverage)
-    layered = Layered.of(colors, signed_radius, coverage)
-    with own_modes(colors.device), recorded_for(colors, signed_radius, coverage, settings):
-        if layered.deepest == 1 and not layered.open:
-            pixels, radius = layered.picture(alpha=False), layered.nearest()
-            assert isinstance(pixels, Tensor), "layers in memory make a picture in memory"
-            picture = FramedPicture(pixels, radius, settings, None)
-            views = assembled(picture.frame, pixels, picture.parts(progress=progress))
-            views = views.to(colors.dtype)
-            alpha = torch.ones_like(views.render[:1])
-            return views._replace(images=[torch.cat([image, alpha]) for image in views.images])
-        pixels = layered.picture(alpha=True)
-        assert isinstance(pixels, Tensor), "layers in memory make a picture in memory"
-        picture = FramedPicture(pixels, layered.nearest(), settings, None, layered=layered)
-        views = assembled(picture.frame, pixels, picture.parts(progress=progress))
-        return views.to(colors.dtype)
-
-
-def _check_layers(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> None:
-    """Refuse layers of other shapes or types.
-
-    Raises:
-        ValueError: If a tensor is not of floats, or shapes do not match.
-    """
-    tensors = {"colors": colors, "signed_radius": signed_radius, "coverage": coverage}
-    for name, tensor in tensors.items():
-        dense(name, tensor)
-        if not (isinstance(tensor, Tensor) and tensor.is_floating_point()):
-            raise ValueError(
-                f"{name} must be a tensor of floats, got {described(tensor)}; "
-                "decode integers to linear light first"
-            )
-    shape = tuple(colors.shape)
-    each = (shape[0], *shape[2:]) if len(shape) == 4 else ()
-    if not each or 0 in shape or {tuple(signed_radius.shape), tuple(coverage.shape)} != {each}:
-        raise ValueError(
-            f"layers must be colors [L, C, H, W] with signed_radius and coverage [L, H, W], got "
-            f"{list(shape)}, {list(signed_radius.shape)} and {list(coverage.shape)}; "
-            "one layer is colors[None]"
-        )
+    with own_modes(colors.device if isinstance(colors, Tensor) else None):
+        scene = Scene.of_layers(colors, signed_radius, coverage)
+    views = Renderer(scene, settings).picture(progress).to(colors.dtype)
+    if scene.layered is None:
+        alpha = torch.ones_like(views.render[:1])
+        return views._replace(images=[torch.cat([image, alpha]) for image in views.images])
+    return views
 
 
 def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
@@ -290,31 +228,13 @@ def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
     return pixels, signed_radius.to(image.device).reshape(count, *size)
 
 
-def _hidden(hidden: HiddenLayer | None, pictures: Tensor, radii: Tensor) -> list[Behind | None]:
+def _behind(
+    hidden: HiddenLayer | None, pictures: Tensor, radii: Tensor
+) -> list[HiddenLayer | None]:
     """The known layer behind each picture."""
     if hidden is None:
         return [None] * len(pictures)
-    tensors = isinstance(hidden, tuple) and all(isinstance(x, Tensor) for x in hidden)
-    if not (tensors and len(hidden) == len(HiddenLayer._fields)):
-        raise ValueError(
-            f"hidden must be a HiddenLayer of three tensors, got {described(hidden)}; "
-            "leave it out where nothing is known"
-        )
-    for name, value in zip(HiddenLayer._fields, hidden, strict=True):
-        dense(f"hidden {name}", value)
-    if not (hidden[0].is_floating_point() and hidden[1].is_floating_point()):
-        kinds = ", ".join(str(x.dtype) for x in hidden[:2])
-        raise ValueError(
-            f"hidden color and signed_radius must be of floats, got {kinds}; "
-            "decode integers to linear light first"
-        )
-    shapes = [tuple(x.shape) for x in hidden]
-    sizes = [x.shape[1:] if len(pictures) == 1 else x.shape for x in (pictures, radii, radii)]
-    batched = [pictures.shape, radii.shape, radii.shape]
-    if shapes not in ([tuple(x) for x in sizes], [tuple(x) for x in batched]):
-        raise ValueError(
-            f"hidden must be color, signed_radius and mask of shapes {[*map(tuple, batched)]}, "
-            f"got {shapes}; resample them by nearest"
-        )
-    known = (x.reshape(b).to(pictures.device) for x, b in zip(hidden, batched, strict=True))
-    return [Behind(*one) for one in zip(*known, strict=True)]
+    check_hidden(hidden, pictures.shape, radii.shape)
+    shapes = pictures.shape, radii.shape, radii.shape
+    known = (x.reshape(of).to(pictures.device) for x, of in zip(hidden, shapes, strict=True))
+    return [HiddenLayer(*each) for each in zip(*known, strict=True)]

@@ -101,6 +101,7 @@ def pair_record(record: Comparison) -> dict[str, Any]:
         "findings": [
             {
                 "name": finding.name,
+                "code": finding.code,
                 "text": finding.text,
                 "explained": finding.explained,
                 **_plain(finding.values),
@@ -161,7 +162,8 @@ def metric_title(name: str) -> str:
 
 def _is_local(record: Comparison) -> bool:
     """Whether the pixels that differ lie in a small part of the picture."""
-    if record.window is None or record.size is None:
+    said = any(finding.name == "in one region" for finding in record.findings)
+    if record.window is None or record.size is None or said:
         return False
     _, _, width, height = record.window
     return width * height < _LOCAL * record.size[0] * record.size[1]

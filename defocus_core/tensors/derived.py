@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import EllipsisType
 
 import torch
 from torch import Tensor
 
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.source import Pixels, bands
+from defocus_core.tensors.source import Pixels, Scalar, bands
 from defocus_core.tensors.threads import threaded
 
 # A derived picture of at most this many pixels is kept in memory, even if its source is not.
@@ -134,3 +134,62 @@ class Repaired(Derived):
         box = Box(top, left, below - top, beside - left)
         around = box.grown(self.margin, Box(0, 0, *self.shape[-2:]))
         return box.seen_from(around).of(self._repair(*map(around.of, self._given)))
+
+
+class Mapped(Derived):
+    """A function of the pixels of a picture, of each window by itself."""
+
+    def __init__(
+        self,
+        picture: Pixels,
+        function: Callable[[Tensor], Tensor],
+        shape: Sequence[int],
+        *,
+        turned: bool = False,
+    ) -> None:
+        """Keep the picture; nothing is read yet.
+
+        Args:
+            picture: [..., H, W].
+            function: Of a window.
+            shape: Of the result.
+            turned: Whether rows of the result are columns of the picture.
+        """
+        self._picture, self._function, self._turned = picture, function, turned
+        self.shape, self.dtype, self.device = tuple(shape), picture.dtype, picture.device
+
+    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        """The window [rows, columns], each a pair of first and end."""
+        cuts = (columns, rows) if self._turned else (rows, columns)
+        return self._function(self._picture[..., slice(*cuts[0]), slice(*cuts[1])])
+
+
+def _mapped(
+    picture: Pixels, function: Callable[[Tensor], Tensor], *shape: int, turned: bool = False
+) -> Pixels:
+    """A function of a picture: of a tensor at once, else where it is read."""
+    if isinstance(picture, Tensor):
+        return function(picture)
+    return Mapped(picture, function, shape, turned=turned)
+
+
+def chosen(picture: Pixels, channels: Sequence[int]) -> Pixels:
+    """Some channels of a picture [..., C, H, W]; itself of all of them."""
+    *before, count, height, width = picture.shape
+    if len(channels) == count:
+        return picture
+    some = list(channels)
+    return _mapped(picture, lambda x: x[..., some, :, :], *before, len(some), height, width)
+
+
+def plus(radii: Pixels, px: Scalar) -> Pixels:
+    """Radii and some px; themselves without any."""
+    if not isinstance(px, Tensor) and px == 0:
+        return radii
+    return _mapped(radii, lambda x: x + px, *radii.shape)
+
+
+def transposed(picture: Pixels) -> Pixels:
+    """A picture [..., H, W] with rows for columns."""
+    *before, height, width = picture.shape
+    return _mapped(picture, lambda x: x.mT.contiguous(), *before, width, height, turned=True)

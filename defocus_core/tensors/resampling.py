@@ -78,21 +78,34 @@ def resampled(values: Tensor, rows: AxisWeights, columns: AxisWeights) -> Tensor
             fractions._replace(block=fractions.block.double()) for fractions in (rows, columns)
         )
         return resampled(values.double(), *double).float()
-    across = _blocks(values, columns, -1)  # [..., h, n, K]
+    h, w = values.shape[-2:]
+    missing = (*_missing(columns, w), *_missing(rows, h))
+    if any(missing):
+        values = pad(values, missing)
+    across = values.unfold(-1, columns.block.shape[1], _STRIDE)  # [..., h, n, K]
     wide = across.reshape(-1, across.shape[-1]) @ columns.block.mT
     wide = wide.view(*across.shape[:-2], -1)[..., : columns.pixels]
-    down = _blocks(wide, rows, -2).mT  # [..., n, K, W]
-    return (rows.block @ down).flatten(-3, -2)[..., : rows.pixels, :]
+    down = wide.unfold(-2, rows.block.shape[1], _STRIDE).mT  # [..., n, K, W]
+    return _products(rows.block, down).flatten(-3, -2)[..., : rows.pixels, :]
 
 
-def _blocks(values: Tensor, fractions: AxisWeights, dim: int) -> Tensor:
-    """The coarse pixels of each block, along a new axis; one of the last two becomes blocks."""
+def _products(block: Tensor, down: Tensor) -> Tensor:
+    """The products [..., n, P, W] of shares [P, K] and coarse pixels [..., n, K, W]."""
+    if torch.is_grad_enabled():
+        return block @ down
+    every = block.expand(down.shape[-3], -1, -1)
+    products = down.new_empty(*down.shape[:-2], len(block), down.shape[-1])
+    # one picture at a time: blocks share coarse pixels, which a product of all would copy
+    for one, result in zip(down.flatten(0, -4), products.flatten(0, -4), strict=True):
+        torch.bmm(every, one, out=result)
+    return products
+
+
+def _missing(fractions: AxisWeights, length: int) -> tuple[int, int]:
+    """How many coarse pixels blocks need before and after those of an axis of a length."""
     block, taps = fractions.block.shape
     needed = (-(-fractions.pixels // block) - 1) * _STRIDE + taps
-    missing = (-fractions.lead, fractions.lead + needed - values.shape[dim])
-    if any(missing):
-        values = pad(values, missing if dim == -1 else (0, 0, *missing))
-    return values.unfold(dim, taps, _STRIDE)
+    return -fractions.lead, fractions.lead + needed - length
 
 
 def _products_are_rounded() -> bool:

@@ -53,7 +53,7 @@ def tally(numbers: Tensor, kinds: int) -> Tensor:
     if not launches_cost(numbers.device):
         return torch.bincount(numbers, minlength=kinds)
     counts = torch.zeros(*numbers.shape[:-1], kinds, dtype=torch.long, device=numbers.device)
-    return counts.scatter_add_(-1, numbers.long(), torch.ones_like(numbers, dtype=torch.long))
+    return counts.scatter_add_(-1, numbers.long(), counts.new_ones(()).expand_as(numbers))
 
 
 def tally_of(mask: Tensor) -> Tensor:

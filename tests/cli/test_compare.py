@@ -160,8 +160,12 @@ def test_samples_of_deep_pictures_are_compared_though_others_hide_them(tmp_path:
         assert "DIFFERENT: deep samples: " in ran.out
         assert words in ran.out
         assert run("compare", a, b, "--fail", "max>1").code == 0
-    flat = write_exr(tmp_path / "flat.exr", **read_picture(a).planes)
-    assert run("compare", a, flat).code == 0
+    planes = dict(read_picture(a).planes)
+    assert run("compare", a, write_exr(tmp_path / "flat.exr", **planes)).code == 0
+    del planes["Z"]  # a flat picture has no depth
+    assert run("compare", a, write_exr(tmp_path / "flat.exr", **planes)).code == 0
+    planes["R"] = planes["R"] / 2
+    assert run("compare", write_exr(tmp_path / "flat.exr", **planes), a).code == 1
 
 
 @pytest.mark.parametrize(

@@ -24,13 +24,13 @@ from command_line import (
 )
 from depth_files import npy, pfm, png
 from image_files import save
+from refusals import refuses_as
 
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.jobs.job import Machine, Outputs, Reading
 from defocus_core.batch.jobs.jobs_file import read_jobs
 from defocus_core.batch.journal.plain_values import plain, typed
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.errors import UsageProblem
 
 
 def depth(*args: str | Path) -> Any:
@@ -209,11 +209,11 @@ part = 1
         depth_channel="Z",
         part=1,
     )
-    for key, words in (
-        ("invalid = 'fill'", "'fil' is not known; did you mean fill"),
-        ("radial = true", "1 is not true"),
-        ("depth-format = 'kitti'", "'kiti' is no depth format; did you mean kitti"),
-        ("planar = true", "contradicts"),
+    for key, refusal in (
+        ("invalid = 'fill'", "malformed invalid"),
+        ("radial = true", "malformed radial"),
+        ("depth-format = 'kitti'", "malformed depth-format"),
+        ("planar = true", "contradiction planar"),
     ):
         wrong = {"invalid = 'fill'": "invalid = 'fil'", "radial = true": "radial = 1"}.get(
             key, key.replace("kitti", "kiti")
@@ -221,7 +221,7 @@ part = 1
         plain = text.split("[reading]")[0]
         more = "radial = true\n" if key == "planar = true" else ""
         (tmp_path / "jobs.toml").write_text(f"{plain}[reading]\n{more}{wrong}\n")
-        with pytest.raises(UsageProblem, match=words):
+        with refuses_as(refusal):
             read_jobs(tmp_path / "jobs.toml", outputs, machine)
 
 

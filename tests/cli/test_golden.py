@@ -134,6 +134,10 @@ def test_planted_faults_end_rules_that_let_everything_through(jobs: Path, golden
     faults = {each["fault"]: each["noticed"] for each in document["goldens"]["render/a.exr"]}
     assert faults["a block of NaN"] is True
     assert faults["noise of 1 %"] is False
+    warned = golden("check", jobs, goldens, "--must-fail", "--fail", "max>9", "--warn", "max>0")
+    assert warned.code == 0
+    assert "render/a.exr: only a warning: shifted by 1 px" in warned.out
+    assert "all are noticed, " in warned.out
 
 
 def test_views_are_swapped_for_each_other(jobs: Path, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 from command_line import pair, refused, render, run
 
 from defocus_cli.commands.depth import command as depth_command
+from defocus_cli.commands.help import TOPICS, text
 from defocus_cli.commands.info import command as info
 from defocus_cli.commands.render import command as render_command
 from defocus_core.batch.jobs.reading_options import READING_OPTIONS
@@ -27,6 +28,11 @@ def test_every_lens_option_is_a_flag_of_every_command_that_takes_a_lens(
 ) -> None:
     flags = {name for param in command.params for name in param.opts}
     assert {f"--{name}" for name in LENS_OPTIONS} | {"--lens"} <= flags
+
+
+def test_every_lens_option_stands_in_a_topic_of_the_help() -> None:
+    topics = "".join(text(topic) for topic in TOPICS)
+    assert [name for name in LENS_OPTIONS if f"--{name}" not in topics] == []
 
 
 @pytest.mark.parametrize("command", [info, render_command, depth_command])

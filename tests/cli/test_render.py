@@ -31,7 +31,7 @@ from image_files import box, multi_part, save, write_window
 
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.rendering import job_steps
-from defocus_core.renderer import stream
+from defocus_core.renderer.engine import renderer
 
 EVERYTHING = ",".join(KINDS)
 
@@ -79,7 +79,7 @@ def test_sky_has_the_radius_of_infinity(tmp_path: Path) -> None:
 
 
 def test_maps_need_no_renderer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stream, "Stream", None)
+    monkeypatch.setattr(renderer, "Renderer", None)
     ran = render(*pair(tmp_path), "-o", tmp_path / "out", "--outputs", "coc,disparity", "--json")
     assert ran.code == 0
     assert ran.json["pictures"][0]["render_seconds"] == 0

@@ -29,7 +29,7 @@ from image_files import multi_part
 from defocus_cli.commands.render import command
 from defocus_core import QUALITIES
 from defocus_core.io.images.raster import read_samples
-from defocus_core.renderer import stream
+from defocus_core.renderer.engine import renderer
 
 SIZE = 64
 ASKED = {"focal-length": "50mm", "fnumber": "2", "focus": "2m"}
@@ -175,13 +175,13 @@ def test_machine_options_reach_the_renderer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: dict[str, Any] = {}
-    true_stream = stream.Stream
+    true_renderer = renderer.Renderer
 
-    def spy(image: Any, radius: Any, settings: Any, *more: Any, **others: Any) -> Any:
-        asked.update(vars(settings), device=image.device.type)
-        return true_stream(image, radius, settings, *more, **others)
+    def spy(scene: Any, settings: Any, **others: Any) -> Any:
+        asked.update(vars(settings), device=scene.image.device.type)
+        return true_renderer(scene, settings, **others)
 
-    monkeypatch.setattr(stream, "Stream", spy)
+    monkeypatch.setattr(renderer, "Renderer", spy)
     machine = ("--quality", "draft", "--device", "cpu", "--threads", "3", "--tile", "64")
     ran = render(*pair(tmp_path), "-o", tmp_path / "out", *machine, "-v", "--json")
     assert (asked["quality"], asked["device"], asked["threads"]) == ("draft", "cpu", 3)

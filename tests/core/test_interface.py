@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import torch
 from command_line import HEIGHT, WIDTH, color_exr, depth_exr, pair, ramp, run, texture
+from refusals import refuses
 
 import defocus_core
 from defocus_core import (
@@ -139,7 +140,7 @@ def test_holes_become_what_is_asked_for(tmp_path: Path) -> None:
     assert np.flatnonzero(read_depth(tmp_path / "z.exr").invalid) == [3 * WIDTH + 4]
     assert read_depth(tmp_path / "z.exr", holes="far").metres[3, 4] == np.inf
     assert read_depth(tmp_path / "z.exr", holes="fill").metres[3, 4] in (depth[3, 3], depth[3, 5])
-    with pytest.raises(DefocusError, match="1 pixel, the first at 4,3"):
+    with refuses("invalid-depth"):
         read_depth(tmp_path / "z.exr", holes="error")
 
 
@@ -246,7 +247,7 @@ def test_a_batch_leaves_torch_as_it_was(tmp_path: Path, out: Path) -> None:
 
 
 def test_jobs_that_make_no_sense_are_refused(tmp_path: Path, out: Path) -> None:
-    with pytest.raises(DefocusError, match="unknown table 'lenses'"):
+    with refuses("unknown-name"):
         run_batch(tables(tmp_path, lenses={}), out)
     with pytest.raises(DefocusError) as caught:
         run_batch(tables(tmp_path), out, device="tpu")

@@ -11,8 +11,8 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from defocus_core import QUALITIES, HiddenLayer, Views, render, render_layers
-from defocus_core.renderer.inpainting.known_layer import Behind
-from defocus_core.renderer.stream import Stream
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
 
 NEAR, FAR = torch.tensor([0.8, 0.5, 0.2]), torch.tensor([0.2, 0.3, 0.6])
 PAIRS = [(-60.0, -30.0), (-60.0, -10.0), (-30.0, 30.0), (-12.0, 0.0), (8.0, 25.0)]
@@ -82,8 +82,8 @@ def test_a_known_surface_behind_a_silhouette_goes_on_too(quality: str) -> None:
     hidden = HiddenLayer(*behind, radius < 0)
     views = render(image, radius, hidden=hidden, quality=quality, left_right=True)
     assert has_no_step(views, 20.0)
-    streamed = Stream(image, radius, hidden=Behind(*hidden)).regions()
-    assert [part.box[2:] for part in streamed] == [radius.shape]
+    tiled = Renderer(Scene(image, radius, hidden=HiddenLayer(*hidden))).tiles()
+    assert [part.box[2:] for part in tiled] == [radius.shape]
 
 
 @pytest.mark.parametrize("coverage", [1.0, 0.6])

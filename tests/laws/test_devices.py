@@ -34,8 +34,9 @@ from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.fitting.residual import Optics, Residual
 from defocus_core.fitting.unknowns import Candidate
 from defocus_core.renderer.engine.region import Region
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.stream import Stream
 from defocus_core.tensors import device_plan
 
 SIZE = (72, 110)
@@ -164,7 +165,7 @@ def test_nor_a_stream(agree: Agree) -> None:
     image, radius = scene()
 
     def rendered(to: Moved) -> list[Tensor | None]:
-        parts = Stream(to(image), to(radius), Settings(left_right=True)).regions()
+        parts = Renderer(Scene(to(image), to(radius)), Settings(left_right=True)).tiles()
         return [x for p in parts for x in (p.render, p.left, p.right, p.trust)]
 
     with torch.no_grad():

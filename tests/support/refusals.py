@@ -30,3 +30,11 @@ def refuses(
     assert path is None or error.path == str(path), str(error)
     for fact in facts:
         assert fact in f"{error.problem}; {error.remedy}"
+
+
+@contextmanager
+def refuses_as(refusal: str) -> Iterator[pytest.ExceptionInfo[DefocusError]]:
+    """As ``refuses``, from one cell of a table: the code and, after a space, the field, if any."""
+    code, _, field = refusal.partition(" ")
+    with refuses(code, field=field or None) as caught:
+        yield caught

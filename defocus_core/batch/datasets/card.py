@@ -17,7 +17,7 @@ from typing import Any
 
 from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.datasets.card_tables import ENDS, WORDS, tables_of
-from defocus_core.batch.datasets.origin import Origin
+from defocus_core.batch.jobs.origin import Origin
 from defocus_core.batch.lenses import radius_set
 from defocus_core.errors import NoteKinds
 from defocus_core.io.safe_files import written_whole

@@ -15,8 +15,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.datasets.origin import Origin, origin_of
 from defocus_core.batch.jobs.job import FRAME_ROLE
+from defocus_core.batch.jobs.origin import Origin, origin_of
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.lenses.lens import EFFECTS
 from defocus_core.batch.rendering.measures import MEASURES

@@ -24,8 +24,8 @@ from stat import S_ISREG
 from typing import BinaryIO
 
 from defocus_core.batch.datasets import sample_index
-from defocus_core.batch.datasets.origin import origin_of
 from defocus_core.batch.datasets.sample_index import Record
+from defocus_core.batch.jobs.origin import origin_of
 from defocus_core.batch.journal.run_file import SHARDS_FOLDER
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder

@@ -16,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from defocus_core.batch.datasets import card, parquet_index, sample_index, tar_shards
-from defocus_core.batch.datasets.origin import origin_of
+from defocus_core.batch.jobs.origin import origin_of
 from defocus_core.batch.journal.journal import Record, read_all
 from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.io.below import Folder

@@ -18,7 +18,7 @@ from defocus_core.io.images.color_planes import Color
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
-    from defocus_core.renderer.defocus_lens import DefocusLens
+    from defocus_core.optics.thin_lens import ThinLens
     from defocus_core.tensors.source import Pixels
 
 MM_PER_M = 1000.0
@@ -211,7 +211,7 @@ def color_offsets(lens: Lens, size: tuple[int, int]) -> tuple[float, float]:
     return red, blue
 
 
-def thin_lens_of(lens: Lens, size: tuple[int, int]) -> DefocusLens:
+def thin_lens_of(lens: Lens, size: tuple[int, int]) -> ThinLens:
     """The lens in front of a sensor of ``size`` (width, height) px.
 
     Raises:
@@ -219,14 +219,12 @@ def thin_lens_of(lens: Lens, size: tuple[int, int]) -> DefocusLens:
     """
     import torch
 
-    from defocus_core.renderer.defocus_lens import DefocusLens
+    from defocus_core.optics.thin_lens import ThinLens
 
     width, height = size
     sensor = (lens.sensor_width, lens.sensor_width * height / width)
     try:
-        thin_lens = DefocusLens(
-            lens.foclen, lens.fnum, sensor, (width, height), "cpu", torch.float64
-        )
+        thin_lens = ThinLens(lens.foclen, lens.fnum, sensor, (width, height), "cpu", torch.float64)
         thin_lens.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
         thin_lens.sharp_range = lens.sharp_range
     except ValueError as error:
@@ -237,7 +235,7 @@ def thin_lens_of(lens: Lens, size: tuple[int, int]) -> DefocusLens:
     return thin_lens
 
 
-def _through(thin_lens: DefocusLens, metres: NDArray[np.float32]) -> NDArray[np.float32]:
+def _through(thin_lens: ThinLens, metres: NDArray[np.float32]) -> NDArray[np.float32]:
     """The law in float64, rounded once.
 
     Raises:

@@ -18,15 +18,15 @@ from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping, bands, count_of
 from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
 from defocus_core.io.depth_formats.resolving import resolved
 from defocus_core.io.depth_formats.rules import decoded
-from defocus_core.io.depth_formats.samples import DepthNumbers
+from defocus_core.io.exr.channel_choice import choose_color
 from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT
 from defocus_core.io.exr.header import Header, is_exr, read_headers
 from defocus_core.io.exr.reading import read_layers
 from defocus_core.io.exr.views import in_view
 from defocus_core.io.images.color_planes import Color
-from defocus_core.io.images.exr_channels import choose_color
 from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
 

@@ -13,12 +13,12 @@ import numpy as np
 
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.io.arrays import LazyArray
-from defocus_core.io.depth_formats.exr_samples import choose_depth_channel
+from defocus_core.io.depth_formats.exr_depth_channel import choose_depth_channel
+from defocus_core.io.exr.channel_choice import NoDepthChannel, choose_color
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import in_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.describe import describe
-from defocus_core.io.images.exr_channels import NoDepthChannel, choose_color
 from defocus_core.io.safe_files import read_head
 
 

@@ -17,12 +17,12 @@ from defocus_core.batch.sources import layer_windows, windows
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping, bands, computed
 from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.exr.channel_choice import NoDepthChannel
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import views_of
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images.color import read_color, require_finite
 from defocus_core.io.images.color_planes import Color
-from defocus_core.io.images.exr_channels import NoDepthChannel
 from defocus_core.io.images.primaries import refuse_other_primaries
 from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted

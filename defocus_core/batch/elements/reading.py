@@ -12,12 +12,12 @@ from defocus_core.errors import InputError
 from defocus_core.io.array_files.containers import container_type
 from defocus_core.io.arrays import IN_MEMORY, Keeping
 from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
+from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.views import require_view
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images.color import read_color, require_finite
 from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.describe import describe
-from defocus_core.io.images.exr_channels import require_part
 from defocus_core.io.safe_files import read_head
 
 

@@ -32,12 +32,12 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.allowed_values import QUALITIES
-from defocus_core.batch.datasets.origin import read_origin
 from defocus_core.batch.jobs.animation import Animation
 from defocus_core.batch.jobs.inputs import Entry, read_inputs, read_whole_shot
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Reading
 from defocus_core.batch.jobs.lens_plan import KEYS as LENS_KEYS
 from defocus_core.batch.jobs.lens_plan import LensPlan, lens_file_of, read_plan
+from defocus_core.batch.jobs.origin import read_origin
 from defocus_core.batch.jobs.output_kinds import (
     FORMAT_ALIASES,
     INPUTS,

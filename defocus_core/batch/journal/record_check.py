@@ -13,7 +13,7 @@ from typing import Any
 
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.jobs.splits import NAME
-from defocus_core.batch.journal.reasons import STATUSES
+from defocus_core.batch.journal.failure_codes import STATUSES
 from defocus_core.batch.lenses.parameters import RECORDED
 from defocus_core.io.below import path_fault
 

@@ -148,14 +148,13 @@ def blades(text: str) -> int:
 
 
 def within(minimum: float, maximum: float, what: str, example: str) -> Callable[[str], float]:
-    """A parser of plain numbers from ``least`` to ``most``."""
+    """A parser of plain numbers from ``minimum`` to ``maximum``, which may be infinite."""
 
     def parse(text: str) -> float:
         value = float(_number(text, what, example, {"": 1}))
         if not minimum <= value <= maximum:
-            raise QuantityError(
-                f"'{text}' is not {what}", f"give {minimum:g} to {maximum:g}, {example}"
-            )
+            bounds = f"{minimum:g} " + (f"to {maximum:g}" if maximum < math.inf else "or more")
+            raise QuantityError(f"'{text}' is not {what}", f"give {bounds}, {example}")
         return value
 
     return parse

@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from defocus_core.batch.depth.radii import color_offsets
 from defocus_core.batch.look.opening import pupil_images
 from defocus_core.batch.rendering.rendered import Rendered
-from defocus_core.batch.sources import plus, transposed
 from defocus_core.errors import UsageProblem
-
-if TYPE_CHECKING:
-    from defocus_core.renderer.inpainting.known_layer import Behind
-    from defocus_core.renderer.layers.stacked_samples import Layered
-    from defocus_core.tensors.source import Pixels
 
 
 class Colors(NamedTuple):
@@ -71,40 +64,3 @@ def colors_of(rendered: Rendered) -> list[Colors]:
         Colors((blue,), offsets[1], color=2),
         Colors(others, color=1),
     ]
-
-
-def of_colors(
-    behind: Behind | None, channels: Sequence[int], px: float, image: Pixels
-) -> Behind | None:
-    """The hidden layer of some channels, its radii changed by some px; itself of all of them."""
-    if behind is None or len(channels) == behind.color.shape[0]:
-        return behind
-    color = behind.color[:][list(channels)].to(image.device)
-    return behind._replace(color=color, signed_radius=behind.signed_radius[:] + px)
-
-
-def with_offset(layers: Layered, px: float) -> Layered:
-    """Layers whose radii are changed by some px."""
-    from defocus_core.renderer.layers.stacked_samples import Layered
-
-    if px == 0:
-        return layers
-    return Layered.of(layers.colors, plus(layers.signed_radius, px), layers.coverage)
-
-
-def turned_layers(layers: Layered) -> Layered:
-    """Layers with rows for columns."""
-    return layers._replace(
-        colors=transposed(layers.colors),
-        signed_radius=transposed(layers.signed_radius),
-        coverage=transposed(layers.coverage),
-    )
-
-
-def turned_layer(behind: Behind) -> Behind:
-    """A hidden layer with rows for columns."""
-    return behind._replace(
-        color=transposed(behind.color),
-        signed_radius=transposed(behind.signed_radius),
-        mask=transposed(behind.mask),
-    )

@@ -17,9 +17,10 @@ from defocus_core.batch.depth.repair_words import repair_record, repair_words
 from defocus_core.batch.jobs.job import Job, Outputs
 from defocus_core.batch.rendering import delivery, job_steps
 from defocus_core.batch.rendering.colors_apart import renderings
+from defocus_core.batch.rendering.inputs import load_inputs
 from defocus_core.batch.rendering.memory_budget import base_mb, image_type, regions_at_once
 from defocus_core.batch.rendering.rendered import Rendered
-from defocus_core.batch.rendering.streams import Streams
+from defocus_core.batch.rendering.renderers import Renderers
 from defocus_core.errors import DefocusError
 from defocus_core.io.arrays import scratch_folder
 from defocus_core.system.process import set_to_render
@@ -79,21 +80,22 @@ def work_per_second(device: str, threads: int) -> float:
 
     from defocus_core.evaluation.cost import cost
     from defocus_core.evaluation.synthetic_scenes import scenery
+    from defocus_core.renderer.engine.renderer import Renderer
+    from defocus_core.renderer.engine.scene import Scene
     from defocus_core.renderer.engine.settings import Settings
-    from defocus_core.renderer.stream import Stream
 
     set_to_render()
     image, radius = (part.to(device) for part in scenery(*_SCENE)[:2])
     seconds = []
     for _ in range(_REPEATS + 1):  # the first is for what a process does once
         start = time.perf_counter()
-        stream = Stream(image, radius, Settings(threads=threads))
-        for _ in stream.regions():
+        renderer = Renderer(Scene(image, radius), Settings(threads=threads))
+        for _ in renderer.tiles():
             pass
         if device == "cuda":
             torch.cuda.synchronize()
         seconds.append(time.perf_counter() - start)
-    return cost(stream).work / min(seconds[1:])
+    return cost(renderer).work / min(seconds[1:])
 
 
 def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusError]]:
@@ -126,20 +128,21 @@ def _forecast(job: Job, device: str, rate: float, written: dict[Outputs, float])
     from defocus_core.evaluation.cost import cost
 
     start = time.perf_counter()
-    inputs = job_steps.load_inputs(job)
+    inputs = load_inputs(job)
     read_seconds, start = time.perf_counter() - start, time.perf_counter()
     rendered, held = job_steps.prepare(job, inputs), inputs.holding
     peak = base_mb() + held.files_mb if device == "cpu" else 0.0
     work, maximum, renders, last = 0.0, 0.0, 1, None
     if job.outputs.need_rendering:
-        streams, colors = Streams(rendered), renderings(rendered)
+        renderers, colors = Renderers(rendered), renderings(rendered)
         renders = len(colors)
         for color in colors:
-            stream = streams.of(color)
-            last = cost(stream)
+            renderer = renderers.of(color)
+            last = cost(renderer)
             work += last.work
-            maximum = max(maximum, regions_at_once(job, stream, held, device)[1])
-        rendered, last = replace(rendered, repair=stream.repair), last and last._replace(work=work)
+            maximum = max(maximum, regions_at_once(job, renderer, held, device)[1])
+        rendered = replace(rendered, repair=renderer.repair)
+        last = last and last._replace(work=work)
     prepare_seconds = time.perf_counter() - start
     if job.outputs not in written:
         written[job.outputs] = _write_seconds(rendered) / math.prod(rendered.size)

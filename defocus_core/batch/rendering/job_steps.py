@@ -1,4 +1,4 @@
-"""Steps of a job before it is written: read its inputs, compute its pictures."""
+"""Steps of a job between reading and writing: the focus, the radii, the pictures."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from defocus_core.batch.depth.focusing import quality_of
 from defocus_core.batch.depth.implausible import implausible
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.rendering.inputs import Inputs, load_inputs
+from defocus_core.batch.rendering.inputs import Inputs
 from defocus_core.batch.rendering.memory_budget import base_mb
 from defocus_core.batch.rendering.render_picture import with_views
 from defocus_core.batch.rendering.rendered import Rendered
@@ -19,8 +19,6 @@ from defocus_core.system import memory
 from defocus_core.system.interrupts import put_off
 from defocus_core.system.process import imports
 from defocus_core.system.text import counted
-
-__all__ = ["choose_device", "compute", "load", "load_inputs", "prepare"]
 
 
 def compute(
@@ -87,7 +85,7 @@ def load() -> None:
     with put_off(), imports():
         import torch  # noqa: F401
 
-        import defocus_core.renderer.stream  # noqa: F401
+        import defocus_core.renderer.engine.renderer  # noqa: F401
     base_mb()
 
 

@@ -35,7 +35,7 @@ from defocus_core.io.safe_files import read_head
 from defocus_core.system import memory
 
 if TYPE_CHECKING:
-    from defocus_core.renderer.stream import Stream
+    from defocus_core.renderer.engine.renderer import Renderer
 
 # Share of the available memory that a process takes without --memory.
 SHARE = 0.8
@@ -227,7 +227,9 @@ def holds_cells(shape: tuple[int, ...], room_mb: float) -> bool:
     return coarse_bytes(shape) / memory.MB <= _FOR_CELLS * room_mb
 
 
-def regions_at_once(job: Job, stream: Stream, holding: Holding, device: str) -> tuple[int, float]:
+def regions_at_once(
+    job: Job, renderer: Renderer, holding: Holding, device: str
+) -> tuple[int, float]:
     """How many regions of a picture may be computed at once, and a bound of their memory in MB.
 
     Raises:
@@ -238,7 +240,7 @@ def regions_at_once(job: Job, stream: Stream, holding: Holding, device: str) -> 
     threads, room = job.machine.threads, room_on(device, holding.room_mb)
 
     def needed(threads: int, at_once: int) -> float:
-        return memory_bound(stream, threads, at_once) / memory.MB
+        return memory_bound(renderer, threads, at_once) / memory.MB
 
     for at_once in range(threads, 0, -1):
         if (bound := needed(threads, at_once)) <= room:

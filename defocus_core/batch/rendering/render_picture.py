@@ -14,7 +14,7 @@ from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.rendering.colors_apart import Colors, renderings
 from defocus_core.batch.rendering.memory_budget import image_type, regions_at_once
 from defocus_core.batch.rendering.rendered import Rendered
-from defocus_core.batch.rendering.streams import Streams
+from defocus_core.batch.rendering.renderers import Renderers
 from defocus_core.batch.sources import to_array
 from defocus_core.errors import TooLarge, UsageProblem
 from defocus_core.io.exr.writing import clamped_half
@@ -22,8 +22,8 @@ from defocus_core.system import memory
 from defocus_core.system.process import set_to_render
 
 if TYPE_CHECKING:
+    from defocus_core.renderer.engine.renderer import Renderer
     from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-    from defocus_core.renderer.stream import Stream
     from defocus_core.tensors.views import Views
 
 Progress = Callable[[int, int], None]
@@ -54,23 +54,23 @@ def with_views(
     set_to_render()
     images, held = _Images(rendered), rendered.inputs.holding
     wall, cpu = time.perf_counter(), time.process_time()
-    streams = Streams(*breathing_inputs(rendered, radius, seen_behind), seen_behind)
-    stream = _fill(images, streams, progress)
+    renderers = Renderers(*breathing_inputs(rendered, radius, seen_behind), seen_behind)
+    renderer = _fill(images, renderers, progress)
     if rendered.device == "cuda":
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     scratch = {"scratch_mb": held.arrays_mb} if held.scratch else {}
-    lights = {} if streams.lights is None else {"lights": streams.lights}
+    lights = {} if renderers.lights is None else {"lights": renderers.lights}
     return replace(
         rendered,
         images=images.planes,
         clamped=images.clamped,
-        lights=streams.lights,
-        repair=stream.repair,
+        lights=renderers.lights,
+        repair=renderer.repair,
         seconds=wall,
         cpu_seconds=cpu,
-        stats={**stream.stats, "pixels_invented": images.invented, **lights, **scratch},
-        warnings=(*rendered.warnings, *_clamped(stream.stats)),
+        stats={**renderer.stats, "pixels_invented": images.invented, **lights, **scratch},
+        warnings=(*rendered.warnings, *_clamped(renderer.stats)),
     )
 
 
@@ -108,30 +108,30 @@ def _clamped(stats: Mapping[str, float]) -> list[str]:
     return [f"left, right: below 0 in {100 * fraction:.0f} % of the pixels, and made 0: {why}"]
 
 
-def _fill(images: _Images, streams: Streams, progress: Progress | None) -> Stream:
+def _fill(images: _Images, renderers: Renderers, progress: Progress | None) -> Renderer:
     """Render as many regions at once as fit, and one by one if a GPU runs out of memory."""
     import torch
 
-    rendered, job, maximum = streams.rendered, streams.rendered.job, None
+    rendered, job, maximum = renderers.rendered, renderers.rendered.job, None
     colors = renderings(rendered)
     while True:
         images.clamped.clear()
         try:
             for number, color in enumerate(colors):
-                stream = streams.of(color)
+                renderer = renderers.of(color)
                 at_once = (
                     maximum
-                    or regions_at_once(job, stream, rendered.inputs.holding, rendered.device)[0]
+                    or regions_at_once(job, renderer, rendered.inputs.holding, rendered.device)[0]
                 )
                 if at_once < job.machine.threads:  # memory is short
                     memory.keep_freed(False)
                     memory.trim()
                 shown = progress and partial(_of_all, progress, number, len(colors))
                 images.invented = 0  # of one rendering
-                for part in stream.regions(at_once, shown):
+                for part in renderer.tiles(at_once, shown):
                     first = number == 0 or color.turned != colors[number - 1].turned
-                    images.place(streams.in_order(part, color), color, first=first)
-            return stream
+                    images.place(renderers.in_order(part, color), color, first=first)
+            return renderer
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
             if maximum == 1:

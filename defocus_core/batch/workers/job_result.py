@@ -20,12 +20,12 @@ from typing import Any
 from defocus_core.batch.depth.repair_words import repair_record
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
+from defocus_core.batch.journal.failure_codes import Step, verdict
 from defocus_core.batch.journal.journal import Record
-from defocus_core.batch.journal.reasons import Step, verdict
 from defocus_core.batch.lenses.lens import lens_record
 from defocus_core.batch.lenses.parameters import LENS_FILES
 from defocus_core.batch.rendering import delivery, job_steps
-from defocus_core.batch.rendering.inputs import Inputs
+from defocus_core.batch.rendering.inputs import Inputs, load_inputs
 from defocus_core.batch.rendering.measures import measures
 from defocus_core.batch.rendering.rendered import Rendered
 
@@ -63,7 +63,7 @@ class Reader:
         self._last = None  # free a picture before the next is decoded
         start, stamps = time.perf_counter(), _stamps(job.files)
         try:
-            inputs = job_steps.load_inputs(job)
+            inputs = load_inputs(job)
         except Exception as error:
             return failure(error, "read", stamps)
         inputs = replace(inputs, stamps=stamps, seconds=time.perf_counter() - start)

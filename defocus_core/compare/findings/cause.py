@@ -1,17 +1,26 @@
-"""What happened to B: explanations tried in turn, and the one that leaves least is the finding."""
+"""What happened to B: explanations tried in turn, and the one that leaves least is the finding.
+
+Where none explains enough, the place of the difference is, if it has one.
+"""
 
 from __future__ import annotations
 
+from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from defocus_core.compare.findings import filters, geometry, tone, traces
 from defocus_core.compare.findings.evidence import Evidence, Explanation, best
 from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.findings.places import LocatedPair, place_of
 from defocus_core.compare.picture import in_linear_light, read_picture
+from defocus_core.compare.selection import read_radius
 from defocus_core.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from defocus_core.compare.picture import DecodedPicture
@@ -23,42 +32,120 @@ _OF_A_LENS = {
     "another CoC": ("fnumber", "focus", "focal_length", "coc_px"),
     "another bokeh shape": ("blades", "blade_rotation"),
 }
+# What changes light by that name, and other numbers by another.
+_OF_NUMBERS = {
+    "another exposure": "multiplied",
+    "raised blacks": "offset",
+    "lowered blacks": "offset",
+}
 _SPREADS = ("another CoC", "another CoC or bokeh shape", "spread otherwise")
 _LAST_BITS = 2e-5  # largest difference that is that of another machine, on no scale to be seen
+_PLACED_TOO = "spread otherwise"  # says how, and no cause
+_DEPTHS = ("Z", "depth.Z", "depth")  # channels
+# Of a difference, and of the cost: two causes of few pixels that are closer are not told apart.
+_NEARLY, _AS_SIMPLE = 0.02, 0.005
 _CERTAIN = 0.03  # left of a difference, below which nothing else is tried
 
 
-def diagnose(pixels: Pixels, a: DecodedPicture, b: DecodedPicture) -> list[Finding]:
-    """The cause of the differences of a pair that has some, or none where evidence is lacking.
+def diagnose(
+    pixels: Pixels,
+    a: DecodedPicture,
+    b: DecodedPicture,
+    corner: tuple[int, int] = (0, 0),
+    coc: Path | None = None,
+) -> list[Finding]:
+    """The cause of the differences of a pair that has some, or their place, or nothing.
 
     Args:
         pixels: the pair.
-        a: the picture A, beside whose file the other view and other frames may be.
+        a: the picture A, beside whose file the other view, other frames and the CoC may be.
         b: the picture B.
+        corner: column and row of the first pixel, in the pictures.
+        coc: the CoC map of the picture, if it is named.
     """
     evidence = Evidence(pixels, b.types)
     old, new = (evidence.scaled(side) for side in evidence.sampled)
     if old.size and float(abs(new - old).max()) < _LAST_BITS:
         return []
+    others = _others(pixels, a.path)
+    chosen = _chosen(evidence, others)
+    if chosen is not None and evidence.is_small:
+        again = _chosen(Evidence(pixels, b.types, swapped=True), others)
+        chosen = chosen if again is not None and again.finding.name == chosen.finding.name else None
+    if set(evidence.names) <= _MAPS_OF_COC and _is_of_values(chosen):
+        return _of_maps(evidence)
+    findings = []
+    if chosen is not None:
+        finding = _by_metadata(_by_channels(chosen.finding, evidence), a.metadata, b.metadata)
+        share = round(max(0.0, 1 - chosen.left), 4)
+        findings = [Finding(finding.name, finding.text, finding.values, share)]
+    if not findings or findings[0].name == _PLACED_TOO:
+        place = place_of(_shown(evidence, (a, b), corner, coc))
+        findings += [] if place is None else [place]
+    return findings
+
+
+def _chosen(evidence: Evidence, others: Mapping[str, Mapping[str, Any]]) -> Explanation | None:
+    """The explanation that leaves least; the dear ones are tried where it leaves something."""
     tried = list(tone.explanations(evidence))
     kinds: list[Iterator[Explanation]] = [
-        geometry.explanations(evidence, _others(pixels, a.path)),
+        geometry.explanations(evidence, others),
         traces.explanations(evidence),
     ]
-    if pixels.color:
+    if evidence.pixels.color:
         kinds.append(filters.explanations(evidence))  # the dearest
     for kind in kinds:
         chosen = best(tried)
         if chosen is None or chosen.left + chosen.cost > _CERTAIN:
             tried += kind
     chosen = best(tried)
-    if set(evidence.names) <= _MAPS_OF_COC and _is_of_values(chosen):
-        return _of_maps(evidence)
+    return None if evidence.is_small and _is_one_of_many(chosen, tried) else chosen
+
+
+def _is_one_of_many(chosen: Explanation | None, tried: Sequence[Explanation]) -> bool:
+    """Whether another cause that is as simple explains nearly as much."""
     if chosen is None:
-        return []
-    finding = _by_metadata(chosen.finding, a.metadata, b.metadata)
-    share = round(max(0.0, 1 - chosen.left), 4)
-    return [Finding(finding.name, finding.text, finding.values, share)]
+        return False
+    left, cost = chosen.left + _NEARLY, chosen.cost + _AS_SIMPLE
+    rivals = [each for each in tried if each.left <= min(each.limit, left) and each.cost <= cost]
+    return any(each.finding.name != chosen.finding.name for each in rivals)
+
+
+def _shown(
+    evidence: Evidence,
+    sides: tuple[DecodedPicture, DecodedPicture],
+    corner: tuple[int, int],
+    coc: Path | None,
+) -> LocatedPair:
+    """The pair with the CoC and the depth that are at hand: named, in a file, or beside one."""
+    (x, y), (height, width) = corner, evidence.size
+    cut, full = (slice(y, y + height), slice(x, x + width)), (sides[0].height, sides[0].width)
+    files = [] if coc is None else [coc]
+    files += [s.path.parent.parent / "coc" / f"{s.path.stem}.exr" for s in sides if s.path.parent]
+    maps: dict[str, Any] = {}
+    for name, plane in ((n, p) for side in sides for n, p in side.planes.items()):
+        kind = "depth" if name in _DEPTHS else "radius" if name == "coc" else ""
+        if kind and plane.shape == full:
+            maps.setdefault(kind, np.nan_to_num(plane[cut].astype(np.float32)))
+    for file in files:
+        if "radius" not in maps and file.is_file():
+            with suppress(InputError):
+                maps["radius"] = read_radius(file, full)[cut]
+    return LocatedPair(evidence, **maps)
+
+
+def _by_channels(finding: Finding, evidence: Evidence) -> Finding:
+    """A finding on light, in words of numbers where no channel of light differs."""
+    colors = {name for layer in evidence.pixels.color for name in layer}
+    if colors & set(evidence.names) or finding.name not in _OF_NUMBERS:
+        return finding
+    name, values = _OF_NUMBERS[finding.name], finding.values
+    changes = [f"x {values['factor']:.4g}"] if values.get("factor", 1.0) != 1.0 else []
+    changes += [f"{values['offset']:+.3g}"] if "offset" in values else []
+    if not changes:  # each channel by its own factor
+        return replace(finding, name=name, text=finding.text.replace(finding.name, name))
+    text = f"{name}: {', '.join(evidence.names)} {', '.join(changes)}"
+    return replace(finding, name=name, text=text)
 
 
 def _by_metadata(finding: Finding, a: Mapping[str, str], b: Mapping[str, str]) -> Finding:

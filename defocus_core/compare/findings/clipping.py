@@ -19,13 +19,9 @@ _MORE = 1.05  # what was cut off is brighter than the limit by this
 
 def clipped(pixels: Pixels) -> list[Finding]:
     """The limit that the light of B was clipped at, if it was; looked for in every pair."""
-    tops = {}
-    for layer in pixels.color:
-        sides = [[pixels.plane(side, name) for name in layer] for side in ("a", "b")]
-        high, maximum = (max(_greatest(plane) for plane in planes) for planes in sides)
-        tops[layer] = (high, maximum)
     found = []
-    for layer, (high, limit) in tops.items():
+    for layer in pixels.color:
+        high, limit = (max(_high(pixels, side, name) for name in layer) for side in "ab")
         if not (math.isfinite(high) and high > _MORE * limit > 0):
             continue
         beyond, cut, between = 0, 0, 0
@@ -44,16 +40,13 @@ def clipped(pixels: Pixels) -> list[Finding]:
     return found[:1]
 
 
-def has_negatives(pixels: Pixels) -> bool:
-    """Whether a number of A is below 0, which B may have cut off; so may −0 be, and NaN."""
-    return any(bool(np.signbit(plane).any()) for plane in pixels.a)
+def may_be_cut_below(pixels: Pixels) -> bool:
+    """Whether numbers of A below 0 are no longer there in B."""
+    ends = [(pixels.ranges[0][name][0], pixels.ranges[1][name][0]) for name in pixels.names]
+    return any(old < new <= 0 or math.isnan(old + new) for old, new in ends)
 
 
-def _greatest(plane: object) -> float:
-    """The greatest number of a plane, NaN aside; by their codes, those of 16 bits are fast."""
-    values = np.asarray(plane)
-    if values.dtype == np.float16:
-        codes = np.ascontiguousarray(values).view(np.int16)
-        codes = codes[codes <= 0x7C00] if (codes > 0x7C00).any() else codes
-        return float(codes.max(initial=0).view(np.float16)) if codes.size else 0.0
-    return float(np.nanmax(values)) if values.size else 0.0
+def _high(pixels: Pixels, side: str, name: str) -> float:
+    """The greatest number of a channel, NaN aside."""
+    high = pixels.ranges["ab".index(side)][name][1]
+    return float(np.nanmax(pixels.plane(side, name))) if math.isnan(high) else high

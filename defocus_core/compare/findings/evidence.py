@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from defocus_core.compare.pixels import Pixels
 
 _SAMPLES = 20_000  # pixels that are looked at, each with its neighbour on the right
+_FEW = 2048  # pixels of a picture below which a finding must hold in both turns of the blocks
 _FRAME = 640  # px of a side of the part that is looked at as a whole
 _BLOCK = 16  # px of the blocks that take turns: one chooses parameters, the next measures
 _LARGEST = 1e30  # value that is looked at: beyond it, arithmetic in float32 overflows
@@ -65,12 +66,15 @@ class Evidence:
         names: of the channels that differ.
         gamma: as of `Pixels`.
         types: number types of B.
+        is_small: whether there are so few pixels that what explains half of them may be chance.
     """
 
-    def __init__(self, pixels: Pixels, types: Mapping[str, str]) -> None:
-        differ = [bool(difference.any()) for difference in pixels.differences]
+    def __init__(self, pixels: Pixels, types: Mapping[str, str], *, swapped: bool = False) -> None:
+        """A pair; if swapped, the blocks that chose parameters measure, and the reverse."""
         self.pixels = pixels
-        self.names = tuple(n for n, d in zip(pixels.names, differ, strict=True) if d)
+        self._swapped = swapped
+        self.is_small = pixels.a[0].size < _FEW
+        self.names = tuple(n for n, most in pixels.differences.largest.items() if most)
         self.gamma = pixels.gamma
         self.types = {types[name] for name in self.names}
 
@@ -103,7 +107,7 @@ class Evidence:
         """Samples that choose parameters; the others measure."""
         rows, columns = (places // _BLOCK for places in self.places)
         half = len(rows) // 2
-        first = (rows[:half] + columns[:half]) % 2 == 0
+        first = (rows[:half] + columns[:half]) % 2 == self._swapped
         return np.concatenate([first, first])
 
     @cached_property
@@ -213,7 +217,7 @@ class Evidence:
         """Rows and columns that are looked at as a whole: around the middle of what differs."""
         cuts = []
         for axis, length in enumerate(self.size):
-            weights = self.pixels.greatest.sum(axis=1 - axis)
+            weights = self.pixels.greatest.sum(axis=1 - axis, dtype="f8")
             middle = float((weights * np.arange(length)).sum() / weights.sum())
             middle = middle if math.isfinite(middle) else length / 2
             first = min(max(0, round(middle) - _FRAME // 2), max(0, length - _FRAME))
@@ -256,8 +260,8 @@ class Evidence:
 
 def blocks_in_turn(size: tuple[int, int], side: int = _BLOCK) -> NDArray[np.bool_]:
     """Pixels [H, W] of blocks that choose parameters; the others measure."""
-    rows, columns = (np.arange(length) // side for length in size)
-    turn: NDArray[np.bool_] = (rows[:, None] + columns) % 2 == 0
+    rows, columns = (np.arange(length) // side % 2 == 0 for length in size)
+    turn: NDArray[np.bool_] = rows[:, None] == columns
     return turn
 
 

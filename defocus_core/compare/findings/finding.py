@@ -24,6 +24,12 @@ class Finding:
     values: Mapping[str, Any] = field(default_factory=dict)
     explained: float | None = None
 
+    @property
+    def code(self) -> str:
+        """The kind of finding in one word, like ``clipped`` or ``at-silhouettes``."""
+        kinds = [kind for kind in FINDINGS if f"{self.name} ".startswith(f"{kind} ")]
+        return max(kinds, key=len, default=self.name).replace(" ", "-").lower()
+
 
 # First words of all names, for rules like found:clipped.
 FINDINGS = (
@@ -42,5 +48,8 @@ FINDINGS = (
         "seams",
         "halo",
     ),
-    *("fireflies", "dropped pixels", "compressed with losses", "noise"),
+    *("multiplied", "offset", "fireflies", "dropped pixels", "compressed with losses", "noise"),
+    # Places of what no cause explains.
+    *("in focus only", "out of focus only", "at silhouettes", "at edges", "in highlights"),
+    *("in shadows", "at the border", "in one region"),
 )

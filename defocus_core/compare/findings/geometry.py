@@ -27,7 +27,8 @@ _LARGEST_PART = 0.05  # px of a shift that are no fraction
 _SHIFT_LEFT = 0.15  # of a difference that a shift may leave: parts of another frame move alike
 _MOVE_LEFT = 0.4  # the same of a turn or of another scale
 _PARTS_LEFT = 0.62  # of a difference that parts which move on their own may leave
-_TILES = (16, 32, 64, 128, 256, 512)  # px
+_TILES = (16, 32, 64, 128, 256, 512)  # px; each twice the one before
+_MOST_TILES = 1500  # that may have been exchanged
 _CHOSEN = 5000  # samples that choose a small move
 _ONE_MOVE = 0.45  # px by which moves of parts differ where all is one move, rounded
 _PART = 32  # px of the parts that may move on their own
@@ -162,25 +163,24 @@ def _cropped(evidence: Evidence) -> Iterator[Explanation]:
 
 def _tiles_exchanged(evidence: Evidence) -> Iterator[Explanation]:
     """Tiles of B are tiles of A of another place; a tile is known by the mean of its channels."""
-    height, width = evidence.size
-    pixels, rows, columns = evidence.pixels, *evidence.places
+    rows, columns = evidence.places
+    pixels = evidence.pixels
+    planes = [*pixels.a, *pixels.b, pixels.greatest]
+    means = np.stack([np.nan_to_num(_means(plane, _TILES[0])) for plane in planes])
     for side in _TILES:
-        down, across = height // side, width // side
+        if side > _TILES[0]:
+            means = _means(means, 2)
+        down, across = means.shape[1:]
         if down * across < 2:
             return
-        cut = (slice(0, down * side), slice(0, across * side))
-        means = []
-        for planes in (pixels.a, pixels.b):
-            blocks = [p[cut].reshape(down, side, across, side) for p in planes]
-            mean = [np.nan_to_num(b.mean(axis=(1, 3), dtype=np.float32)) for b in blocks]
-            means.append(np.stack(mean, axis=-1).reshape(down * across, -1))
-        differs = pixels.greatest[cut].reshape(down, side, across, side).mean(axis=(1, 3)).ravel()
-        differs = differs > 3 * np.median(differs)
-        if not differs.any() or differs.all():
+        flat = means.reshape(len(planes), -1)
+        old, new = flat[: len(pixels.a)].T, flat[len(pixels.a) : -1].T
+        differs = flat[-1] > 3 * np.median(flat[-1])
+        moved = np.flatnonzero(differs)
+        if differs.all() or not 0 < moved.size < _MOST_TILES:
             continue
         source = np.arange(down * across)
-        moved = np.flatnonzero(differs)
-        apart = np.abs(means[1][moved][:, None] - means[0][None, moved]).sum(axis=2)
+        apart = np.abs(new[moved][:, None] - old[None, moved]).sum(axis=2)
         source[moved] = moved[apart.argmin(axis=1)]
         tile = (rows // side).clip(0, down - 1) * across + (columns // side).clip(0, across - 1)
         whole = (rows < down * side) & (columns < across * side)
@@ -191,6 +191,15 @@ def _tiles_exchanged(evidence: Evidence) -> Iterator[Explanation]:
         finding = Finding("tiles exchanged", f"tiles exchanged: of {side} px", {"side": side})
         if step.any():
             yield Explanation(finding, evidence.left(predicted), cost=0.001 * _TILES.index(side))
+
+
+def _means(planes: NDArray[Any], side: int) -> NDArray[np.float32]:
+    """Means of the whole tiles of planes [..., H, W]."""
+    down, across = (length // side for length in planes.shape[-2:])
+    cut = planes[..., : down * side, : across * side]
+    blocks = cut.reshape(*planes.shape[:-2], down, side, across, side)
+    means: NDArray[np.float32] = blocks.mean(axis=(-3, -1), dtype=np.float32)
+    return means
 
 
 def _shifted(evidence: Evidence) -> Iterator[Explanation]:

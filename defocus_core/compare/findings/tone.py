@@ -44,8 +44,10 @@ def explanations(evidence: Evidence) -> Iterator[Explanation]:
     for rows in (_another_exposure, _another_gamma, _raised):
         yield from rows(evidence)
     if evidence.pixels.color:
-        for rows in (_mixed, _vignette, _tone_curve):
-            yield from rows(evidence)
+        yield from _vignette(evidence)
+        if not evidence.is_small:  # their many parameters fit a few edges
+            yield from _mixed(evidence)
+            yield from _tone_curve(evidence)
 
 
 def _empty(evidence: Evidence) -> Iterator[Explanation]:
@@ -101,10 +103,13 @@ def _clipped(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _range(evidence: Evidence, side: str) -> tuple[float, float]:
-    planes = [evidence.pixels.plane(side, name) for name in evidence.names]
-    finite = evidence.pixels.finite
-    planes = planes if finite is None else [plane[finite] for plane in planes]
-    return float(min(p.min() for p in planes)), float(max(p.max() for p in planes))
+    """The least and the greatest finite value of the channels that differ."""
+    pixels = evidence.pixels
+    ends = [pixels.ranges["ab".index(side)][name] for name in evidence.names]
+    if pixels.finite is not None:
+        planes = [pixels.plane(side, name)[pixels.finite] for name in evidence.names]
+        ends = [(float(plane.min()), float(plane.max())) for plane in planes]
+    return min(low for low, _ in ends), max(high for _, high in ends)
 
 
 def _quantised(evidence: Evidence) -> Iterator[Explanation]:

@@ -28,6 +28,8 @@ _STRONGEST = 4.0  # gain of a halo
 _LENGTH = 4.0  # of a halo, in widths of it
 _SEAM_LEFT, _GAIN_LEFT, _HALO_LEFT, _SPARK_LEFT, _CODEC_LEFT = 0.4, 0.3, 0.4, 0.3, 0.75
 _FEW = 1e-3  # share of the pixels that fireflies are at most
+# Lines that would hold the difference if each held as much: at least these, and this share of all.
+_LONE, _ALIKE = 1.2, 0.35
 _SEGMENT = 16  # px along a line that are taken together, so that noise averages out
 _SPARK = 0.1  # least difference of a firefly
 _DCT = 8  # px of the blocks of JPEG and of DWAA
@@ -41,6 +43,8 @@ def explanations(evidence: Evidence) -> Iterator[Explanation]:
     """All that might be, the simplest first."""
     difference = _difference(evidence)
     yield from _fireflies(difference)
+    if evidence.is_small:  # a few lines are seams by chance
+        return
     yield from _seams(evidence, difference)
     if evidence.pixels.color:
         yield from _gains_of_tiles(evidence)
@@ -52,9 +56,11 @@ def explanations(evidence: Evidence) -> Iterator[Explanation]:
 def _difference(evidence: Evidence) -> NDArray[Any]:
     """B − A on the scale of differences, the mean of the channels, of the whole picture [H, W]."""
     total = np.zeros(evidence.size, np.float32)
-    rows, columns = np.nonzero(evidence.pixels.greatest)
-    a, b = (evidence.scaled(evidence.at(side, rows, columns)).mean(axis=0) for side in ("a", "b"))
-    total[rows, columns] = b - a
+    for rows in evidence.pixels.strips():
+        for name in evidence.names:
+            a, b = (evidence.scaled(evidence.pixels.plane(s, name)[rows]) for s in ("a", "b"))
+            total[rows] += (b - a) / np.float32(len(evidence.names))
+    total[evidence.pixels.greatest == 0] = 0.0
     return total
 
 
@@ -98,6 +104,8 @@ def _seams(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation
             outside = sum(float(np.where(line, 0, p).mean()) for p, line in sides) / total
             if max(float((p[line] > 0).mean()) for p, line in sides) < 0.6 or outside > 0.2:
                 continue
+            if not _is_repeated(*max(sides, key=lambda side: float(side[0].sum()))):
+                continue
             near = lines[1][:, None] | lines[0]
             rest = np.where(near, np.float32(0), difference)[shown]
             pairs = [(v[:, :-1], v[:, 1:]) for v in (difference[shown], rest)]
@@ -117,6 +125,14 @@ def _profile(difference: NDArray[Any]) -> NDArray[Any]:
     power = np.square(means).mean(axis=0, dtype="f8")
     beyond: NDArray[Any] = np.maximum(power - 2.5 * np.median(power), 0)
     return beyond
+
+
+def _is_repeated(profile: NDArray[Any], line: NDArray[np.bool_]) -> bool:
+    """Whether the difference lies on several of the lines of a period, and not on a lone one."""
+    starts = np.flatnonzero(line & ~np.roll(line, 1))
+    sums = np.add.reduceat(np.where(line, profile, 0), starts)
+    count = float(sums.sum()) ** 2 / max(float(np.square(sums).sum()), 1e-300)
+    return count >= min(len(sums), max(_LONE, _ALIKE * len(sums)))
 
 
 def _spacing(profile: NDArray[Any]) -> int:
@@ -259,7 +275,7 @@ def _noise(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation
         abs(alike(difference[:, 1:], difference[:, :-1])),
         abs(alike(difference[1:], difference[:-1])),
     )
-    planes = [each[evidence.frame] for each in evidence.pixels.differences]
-    level = math.sqrt(float(np.mean([np.square(p).mean() for p in planes if p.any()])))
+    planes = [evidence.pixels.difference(name, *evidence.frame) for name in evidence.names]
+    level = math.sqrt(float(np.mean([np.square(p).mean(dtype="f8") for p in planes])))
     finding = Finding("noise", f"noise of about {level:.2g}", {"rms": level})
     yield Explanation(finding, math.sqrt(shared), _NOISE_LEFT, 0.4)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from defocus_core.compare.comparison import compare_pictures
 from defocus_core.compare.findings.geometry import view_partner
 from defocus_core.compare.picture import DecodedPicture, color_layers, is_map, read_picture
-from defocus_core.compare.record import CompareSettings
+from defocus_core.compare.record import PASSING, WARNING, CompareSettings
 from defocus_core.compare.thresholds import Rules
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 
@@ -30,7 +30,7 @@ class Fault:
 
     Attributes:
         name: in words, at full strength.
-        plant: makes a plane [H, W] of a plane and a strength of at most 1.
+        plant: makes planes [C, H, W] of planes and a strength of at most 1.
         unit: the strength of 1 in words of the fault, as a number and a unit.
         scales: whether weaker ones make sense.
     """
@@ -49,11 +49,18 @@ class Planted:
         fault: its name.
         noticed: whether full strength fails.
         weakest: the weakest that fails, in words; empty if none does, or there is one strength.
+        warned: whether full strength passes with a warning.
     """
 
     fault: str
     noticed: bool
     weakest: str = ""
+    warned: bool = False
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether it passes without a word."""
+        return not (self.noticed or self.warned)
 
 
 def plant_all(
@@ -73,8 +80,8 @@ def plant_all(
     if is_map(list(picture.planes)) or not names:
         names = list(picture.planes)
 
-    def noticed(fault: Fault, strength: float) -> bool | None:
-        """Whether it fails; None if it changes no value."""
+    def status(fault: Fault, strength: float) -> str | None:
+        """What the rules say of it; None if it changes no value."""
         if fault is SWAPPED and other_view is not None:
             spoiled = other_view
         else:
@@ -82,23 +89,24 @@ def plant_all(
         if _is_equal(picture, spoiled):
             return None
         record, _ = compare_pictures(name, picture, spoiled, rules, settings)
-        return not record.passes
+        return record.status
 
     results = []
     for fault in FAULTS:
-        full = noticed(fault, 1.0)
+        full = status(fault, 1.0)
         if full is None:
             continue
         weakest = ""
-        if full and fault.scales:
+        noticed = full not in PASSING
+        if noticed and fault.scales:
             minimum = 1.0
             for strength in (0.5**k for k in range(1, _WEAKEST + 1)):
-                if not noticed(fault, strength):
+                if status(fault, strength) in (*PASSING, None):
                     break
                 minimum = strength
             amount, unit = fault.unit
-            weakest = f"{amount * minimum:.2g}{unit}"
-        results.append(Planted(fault.name, full, weakest))
+            weakest = f"{float(f'{amount * minimum:.2g}'):g}{unit}"
+        results.append(Planted(fault.name, noticed, weakest, full == WARNING))
     return results
 
 
@@ -111,11 +119,11 @@ def _other_view(picture: DecodedPicture) -> DecodedPicture | None:
 def _spoiled(
     picture: DecodedPicture, names: list[str], fault: Fault, strength: float
 ) -> DecodedPicture:
-    planes = dict(picture.planes)
-    for name in names:
-        plane = np.asarray(planes[name], np.float32)
-        planes[name] = np.asarray(fault.plant(plane, strength), np.float32)
-    return replace(picture, planes=planes)
+    shape = picture.planes[names[0]].shape
+    chosen = [name for name in names if picture.planes[name].shape == shape]
+    planes = np.stack([np.asarray(picture.planes[name], np.float32) for name in chosen])
+    spoiled = np.asarray(fault.plant(planes, strength), np.float32)
+    return replace(picture, planes={**picture.planes, **dict(zip(chosen, spoiled, strict=True))})
 
 
 def _is_equal(a: DecodedPicture, b: DecodedPicture) -> bool:
@@ -125,107 +133,128 @@ def _is_equal(a: DecodedPicture, b: DecodedPicture) -> bool:
     )
 
 
-def _nan_block(plane: NDArray[Any], strength: float) -> NDArray[Any]:
-    spoiled = plane.copy()
-    spoiled[_middle(plane)] = np.nan
-    return spoiled
-
-
-def _shifted(plane: NDArray[Any], strength: float) -> NDArray[Any]:
-    """To the right, by linear interpolation; the first column stays."""
-    spoiled = plane.copy()
-    spoiled[:, 1:] += strength * (plane[:, :-1] - plane[:, 1:])
-    return spoiled
-
-
-def _gamma(plane: NDArray[Any], strength: float) -> NDArray[Any]:
-    encoded = linear_to_srgb(np.abs(plane)) ** np.float32(1 + 0.02 * strength)
-    changed: NDArray[Any] = np.sign(plane) * srgb_to_linear(encoded)
-    return changed
-
-
-def _mirrored(plane: NDArray[Any], strength: float) -> NDArray[Any]:
-    return plane[:, ::-1]
-
-
-def _lost_highlight(plane: NDArray[Any], strength: float) -> NDArray[Any]:
-    """The brightest place and its neighbours become as dark as the mean."""
-    spoiled = plane.copy()
-    row, column = np.unravel_index(int(np.nan_to_num(plane).argmax()), plane.shape)
-    top, left = (max(0, int(place) - _BLOCK // 2) for place in (row, column))
-    block = (slice(top, top + _BLOCK), slice(left, left + _BLOCK))
-    level = np.float32(np.nan_to_num(plane).mean())
-    spoiled[block] += np.float32(strength) * (np.minimum(plane[block], level) - plane[block])
-    return spoiled
-
-
-def _noise(plane: NDArray[Any], strength: float) -> NDArray[Any]:
-    """Of 1 % of the mean, with a spread that all planes share."""
-    level = float(np.abs(np.nan_to_num(plane)).mean())
-    noise = np.random.default_rng(0).standard_normal(plane.shape)
-    return plane + 0.01 * strength * level * noise
-
-
-def _middle(plane: NDArray[np.float32]) -> tuple[slice, slice]:
-    height, width = plane.shape
+def _nan_block(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+    spoiled = planes.copy()
+    height, width = planes.shape[1:]
     top, left = max(0, (height - _BLOCK) // 2), max(0, (width - _BLOCK) // 2)
-    return slice(top, top + _BLOCK), slice(left, left + _BLOCK)
+    spoiled[:, top : top + _BLOCK, left : left + _BLOCK] = np.nan
+    return spoiled
 
 
-def _half_resolution(plane: NDArray[Any], strength: float) -> NDArray[Any]:
+def _shifted(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+    """To the right, by linear interpolation; the first column stays."""
+    spoiled = planes.copy()
+    spoiled[..., 1:] += strength * (planes[..., :-1] - planes[..., 1:])
+    return spoiled
+
+
+def _turned(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+    """By half a degree around the middle, by bilinear interpolation."""
+    height, width = planes.shape[1:]
+    y, x = np.indices((height, width))
+    angle = np.radians(0.5 * strength)
+    row = (y + np.sin(angle) * (x - (width - 1) / 2)).clip(0, height - 1)
+    column = (x - np.sin(angle) * (y - (height - 1) / 2)).clip(0, width - 1)
+    top, left = row.astype(int), column.astype(int)
+    down, right = (top + 1).clip(max=height - 1), (left + 1).clip(max=width - 1)
+    above, below = (
+        planes[:, r, left] * (1 - column + left) + planes[:, r, right] * (column - left)
+        for r in (top, down)
+    )
+    turned: NDArray[Any] = above * (1 - row + top) + below * (row - top)
+    return turned
+
+
+def _blurred(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+    """Towards the mean of 3 x 3 pixels."""
+    padded = np.pad(planes, ((0, 0), (1, 1), (1, 1)), mode="edge")
+    height, width = planes.shape[1:]
+    mean = sum(padded[:, y : y + height, x : x + width] for y, x in np.ndindex(3, 3)) / 9
+    blurred: NDArray[Any] = planes + strength * (mean - planes)
+    return blurred
+
+
+def _shown(curve: Callable[[Any, float], Any]) -> Callable[[NDArray[Any], float], NDArray[Any]]:
+    """A curve of sRGB-encoded values, the mirror image below 0; light beyond 1 is encoded, too."""
+
+    def plant(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+        changed = srgb_to_linear(curve(linear_to_srgb(np.abs(planes)), strength))
+        signed: NDArray[Any] = np.copysign(changed, planes)
+        return signed
+
+    return plant
+
+
+def _mirrored(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+    return planes[..., ::-1]
+
+
+def _lost_highlight(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+    """The brightest place of each plane and its neighbours become as dark as the mean."""
+    spoiled = planes.copy()
+    for plane, changed in zip(planes, spoiled, strict=True):
+        row, column = np.unravel_index(int(np.nan_to_num(plane).argmax()), plane.shape)
+        top, left = (max(0, int(place) - _BLOCK // 2) for place in (row, column))
+        block = (slice(top, top + _BLOCK), slice(left, left + _BLOCK))
+        level = np.float32(np.nan_to_num(plane).mean())
+        changed[block] += np.float32(strength) * (np.minimum(plane[block], level) - plane[block])
+    return spoiled
+
+
+def _noise(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+    """Of 1 % of the mean of each plane, with a spread that all planes share."""
+    level = np.abs(np.nan_to_num(planes)).mean(axis=(1, 2), keepdims=True)
+    noise = np.random.default_rng(0).standard_normal(planes.shape[1:])
+    noisy: NDArray[Any] = planes + 0.01 * strength * level * noise
+    return noisy
+
+
+def _half_resolution(planes: NDArray[Any], strength: float) -> NDArray[Any]:
     """Towards the mean of each 2 x 2 pixels."""
-    height, width = (n // 2 * 2 for n in plane.shape)
-    spoiled = plane.copy()
-    inner = plane[:height, :width]
-    means = inner.reshape(height // 2, 2, width // 2, 2).mean(axis=(1, 3))
-    coarse = np.repeat(np.repeat(means, 2, axis=0), 2, axis=1)
-    spoiled[:height, :width] += strength * (coarse - inner)
+    count, height, width = (n if axis == 0 else n // 2 * 2 for axis, n in enumerate(planes.shape))
+    spoiled = planes.copy()
+    inner = planes[:, :height, :width]
+    means = inner.reshape(count, height // 2, 2, width // 2, 2).mean(axis=(2, 4))
+    coarse = np.repeat(np.repeat(means, 2, axis=1), 2, axis=2)
+    spoiled[:, :height, :width] += strength * (coarse - inner)
     return spoiled
 
 
-def _seams(plane: NDArray[Any], strength: float) -> NDArray[Any]:
+def _seams(planes: NDArray[Any], strength: float) -> NDArray[Any]:
     """A line of 3 % less at multiples of 16 px, or in the middle of a smaller picture."""
-    spoiled = plane.copy()
-    for axis, length in enumerate(plane.shape):
-        lines = range(min(16, length // 2), length, 16)
-        index = (list(lines),) if axis == 0 else (slice(None), list(lines))
-        spoiled[index] *= 1 - 0.03 * strength
+    spoiled = planes.copy()
+    rows, columns = (slice(min(16, n // 2), n, 16) for n in planes.shape[1:])
+    spoiled[:, rows] *= 1 - 0.03 * strength
+    spoiled[:, :, columns] *= 1 - 0.03 * strength
     return spoiled
 
 
-def _times(amount: float) -> Callable[[NDArray[Any], float], NDArray[Any]]:
-    return lambda plane, strength: plane * (1 + amount * strength)
+def _tinted(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+    """The first channel brighter, and the last darker; one channel stays."""
+    gains = np.linspace(0.01, -0.01, len(planes)) if len(planes) > 1 else np.zeros(1)
+    return planes * (1 + strength * gains[:, None, None])
 
 
-def _clipped(plane: NDArray[Any], strength: float) -> NDArray[Any]:
-    clipped: NDArray[Any] = np.minimum(plane, 1.0)
-    return clipped
+def _less_saturated(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+    """A tenth of the way to the mean of the channels; one channel stays."""
+    faded: NDArray[Any] = planes + 0.1 * strength * (planes.mean(axis=0) - planes)
+    return faded
 
 
-def _raised(plane: NDArray[Any], strength: float) -> NDArray[Any]:
-    return plane + 0.01 * strength
+def _vignette(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+    y, x = (np.linspace(-1, 1, n) for n in planes.shape[1:])
+    return planes * (1 - 0.05 * strength * (y[:, None] ** 2 + x * x))
 
 
-def _quantised(plane: NDArray[Any], strength: float) -> NDArray[Any]:
-    rounded: NDArray[Any] = np.round(plane * 63) / 63
-    return rounded
-
-
-def _vignette(plane: NDArray[Any], strength: float) -> NDArray[Any]:
-    y, x = (np.linspace(-1, 1, n) for n in plane.shape)
-    return plane * (1 - 0.05 * strength * (y[:, None] ** 2 + x * x))
-
-
-def _firefly(plane: NDArray[Any], strength: float) -> NDArray[Any]:
-    spoiled = plane.copy()
-    spoiled[plane.shape[0] // 3, plane.shape[1] // 3] += 5.0 * strength
+def _firefly(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+    spoiled = planes.copy()
+    spoiled[:, planes.shape[1] // 3, planes.shape[2] // 3] += 5.0 * strength
     return spoiled
 
 
-def _fields(plane: NDArray[Any], strength: float) -> NDArray[Any]:
-    rows = np.arange(len(plane)) ^ 1
-    swapped: NDArray[Any] = plane[rows.clip(0, len(plane) - 1)]
-    return swapped
+def _fields(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+    rows = np.arange(planes.shape[1]) ^ 1
+    return np.take(planes, rows.clip(0, planes.shape[1] - 1), axis=1)
 
 
 # The other view where there is one, else the picture mirrored.
@@ -233,17 +262,26 @@ SWAPPED = Fault("left and right swapped", _mirrored, scales=False)
 FAULTS = (
     Fault("a block of NaN", _nan_block, scales=False),
     Fault("shifted by 1 px", _shifted, (1.0, " px")),
-    Fault("gamma 2 %", _gamma, (2.0, " %")),
+    Fault("turned by half a degree", _turned, (0.5, "°")),
+    Fault("blurred by 1 px", _blurred, (100.0, " % of it")),
+    Fault("gamma 2 %", _shown(lambda v, strength: v ** (1 + 0.02 * strength)), (2.0, " %")),
+    Fault(
+        "a tone curve",
+        _shown(lambda v, strength: v + strength * 0.5 * v * np.maximum(1 - v, 0) * (v - 0.5)),
+        (100.0, " % of it"),
+    ),
     SWAPPED,
     Fault("a lost highlight", _lost_highlight, (100.0, " % of it")),
     Fault("noise of 1 %", _noise, (1.0, " %")),
-    Fault("clipped at 1", _clipped, scales=False),
-    Fault("exposure of 2 %", _times(0.02), (2.0, " %")),
-    Fault("raised blacks", _raised, (0.01, "")),
+    Fault("clipped at 1", lambda planes, _: np.minimum(planes, 1.0), scales=False),
+    Fault("exposure of 2 %", lambda planes, strength: planes * (1 + 0.02 * strength), (2.0, " %")),
+    Fault("a tint of 1 %", _tinted, (1.0, " %")),
+    Fault("saturation of 90 %", _less_saturated, (10.0, " % less")),
+    Fault("raised blacks", lambda planes, strength: planes + 0.01 * strength, (0.01, "")),
     Fault("vignette of 10 %", _vignette, (10.0, " %")),
     Fault("half resolution", _half_resolution, (100.0, " % of it")),
     Fault("seams of 3 %", _seams, (3.0, " %")),
     Fault("fields exchanged", _fields, scales=False),
-    Fault("quantised to 6 bits", _quantised, scales=False),
+    Fault("quantised to 6 bits", lambda planes, _: np.round(planes * 63) / 63, scales=False),
     Fault("a firefly", _firefly, (5.0, "")),
 )

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import NoReturn
 
 from defocus_core.errors import UsageProblem
+from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.rules import DepthFormat
-from defocus_core.io.depth_formats.samples import DepthNumbers
 from defocus_core.io.depth_formats.sidecars import Facts
 
 

@@ -15,7 +15,8 @@ from defocus_core.io.array_files.bare_arrays import bare_type, read_bare, read_h
 from defocus_core.io.array_files.containers import ArrayEntry, container_type, read_entries
 from defocus_core.io.array_files.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
 from defocus_core.io.arrays import Keeping
-from defocus_core.io.depth_formats.exr_samples import exr_samples
+from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
+from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
 from defocus_core.io.depth_formats.photo_depth import (
     PhotoDepth,
     is_heic,
@@ -25,10 +26,9 @@ from defocus_core.io.depth_formats.photo_depth import (
 )
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.rules import DepthFormat
-from defocus_core.io.depth_formats.samples import DepthNumbers
+from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
-from defocus_core.io.images.exr_channels import require_part
 from defocus_core.io.images.png_text import png_text
 from defocus_core.io.images.raster import Raster, choose_page, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
@@ -61,7 +61,7 @@ def read_numbers(
         width, height = size or row.size or (0, 0)
         return DepthNumbers(read_headerless(path, (width, height)), "headerless", "float32 rows")
     if is_exr(head):
-        return _allowed(path, exr_samples(path, reading, keeping, overscan), reading)
+        return _allowed(path, exr_depth_numbers(path, reading, keeping, overscan), reading)
     if path.suffix.lower() == ".exr":
         raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
     if container_type(head):

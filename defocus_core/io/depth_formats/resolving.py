@@ -11,6 +11,7 @@ import numpy as np
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.declared import Declared, ask, focal_of, refuse_idle
+from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.rules import (
     HALF_MAX,
@@ -19,7 +20,6 @@ from defocus_core.io.depth_formats.rules import (
     depth_range,
     disparity_range,
 )
-from defocus_core.io.depth_formats.samples import DepthNumbers
 from defocus_core.io.depth_formats.sidecars import Facts, facts_of
 from defocus_core.io.depth_formats.table import UNIT_WORDS, UNITS, custom
 

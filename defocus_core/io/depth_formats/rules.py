@@ -55,7 +55,7 @@ class DepthFormat:
     Attributes:
         name: as ``depth_format`` has it.
         title: which data set, renderer or network writes it.
-        files: types of file it may come in, as `Samples.type` has them.
+        files: types of file it may come in, as `DepthNumbers.type` has them.
         rule: scale, inverse, log, or radius, whose numbers are signed CoC radii in px; empty
             where ``depth_kind`` must say whether they are depth or disparity.
         scale: what 1 in the file is: metres of depth, px of disparity.

@@ -11,10 +11,10 @@ of ``help/depth.md``, which the test of that topic prints; the other modules rea
 from __future__ import annotations
 
 from defocus_core.io.depth_formats.depth_datasets import DEPTH_DATASETS
+from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
 from defocus_core.io.depth_formats.networks import NETWORKS
 from defocus_core.io.depth_formats.renderers import RENDERERS
 from defocus_core.io.depth_formats.rules import DepthFormat
-from defocus_core.io.depth_formats.samples import DepthNumbers
 from defocus_core.io.depth_formats.stereo_datasets import STEREO_DATASETS
 
 ROWS: tuple[DepthFormat, ...] = (*RENDERERS, *DEPTH_DATASETS, *STEREO_DATASETS, *NETWORKS)

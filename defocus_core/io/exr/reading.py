@@ -30,7 +30,7 @@ from defocus_core.system.interrupts import put_off
 if TYPE_CHECKING:
     Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
 
-_STRIP_BYTES = 1 << 25  # of pixels, decoded at once
+_STRIP_BYTES = 1 << 23  # of pixels, decoded at once
 _LARGEST_TILE = 1 << 26  # bytes, decoded at once
 _LIMITS = ("limits:imagesize_MB", "limits:channels")  # of OpenImageIO: all of memory, and 1024
 _ROWS = 32  # of most codecs' chunks; a strip is a multiple of them

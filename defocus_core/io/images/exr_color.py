@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.exr.channel_choice import ChannelGroup, choose_color, light_passes
 from defocus_core.io.exr.chroma import rgb_of, weights_of
 from defocus_core.io.exr.header import Header, Raw, read_headers
 from defocus_core.io.exr.reading import ExrPart, read_parts
 from defocus_core.io.exr.views import default_warning, in_view
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images.color_planes import Color
-from defocus_core.io.images.exr_channels import ChannelGroup, choose_color, light_passes
 from defocus_core.io.images.primaries import (
     REC_709,
     declared_primaries,

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError, first_line
 from defocus_core.io.arrays import bands
 from defocus_core.io.damage import damaged, decoding
+from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.images.color_space import ColorSpace, color_space
-from defocus_core.io.images.exr_channels import require_part
 from defocus_core.io.images.tags import Tag, tags_of
 from defocus_core.io.safe_files import check_size, quiet, read_head
 from defocus_core.system.interrupts import put_off

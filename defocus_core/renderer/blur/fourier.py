@@ -106,8 +106,12 @@ def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
         window: (height, width) of the transform, at least S each.
     """
     size = kernels.shape[-1]
-    padded = torch.nn.functional.pad(kernels, (0, window[1] - size, 0, window[0] - size))
-    centred = padded.roll((-(size // 2), -(size // 2)), (-2, -1))
+    centred, nothing = kernels, kernels.new_zeros(())
+    for dim, length in ((-1, window[1]), (-2, window[0])):
+        first, last = centred.tensor_split([size // 2], dim)
+        sizes = [*centred.shape]
+        sizes[dim] = length - size
+        centred = torch.cat([last, nothing.expand(sizes), first], dim)
     if launches_cost(kernels.device):
         spectra: Tensor = torch.fft.rfft2(centred)
         return spectra

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from defocus_core.renderer.blur.layer_blur import ShownLayer
 from defocus_core.renderer.compositing.known_surfaces import add_known
@@ -25,6 +26,7 @@ _NEGLIGIBLE = 0.05
 _MIN_ROOM = 1e-4
 # Gap beside what a near surface covers, as a share of this, that is an error of what it hides.
 _ERROR = 0.2
+_LEAST_ERROR = 1e-12  # whose square is a number of float32, too
 
 
 class Aside(NamedTuple):
@@ -135,7 +137,8 @@ class TileCompositor:
             filled = covered_near > full - _MIN_ROOM
             covered = torch.where(filled, full, front[:, -1:] - covered_near)
             aside.covered.append(covered)
-            self.by_group.append(torch.cat([torch.zeros_like(front[:, :-1]), covered], 1))
+            blank = [0, 0] * (front.dim() - 2) + [front.shape[1] - 1, 0]
+            self.by_group.append(pad(covered, blank))
         return aside
 
     def close_gaps(self, aside: Aside, pictures: Tensor | None = None) -> None:
@@ -149,18 +152,15 @@ class TileCompositor:
             pictures: [B, 1, 1], 0 for pictures of a batch whose gaps stay; None to close all.
         """
         for group, covered in enumerate(aside.covered):
-            front = self.by_group[group]
-            room = (self._full[group] - covered).clamp(min=_MIN_ROOM)
-            gap = (self._full[group] - front[:, -1:]).clamp(min=0)
-            near = (aside.composited[group][:, -1:] - covered).clamp(min=0)
-            error = _ERROR * near
-            between = (gap > error) & (gap < 2 * error)  # where a quotient has a finite gradient
-            grown = gap / torch.where(between, error, 1.0) - 1
-            kept = gap * torch.where(between, grown, (gap >= 2 * error).to(gap))
-            added = gap - kept if pictures is None else (gap - kept) * pictures
+            front, full = self.by_group[group], self._full[group]
+            gap = (full - front[:, -1:]).clamp(min=0)
+            near = aside.composited[group][:, -1:] - covered
+            error = (_ERROR * near).clamp(min=_LEAST_ERROR)
+            added = gap * (2 - gap / error).clamp(0, 1)
+            added = added if pictures is None else added * pictures
+            room = (full - covered).clamp(min=_MIN_ROOM)
             larger = 1 + added / (room - gap).clamp(min=_MIN_ROOM)
-            color, coverage = front.tensor_split([-1], 1)
-            self.by_group[group] = torch.cat([color * larger, coverage + added], 1)
+            self.by_group[group] = _changed(front, added, larger)
             if group == 0 and self.invented is not None:
                 self.invented = self.invented * larger[:, 0]
 
@@ -168,13 +168,14 @@ class TileCompositor:
         """Put the surfaces that were set aside before those composited since."""
         before, self.invented, since = aside.invented, aside.invented, self.invented
         for group, (front, covered) in enumerate(zip(aside.composited, aside.covered, strict=True)):
-            color, coverage = self.by_group[group].tensor_split([-1], 1)
-            layer = torch.cat([color, coverage - covered], 1)
+            layer = _changed(self.by_group[group], -covered)
             fraction = fraction_behind(front, layer, self._full[group])
             self.by_group[group] = torch.addcmul(front, layer, fraction)
             if group == 0 and since is not None:
-                more = since * fraction[:, 0]
-                self.invented = more if before is None else before + more
+                share = fraction[:, 0]
+                self.invented = (
+                    since * share if before is None else torch.addcmul(before, since, share)
+                )
 
     def are_full(self, *, known: bool) -> bool:
         """Whether no gap is left that a hidden surface, known or invented, may fill."""
@@ -194,8 +195,12 @@ class TileCompositor:
                 continue
             whole, fraction = Box(0, 0, *front.shape[-2:]), fraction_behind(front, layer, maximum)
             if group == 0 and not known:
-                more = (fraction * layer[:, -1:])[:, 0]
-                self.invented = more if self.invented is None else self.invented + more
+                share, covered = fraction[:, 0], layer[:, -1]
+                self.invented = (
+                    share * covered
+                    if self.invented is None
+                    else torch.addcmul(self.invented, share, covered)
+                )
             self.by_group[group] = add_within(front, whole, layer, fraction)
 
     def reserve(self, layers: list[dict[int, ShownLayer]]) -> None:
@@ -236,3 +241,18 @@ class TileCompositor:
             if self._doubt is None
             else filled_up_to(self.by_group[group], maximum, self._doubt)
         )
+
+
+def _changed(front: Tensor, added: Tensor, factor: Tensor | None = None) -> Tensor:
+    """A front [m, C + 1, h, w] with more coverage, its colours times a factor if there is one.
+
+    `front` is overwritten by the result unless gradients are enabled.
+    """
+    color, coverage = front.tensor_split([-1], 1)
+    if torch.is_grad_enabled():
+        color = color if factor is None else color * factor
+        return torch.cat([color, coverage + added], 1)
+    if factor is not None:
+        color.mul_(factor)
+    coverage.add_(added)
+    return front

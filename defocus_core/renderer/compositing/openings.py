@@ -14,11 +14,14 @@ from torch import Tensor
 from torch.nn.functional import max_pool2d, pad
 
 from defocus_core.renderer.layers.slice_radii import slice_position
+from defocus_core.renderer.layers.stacked_samples import ascending
 from defocus_core.tensors.box import Box
 
 # Neighbours are of two surfaces if their radii differ by more than this, in px and as a share of
 # the radius; less is a slope.
 _NEAR, _FAR = 0.25, 0.1
+# Samples whose neighbours are looked up at once; bounds memory.
+_SAMPLES_AT_ONCE = 1 << 18
 
 
 class Openings(NamedTuple):
@@ -60,19 +63,29 @@ class Openings(NamedTuple):
 
 def _reach_of_edges(opaque: Tensor) -> Tensor:
     """How far the blur [h, w] px of samples reaches that do not go on in all pixels beside."""
-    opaque = opaque[(opaque < torch.inf).flatten(1).any(1)]  # each is compared with each
-    around = pad(opaque[:, None], (1, 1, 1, 1), mode="replicate")[:, 0]
-    height, width = opaque.shape[1:]
-    reach = opaque.new_zeros(opaque.shape[1:])
-    for radius in opaque:
-        limits = torch.zeros_like(radius, dtype=torch.bool)
-        for y, x in ((0, 1), (2, 1), (1, 0), (1, 2)):
-            step = around[:, y : y + height, x : x + width] - radius
-            limits |= ~(step.abs() <= _NEAR + _FAR * radius.abs()).any(0)
-        reach = torch.where(
-            limits & (radius < torch.inf), torch.maximum(reach, radius.abs()), reach
-        )
-    return reach
+    count = int((opaque < torch.inf).sum(0).amax())
+    if not count:
+        return torch.zeros_like(opaque[0])
+    opaque = opaque.gather(0, ascending(opaque))[:count]
+    around = pad(opaque[:, None], (1, 1, 1, 1), mode="replicate")[:, 0].permute(1, 2, 0)
+    rows = max(1, _SAMPLES_AT_ONCE // around[0].numel())
+    bands = range(0, opaque.shape[1], rows)
+    return torch.cat([_reach_in_band(around[top : top + rows + 2]) for top in bands])
+
+
+def _reach_in_band(around: Tensor) -> Tensor:
+    """As `_reach_of_edges`, of ascending radii [h + 2, w + 2, L] with the pixels around."""
+    height, width, count = around.shape
+    radius = around[1:-1, 1:-1].contiguous()
+    ends = torch.zeros_like(radius, dtype=torch.bool)
+    for y, x in ((0, 1), (2, 1), (1, 0), (1, 2)):
+        beside = around[y : y + height - 2, x : x + width - 2].contiguous()
+        above = torch.searchsorted(beside, radius).clamp(max=count - 1)
+        steps = [
+            (beside.gather(2, index) - radius).abs() for index in (above, (above - 1).clamp(min=0))
+        ]
+        ends |= ~(torch.minimum(*steps) <= _NEAR + _FAR * radius.abs())
+    return torch.where(ends & (radius < torch.inf), radius.abs(), 0).amax(2)
 
 
 def _spread(reach: Tensor) -> Tensor:

@@ -17,8 +17,8 @@ from defocus_core.renderer.layers.subpixel_shifts import along_first
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.source import Scalar
 
-# Guards 0 / 0 where no coverage is left; it changes no visible share.
-_MIN_FRACTION = 1e-12
+# Least room that counts as left: it guards 0 / 0, and shows nothing, however bright.
+_MIN_FRACTION = 1e-30
 # Coverage below 1 / _STEEP is faded to 0, and negative coverage counts as 0.
 _STEEP = 1e9
 # Coverage below this many roundings is noise of the transforms: the share gets no gradient, for
@@ -46,9 +46,9 @@ def fraction_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) ->
     Returns:
         [M, 1, h, w].
     """
-    left, coverage = full - front[:, -1:], layer[:, -1:]
-    added = torch.minimum(left, coverage * _STEEP).clamp_(min=0)
-    fraction = added / torch.maximum(coverage, left).clamp_(min=_MIN_FRACTION)
+    left, coverage = (full - front[:, -1:]).clamp_(min=_MIN_FRACTION), layer[:, -1:]
+    added = (coverage * _STEEP).clamp_(left.new_zeros(()), left)
+    fraction = added / torch.maximum(coverage, left)
     if torch.is_grad_enabled():
         certain = torch.minimum(coverage, left) > _CERTAIN * torch.finfo(left.dtype).eps
         fraction = torch.where(certain, fraction, fraction.detach())

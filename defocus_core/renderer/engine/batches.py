@@ -16,8 +16,8 @@ from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repaired_each
 from defocus_core.depth.repair_options import RepairOptions
 from defocus_core.renderer.engine.frame import Content
-from defocus_core.renderer.engine.picture import FramedPicture
 from defocus_core.renderer.engine.preparation import computed_in, content_of
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.engine.statistics import surveyed_each
 from defocus_core.renderer.layers.quality import find
@@ -32,28 +32,11 @@ class PictureBatch(NamedTuple):
 
     Attributes:
         numbers: Their numbers among those given.
-        pixels: [C, B, H, W], or [C, H, W] of a picture that is computed alone.
-        signed_radius: [B, H, W] px, or [H, W].
-        repair: What is known of their depth, which is repaired.
-        content: What they hold together; None of a picture that is computed alone.
+        scene: What they hold together, [C, B, H, W]; or one picture that is computed alone.
     """
 
     numbers: list[int]
-    pixels: Tensor
-    signed_radius: Tensor
-    repair: DepthRepair
-    content: Content | None
-
-    def framed(self, settings: Settings) -> FramedPicture:
-        """The pictures, prepared."""
-        return FramedPicture(
-            self.pixels,
-            self.signed_radius,
-            settings,
-            None,
-            repair=self.repair,
-            content=self.content,
-        )
+    scene: Scene
 
 
 def fit_together(pixels: Tensor, settings: Settings) -> bool:
@@ -116,12 +99,14 @@ def _batch(
     """Some pictures of [C, B, H, W]."""
     first = numbers[0]
     if len(numbers) == 1:
-        return PictureBatch(numbers, pixels[:, first], signed_radius[first], repairs[first], None)
+        alone = Scene(pixels[:, first], signed_radius[first], repair=repairs[first])
+        return PictureBatch(numbers, alone)
     if len(numbers) < len(signed_radius):
         index = torch.tensor(numbers).to(pixels.device)
         pixels, signed_radius = pixels.index_select(1, index), signed_radius.index_select(0, index)
     content = Content.of_batch([contents[number] for number in numbers])
-    return PictureBatch(numbers, pixels, signed_radius, repairs[first], content)
+    scene = Scene(pixels, signed_radius, repair=repairs[first], content=content)
+    return PictureBatch(numbers, scene)
 
 
 def _is_opaque(content: Content, settings: Settings, pixels: Tensor) -> bool:

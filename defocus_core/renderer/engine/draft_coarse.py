@@ -14,7 +14,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.inpainting.known_layer import Behind
+from defocus_core.renderer.inpainting.known_layer import KnownLayer
 from defocus_core.tensors.derived import Derived, held
 from defocus_core.tensors.neighbourhoods import halfway
 from defocus_core.tensors.pyramid import halved
@@ -62,11 +62,11 @@ def half_size(merge: Callable[..., Tensor], *pictures: Pixels, threads: int, hol
     return held(HalfSize(merge, *pictures), *pictures, threads=threads, hold=hold)
 
 
-def behind_at_half_size(behind: Behind, threads: int, *, hold: bool) -> Behind:
+def hidden_at_half_size(hidden: KnownLayer, threads: int, *, hold: bool) -> KnownLayer:
     """A known layer in coarse pixels, with one more channel of 0."""
-    color, radius, mask = behind
+    color, radius, mask = hidden
     coarse = partial(half_size, threads=threads, hold=hold)
-    return Behind(
+    return (
         coarse(_known_means, color, mask),
         coarse(_known_coarse_radii, radius, mask),
         coarse(_any_known, mask),

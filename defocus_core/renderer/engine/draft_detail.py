@@ -68,7 +68,9 @@ class Original(NamedTuple):
     signed_radius: Tensor
 
 
-def with_detail(images: Tensor, shown: Tensor, original: Original, part: Box) -> Tensor:
+def with_detail(
+    images: Tensor, shown: Tensor, original: Original, part: Box, brightest: float = torch.inf
+) -> Tensor:
     """Pixels [k, C, H, W] of the centre view, or of centre, left and right, from coarse ones.
 
     Args:
@@ -76,16 +78,21 @@ def with_detail(images: Tensor, shown: Tensor, original: Original, part: Box) ->
         shown: [k, h, w], the share of detail as it was rendered: nearer surfaces hide some of it.
         original: The part before it was rendered.
         part: As for `doubled`.
+        brightest: As for `doubled`, of the centre view; a half of the lens may see lights twice as
+            bright.
     """
     pixels, r = original.pixels, original.signed_radius
     height, width = r.shape
+    maxima = [brightest, *[2 * brightest] * (len(images) - 1)]
     if not float(original.fraction.detach().amax()) > 0:
-        return doubled(images, part)[..., :height, :width]
+        px = [doubled(x, part, limit) for x, limit in zip(images, maxima, strict=True)]
+        return torch.stack(px)[..., :height, :width]
     in_view = [_is_in_view(image, original.fraction) for image in shown]
     if all(in_view) and _is_in_focus(r):
         return pixels.expand(len(images), *pixels.shape)
     # one by one: the rounding of the last numbers of a tensor depends on how many there are
-    *views, sharp = (doubled(x, part)[..., :height, :width] for x in (*images, original.coarse))
+    coarse = zip((*images, original.coarse), (*maxima, torch.inf), strict=True)
+    *views, sharp = (doubled(x, part, limit)[..., :height, :width] for x, limit in coarse)
     visible = _visible(shown, original.fraction, in_view, part)[..., :height, :width]
     blurred, detail = views[0], pixels - sharp
     left = (left_of_detail(r) * visible)[:, None]
@@ -141,18 +148,19 @@ def _is_in_focus(signed_radius: Tensor) -> bool:
     return not signed_radius.requires_grad and float(signed_radius.abs().amax()) <= SHARP
 
 
-def doubled(coarse: Tensor, part: Box) -> Tensor:
+def doubled(coarse: Tensor, part: Box, brightest: float = torch.inf) -> Tensor:
     """Pixels [..., 2 h, 2 w] of a part of a picture in coarse pixels.
 
     The mean of the four pixels of a coarse pixel is the coarse pixel, and polynomials of fourth
     order along a row or a column are kept (Cohen, Daubechies and Feauveau 1992). But pixels do not
     ring: where the coarse pixels around differ by more than the coarse pixel itself, its pixels lie
-        within their range.
+    within their range.
 
     Args:
         coarse: [..., h + a, w + b], the part with two rows and columns of coarse pixels around;
             where these lie beyond the frame they are missing, and the last ones are repeated.
         part: The place of the part in these coarse pixels, of size h, w.
+        brightest: What pixels do not exceed unless their coarse pixel does.
     """
     below, beside = (
         whole - first - size
@@ -169,6 +177,8 @@ def doubled(coarse: Tensor, part: Box) -> Tensor:
     kept, differ = torch.minimum(maximum - middle, middle - minimum), maximum - minimum
     beyond = torch.minimum(differ, middle.abs() - differ).clamp(min=0)
     bound = torch.add(kept, beyond, alpha=_OVERSHOOT)
+    if brightest < torch.inf:
+        bound = torch.minimum(bound, (brightest - middle).clamp(min=0))
     fraction = bound / torch.maximum(rise, bound).clamp(min=torch.finfo(rise.dtype).tiny)
     down, across, bend = down * fraction, across * fraction, bend * fraction
     *others, rows, columns = middle.shape

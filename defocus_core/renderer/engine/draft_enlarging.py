@@ -26,6 +26,7 @@ from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.region_schedule import in_rows
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.checkpointing import recomputed
+from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.source import Pixels, banded
 from defocus_core.tensors.threads import threaded
 from defocus_core.tensors.views import Views, added, joined
@@ -64,7 +65,9 @@ class Enlarging:
         # less than no light in a picture that has none
         unit = self._unit = _UNIT * limit if limit > 0 else -1.0
         self._in_px = (pixels, signed_radius)
-        self._minimum = min(0.0, *(float(band.amin()) for band in banded(pixels)))
+        limits = [range_of(band).tolist() for band in banded(pixels)]
+        self._minimum = min(0.0, *(darkest for darkest, _ in limits))
+        self._maximum = max(brightest for _, brightest in limits)
 
         def merged(px: Tensor, radius: Tensor) -> Tensor:
             return torch.cat([means(px), unit * fraction_left(radius)[None]])
@@ -106,7 +109,9 @@ class Enlarging:
         sharp = around.of(self.coarse).to(images.dtype)
         px = (self._px(wide).of(x).to(images.dtype) for x in self._in_px)
         original = Original(sharp[:-1], sharp[-1] / self._unit, *px)
-        images = with_detail(images[:, :-1], images[:, -1] / self._unit, original, part)
+        images = with_detail(
+            images[:, :-1], images[:, -1] / self._unit, original, part, self._maximum
+        )
         content, counts, box = self._frame.content, dict[str, int](), self._px(tile)
         inner = box.seen_from(self._px(wide))
         if len(images) > 1:

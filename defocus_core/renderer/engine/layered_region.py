@@ -18,18 +18,21 @@ from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.hidden_fill import Filling
 from defocus_core.renderer.engine.layer_order import add_in_order
 from defocus_core.renderer.engine.region import Region
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.shared_fill import FillOfColors, continued
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-from defocus_core.renderer.inpainting.known_layer import Behind, separated
+from defocus_core.renderer.inpainting.known_layer import separated
 from defocus_core.renderer.layers.matting import Unmixed, whole
 from defocus_core.renderer.layers.samples import SurfaceSamples
 from defocus_core.renderer.layers.slice_radii import slice_position
-from defocus_core.renderer.layers.stacked_samples import Layered, Sampled, SampleStack
+from defocus_core.renderer.layers.stacked_samples import Sampled, SampleStack
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.pyramid import axes
-from defocus_core.tensors.source import Pixels
 from defocus_core.tensors.tiling import Grid
+
+# Samples at the border of the frame that are looked up at once; bounds memory.
+_SAMPLES_AT_ONCE = 1 << 17
 
 
 class LayeredRegion(Region):
@@ -39,9 +42,7 @@ class LayeredRegion(Region):
         self,
         frame: SharedFrame,
         grid: Grid,
-        pixels: Pixels,
-        signed_radius: Pixels,
-        layered: Layered,
+        scene: Scene,
         backdrop: Backdrop | FillOfColors | None,
     ) -> None:
         """Find the samples of a region, and prepare their blur.
@@ -49,17 +50,16 @@ class LayeredRegion(Region):
         Args:
             frame: The frame that the region is a part of.
             grid: The tiles of the region.
-            pixels: [C + 1, H, W] of the frame, the layers in focus with alpha.
-            signed_radius: [H, W] px of the frame, of the nearest samples.
-            layered: The layers.
+            scene: What is seen in the frame, of layers.
             backdrop: The frame at low resolution; None if nothing in it is continued.
         """
-        self._layered = layered
+        assert scene.layered is not None, "a scene of layers"
+        self._layered = scene.layered
         self._behind: Sliced | None = None
         self._nothing: Sliced | None = None
-        super().__init__(frame, grid, pixels, signed_radius, None, backdrop)
+        super().__init__(frame, grid, scene, backdrop)
         if self._fallback is not None:  # with alpha, and without the light of highlights
-            plain = grid.box.of(pixels).to(frame.dtype).clamp(max=frame.content.limit)
+            plain = grid.box.of(scene.image).to(frame.dtype).clamp(max=frame.content.limit)
             self._fallback = border_fallback(plain, frame.trace)
 
     def _surfaces(
@@ -94,10 +94,12 @@ class LayeredRegion(Region):
             return None
         radii, weights = self._shown
         total = [fraction * (1 - weights.sum(0)) for fraction in total]
-        for radius, weight in zip(radii, weights, strict=True):
+        layers = max(1, _SAMPLES_AT_ONCE // signed_radius.numel())
+        for first in range(0, len(radii), layers):
+            radius, weight = (x[first : first + layers] for x in (radii, weights))
             fractions = super()._fractions_within(bounds, radius, groups) or []
             total = [
-                so_far + fraction * weight
+                so_far + (fraction * weight).sum(2)
                 for so_far, fraction in zip(total, fractions, strict=True)
             ]
         return total
@@ -126,7 +128,6 @@ class LayeredRegion(Region):
         self,
         color: Tensor,
         signed_radius: Tensor,
-        behind: Behind | None,
         backdrop: Backdrop | FillOfColors,
         outer: Box,
     ) -> list[Filling]:

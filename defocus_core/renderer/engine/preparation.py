@@ -33,7 +33,7 @@ from defocus_core.renderer.engine.statistics import (
 )
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.inpainting.hidden_layers import PX_AROUND
-from defocus_core.renderer.inpainting.known_layer import Behind
+from defocus_core.renderer.inpainting.known_layer import KnownLayer
 from defocus_core.renderer.layers.octaves import composite_order, kept_apart
 from defocus_core.renderer.layers.quality import Quality
 from defocus_core.renderer.layers.slice_radii import SHARP, evenly, layers, slice_radii
@@ -55,7 +55,7 @@ def frame_of(
     signed_radius: Pixels,
     settings: Settings,
     quality: Quality,
-    hidden: Behind | None,
+    hidden: KnownLayer | None,
     content: Content,
     *,
     layered: Layered | None = None,

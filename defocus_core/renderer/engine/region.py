@@ -30,9 +30,10 @@ from defocus_core.renderer.engine.field import corner_views, frame_at, views_of
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.hidden_fill import Filling
 from defocus_core.renderer.engine.layer_order import add_in_order
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.shared_fill import FillOfColors, continued
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
-from defocus_core.renderer.inpainting.known_layer import Behind, separated
+from defocus_core.renderer.inpainting.known_layer import known_within, separated
 from defocus_core.renderer.layers.matting import Unmixed, unmixed, whole
 from defocus_core.renderer.layers.samples import Sheet, SurfaceSamples
 from defocus_core.renderer.layers.slice_radii import slice_position
@@ -42,7 +43,6 @@ from defocus_core.renderer.layers.subpixel_shifts import AROUND as AROUND_SHIFTS
 from defocus_core.renderer.layers.subpixel_shifts import Shifts
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.pyramid import axes
-from defocus_core.tensors.source import Pixels
 from defocus_core.tensors.tiling import Grid
 from defocus_core.tensors.views import Views
 
@@ -60,9 +60,7 @@ class Region:
         self,
         frame: SharedFrame,
         grid: Grid,
-        pixels: Pixels,
-        signed_radius: Pixels,
-        behind: Behind | None,
+        scene: Scene,
         backdrop: Backdrop | FillOfColors | None,
     ) -> None:
         """Find the surfaces of a region, and prepare their blur.
@@ -70,14 +68,13 @@ class Region:
         Args:
             frame: The frame that the region is a part of.
             grid: The tiles of the region.
-            pixels: [C, H, W] of the frame, in any precision; of a batch [C, B, H, W].
-            signed_radius: [H, W] px of the frame; of a batch [B, H, W].
-            behind: The known layer behind the visible surface of the frame.
+            scene: What is seen in the frame, in any precision.
             backdrop: The frame at low resolution, or hidden surfaces that are continued for all
                 colours; None if nothing is continued.
         """
         frame = frame_at(frame, grid.box)
         self._frame, self._grid, self._tiles = frame, grid, grid.tiles
+        self._scene = scene
         core, content, slices = grid.box, frame.content, frame.slices
         outer = core.grown(frame.margin, frame.box)
         reach = max(frame.farthest + frame.farthest % 2, *frame.beyond)  # even: it may be halved
@@ -91,7 +88,9 @@ class Region:
             axes(frame.size, inner.top, inner.left),
             by_corners=frame.settings.field is not None,
         )
-        pixels, signed_radius = (outer.of(x).to(frame.dtype) for x in (pixels, signed_radius))
+        pixels, signed_radius = (
+            outer.of(x).to(frame.dtype) for x in (scene.image, scene.signed_radius)
+        )
         if content.edges:  # pixels beside them are looked up by their numbers
             pixels, signed_radius = pixels.contiguous(), signed_radius.contiguous()
         inmost = core.seen_from(outer)
@@ -108,9 +107,7 @@ class Region:
         self._visible = self._in_front(unmixed_pixels, signed_radius, positions)
         self._hidden: list[Filling] = []
         if backdrop is not None:
-            self._hidden = self._fillings(
-                unmixed_pixels.color, signed_radius, behind, backdrop, outer
-            )
+            self._hidden = self._fillings(unmixed_pixels.color, signed_radius, backdrop, outer)
         self._highlights: Tensor | None = None
         if highlights and positions is not None:
             occluders = occluders_of(unmixed_pixels, signed_radius, positions, slices.radii)
@@ -180,7 +177,6 @@ class Region:
         self,
         color: Tensor,
         signed_radius: Tensor,
-        behind: Behind | None,
         backdrop: Backdrop | FillOfColors,
         outer: Box,
     ) -> list[Filling]:
@@ -190,8 +186,8 @@ class Region:
         if invented is None:
             return []
         surfaces = [(invented, False)]
-        if behind is not None:
-            known = behind.within(held, inside.of(signed_radius), frame.dtype)
+        if (hidden := self._scene.hidden) is not None:
+            known = known_within(hidden, held, inside.of(signed_radius), frame.dtype)
             known, invented = separated(known, invented, axes(frame.size, held.top, held.left))
             surfaces = [(known, True), (invented, False)]
         return [

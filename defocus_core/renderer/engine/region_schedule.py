@@ -13,11 +13,10 @@ from torch import Tensor
 from defocus_core.renderer.engine.frame import NEIGHBOURHOOD, SharedFrame
 from defocus_core.renderer.engine.layered_region import LayeredRegion
 from defocus_core.renderer.engine.region import Region
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.shared_fill import FillOfColors
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
-from defocus_core.renderer.inpainting.known_layer import Behind
 from defocus_core.renderer.layers.slice_radii import SHARP
-from defocus_core.renderer.layers.stacked_samples import Layered
 from defocus_core.tensors.box import Box, Span
 from defocus_core.tensors.checkpointing import recomputed, unrecorded
 from defocus_core.tensors.source import Pixels
@@ -36,12 +35,8 @@ _COMPUTED = (
 
 def rendered_regions(
     frame: SharedFrame,
-    pixels: Pixels,
-    signed_radius: Pixels,
-    hidden: Behind | None,
+    scene: Scene,
     *,
-    layered: Layered | None,
-    fill: FillOfColors | None,
     reaching: Pixels,
     at_once: int | None,
     progress: Callable[[int, int], None] | None,
@@ -50,16 +45,18 @@ def rendered_regions(
 
     Args:
         frame: The frame of the picture.
-        pixels: [C, H, W], in any precision; the views are in the precision of the frame.
-        signed_radius: [H, W] px.
-        hidden: The known layer behind the visible surface.
-        layered: The layers of which `pixels` and `signed_radius` are the picture.
-        fill: What is continued for all colours; None to continue it here.
+        scene: What is seen, in any precision; the views are in the precision of the frame.
         reaching: [H, W] px, the radii whose light reaches farthest.
         at_once: Greatest number of regions computed at once; None for as many as threads.
         progress: As for `render`.
     """
     threads, content = frame.settings.threads, frame.content
+    pixels, signed_radius, layered, fill = (
+        scene.image,
+        scene.signed_radius,
+        scene.layered,
+        scene.fill,
+    )
     backdrop: Backdrop | FillOfColors | None = fill if content.edges else None
     if fill is None and content.edges and (layered is None or layered.is_continued):
         shown, limit = pixels, content.limit
@@ -88,11 +85,8 @@ def rendered_regions(
             return _copied(frame, grid, pixels)
         tiles: list[Views] = []
         with unrecorded(signed_radius.device):
-            region = (
-                Region(frame, part, pixels, signed_radius, hidden, backdrop)
-                if layered is None
-                else LayeredRegion(frame, part, pixels, signed_radius, layered, backdrop)
-            )
+            kind = Region if layered is None else LayeredRegion
+            region = kind(frame, part, scene, backdrop)
             work = recomputed(region.tile), range(len(part.tiles)), threads // at_once
             for tile in threaded(*work):
                 tiles.append(tile)

@@ -64,7 +64,7 @@ class Settings:
             problem = "cat_eye must be None beside a field of pupils, whose kernels are clipped"
             raise ValueError(f"{problem} where they were measured; leave it out")
         opaque = float(self.aperture.fixed.obstruction)
-        if self.cat_eye and opaque and opaque >= (size := float(self.cat_eye.size)):
+        if self.cat_eye and opaque and opaque >= (size := number("size", self.cat_eye.size)):
             problem = f"cat_eye must be larger than the opaque middle of the pupil, got size {size}"
             raise ValueError(f"{problem} and obstruction {opaque}: no light would pass both")
         if self.dual_pixel.field and (self.cat_eye or isinstance(self.aperture.image, PupilField)):

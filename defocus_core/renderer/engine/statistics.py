@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.inpainting.known_layer import Behind
+from defocus_core.renderer.inpainting.known_layer import KnownLayer
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.neighbourhoods import range_of, ranges_of
 from defocus_core.tensors.order_statistics import Ranks, counted
@@ -144,7 +144,7 @@ def border_range(signed_radius: Pixels) -> tuple[float, float]:
     return minimum, maximum
 
 
-def with_hidden(hidden: Behind, limits: tuple[float, float]) -> tuple[float, float]:
+def with_hidden(hidden: KnownLayer, limits: tuple[float, float]) -> tuple[float, float]:
     """The least and greatest signed radius in px of visible surfaces and of a known hidden layer.
 
     Args:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import torch
 from torch import Tensor
 
@@ -14,32 +12,19 @@ from defocus_core.tensors.box import Box
 from defocus_core.tensors.pyramid import Axis
 from defocus_core.tensors.source import Pixels
 
+# Colour, radius and mask as of a `HiddenLayer`, in memory or in files: undefined outside the mask,
+# which is not 0 where the layer is known.
+KnownLayer = tuple[Pixels, Pixels, Pixels]
 
-class Behind(NamedTuple):
-    """The known layer of a whole frame, in memory or in files.
 
-    Attributes:
-        color: [C, H, W] linear; undefined outside the mask.
-        signed_radius: [H, W] px; undefined outside the mask.
-        mask: [H, W], not 0 where the layer is known.
-    """
-
-    color: Pixels
-    signed_radius: Pixels
-    mask: Pixels
-
-    def of_channels(self, channels: list[int], px: float | Tensor) -> Behind:
-        """Some of its channels, with px added to its radii."""
-        if len(channels) == self.color.shape[0] and isinstance(px, float) and px == 0:
-            return self
-        return Behind(self.color[channels], self.signed_radius[:] + px, self.mask)
-
-    def within(self, box: Box, signed_radius: Tensor, dtype: torch.dtype) -> HiddenLayer:
-        """The known layer within a box whose visible radii are [height, width] px."""
-        color, radius, mask = map(box.of, self)
-        mask = mask.bool()
-        color = torch.where(mask, color.to(dtype), 0.0)
-        return HiddenLayer(color, torch.where(mask, radius.to(dtype), signed_radius), mask)
+def known_within(
+    known: KnownLayer, box: Box, signed_radius: Tensor, dtype: torch.dtype
+) -> HiddenLayer:
+    """A known layer within a box whose visible radii are [height, width] px."""
+    color, radius, mask = map(box.of, known)
+    mask = mask.bool()
+    color = torch.where(mask, color.to(dtype), 0.0)
+    return HiddenLayer(color, torch.where(mask, radius.to(dtype), signed_radius), mask)
 
 
 def separated(

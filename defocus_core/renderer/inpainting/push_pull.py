@@ -124,8 +124,8 @@ def _weighed(
 ) -> tuple[Tensor, Tensor]:
     """Values [K, n] of coarse pixels by weights, and weights [n]; 0 for radii beyond `limits`."""
     values, weight, minimum, _ = sheet.select(coarse_pixel).parts
-    between = torch.minimum(minimum - limits[0], limits[1] - minimum).gt_(0)
-    weight = fraction * weight * between
+    between = (minimum > limits[0]) & (minimum < limits[1])
+    weight = torch.where(between, fraction * weight, 0.0)
     return values * weight, weight
 
 

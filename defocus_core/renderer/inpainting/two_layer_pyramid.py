@@ -201,7 +201,7 @@ def _dense(
     weighed = first.data[:-2]
     if not pyramid_level.whole:
         weighed = weighed.clone()
-        weighed[:-1] *= first.weight
+        weighed[:-1].mul_(first.weight)
     sums = (pulled if overlapping else halved)(coarse(weighed, 0.0), odd)
     sums = sums.reshape(len(weighed), -1)
     values, weight = sums[:-1], sums[-1]

@@ -40,30 +40,30 @@ class Planes:
         every, all_blocks = list(range(len(blocks))), slice(None)
         self._everywhere = self._common(every, all_blocks, all_blocks)
 
-    def slopes(self, layer_indices: list[int], box: Box) -> list[tuple[float, float] | None]:
+    def slopes(self, slice_indices: list[int], box: Box) -> list[tuple[float, float] | None]:
         """The slopes of slices, x and y; None for a slice of several slopes within the rectangle.
 
         Args:
-            layer_indices: Numbers of slices that have pixels in the rectangle.
+            slice_indices: Numbers of slices that have pixels in the rectangle.
             box: The rectangle.
         """
-        everywhere = [self._everywhere[number] for number in layer_indices]
+        everywhere = [self._everywhere[number] for number in slice_indices]
         if None not in everywhere:
             return everywhere
         rows, columns = (
             slice(max(side.first // BLOCK, 0), -(-side.end // BLOCK)) for side in box.sides
         )
-        local = self._common(layer_indices, rows, columns)
+        local = self._common(slice_indices, rows, columns)
         return [common or in_window for common, in_window in zip(everywhere, local, strict=True)]
 
     def _common(
-        self, layer_indices: list[int], rows: slice, columns: slice
+        self, slice_indices: list[int], rows: slice, columns: slice
     ) -> list[tuple[float, float] | None]:
         """The slopes of slices, x and y, in a rectangle of blocks; None if there are several."""
         lowest, highest = (x[:, rows, columns] for x in (self._lowest, self._highest))
         if not lowest.numel():
-            return [None] * len(layer_indices)
-        occupied = self._blocks[layer_indices, rows, columns][:, None]
+            return [None] * len(slice_indices)
+        occupied = self._blocks[slice_indices, rows, columns][:, None]
         low = torch.where(occupied, lowest, torch.inf).flatten(2).amin(2)
         high = torch.where(occupied, highest, -torch.inf).flatten(2).amax(2)
         same = (high - low <= _SAME).all(1) & (low < torch.inf).all(1)  # infinite: no block

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -9,7 +10,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.layers.matting import Unmixed
-from defocus_core.renderer.layers.slice_radii import slice_position
+from defocus_core.renderer.layers.slice_radii import membership, slice_position
 from defocus_core.renderer.layers.subpixel_shifts import Shifts
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.sparse_masks import flat_nonzero
@@ -80,6 +81,9 @@ class SurfaceSamples(NamedTuple):
             at = torch.stack([y + above * box.height, x], 1)
             number = flat_nonzero(inside)
             at, extra, radius = (each.index_select(0, number) for each in (at, extra, radius))
+        further = [(box.of(layer), slice_position(box.of(r), radii)) for layer, r in others]
+        if len(further) > len(radii):
+            further = _of_slices(further)
         return cls(
             box.of(pixels.color),
             None if coverage is None else box.of(coverage),
@@ -89,5 +93,18 @@ class SurfaceSamples(NamedTuple):
             slice_position(radius, radii),
             slopes,
             shifts,
-            [(box.of(layer), slice_position(box.of(radius), radii)) for layer, radius in others],
+            further,
         )
+
+
+def _of_slices(sheets: list[Sheet]) -> list[Sheet]:
+    """Samples of many sheets, at positions, summed to one sheet for each slice that holds any."""
+    sums: dict[int, Tensor] = {}
+    for layer, positions in sheets:
+        present = positions.detach()[layer[-1] != 0]
+        if not len(present):
+            continue
+        for k in range(math.floor(present.min()), math.ceil(present.max()) + 1):
+            part = layer * membership(positions, positions.new_tensor([k]))
+            sums[k] = sums[k] + part if k in sums else part
+    return [(layer, torch.full_like(layer[0], k)) for k, layer in sums.items()]

@@ -7,6 +7,7 @@ belongs to both, by weights that sum to one and keep the second moment of its bl
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -70,7 +71,7 @@ def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float
 
 
 def quantisation(minimum: float, maximum: float, quality: str) -> float:
-    """The greatest distance in px from the radius of a pixel to the nearest rung: half a step.
+    """The greatest distance in px from the radius of a pixel to the nearest slice: half a step.
 
     A pixel belongs to the slices on both sides, so that its blur has the right width in any case.
     If the quality renders at half size, the rounding to coarse pixels adds half a px.
@@ -174,6 +175,7 @@ class _QuadraticPiece(NamedTuple):
     c: float
 
 
+@lru_cache(maxsize=8)
 def _pieces(radii: tuple[float, ...]) -> list[_QuadraticPiece]:
     """The pieces of the function from radii to shares, in ascending order."""
     pieces = []

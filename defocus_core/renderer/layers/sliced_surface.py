@@ -139,7 +139,11 @@ class Surface:
     def _framed(self, channels: list[Tensor]) -> Tensor:
         """Channels [n, ..., H, W], one after another, continued in a frame of zeros."""
         pictures, size = channels[0].shape[1:-2], self._framed_box[2:]
-        framed = channels[0].new_zeros(sum(map(len, channels)), *pictures, *size)
+        framed = channels[0].new_empty(sum(map(len, channels)), *pictures, *size)
+        own = self._own.seen_from(self._framed_box)
+        for dim, side in zip((-2, -1), own.sides, strict=True):
+            framed.narrow(dim, 0, side.first).zero_()
+            framed.narrow(dim, side.end, framed.shape[dim] - side.end).zero_()
         given, first = self._unframed(self._given, framed), 0
         for values in channels:
             given[first : first + len(values)].copy_(values)

@@ -32,8 +32,11 @@ _NEAR, _FAR = 1.0, 0.1
 _PIXELS_AT_ONCE = 1 << 20
 # Share of a pixel up to which an opaque sample may leave it clear.
 _CLEAR = 0.01
+# Samples of a pixel up to which each is compared with all others: a sort of few strides, and is
+# slow.
+_FEW_SAMPLES = 8
 # Samples that fewer than one in so many pixels have are listed.
-_FEW = 10
+_LISTED = 10
 
 
 class Layered(NamedTuple):
@@ -144,7 +147,7 @@ class Layered(NamedTuple):
         there = coverage > 0
         distance = torch.where(there, radius.detach(), torch.inf)
         if bool((distance[1:] < distance[:-1]).any()):
-            order = _ascending(distance)
+            order = ascending(distance)
             radius = radius.gather(0, order)
             color = color.gather(0, order[:, None].expand_as(color))
         maximum = max(1, int(there.sum(0).amax()))
@@ -197,22 +200,26 @@ class SampleStack(NamedTuple):
         """What samples of nearer surfaces in the same pixel hide; None if nothing is hidden."""
         if len(self.color) == 1:
             return None
-        weights = torch.stack([self._behind(k) for k in range(len(self.color))])
+        weights = self._hidden_weights()
         if not bool((weights * self.color[:, -1] > _MINIMUM).any()):
             return None
         return self._weighted(weights)
 
-    def _behind(self, k: int) -> Tensor:
-        """The share [h, w] of sample k that nearer surfaces hide, but not its own surface."""
-        not_hidden, radius = torch.ones_like(self.through[0]), self.signed_radius[k]
-        at_once = max(1, _PIXELS_AT_ONCE // not_hidden.numel())
-        for first in range(0, k, at_once):
-            some = slice(first, min(first + at_once, k))
-            nearer = self.signed_radius[some]
-            step = _NEAR + _FAR * torch.maximum(nearer.abs(), radius.abs())
-            apart = (2 * (radius - nearer) / step - 1).clamp(0, 1)
-            not_hidden = not_hidden * (1 - self.color[some, -1] * (1 - apart)).prod(0)
-        return (not_hidden - self.through[k]).clamp(min=0)
+    def _hidden_weights(self) -> Tensor:
+        """The share [L, h, w] of each sample that nearer surfaces hide, but not its own surface."""
+        radii, cover = self.signed_radius, self.color[:, -1]
+        weights, first = [], 0
+        at_once = max(1, _PIXELS_AT_ONCE // radii[0].numel())
+        for k, radius in enumerate(radii):
+            while k - first > _FEW_SAMPLES and bool((_apart(radius, radii[first]) > 1).all()):
+                first += 1  # another surface, and so it is for all samples farther than this one
+            not_hidden = torch.ones_like(radius)
+            for start in range(first, k, at_once):
+                some = slice(start, min(start + at_once, k))
+                own = 1 - _apart(radius, radii[some]).clamp(0, 1)
+                not_hidden = not_hidden * (1 - cover[some] * own).prod(0)
+            weights.append((not_hidden - self.through[k]).clamp(min=0))
+        return torch.stack(weights)
 
     def _weighted(self, weights: Tensor) -> Sampled:
         """The samples times weights [L, h, w]."""
@@ -224,7 +231,7 @@ class SampleStack(NamedTuple):
         parts, others = [_fringe(self._layer(0, weights), nothing, self.signed_radius[0])], []
         for k in range(1, len(weights)):
             layer = self._layer(k, weights)
-            if int((coverage[k] > _MINIMUM).sum()) * _FEW > coverage[k].numel():
+            if int((coverage[k] > _MINIMUM).sum()) * _LISTED > coverage[k].numel():
                 others.append((layer, self.signed_radius[k]))
             else:
                 parts.append(_fringe(layer, coverage[k], self.signed_radius[k]))
@@ -248,6 +255,12 @@ class Sampled(NamedTuple):
 
     nearest: Unmixed
     others: list[Sheet]
+
+
+def _apart(radius: Tensor, nearer: Tensor) -> Tensor:
+    """Up to 0 where radii [..., h, w] px are of one surface, from 1 on of two."""
+    step = _NEAR + _FAR * torch.maximum(nearer.abs(), radius.abs())
+    return 2 * (radius - nearer) / step - 1
 
 
 def _fringe(layer: Tensor, coverage: Tensor, signed_radius: Tensor) -> Fringe:
@@ -291,8 +304,10 @@ class _RadiiOf(Derived):
         return torch.where(farthest > -nearest, farthest, nearest)
 
 
-def _ascending(values: Tensor) -> Tensor:
-    """The stable order of values [L, h, w] along L: a sort of few values strides, and is slow."""
+def ascending(values: Tensor) -> Tensor:
+    """The stable order of values [L, h, w] along L."""
+    if len(values) > _FEW_SAMPLES:
+        return values.movedim(0, -1).sort(dim=-1, stable=True)[1].movedim(-1, 0)
     rank = torch.zeros(values.shape, dtype=torch.long, device=values.device)
     for k in range(1, len(values)):
         after = values[:k] <= values[k]

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from defocus_core.errors import DefocusError
 from defocus_core.io.array_files.containers import container_type
 from defocus_core.io.arrays import IN_MEMORY, bands
+from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
 from defocus_core.io.depth_formats.file_types import read_numbers
 from defocus_core.io.depth_formats.photo_depth import is_heic, is_jpeg
 from defocus_core.io.depth_formats.reading import DepthReading
-from defocus_core.io.depth_formats.samples import DepthNumbers
 from defocus_core.io.depth_formats.table import ROWS
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.images.describe import FileInfo

@@ -16,13 +16,13 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import DefocusError, InputError
 from defocus_core.io.array_files.containers import container_type
 from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.exr.channel_choice import NO_DEPTH, choose_color, choose_depth, require_part
 from defocus_core.io.exr.deep_samples import summary
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.views import in_view
 from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.describe import FileInfo, PartInfo, describe
-from defocus_core.io.images.exr_channels import NO_DEPTH, choose_color, choose_depth, require_part
 from defocus_core.io.images.raster import choose_page
 from defocus_core.io.safe_files import read_head
 from defocus_core.reports.inspection.depth_evidence import (

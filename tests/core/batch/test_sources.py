@@ -14,16 +14,14 @@ from elsewhere import NAME, elsewhere, here, there
 from torch import Tensor
 
 from defocus_core.batch.sources import (
-    chosen,
     layer_windows,
     lone_window,
-    plus,
     to_array,
     to_device,
-    transposed,
     windows,
 )
 from defocus_core.io.arrays import computed, stacked, times
+from defocus_core.tensors.derived import chosen, plus, transposed
 
 VALUES = np.arange(12, dtype=np.float32).reshape(3, 4)
 

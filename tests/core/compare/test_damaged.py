@@ -17,7 +17,7 @@ from defocus_core.compare.record import UNREADABLE, CompareSettings
 from defocus_core.compare.thresholds import Rules
 from defocus_core.io.safe_files import quiet
 
-SEED, CASES = 20, 3000
+SEED = 20
 DEEP = b"\x02\x08\0\0"  # flags of a deep OpenEXR file
 
 
@@ -48,12 +48,13 @@ def decoded(path: Path) -> list[Any]:
         ]
 
 
+@pytest.mark.parametrize("cases", [200, pytest.param(3000, marks=pytest.mark.bench)])
 def test_a_damaged_file_is_the_same_only_if_its_pixels_are(
-    sound: tuple[Path, dict[str, bytes]], tmp_path: Path
+    cases: int, sound: tuple[Path, dict[str, bytes]], tmp_path: Path
 ) -> None:
     folder, files = sound
     passed = 0
-    for index in range(CASES):
+    for index in range(cases):
         name, data = fuzzing.case(files, SEED, index)
         bad = tmp_path / f"bad{Path(name).suffix}"
         bad.write_bytes(data)
@@ -62,7 +63,7 @@ def test_a_damaged_file_is_the_same_only_if_its_pixels_are(
             old, new = decoded(folder / name), decoded(bad)
             assert len(old) == len(new), (index, name)
             assert all(map(np.array_equal, old, new)), (index, name)
-    assert passed < 0.1 * CASES
+    assert passed < 0.1 * cases
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.99])

@@ -290,3 +290,13 @@ def test_a_blur_that_keeps_what_is_sharp_is_another_coc(a: Path, tmp_path: Path)
     assert [f.text for f in compared(a, b).findings] == [
         "another CoC or bokeh shape: blurred more in places, less in others"
     ]
+
+
+@pytest.mark.parametrize("light", [True, False], ids=["beside light", "alone"])
+def test_depth_is_multiplied_or_offset_and_not_exposed(light: bool, tmp_path: Path) -> None:
+    color = planes(scene()) if light else {}
+    depth = 1 + 4 * scene()[..., 0].clip(0, 1)
+    a = write_planes(tmp_path / "a.exr", {**color, "Z": depth})
+    for change, text in ((depth * 1000, "multiplied: Z x 1000"), (depth + 2, "offset: Z +2")):
+        b = write_planes(tmp_path / "b.exr", {**color, "Z": change.astype(np.float32)})
+        assert [f.text for f in compared(a, b).findings] == [text]

@@ -7,9 +7,9 @@ import numpy as np
 import OpenEXR
 import pytest
 import torch
-from streams import Windows
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, interpolate
+from windows import Windows
 
 from defocus_core import GuidedDepth
 

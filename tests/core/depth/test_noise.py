@@ -9,7 +9,8 @@ from defocus_core import render
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.noise import AROUND, without_noise
 from defocus_core.evaluation.synthetic_scenes import scenery
-from defocus_core.renderer.stream import Stream
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.tensors import derived
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.derived import Repaired
@@ -167,7 +168,7 @@ def test_what_is_held_and_what_is_made_again_are_alike(monkeypatch: pytest.Monke
     whole = render(image, radius).render
     for maximum in (0, 1 << 22):
         monkeypatch.setattr(derived, "_HELD", maximum)
-        stream = Stream(image, Lazily(radius))
-        assert stream.repair.noise == pytest.approx(0.3, rel=0.1)
-        for part in stream.regions():
+        renderer = Renderer(Scene(image, Lazily(radius)))
+        assert renderer.repair.noise == pytest.approx(0.3, rel=0.1)
+        for part in renderer.tiles():
             assert torch.equal(part.render, part.box.of(whole))

@@ -7,14 +7,15 @@ from functools import partial
 
 import pytest
 import torch
-from streams import Windows, put_together, same
 from torch import Tensor
+from windows import Windows, put_together, same
 
 from defocus_core import DefocusLens, RandomDefocus, diagnose_depth, render
 from defocus_core.depth.repair import repaired
 from defocus_core.evaluation.synthetic_scenes import scenery
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.stream import Stream
 from defocus_core.tensors import derived
 
 SIZE = (200, 260)
@@ -91,8 +92,10 @@ def test_windows_are_repaired_as_the_whole(
     whole = render(image, radius, quality=quality)
     monkeypatch.setattr(derived, "_HELD", 0)
     for hold in (False, True):
-        stream = Stream(Windows(image), Windows(radius), Settings(quality=quality), hold=hold)
-        assert same(put_together(stream), whole)
+        renderer = Renderer(
+            Scene(Windows(image), Windows(radius)), Settings(quality=quality), hold=hold
+        )
+        assert same(put_together(renderer), whole)
 
 
 def test_radii_are_read_once_to_be_repaired_where_there_is_room(
@@ -103,14 +106,14 @@ def test_radii_are_read_once_to_be_repaired_where_there_is_room(
     read = {}
     for hold in (False, True):
         radii = Windows(radius)
-        put_together(Stream(Windows(image), radii, hold=hold))
+        put_together(Renderer(Scene(Windows(image), radii), hold=hold))
         read[hold] = radii.looked_at / radius.numel()
     assert read[True] < 7 < read[False]
 
 
 def test_repair_off_diagnoses_nothing() -> None:
     for make in DAMAGED.values():
-        assert not any(Stream(*make(), Settings(depth_repair="off")).repair)
+        assert not any(Renderer(Scene(*make()), Settings(depth_repair="off")).repair)
 
 
 def test_a_lens_takes_the_switch() -> None:

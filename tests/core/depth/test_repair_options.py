@@ -4,16 +4,17 @@ import math
 
 import pytest
 import torch
-from streams import Windows
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, pad
+from windows import Windows
 
 from defocus_core import DepthRepair, render
 from defocus_core.depth.repair import repaired
 from defocus_core.depth.repair_options import repair_options
 from defocus_core.evaluation.synthetic_scenes import scenery
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.stream import Stream
 from defocus_core.tensors import derived
 
 SIZE = (160, 200)
@@ -85,16 +86,16 @@ def test_a_door_takes_both() -> None:
 @pytest.mark.parametrize("width", [4, 6, 9, 14])
 def test_the_width_of_soft_edges_is_recorded(width: int) -> None:
     image, radius = softened(width)
-    assert Stream(image, radius).repair.edge_width == pytest.approx(width, abs=0.5)
-    assert Stream(image, radius, Settings(edge_width=17.0)).repair.edge_width == 17
+    assert Renderer(Scene(image, radius)).repair.edge_width == pytest.approx(width, abs=0.5)
+    assert Renderer(Scene(image, radius), Settings(edge_width=17.0)).repair.edge_width == 17
 
 
 def test_the_width_is_that_of_most_edges() -> None:
     image, radius = scenery("cards", *SIZE, 24.0)
     around = pad(radius[None, None], (3, 3, 3, 3), mode="replicate")
     soft = avg_pool2d(around, 7, stride=1)[0, 0]
-    assert Stream(image, soft).repair.edge_width == pytest.approx(7, abs=1.5)
-    assert Stream(image, radius).repair == DepthRepair()
+    assert Renderer(Scene(image, soft)).repair.edge_width == pytest.approx(7, abs=1.5)
+    assert Renderer(Scene(image, radius)).repair == DepthRepair()
 
 
 def test_the_share_of_changed_pixels_is_recorded() -> None:
@@ -108,13 +109,14 @@ def test_a_large_picture_has_one_share_in_memory_and_on_disk(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     image, radius = softened(9)
-    exact = Stream(image, radius).repair.fraction
+    exact = Renderer(Scene(image, radius)).repair.fraction
     monkeypatch.setattr(derived, "_HELD", 100)
     monkeypatch.setattr(derived, "_SIDE", 8)
     shares = {
-        Stream(Windows(image), Windows(radius), hold=hold).repair.fraction for hold in (True, False)
+        Renderer(Scene(Windows(image), Windows(radius)), hold=hold).repair.fraction
+        for hold in (True, False)
     }
-    assert shares == {Stream(image, radius).repair.fraction}
+    assert shares == {Renderer(Scene(image, radius)).repair.fraction}
     assert shares.pop() == pytest.approx(exact, rel=0.3)
 
 

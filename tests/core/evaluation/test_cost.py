@@ -12,8 +12,9 @@ import torch
 
 from defocus_core.evaluation.cost import cost, memory_bound
 from defocus_core.evaluation.synthetic_scenes import KINDS, scenery
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.stream import Stream
 
 SIZE = (200, 300)
 # Renders a scene in a process of its own, and prints the most that it held beyond what it began
@@ -23,7 +24,8 @@ import sys, torch
 from defocus_core.evaluation.cost import memory_bound
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.stream import Stream
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.system import memory
 
 torch.set_num_threads(1)
@@ -32,30 +34,30 @@ kind, height, width, radius, quality, pair, threads = sys.argv[1:]
 threads, views = int(threads), pair == "pair"
 settings = Settings(quality=quality, left_right=views, threads=threads)
 small = scenery(kind, 64, 96, 4.0)
-for _ in Stream(small[0], small[1], settings).regions():
+for _ in Renderer(Scene(small[0], small[1]), settings).tiles():
     pass
 image, radii = scenery(kind, int(height), int(width), float(radius))[:2]
 memory.reset_peak()
 before = memory.held_mb()
-stream = Stream(image, radii, settings)
-bound = memory_bound(stream, threads, threads)
-for _ in stream.regions():
+renderer = Renderer(Scene(image, radii), settings)
+bound = memory_bound(renderer, threads, threads)
+for _ in renderer.tiles():
     pass
 print(1e6 * (memory.peak_mb() - before), bound)
 """
 
 
-def stream(kind: str, radius: float = 8.8, **options: Any) -> Stream:
+def prepared(kind: str, radius: float = 8.8, **options: Any) -> Renderer:
     image, signed_radius = scenery(kind, *SIZE, radius)[:2]
-    return Stream(image, signed_radius, Settings(**options))
+    return Renderer(Scene(image, signed_radius), Settings(**options))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("quality", ["draft", "standard"])
 def test_slices_and_tiles_are_those_of_the_rendering(kind: str, quality: str) -> None:
-    picture = stream(kind, quality=quality)
+    picture = prepared(kind, quality=quality)
     found = cost(picture)
-    for _ in picture.regions():
+    for _ in picture.tiles():
         pass
     for name in ("slices", "tiles", "slice_tiles"):
         assert getattr(found, name) == picture.stats[name]
@@ -64,26 +66,26 @@ def test_slices_and_tiles_are_those_of_the_rendering(kind: str, quality: str) ->
 
 
 def test_work_grows_with_blur_views_quality_and_hidden_content() -> None:
-    plane = cost(stream("plane")).work
-    assert cost(stream("plane", radius=0.2)).work < plane
-    assert cost(stream("plane", left_right=True)).work > plane
-    assert cost(stream("plane", quality="high")).work > plane
-    assert min(cost(stream(kind)).work for kind in ("floor", "cards")) > plane
+    plane = cost(prepared("plane")).work
+    assert cost(prepared("plane", radius=0.2)).work < plane
+    assert cost(prepared("plane", left_right=True)).work > plane
+    assert cost(prepared("plane", quality="high")).work > plane
+    assert min(cost(prepared(kind)).work for kind in ("floor", "cards")) > plane
 
 
 def test_memory_grows_with_regions_at_once_threads_and_views() -> None:
     large = scenery("cards", 1100, 2000, 8.8)
-    one = Stream(large[0], large[1])
+    one = Renderer(Scene(large[0], large[1]))
     assert memory_bound(one, 2, 2) > memory_bound(one, 2, 1) > memory_bound(one, 1, 1)
-    assert memory_bound(stream("cards", left_right=True), 1, 1) > memory_bound(
-        stream("cards"), 1, 1
+    assert memory_bound(prepared("cards", left_right=True), 1, 1) > memory_bound(
+        prepared("cards"), 1, 1
     )
 
 
 def test_double_precision_takes_twice_the_memory() -> None:
     image, radius = (part.double() for part in scenery("cards", *SIZE, 8.8)[:2])
-    double = memory_bound(Stream(image, radius), 1, 1)
-    assert 1.4 < double / memory_bound(stream("cards"), 1, 1) <= 2.0
+    double = memory_bound(Renderer(Scene(image, radius)), 1, 1)
+    assert 1.4 < double / memory_bound(prepared("cards"), 1, 1) <= 2.0
 
 
 @pytest.mark.skipif(
@@ -115,11 +117,11 @@ def test_work_tells_seconds_within_a_factor_of_two(kind: str, quality: str) -> N
     def seconds_per_unit(kind: str, quality: str) -> float:
         image, radius = scenery(kind, 540, 960, 16.0)[:2]
         settings = Settings(quality=quality)
-        picture = Stream(image, radius, settings)
+        picture = Renderer(Scene(image, radius), settings)
         times = []
         for _ in range(3):
             start = time.process_time()
-            for _ in Stream(image, radius, settings).regions():
+            for _ in Renderer(Scene(image, radius), settings).tiles():
                 pass
             times.append(time.process_time() - start)
         return min(times) / cost(picture).work

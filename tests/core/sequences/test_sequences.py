@@ -5,8 +5,9 @@ import torch
 
 from defocus_core import DepthRepair, render
 from defocus_core.depth.edge_shifts import EdgeShifts
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.stream import Stream
 from defocus_core.sequences.motion import Frame, approached, chained, positions
 from defocus_core.sequences.seen_behind import seen_behind
 from defocus_core.sequences.shot_repair import agreed_repair, repair_through
@@ -58,7 +59,7 @@ def test_a_decided_repair_is_the_one_that_is_made() -> None:
     image, radius = texture(), noisy(1)
 
     def rendered(settings: Settings) -> torch.Tensor:
-        return torch.cat([part.render for part in Stream(image, radius, settings).regions()])
+        return torch.cat([part.render for part in Renderer(Scene(image, radius), settings).tiles()])
 
     decided = rendered(Settings(decided=DepthRepair(noise=0.3)))
     found, none = rendered(Settings()), rendered(Settings(decided=DepthRepair()))

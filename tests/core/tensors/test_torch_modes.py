@@ -12,8 +12,9 @@ from torch import Tensor
 
 from defocus_core import DefocusLens, RandomDefocus, Views, render
 from defocus_core.evaluation.synthetic_scenes import scenery
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.stream import Stream
 
 
 @contextmanager
@@ -75,7 +76,9 @@ def test_the_callers_modes_do_not_change_a_picture(mode, quality: str, threads: 
     wanted = pictures(render(image, radius, quality=quality, left_right=True))
     with mode:
         seen = pictures(render(image, radius, quality=quality, left_right=True, threads=threads))
-        parts = list(Stream(image, radius, Settings(quality=quality, threads=threads)).regions())
+        parts = list(
+            Renderer(Scene(image, radius), Settings(quality=quality, threads=threads)).tiles()
+        )
     assert torch.equal(seen, wanted)
     assert all(torch.equal(part.render, part.box.of(wanted[:3])) for part in parts)
 

@@ -12,9 +12,10 @@ import pytest
 import torch
 
 from defocus_core import Aperture, DefocusLens, Distribution, HiddenLayer, RandomDefocus, render
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.layers.slice_radii import cheapest_within, quantisation
-from defocus_core.renderer.stream import Stream
 
 IMAGE, RADIUS = torch.rand(3, 12, 16), torch.linspace(-2, 3, 16).expand(12, 16)
 DEPTH = torch.linspace(1e3, 4e3, 16).expand(1, 12, 16)
@@ -28,8 +29,8 @@ def drawn(image: Any = IMAGE[None], depth: Any = DEPTH, seeds: Any = (1,), **ran
     return RandomDefocus(**ranges)(image, depth, seeds)
 
 
-def streamed(image: Any = IMAGE, radius: Any = RADIUS, hidden: Any = None, **options: Any) -> Any:
-    return list(Stream(image, radius, Settings(**options), hidden).regions())
+def tiled(image: Any = IMAGE, radius: Any = RADIUS, hidden: Any = None, **options: Any) -> Any:
+    return list(Renderer(Scene(image, radius, hidden), Settings(**options)).tiles())
 
 
 WRONG: list[tuple[Callable[[], Any], str]] = [
@@ -73,7 +74,7 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: render(IMAGE, RADIUS, left_right="no"), "left_right must be True or False, got 'no'"),
     (lambda: drawn(left_right=None), "left_right must be True or False, got None"),
     (lambda: drawn(max_radius=3.0, depth=-DEPTH), "depth must be positive, .* in 192 of 192"),
-    (lambda: streamed(left_right=2), "left_right must be True or False, got 2"),
+    (lambda: tiled(left_right=2), "left_right must be True or False, got 2"),
     (lambda: Aperture("6"), "blades must be a whole number"),
     (lambda: Aperture(3.5), "blades must be a whole number"),
     (lambda: Aperture(10**6), "blades must be 10000 at most"),
@@ -90,11 +91,11 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: drawn(threads=0), "threads must be at least 1"),
     (lambda: drawn(IMAGE[:0][None]), "image must hold a pixel"),
     (lambda: drawn(depth=DEPTH > 0), "depth must be a number .* got torch.bool"),
-    (lambda: streamed(threads=0), "threads must be at least 1"),
-    (lambda: streamed((255 * IMAGE).byte()), "image must be of floats of torch, got torch.uint8"),
-    (lambda: streamed(IMAGE[:0]), "of a pixel at least"),
-    (lambda: streamed(hidden=(IMAGE, RADIUS, RADIUS[1:])), "hidden must be color, signed_radius"),
-    (lambda: list(Stream(IMAGE, RADIUS).regions(0)), "at_once must be at least 1"),
+    (lambda: tiled(threads=0), "threads must be at least 1"),
+    (lambda: tiled((255 * IMAGE).byte()), "image must be of floats of torch, got torch.uint8"),
+    (lambda: tiled(IMAGE[:0]), "of a pixel at least"),
+    (lambda: tiled(hidden=(IMAGE, RADIUS, RADIUS[1:])), "hidden must be color, signed_radius"),
+    (lambda: list(Renderer(Scene(IMAGE, RADIUS)).tiles(0)), "at_once must be at least 1"),
 ]
 
 
@@ -283,8 +284,8 @@ def test_each_picture_has_memory_of_its_own(count: int, recorded: bool) -> None:
         assert picture.untyped_storage().nbytes() == picture.nbytes
 
 
-def test_a_stream_counts_the_same_each_time() -> None:
-    stream = Stream(IMAGE, RADIUS)
+def test_a_renderer_counts_the_same_each_time() -> None:
+    renderer = Renderer(Scene(IMAGE, RADIUS))
     for _ in range(2):
-        assert len(list(stream.regions())) == 1
-        assert stream.stats["pixels"] == RADIUS.numel()
+        assert len(list(renderer.tiles())) == 1
+        assert renderer.stats["pixels"] == RADIUS.numel()

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 from records import record
+from refusals import refuses
 
 from defocus_core.batch.datasets import tar_shards
 from defocus_core.batch.lenses.quantities import QuantityError, byte_count
-from defocus_core.errors import InputError
 
 LARGE = 10**9
 
@@ -108,7 +108,7 @@ def test_a_shard_is_packed_again_only_if_something_of_it_changed(tmp_path: Path)
 def test_an_output_that_is_gone_is_told_and_no_shard_is_begun(tmp_path: Path) -> None:
     records = [record(tmp_path, name) for name in "ab"]
     (tmp_path / "coc" / "b.exr").unlink()
-    with pytest.raises(InputError, match=r"coc/b\.exr: cannot be packed: No such file"):
+    with refuses("unreadable"):
         tar_shards.write(tmp_path, records, LARGE)
     assert not list(tmp_path.glob("shards/*"))
 
@@ -116,7 +116,7 @@ def test_an_output_that_is_gone_is_told_and_no_shard_is_begun(tmp_path: Path) ->
 def test_an_output_that_shrinks_while_it_is_packed_leaves_no_shard(tmp_path, monkeypatch) -> None:
     records = [record(tmp_path, "a")]
     monkeypatch.setattr(tar_shards, "_size", lambda out, name: (out / name).stat().st_size + 1)
-    with pytest.raises(InputError, match="changed while it was packed"):
+    with refuses("changed"):
         tar_shards.write(tmp_path, records, LARGE)
     assert not list(tmp_path.glob("shards/*"))
 

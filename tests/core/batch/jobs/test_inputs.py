@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 from jobs_files import FIXED, jobs, names, touch
+from refusals import refuses, refuses_as
 
 from defocus_core.batch.jobs.inputs import read_inputs
 from defocus_core.batch.jobs.job import Picture
 from defocus_core.batch.jobs.toml_file import Table
-from defocus_core.errors import DefocusError, InputError, UsageProblem
 from defocus_core.io.wildcards import matching
 
 
@@ -46,7 +46,7 @@ def test_a_folder_that_cannot_be_looked_into_is_not_passed_over(
     touch(tmp_path, "s0/rgb/a.exr", "s1/rgb/a.exr")
     access = os.access
     monkeypatch.setattr(os, "access", lambda path, mode: path != tmp_path / closed)
-    with pytest.raises(InputError, match=f"{tmp_path / closed}: cannot be looked into; check its"):
+    with refuses("unreadable"):
         list(matching(tmp_path, "*/rgb/*.exr"))
     monkeypatch.setattr(os, "access", access)
     assert len(list(matching(tmp_path, "*/rgb/*.exr"))) == 2
@@ -88,7 +88,7 @@ def test_links_that_lead_in_a_circle_are_refused(tmp_path: Path) -> None:
     for number in (1, 2):
         (tmp_path / f"a/to_b{number}").symlink_to(tmp_path / "b")
         (tmp_path / f"b/to_a{number}").symlink_to(tmp_path / "a")
-    with pytest.raises(InputError, match="is a symbolic link to a folder that it is in; remove"):
+    with refuses("circular-link"):
         jobs(tmp_path, FIXED, inputs='color = "**/*.exr"')
 
 
@@ -144,77 +144,80 @@ def test_tables_and_lists_and_patterns_come_one_after_another(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("inputs", "words"),
+    ("inputs", "refusal"),
     [
-        ('colour = "a"', r"jobs\.toml: \[inputs\]: unknown key 'colour'; did you mean color\?"),
-        ("", r"\[inputs\]: names no picture; write"),
-        ('depth = "*.exr"', r"\[inputs\] depth: stands without color"),
-        ('color = "*.png"\nhidden-depth = "h"', "hidden-depth: stands without hidden-color"),
-        ("color = 7", r"\[inputs\] color: 7 is not a text"),
-        ('color = "no.exr"', r"no\.exr: no such file"),
+        ('colour = "a"', "unknown-name [inputs]"),
+        ("", "empty [inputs]"),
+        ('depth = "*.exr"', "missing-option depth"),
+        ('color = "*.png"\nhidden-depth = "h"', "missing-option hidden-depth"),
+        ("color = 7", "malformed color"),
+        ('color = "no.exr"', "not-found"),
         (
             'color = "x*.png"\ndepth = "*.npy"',
-            r"x\*\.png: holds no file of a known type; .* exr, hdr",
+            "empty",
         ),
-        ('color = "*.png"\ndepth = "1.npy"', r"\*\.png: is a pattern but .*1\.npy is a file"),
-        ('color = "*.png"\ndepth = "*.npy"', r"\*\.npy: holds nothing named '2' like .*2\.png"),
-        ('color = "?.jpg"\ndepth = "?.npy"', r"\?\.jpg: holds nothing named '3' like .*3\.npy"),
-        ('color = "[12].*"\ndepth = "*.npy"', r"names both .* '1'"),
-        ('list = "l.txt"', r"l\.txt: is no list of pictures by its name"),
-        ('list = "no.csv"', r"no\.csv: cannot be read: No such file"),
-        ("list = [1]", r"\[inputs\] list: \[1\] does not name files"),
-        ("pictures = 1", r"pictures: is no list of tables; write \[\[inputs\.pictures\]\]"),
-        ('[[inputs.pictures]]\ndepth = "1.npy"', r"pictures\]\] 1: names no color"),
-        ('[[inputs.pictures]]\ncolor = "1.png"', r"pictures\]\] 1: names no depth"),
-        ('[[inputs.pictures]]\ncolor = "9.exr"', r"9\.exr: no such file; paths are relative to"),
-        ('[[inputs.pictures]]\ncolor = "1.png"\ndepht = "1"', r"'depht'; did you mean depth\?"),
-        ('[[inputs.pictures]]\ncolor = "c.exr"\nfokus = "1"', r"'fokus'; did you mean focus\?"),
-        ('[[inputs.pictures]]\ncolor = "c.exr"\nstem = "a/b"', r"stem: 'a/b' cannot name a file"),
-        ('[[inputs.pictures]]\ncolor = "c.exr"\nstem = ""', r"stem: '' cannot name a file"),
-        ('[[inputs.pictures]]\ncolor = "c.exr"\nhidden-depth = "h"', "without hidden-color"),
-        ('[[inputs.pictures]]\ncolor = "c.exr"\nfocus = "2"', r"\]\] 1: focus: '2' has no unit"),
+        ('color = "*.png"\ndepth = "1.npy"', "wrong-type"),
+        ('color = "*.png"\ndepth = "*.npy"', "empty"),
+        ('color = "?.jpg"\ndepth = "?.npy"', "empty"),
+        ('color = "[12].*"\ndepth = "*.npy"', "duplicate"),
+        ('list = "l.txt"', "wrong-type"),
+        ('list = "no.csv"', "not-found"),
+        ("list = [1]", "malformed list"),
+        ("pictures = 1", "malformed pictures"),
+        ('[[inputs.pictures]]\ndepth = "1.npy"', "empty [[inputs.pictures]] 1"),
+        ('[[inputs.pictures]]\ncolor = "1.png"', "empty [[inputs.pictures]] 1"),
+        ('[[inputs.pictures]]\ncolor = "9.exr"', "not-found [[inputs.pictures]] 1"),
+        ('[[inputs.pictures]]\ncolor = "1.png"\ndepht = "1"', "unknown-name [[inputs.pictures]] 1"),
+        ('[[inputs.pictures]]\ncolor = "c.exr"\nfokus = "1"', "unknown-name [[inputs.pictures]] 1"),
+        ('[[inputs.pictures]]\ncolor = "c.exr"\nstem = "a/b"', "malformed stem"),
+        ('[[inputs.pictures]]\ncolor = "c.exr"\nstem = ""', "malformed stem"),
+        (
+            '[[inputs.pictures]]\ncolor = "c.exr"\nhidden-depth = "h"',
+            "missing-option [[inputs.pictures]] 1",
+        ),
+        ('[[inputs.pictures]]\ncolor = "c.exr"\nfocus = "2"', "malformed focus"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place(tmp_path: Path, inputs: str, words: str) -> None:
+def test_what_is_wrong_is_told_with_its_place(tmp_path: Path, inputs: str, refusal: str) -> None:
     touch(tmp_path, "1.png", "1.jpg", "2.png", "1.npy", "3.npy", "c.exr", "l.txt")
-    with pytest.raises(DefocusError, match=words):
+    with refuses_as(refusal):
         jobs(tmp_path, FIXED, inputs=inputs or "\n")
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "words"),
+    ("name", "text", "refusal"),
     [
-        ("l.csv", "", "l.csv: is empty"),
-        ("l.csv", "color,depth\n", "l.csv: has no row"),
-        ("l.csv", "color,color\n", "line 1: names 'color' twice"),
-        ("l.csv", "color\nc.exr\nb.exr,x\n", "line 3: has 2 cells, but the header names 1"),
-        ("l.csv", "color\n'c.exr\n\"b", "line 3: is not CSV"),
+        ("l.csv", "", "empty"),
+        ("l.csv", "color,depth\n", "empty"),
+        ("l.csv", "color,color\n", "duplicate line 1"),
+        ("l.csv", "color\nc.exr\nb.exr,x\n", "malformed line 3"),
+        ("l.csv", "color\n'c.exr\n\"b", "malformed line 3"),
         (
             "l.csv",
             "color,speed\nc.exr,9\n",
-            "line 2: unknown key 'speed'; a row knows focal-length",
+            "unknown-name line 2",
         ),
-        ("l.csv", "color,fnumber\nc.exr,2\nb.exr,f/x\n", "line 3: fnumber: 'x' is not"),
-        ("l.csv", 'color,focus,focus-at\nc.exr,2m,"1,1"\n', "line 2: focus: contradicts focus-at"),
-        ("l.csv", "color\nc.exr\nd/c.exr\n", "line 3: has the same name as that of .*line 2, 'c'"),
-        ("l.jsonl", '{"color": "c.exr"}\n{"color"\n', "line 2: is not JSON"),
-        ("l.jsonl", "[1]\n", "line 1: is no JSON object"),
-        ("l.jsonl", '{"color": ["c.exr"]}\n', r"line 1: color: \['c\.exr'\] is not a path"),
-        ("l.jsonl", "\xff".encode("latin-1").decode("latin-1"), "line 1: is not JSON"),
+        ("l.csv", "color,fnumber\nc.exr,2\nb.exr,f/x\n", "malformed fnumber"),
+        ("l.csv", 'color,focus,focus-at\nc.exr,2m,"1,1"\n', "contradiction focus"),
+        ("l.csv", "color\nc.exr\nd/c.exr\n", "duplicate line 3"),
+        ("l.jsonl", '{"color": "c.exr"}\n{"color"\n', "malformed line 2"),
+        ("l.jsonl", "[1]\n", "malformed line 1"),
+        ("l.jsonl", '{"color": ["c.exr"]}\n', "malformed color"),
+        ("l.jsonl", "\xff".encode("latin-1").decode("latin-1"), "malformed line 1"),
     ],
 )
 def test_what_is_wrong_in_a_list_is_told_with_its_line(
-    tmp_path: Path, name: str, text: str, words: str
+    tmp_path: Path, name: str, text: str, refusal: str
 ) -> None:
     touch(tmp_path, "c.exr")
     (tmp_path / name).write_text(text)
-    with pytest.raises(DefocusError, match=words):
+    with refuses_as(refusal):
         jobs(tmp_path, FIXED, inputs=f'list = "{name}"')
 
 
 def test_a_list_that_is_no_text_is_refused(tmp_path: Path) -> None:
     (tmp_path / "l.csv").write_bytes(b"color\n\xff\n")
-    with pytest.raises(InputError, match=r"l\.csv: is not UTF-8 text"):
+    with refuses("not-utf-8"):
         jobs(tmp_path, FIXED, inputs='list = "l.csv"')
 
 
@@ -228,7 +231,7 @@ def test_a_picture_may_not_bring_what_is_swept(tmp_path: Path) -> None:
     touch(tmp_path, "b.exr")
     (tmp_path / "l.csv").write_text("color,focus-at\nb.exr,3 4\n".replace("3 4", '"3,4"'))
     sweep = FIXED.replace('focus = "2m"\n', "") + '[sweep]\nfocus = ["1m"]\n'
-    with pytest.raises(UsageProblem, match=r"line 2: focus-at: is in \[sweep\], too"):
+    with refuses("contradiction", field="focus-at"):
         jobs(tmp_path, sweep, inputs='list = "l.csv"')
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from refusals import refuses, refuses_as
 
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.jobs.pairing import find_pictures
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.errors import InputError
 
 
 def touch(folder: Path, *names: str) -> Path:
@@ -42,32 +42,32 @@ def test_one_exr_is_colour_and_depth(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("colors", "depths", "words"),
+    ("colors", "depths", "refusal"),
     [
-        (["1.png", "2.png"], ["1.exr"], r"d: holds nothing named '2' like .*2\.png; name"),
-        (["1.png"], ["1.exr", "3.exr", "4.exr"], r"c: .* '3' like .*3\.exr, nor like 1 more"),
-        (["1.png", "1.jpg"], ["1.exr"], r"names both .*1\.jpg and .*1\.png '1', so"),
-        (["1.png"], ["1.exr", "1.npy"], r"names both .*1\.exr and"),
-        ([], ["1.exr"], "no file of a known type"),
+        (["1.png", "2.png"], ["1.exr"], "empty"),
+        (["1.png"], ["1.exr", "3.exr", "4.exr"], "empty"),
+        (["1.png", "1.jpg"], ["1.exr"], "duplicate"),
+        (["1.png"], ["1.exr", "1.npy"], "duplicate"),
+        ([], ["1.exr"], "empty"),
     ],
 )
 def test_what_does_not_pair_is_named(
-    tmp_path: Path, colors: list[str], depths: list[str], words: str
+    tmp_path: Path, colors: list[str], depths: list[str], refusal: str
 ) -> None:
     color, depth = touch(tmp_path / "c", *colors), touch(tmp_path / "d", *depths)
-    with pytest.raises(InputError, match=words):
+    with refuses_as(refusal):
         find_pictures(color, depth)
 
 
 def test_a_file_does_not_pair_with_a_directory(tmp_path: Path) -> None:
     folder = touch(tmp_path / "c", "1.png")
     for one, other in ((folder, folder / "1.png"), (folder / "1.png", folder)):
-        with pytest.raises(InputError, match="is a directory but"):
+        with refuses("wrong-type"):
             find_pictures(one, other)
 
 
 def test_a_lone_file_that_holds_no_depth_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="second argument"):
+    with refuses("no-depth"):
         find_pictures(touch(tmp_path, "a.png") / "a.png", None)
 
 

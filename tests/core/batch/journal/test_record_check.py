@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from records import record
+from refusals import refuses
 
 from defocus_core.batch.datasets import tar_shards, update
 from defocus_core.batch.journal import run_file
@@ -16,7 +17,6 @@ from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.journal.progress import progress
 from defocus_core.batch.journal.record_check import fault_of
 from defocus_core.batch.journal.revived_jobs import failed_jobs
-from defocus_core.errors import InputError
 
 NEEDED = (
     *("sample_id", "recipe", "status", "reason", "message", "settings", "inputs", "outputs"),
@@ -24,12 +24,12 @@ NEEDED = (
 )
 WRONG: list[tuple[dict[str, Any], str]] = [
     ({"status": "done"}, "has the status 'done', not one of ok, rejected, failed"),
-    ({"status": []}, r"has the status \[\], which is of a wrong type"),
+    ({"status": []}, "has the status [], which is of a wrong type"),
     ({"finished": "yesterday"}, "finished at 'yesterday', which is no time with a zone"),
     ({"finished": "2026-01-01T00:00:00"}, "which is no time with a zone"),
     ({"outputs": {"render": "a.png"}}, "has no path of render"),
     ({"inputs": {"depth": {"path": "z.exr"}}}, "has no colour among its inputs"),
-    ({"size": [4]}, r"has the size \[4\], not two numbers"),
+    ({"size": [4]}, "has the size [4], not two numbers"),
     ({"coc_px": ["a", "b"]}, "not two numbers"),
     ({"seconds": {}}, "has no render"),
     ({"lens": {"fnumber": 2.0}}, "has no focal_length_mm"),
@@ -62,7 +62,7 @@ def test_a_line_that_lacks_a_key_is_named_by_its_number(key: str, tmp_path: Path
     lacking = {name: value for name, value in whole.items() if name != key}
     journal_of(tmp_path, whole, lacking)
     for command in (read_all, progress):
-        with pytest.raises(InputError, match=rf"journal\.jsonl: line 2.* has no {key}; remove"):
+        with refuses("damaged", "line 2", key):
             command(tmp_path)
 
 
@@ -71,9 +71,7 @@ def test_json_that_is_no_record_is_refused_even_as_the_last_line(
     line: object, tmp_path: Path
 ) -> None:
     path = journal_of(tmp_path, record(tmp_path, "a"), line)
-    with pytest.raises(
-        InputError, match=r"line 2 (is broken|is no record of a job|has no sample_id)"
-    ):
+    with refuses("damaged", "line 2"):
         read(path)
 
 
@@ -82,7 +80,7 @@ def test_a_value_that_is_wrong_is_told(
     change: dict[str, Any], message: str, tmp_path: Path
 ) -> None:
     path = journal_of(tmp_path, record(tmp_path, "a", **change))
-    with pytest.raises(InputError, match=f"line 1.*{message}"):
+    with refuses("damaged", "line 1", message):
         read(path)
 
 
@@ -90,14 +88,14 @@ def test_a_value_that_is_wrong_is_told(
 def test_numbers_that_are_no_json_are_refused(key: str, tmp_path: Path) -> None:
     bad = record(tmp_path, "a", **{key: [float("nan"), 1]})
     path = journal_of(tmp_path, bad, record(tmp_path, "b"))
-    with pytest.raises(InputError, match="line 1, of a, is broken"):
+    with refuses("damaged", "line 1"):
         read(path)
 
 
 @pytest.mark.parametrize("path", OUTSIDE)
 def test_an_output_that_is_no_file_of_out_is_refused(path: str, tmp_path: Path) -> None:
     journal = journal_of(tmp_path, record(tmp_path, "b"), record(tmp_path, "a", **output(path)))
-    with pytest.raises(InputError, match=r"line 2, of a, names the output .* no file of a kind"):
+    with refuses("damaged", "line 2", "no file of a kind"):
         read(journal)
 
 
@@ -107,12 +105,12 @@ def test_a_folder_of_outputs_that_is_a_link_is_refused(tmp_path: Path) -> None:
     elsewhere.mkdir()
     journal_of(out, record(tmp_path / "made", "a", ["render"]))
     (out / "render").symlink_to(elsewhere)
-    with pytest.raises(InputError, match=r"line 1.*render is a link, and no folder of OUT"):
+    with refuses("damaged", "render is a link"):
         update.index(out, 1000)
     (out / "render").unlink()
     (out / "here").mkdir()
     (out / "render").symlink_to("here")
-    with pytest.raises(InputError, match="render is a link"):
+    with refuses("damaged", "render is a link"):
         read_all(out)
     (out / "render").unlink()
     assert len(read_all(out)) == 1
@@ -123,7 +121,7 @@ def test_a_link_in_place_of_an_output_is_not_packed(tmp_path: Path) -> None:
     secret = tmp_path / "secret"
     (tmp_path / "render" / "a.png").replace(secret)
     (tmp_path / "render" / "a.png").symlink_to(secret)
-    with pytest.raises(InputError, match=r"a\.png: is a symbolic link, not an output"):
+    with refuses("link", path=tmp_path / "render" / "a.png"):
         tar_shards.write(tmp_path, [sample], 1000)
     assert not list(tmp_path.glob("shards/*.tar"))
 
@@ -144,7 +142,7 @@ def test_settings_that_name_other_files_than_the_outputs_are_not_tried_again(
     (job,) = failed_jobs(Ledger(tmp_path, [failed]), ())
     assert job.names == {"render": "render/a.exr"}
     odd = {**failed, "settings": {**settings, "stem": stem}}
-    with pytest.raises(InputError, match="its settings name other files than its outputs"):
+    with refuses("unreadable"):
         failed_jobs(Ledger(tmp_path, [odd]), ())
 
 
@@ -166,7 +164,7 @@ PLAN = {"begun": "2026-01-01T00:00:00+00:00", "jobs": [["coc/a.exr"]], "unknown"
 )
 def test_a_broken_plan_of_a_run_is_refused(plan: str, tmp_path: Path) -> None:
     run_file.run_path(tmp_path).write_text(plan)
-    with pytest.raises(InputError, match=r"\.journal\.run: is no plan of a run; remove the file"):
+    with refuses("malformed"):
         run_file.planned_files(tmp_path)
 
 

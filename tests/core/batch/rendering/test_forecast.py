@@ -15,6 +15,7 @@ from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.rendering import delivery, forecast, job_steps
 from defocus_core.batch.rendering.forecast import work_per_second  # before tests replace it
+from defocus_core.batch.rendering.inputs import load_inputs
 
 SCENE = Path(__file__).parents[4] / "sample_scenes" / "spheres"
 LENS = Lens(75.0, 1.4, 1600.0, sensor_width=54.0)
@@ -85,7 +86,7 @@ def test_twelve_kinds_of_job_take_what_is_foreseen(
         by_number, errors = forecast.forecasts([job])
         assert not errors, (name, errors)
         foreseen = by_number[0]
-        inputs = job_steps.load_inputs(job)
+        inputs = load_inputs(job)
         start = time.perf_counter()
         delivery.write(job_steps.compute(job, inputs))
         took = time.perf_counter() - start

@@ -27,7 +27,7 @@ from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
 from defocus_core.io import arrays
 from defocus_core.io.arrays import Scratch
 from defocus_core.io.exr import reading, writing
-from defocus_core.renderer import stream
+from defocus_core.renderer.engine import renderer
 from defocus_core.system import memory
 
 KINDS = ",".join(kinds.KINDS)
@@ -306,17 +306,17 @@ def test_tile_sets_the_grid(tmp_path: Path) -> None:
 def out_of_memory(monkeypatch: pytest.MonkeyPatch, fits: int) -> list[int | None]:
     """A device that holds some regions at once; how many are tried on it."""
     tried: list[int | None] = []
-    true_regions = stream.Stream.regions
+    true_tiles = renderer.Renderer.tiles
 
-    def regions(self: stream.Stream, at_once: int | None = None, progress: Any = None) -> Any:
+    def tiles(self: renderer.Renderer, at_once: int | None = None, progress: Any = None) -> Any:
         tried.append(at_once)
-        parts = true_regions(self, at_once, progress)
+        parts = true_tiles(self, at_once, progress)
         if at_once is None or at_once > fits:
             yield next(parts)
             raise torch.OutOfMemoryError
         yield from parts
 
-    monkeypatch.setattr(stream.Stream, "regions", regions)
+    monkeypatch.setattr(renderer.Renderer, "tiles", tiles)
     return tried
 
 

@@ -149,7 +149,6 @@ def test_what_is_being_decoded_ends_before_the_run_does(steps: Steps) -> None:
 def test_jobs_of_one_picture_are_decoded_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from defocus_core.batch.rendering import job_steps
     from defocus_core.batch.rendering.inputs import Inputs
 
     decoded: list[str] = []
@@ -158,7 +157,7 @@ def test_jobs_of_one_picture_are_decoded_once(
         decoded.append(job.picture.stem)
         return Inputs(*[None] * 3)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(job_steps, "load_inputs", load)
+    monkeypatch.setattr(job_result, "load_inputs", load)
     reader = job_result.Reader()
     for name in "aaabba":
         picture = Picture(name, tmp_path / name, tmp_path / name)

@@ -14,9 +14,9 @@ from defocus_core.errors import UsageProblem
 from defocus_core.io.depth_formats.depth import Depth, require_valid
 from defocus_core.io.depth_formats.depth import read_depth as read_any
 from defocus_core.io.depth_formats.reading import DepthReading
+from defocus_core.io.exr.channel_choice import NoDepthChannel
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.color import read_color
-from defocus_core.io.images.exr_channels import NoDepthChannel
 
 INF = np.float32(np.inf)
 

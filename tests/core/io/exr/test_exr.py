@@ -18,11 +18,11 @@ from refusals import refuses
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.exr import reading, writing
+from defocus_core.io.exr.channel_choice import choose_color
 from defocus_core.io.exr.header import read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.windows import Layout
 from defocus_core.io.exr.writing import clamped_half, write_exr
-from defocus_core.io.images.exr_channels import choose_color
 
 
 def test_every_pixel_type_comes_back_bit_for_bit(tmp_path: Path) -> None:

@@ -6,13 +6,12 @@ from torch import Tensor
 
 from defocus_core.renderer.engine.draft_coarse import (
     HalfSize,
-    behind_at_half_size,
     coarse_radii,
     half_size,
+    hidden_at_half_size,
     means,
     surface_radii,
 )
-from defocus_core.renderer.inpainting.known_layer import Behind
 from defocus_core.tensors import derived
 
 
@@ -65,11 +64,11 @@ def test_a_known_layer_in_cells_has_the_known_pixels_of_each_cell() -> None:
     mask = torch.tensor([[True, False, False, False], [True, True, False, False]])
     color = torch.tensor([[[0.3, 99.0, 99.0, 99.0], [0.6, 0.9, 99.0, 99.0]]])
     radius = torch.tensor([[4.0, torch.nan, 9.0, 9.0], [4.2, 4.4, 9.0, 9.0]])
-    coarse = behind_at_half_size(Behind(color, radius, mask), threads=1, hold=False)
-    assert torch.equal(coarse.mask[:], torch.tensor([[True, False]]))
-    assert torch.allclose(coarse.color[...][0], torch.tensor([[0.6, 0.0]]))
-    assert torch.equal(coarse.color[...][1], torch.zeros(1, 2))
-    assert torch.allclose(coarse.signed_radius[:], torch.tensor([[2.1, 0.0]]))
+    colors, radii, known = hidden_at_half_size((color, radius, mask), threads=1, hold=False)
+    assert torch.equal(known[:], torch.tensor([[True, False]]))
+    assert torch.allclose(colors[...][0], torch.tensor([[0.6, 0.0]]))
+    assert torch.equal(colors[...][1], torch.zeros(1, 2))
+    assert torch.allclose(radii[:], torch.tensor([[2.1, 0.0]]))
 
 
 def test_windows_are_cuts_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:

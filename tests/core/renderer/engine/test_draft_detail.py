@@ -59,6 +59,15 @@ def test_beside_a_step_little_rings(low: float) -> None:
     assert float(px.max()) <= 1.0 + 0.25 * low
 
 
+def test_no_pixel_exceeds_the_brightest_that_the_picture_has() -> None:
+    coarse = 0.5 + noise(2, 3, 9, 11) ** 8
+    brightest = float(coarse.max())
+    assert float(pixels_of(coarse).max()) > brightest + 1e-3
+    bounded = doubled(coarse, whole(coarse), brightest)
+    assert float(bounded.max()) <= brightest + 1e-14
+    assert torch.allclose(means(bounded), coarse, atol=1e-14)
+
+
 def test_a_part_is_a_part_of_the_whole() -> None:
     coarse = noise(3, 12, 9)
     px = pixels_of(coarse)

@@ -9,8 +9,7 @@ from torch import Tensor
 
 from defocus_core.renderer.inpainting.disocclusion import DECAY, STEP
 from defocus_core.renderer.inpainting.frame_pyramid import backdrop_of
-from defocus_core.renderer.inpainting.hidden_layers import hidden_layer
-from defocus_core.renderer.inpainting.known_layer import Behind
+from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, hidden_layer
 from defocus_core.renderer.render import render
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.pyramid import axes
@@ -68,7 +67,7 @@ def test_a_sign_in_focus_is_not_tinted_by_the_sky_behind_a_blurred_wire(
     """What is hidden occludes, too: behind the sign goes on the sky, and is not seen there."""
     image, radius = street(wires)
     behind = street(slice(0, 0))
-    hidden = Behind(*behind, torch.ones(SIZE, dtype=torch.bool)) if known else None
+    hidden = HiddenLayer(*behind, torch.ones(SIZE, dtype=torch.bool)) if known else None
     picture = render(image, radius, quality=quality, hidden=hidden).render
     inside = picture[:, 26:38, wires.start - 6 : wires.stop + 6]
     assert inside[0].max() < 1e-3
@@ -94,7 +93,7 @@ def test_nor_is_a_sign_that_is_much_less_blurred_than_the_sky(
     for light in (1.0, 0.2):
         far = torch.where(on_sign, 0.2, light).double().expand(3, *size)
         image = torch.where(on_wire, 0.05, far)
-        hidden = Behind(far, behind, everywhere) if known else None
+        hidden = HiddenLayer(far, behind, everywhere) if known else None
         seen.append(render(image, radius, quality=quality, hidden=hidden).render)
     assert (seen[0] - seen[1])[:, within].abs().max() < 2e-3
 

@@ -10,7 +10,7 @@ import pytest
 from command_line import pair, run
 
 from defocus_core import DefocusError, run_batch, samples
-from defocus_core.batch.datasets.origin import Origin, keep, origin_of
+from defocus_core.batch.jobs.origin import Origin, keep, origin_of
 
 ABOUT = {
     "title": "Blurred | *cups*",

@@ -1,4 +1,4 @@
-"""Pictures read through windows, and put together from the regions of a stream."""
+"""Pictures read through windows, and put together from the regions of a renderer."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from defocus_core import Views
-from defocus_core.renderer.stream import Stream
+from defocus_core.renderer.engine.renderer import Renderer
 
 KINDS = ("render", "left", "right")
 
@@ -36,9 +36,9 @@ class Windows:
         return found
 
 
-def put_together(stream: Stream, at_once: int | None = None) -> dict[str, Tensor]:
-    (H, W), found = stream.size, {}
-    for part in stream.regions(at_once):
+def put_together(renderer: Renderer, at_once: int | None = None) -> dict[str, Tensor]:
+    (H, W), found = renderer.size, {}
+    for part in renderer.tiles(at_once):
         for kind in (*KINDS, "trust"):
             pixels = getattr(part, kind)
             if pixels is not None:

@@ -1,4 +1,4 @@
-"""Streams: the renderers of a job, one for each group of colours and for each direction.
+"""Renderers of a job, one for each group of colours and for each direction.
 
 What lies behind each other is known of layers, as of a deep picture or an element and its plate.
 """
@@ -15,33 +15,27 @@ from defocus_core.batch.elements.layers import layered
 from defocus_core.batch.elements.plate import layers_of
 from defocus_core.batch.look.lamps import lit
 from defocus_core.batch.look.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
-from defocus_core.batch.rendering.colors_apart import (
-    Colors,
-    of_colors,
-    renderings,
-    turned_layer,
-    turned_layers,
-    with_offset,
-)
+from defocus_core.batch.rendering.colors_apart import Colors, renderings
 from defocus_core.batch.rendering.memory_budget import holds_cells, room_on
 from defocus_core.batch.rendering.rendered import Rendered
-from defocus_core.batch.sources import chosen, layer_windows, lone_window, plus, transposed, windows
+from defocus_core.batch.sources import layer_windows, lone_window, windows
 from defocus_core.io.arrays import bands, times
 from defocus_core.io.images.color_planes import Color
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
+    from defocus_core.renderer.engine.renderer import Renderer
+    from defocus_core.renderer.engine.scene import Scene
     from defocus_core.renderer.engine.settings import Settings
     from defocus_core.renderer.engine.shared_fill import SharedFill
     from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-    from defocus_core.renderer.inpainting.known_layer import Behind
+    from defocus_core.renderer.inpainting.known_layer import KnownLayer
     from defocus_core.renderer.layers.stacked_samples import Layered
-    from defocus_core.renderer.stream import Stream
     from defocus_core.tensors.source import Pixels
     from defocus_core.tensors.views import Views
 
 
-class Streams:
+class Renderers:
     """The renderers of a job.
 
     Attributes:
@@ -65,55 +59,37 @@ class Streams:
             rendered.radii.picture if radius is None else rendered.radii.picture._replace(px=radius)
         )
         self.lights: int | None = None
-        self._fills: dict[bool, SharedFill | None] = {}
+        self._scenes: dict[bool, tuple[Scene, SharedFill | None]] = {}
 
-    def of(self, colors: Colors | None = None) -> Stream:
+    def of(self, colors: Colors | None = None) -> Renderer:
         """The renderer of some channels, which works region by region; of all without any."""
-        from defocus_core.renderer.stream import Stream
+        from defocus_core.renderer.engine.renderer import Renderer
 
         colors = colors or self._every
-        settings = self._settings(colors)
+        px, channels = self._longer * colors.offset, colors.channels
+        (scene, fill), settings = self._scene(colors.turned), self._settings(colors)
         if self._layers is not None:
-            layers, repair = self._layers
-            layers = layers._replace(colors=chosen(layers.colors, self._light_of(colors)))
-            layers = with_offset(layers, self._longer * colors.offset)
-            layers = turned_layers(layers) if colors.turned else layers
-            stream = Stream(layers.picture(alpha=True), layers.nearest(), settings, layered=layers)
-            stream.repair = stream.repair if repair is None else repair
-            return stream
-        image, px = chosen(self._image, colors.channels), self._longer * colors.offset
-        radii, repair = self._repaired
-        radii = plus(radii, px)
-        behind = of_colors(self._hidden, colors.channels, px, image)
-        if colors.turned:
-            image, radii = transposed(image), transposed(radii)
-            behind = behind and turned_layer(behind)
-        fill = self._fill(colors.turned)
-        return Stream(
-            image,
-            radii,
-            settings,
-            behind,
-            repair=repair,
-            fill=None if fill is None else fill.of(colors.channels, px),
-            hold=self._holds,
-        )
+            return Renderer(scene.of_colors(self._light_of(colors), px), settings)
+        return Renderer(scene.of_colors(channels, px, fill), settings, hold=self._holds)
 
-    def _fill(self, turned: bool) -> SharedFill | None:
-        """What is continued for all colours together; None of one rendering."""
-        from defocus_core.renderer.engine.picture import shared_fill
+    def _scene(self, turned: bool) -> tuple[Scene, SharedFill | None]:
+        """The scene of all colours, and what is continued for all of them if they are apart."""
+        from defocus_core.renderer.engine.renderer import shared_fill
+        from defocus_core.renderer.engine.scene import Scene
 
-        if turned not in self._fills:
+        if turned not in self._scenes:
+            if self._layers is not None:
+                scene = Scene.of_layered(*self._layers)
+            else:
+                radii, repair = self._repaired
+                scene = Scene(self._image, radii, self._hidden, repair=repair)
+            scene, fill = scene.turned() if turned else scene, None
             colors = [c for c in renderings(self.rendered) if c.turned == turned]
-            fill, (radii, repair) = None, self._repaired
-            if len(colors) > 1:
-                image = transposed(self._image) if turned else self._image
-                radii = transposed(radii) if turned else radii
+            if len(colors) > 1 and self._layers is None:
                 offsets = [self._longer * c.offset for c in colors]
-                settings, keep = self._settings(colors[0]), self._holds
-                fill = shared_fill(image, radii, settings, repair, offsets, keep=keep)
-            self._fills[turned] = fill
-        return self._fills[turned]
+                fill = shared_fill(scene, self._settings(colors[0]), offsets, keep=self._holds)
+            self._scenes[turned] = scene, fill
+        return self._scenes[turned]
 
     def in_order(self, part: Views, colors: Colors) -> Views:
         """A rendered part with its channels in the order of those that were asked for.
@@ -240,28 +216,20 @@ class Streams:
         return layers_of(lights, pictures, (own_radii, plate), device), repair
 
     @cached_property
-    def _hidden(self) -> Behind | None:
+    def _hidden(self) -> KnownLayer | None:
         """The known hidden layer: that of files, and beside it what other frames have seen."""
-        from defocus_core.renderer.inpainting.known_layer import Behind
-
         behind = None if self._inputs.hidden is None else self._behind()
         if self._seen is None:
             return behind
         color, radius, mask = (each.to(self.rendered.device) for each in self._seen)
         radius = radius * self._longer
         if behind is None:
-            return Behind(color, radius, mask)
-        given = behind.mask[:]
-        return Behind(
-            behind.color[:].where(given, color),
-            behind.signed_radius[:].where(given, radius),
-            given | mask,
-        )
+            return color, radius, mask
+        given = behind[2][:]
+        return behind[0][:].where(given, color), behind[1][:].where(given, radius), given | mask
 
-    def _behind(self) -> Behind:
+    def _behind(self) -> KnownLayer:
         """The hidden layer: it is unknown where depth is inf and colour 0."""
-        from defocus_core.renderer.inpainting.known_layer import Behind
-
         device, radii = self.rendered.device, self.rendered.radii.hidden
         assert self._inputs.hidden is not None
         assert radii is not None
@@ -270,7 +238,7 @@ class Streams:
         for rows in bands(depth.metres.shape):
             shown = np.logical_or.reduce([plane[rows] != 0 for plane in color.planes])
             known[rows] = np.isfinite(depth.metres[rows]) | shown
-        return Behind(
+        return (
             windows(color.planes, device),
             lone_window(times(radii.px, self._longer), device),
             lone_window(known, device),

@@ -2,31 +2,31 @@
 
 import pytest
 import torch
-from streams import KINDS, Windows, put_together, same
 from torch import Tensor
+from windows import KINDS, Windows, put_together, same
 
 from defocus_core import render
 from defocus_core.evaluation.cost import cost
 from defocus_core.evaluation.synthetic_scenes import scenery
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-from defocus_core.renderer.inpainting.known_layer import Behind
-from defocus_core.renderer.stream import Stream
 from defocus_core.tensors import derived
 from defocus_core.tensors.tiling import TILE
 
 
 @pytest.mark.parametrize("kind", ["most", "lights", "floor", "focus"])
 @pytest.mark.parametrize(("threads", "at_once"), [(1, None), (3, 1), (2, 2)])
-def test_a_stream_is_the_rendering(kind: str, threads: int, at_once: int | None) -> None:
+def test_a_renderer_is_the_rendering(kind: str, threads: int, at_once: int | None) -> None:
     image, radius = scenery(kind, 700, 660, 6.0)
     whole = render(image, radius, left_right=True)
     pixels, radii = Windows(image), Windows(radius)
-    stream = Stream(pixels, radii, Settings(left_right=True, threads=threads))
-    pictures = put_together(stream, at_once)
+    renderer = Renderer(Scene(pixels, radii), Settings(left_right=True, threads=threads))
+    pictures = put_together(renderer, at_once)
     assert pictures.keys() == {*KINDS, "trust"}
     assert same(pictures, whole)
-    assert stream.stats == whole.stats
+    assert renderer.stats == whole.stats
 
 
 def soft_picture(height: int, width: int) -> tuple[Tensor, Tensor]:
@@ -36,19 +36,19 @@ def soft_picture(height: int, width: int) -> tuple[Tensor, Tensor]:
     return image, torch.nn.functional.avg_pool2d(around, 9, stride=1)[0, 0]
 
 
-def test_a_stream_of_soft_depth_is_its_rendering() -> None:
+def test_a_renderer_of_soft_depth_is_its_rendering() -> None:
     image, radius = soft_picture(700, 660)
     whole = render(image, radius)
-    stream = Stream(Windows(image), Windows(radius), Settings(threads=2))
-    assert stream.repair.soft_edges
-    assert same(put_together(stream), whole)
+    renderer = Renderer(Scene(Windows(image), Windows(radius)), Settings(threads=2))
+    assert renderer.repair.soft_edges
+    assert same(put_together(renderer), whole)
     assert torch.equal(render(image, radius, threads=3).render, whole.render)
 
 
 def test_no_window_is_as_high_as_a_high_frame() -> None:
     image, radius = scenery("most", 4096, 40, 3.0)
     pixels, radii = Windows(image), Windows(radius)
-    pictures = put_together(Stream(pixels, radii))
+    pictures = put_together(Renderer(Scene(pixels, radii)))
     assert same(pictures, render(image, radius))
     assert max(pixels.largest, radii.largest) < 1500
 
@@ -59,15 +59,15 @@ def test_cells_of_a_draft_are_held_if_there_is_room(monkeypatch: pytest.MonkeyPa
     whole, looked_at = render(image, radius, quality="draft"), {}
     for hold in (False, True):
         pixels = Windows(image)
-        stream = Stream(pixels, Windows(radius), Settings(quality="draft"), hold=hold)
-        assert same(put_together(stream), whole)
+        renderer = Renderer(Scene(pixels, Windows(radius)), Settings(quality="draft"), hold=hold)
+        assert same(put_together(renderer), whole)
         looked_at[hold] = pixels.looked_at / radius.numel()
     assert looked_at[True] < 5.5 < 9 < looked_at[False]
 
 
 def test_half_colour_is_rendered_as_the_same_colour_in_float() -> None:
     image, radius = scenery("most", 200, 300, 5.0)
-    pictures = put_together(Stream(image.half(), radius))
+    pictures = put_together(Renderer(Scene(image.half(), radius)))
     assert pictures["render"].dtype == torch.float32
     assert same(pictures, render(image.half().float(), radius))
 
@@ -77,14 +77,14 @@ def test_a_known_layer_is_read_through_windows_too() -> None:
     known = HiddenLayer(image.flip(-1), radius + 9, radius < radius.mean())
     whole = render(image, radius, hidden=known)
     assert not torch.equal(whole.render, render(image, radius).render)
-    stream = Stream(image, radius, hidden=Behind(*map(Windows, known)))
-    assert same(put_together(stream), whole)
+    renderer = Renderer(Scene(image, radius, hidden=(*map(Windows, known),)))
+    assert same(put_together(renderer), whole)
 
 
 def test_costs_are_the_same_through_windows_and_of_tensors() -> None:
     image, radius = scenery("lights", 1100, 900, 6.0)
-    of_windows = cost(Stream(Windows(image), Windows(radius)))
-    assert of_windows == cost(Stream(image, radius))
+    of_windows = cost(Renderer(Scene(Windows(image), Windows(radius))))
+    assert of_windows == cost(Renderer(Scene(image, radius)))
 
 
 @pytest.mark.parametrize("kind", ["most", "lights", "floor"])
@@ -120,15 +120,15 @@ def test_a_tile_has_a_least_side() -> None:
         render(image, radius, tile=15)
 
 
-def test_shapes_of_a_stream_must_match() -> None:
+def test_shapes_of_a_renderer_must_match() -> None:
     with pytest.raises(ValueError, match=r"image must be \[C, H, W\]"):
-        Stream(torch.zeros(3, 8, 8), torch.zeros(8, 9))
+        Renderer(Scene(torch.zeros(3, 8, 8), torch.zeros(8, 9)))
 
 
 def test_the_caller_who_takes_a_region_keeps_gradients() -> None:
     """Also a caller who takes only the first region."""
     image, radius = torch.rand(3, 40, 50), torch.full((40, 50), 3.0)
-    regions = Stream(image, radius).regions()
+    regions = Renderer(Scene(image, radius)).tiles()
     next(regions)
     assert torch.is_grad_enabled()
     regions.close()

@@ -11,24 +11,24 @@ import numpy as np
 
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping
+from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.rules import DepthFormat
-from defocus_core.io.depth_formats.samples import DepthNumbers
-from defocus_core.io.exr.header import Header, read_headers
-from defocus_core.io.exr.reading import ExrPart, read_parts
-from defocus_core.io.exr.views import in_view
-from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
-from defocus_core.io.images.exr_channels import (
+from defocus_core.io.exr.channel_choice import (
     ChannelGroup,
     NoDepthChannel,
     channels_of,
     choose_depth,
 )
+from defocus_core.io.exr.header import Header, read_headers
+from defocus_core.io.exr.reading import ExrPart, read_parts
+from defocus_core.io.exr.views import in_view
+from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 
 _CAMERA = "worldToCamera"  # OpenEXR's attribute: of points as rows, from the world to the camera
 
 
-def exr_samples(
+def exr_depth_numbers(
     path: Path, reading: DepthReading, keeping: Keeping, overscan: Overscan = NO_OVERSCAN
 ) -> DepthNumbers:
     """Read the depth channel of an EXR file.

@@ -1,0 +1,257 @@
+"""The renderer of a scene: its depth repaired, at its own size or, for a draft, at half."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import replace
+from functools import partial
+
+import torch
+from torch import Tensor
+
+from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.depth.repair import repair_depth, repaired
+from defocus_core.renderer.engine.draft_coarse import (
+    coarse_radii,
+    half_size,
+    hidden_at_half_size,
+    means,
+)
+from defocus_core.renderer.engine.draft_enlarging import Enlarging
+from defocus_core.renderer.engine.field import darkened
+from defocus_core.renderer.engine.frame import Content, SharedFrame
+from defocus_core.renderer.engine.preparation import computed_in, content_of, frame_of
+from defocus_core.renderer.engine.region_schedule import assembled, rendered_regions, total
+from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.settings import STANDARD, Settings
+from defocus_core.renderer.engine.shared_fill import SharedFill
+from defocus_core.renderer.engine.statistics import border_range, surveyed
+from defocus_core.renderer.inpainting.frame_pyramid import EDGE
+from defocus_core.renderer.layers.quality import Quality, find
+from defocus_core.renderer.layers.slice_radii import SHARP
+from defocus_core.tensors.checkpointing import recorded_for
+from defocus_core.tensors.device_plan import launches_cost
+from defocus_core.tensors.neighbourhoods import range_of
+from defocus_core.tensors.source import Pixels, Scalar, banded
+from defocus_core.tensors.torch_modes import own_modes
+from defocus_core.tensors.validation import whole
+from defocus_core.tensors.views import Views
+
+
+class Renderer:
+    """A scene as a lens sees it, prepared; its tiles are computed when they are taken.
+
+    Attributes:
+        size: (height, width) in px.
+        repair: Repair of its depth.
+        at_half_size: Whether it is rendered in coarse pixels of two by two px.
+        frame: The frame, in px or in coarse pixels.
+        scene: What is rendered: repaired, and in px or in coarse pixels, which have a channel more.
+        reaching: [h, w] the radii whose light reaches farthest, in px or in coarse pixels.
+    """
+
+    def __init__(self, scene: Scene, settings: Settings = STANDARD, *, hold: bool = False) -> None:
+        """Repair the depth, and prepare the frame.
+
+        Args:
+            scene: What is seen; layers are rendered as they are, not repaired and not at half size.
+            settings: The options of `render`.
+            hold: Whether there is room for repaired radii and the coarse pixels of a draft,
+                together two thirds of the picture in float32; without room those of a large picture
+                that is no tensor are computed anew for each window.
+
+        Raises:
+            ValueError: If a value is not finite, or a CoC does not fit psf_ks.
+        """
+        self._given, self._counts = scene, list[dict[str, int]]()
+        if launches_cost(scene.signed_radius.device):  # its memory is planned for one tile at once
+            settings = replace(settings, threads=1)
+        self._settings = settings
+        with self._modes():
+            self._prepare(scene, settings, hold=hold)
+
+    def _modes(self) -> AbstractContextManager[object]:
+        """The modes of torch to compute in: gradients are recorded if any is wanted."""
+        modes = ExitStack()
+        modes.enter_context(own_modes(self._given.image.device))
+        modes.enter_context(recorded_for(*self._given.tensors, self._settings))
+        return modes
+
+    def _prepare(self, scene: Scene, settings: Settings, *, hold: bool) -> None:
+        threads, quality = settings.threads, find(settings.quality)
+        signed_radius, layered, hidden = scene.signed_radius, scene.layered, scene.hidden
+        self.size = signed_radius.shape[-2], signed_radius.shape[-1]
+        self.repair = scene.repair or DepthRepair()
+        if settings.repair.on and layered is None and scene.repair is None:
+            signed_radius, self.repair = repaired(
+                signed_radius,
+                scene.image,
+                infinity=settings.infinity,
+                threads=threads,
+                hold=hold,
+                options=settings.repair,
+                decided=settings.decided,
+            )
+        image, in_px = scene.image, signed_radius
+        if layered is not None:
+            quality = quality.of_layers(layered.deepest)
+        by_scene = quality.half_size and settings.by_scene
+        self.at_half_size = scene.content is None and by_scene and _is_blurred(signed_radius)
+        if self.at_half_size:
+            quality = quality.in_coarse_pixels()
+            coarse = partial(half_size, threads=threads, hold=hold)
+            image = coarse(means, scene.image)
+            signed_radius = coarse(coarse_radii, in_px, scene.image)
+            hidden = hidden and hidden_at_half_size(hidden, threads, hold=hold)
+        counted, self.reaching, border = image, signed_radius, None
+        if layered is not None:
+            counted = image[:-1] if isinstance(image, Tensor) else layered.picture(alpha=False)
+            self.reaching = layered.most_blurred()
+            border = border_range(self.reaching)
+        fill = None if self.at_half_size else scene.fill
+        limits = fill and fill.shared.limits
+        content = scene.content or self._content(
+            counted, signed_radius, quality, limits, layered=layered is not None
+        )
+        self.frame = frame_of(
+            counted,
+            signed_radius,
+            settings,
+            quality,
+            hidden,
+            content,
+            layered=layered,
+            border=border,
+        )
+        self._enlarging: Enlarging | None = None
+        if self.at_half_size:
+            self._enlarging = Enlarging(self.frame, image, scene.image, in_px)
+            image = self._enlarging.coarse
+        self.scene = replace(
+            scene, image=image, signed_radius=signed_radius, hidden=hidden, fill=fill
+        )
+
+    def _content(
+        self,
+        counted: Pixels,
+        signed_radius: Pixels,
+        quality: Quality,
+        limits: tuple[float, float] | None,
+        *,
+        layered: bool,
+    ) -> Content:
+        """What the picture holds, of whose pixels [C, h, w] count."""
+        dtype = computed_in(counted, signed_radius)
+        return content_of(
+            surveyed(counted, signed_radius, dtype, self._settings.threads),
+            quality,
+            quantised=self.repair.quantised and not self.at_half_size,
+            uncertain=self.repair.uncertain_edges,
+            layered=layered,
+            all_ranges=limits,
+        )
+
+    def tiles(
+        self,
+        at_once: int | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Iterator[Views]:
+        """Compute the tiles, and give them by region: in rows from the top, from left to right.
+
+        Their images are [C, h, w], in the precision of the scene, float32 at least.
+
+        Args:
+            at_once: Greatest number of regions computed at once, which bounds memory; None for as
+                many as threads.
+            progress: As for `render`.
+        """
+        at_once = None if at_once is None else whole("at_once", at_once, "None is as threads")
+        self._counts.clear()
+        dtype = torch.promote_types(self._given.image.dtype, torch.float32)
+        # not around the loop: the caller, who takes the tiles, would get the modes, too
+        with self._modes():
+            parts = self._parts(at_once, progress)
+        while True:
+            with self._modes():
+                part = next(parts, None)
+                if part is None:
+                    return
+                self._counts.append(part.stats)
+                part = part.to(dtype)
+            yield part
+
+    def _parts(
+        self, at_once: int | None, progress: Callable[[int, int], None] | None
+    ) -> Iterator[Views]:
+        parts = rendered_regions(
+            self.frame, self.scene, reaching=self.reaching, at_once=at_once, progress=progress
+        )
+        parts = self._enlarging.enlarged(parts) if self._enlarging else parts
+        cat_eye = self.frame.settings.cat_eye
+        if cat_eye is None or not cat_eye.vignetting:
+            return parts
+        return (darkened(part, cat_eye, self.size) for part in parts)
+
+    def picture(self, progress: Callable[[int, int], None] | None = None) -> Views:
+        """The views of the whole picture, of a scene in memory, in its precision."""
+        image = self._given.image
+        assert isinstance(image, Tensor), "a picture in memory"
+        with self._modes():
+            return assembled(self.frame, image, self.tiles(progress=progress))
+
+    @property
+    def stats(self) -> dict[str, int]:
+        """Counts of what was computed and what was skipped, of the regions that are done."""
+        return total(self.frame, self._counts)
+
+
+def shared_fill(
+    scene: Scene, settings: Settings, offsets: Sequence[Scalar], *, keep: bool = True
+) -> SharedFill | None:
+    """What is continued for all colours that are rendered apart.
+
+    None where gradients are wanted, or where no surface hides another.
+
+    Args:
+        scene: The picture, with all channels, repaired.
+        settings: The options.
+        offsets: Px that are added to the radii of each group of colours.
+        keep: Whether there is room to keep it for all of them; it is the same without.
+    """
+    image, radius = scene.image, scene.signed_radius
+    requires_grad = (getattr(x, "requires_grad", False) for x in (image, radius, *offsets))
+    wanted = torch.is_grad_enabled() and any(requires_grad)
+    if wanted or not any(_has_edges(band) for band in banded(radius)):
+        return None
+
+    def frame() -> SharedFrame:
+        return Renderer(replace(scene, hidden=None), settings).frame
+
+    return SharedFill(frame, image, radius, [float(px) for px in offsets], keep=keep)
+
+
+def repaired_once(scene: Scene, settings: Settings) -> Scene:
+    """The scene with the radii by which all its colours are rendered."""
+    radius, repair = repair_depth(
+        scene.signed_radius,
+        scene.image,
+        settings.infinity,
+        settings.threads,
+        depth_repair=settings.depth_repair,
+        edge_width=settings.edge_width,
+        decided=settings.decided,
+    )
+    return replace(scene, signed_radius=radius, repair=repair)
+
+
+def _has_edges(radii: Tensor) -> bool:
+    """Whether surfaces hide others in a band [h, W] of radii."""
+    steps = (radii.diff(dim=0), radii.diff(dim=1))
+    return any(step.numel() > 0 and float(range_of(step).abs().amax()) > EDGE for step in steps)
+
+
+def _is_blurred(signed_radius: Pixels) -> bool:
+    """Whether a pixel is out of focus."""
+    limits = (range_of(band).tolist() for band in banded(signed_radius))
+    return any(not (minimum >= -SHARP and maximum <= SHARP) for minimum, maximum in limits)

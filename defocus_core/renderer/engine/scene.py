@@ -1,0 +1,186 @@
+"""A scene: what is seen at each pixel, what is known to lie behind it, and what is continued."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.renderer.engine.frame import Content
+from defocus_core.renderer.engine.shared_fill import FillOfColors, SharedFill
+from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
+from defocus_core.renderer.inpainting.known_layer import KnownLayer
+from defocus_core.renderer.layers.stacked_samples import Layered
+from defocus_core.tensors.derived import chosen, plus, transposed
+from defocus_core.tensors.source import Pixels, Scalar
+from defocus_core.tensors.validation import dense, described
+
+_DECODE = "decode integers to linear light first"
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Surfaces in front of the lens: one at each pixel, or layers of them.
+
+    Attributes:
+        image: [C, H, W], linear light, premultiplied if it has alpha; a tensor or a `Source`. Of a
+            batch [C, B, H, W].
+        signed_radius: [H, W] px, negative nearer than focus, the same; of a batch [B, H, W].
+        hidden: The known layer behind the visible surface.
+        layered: The layers of which `image`, with alpha, is the `picture` in focus and
+            `signed_radius` the `nearest` radius; their views have alpha, too.
+        fill: What is continued for all colours of which these are some; None if it is not shared.
+        repair: The repair by which the radii were made; None if they are to be repaired.
+        content: Of a batch whose radii are repaired, what all its pictures hold together.
+
+    Raises:
+        ValueError: If shapes do not match, or a tensor is not of floats.
+    """
+
+    image: Pixels
+    signed_radius: Pixels
+    hidden: KnownLayer | None = None
+    layered: Layered | None = None
+    fill: FillOfColors | None = None
+    repair: DepthRepair | None = None
+    content: Content | None = None
+
+    def __post_init__(self) -> None:
+        """Check shapes and types."""
+        shape, size = tuple(self.image.shape), tuple(self.signed_radius.shape)
+        dims = 3 if self.content is None else 4
+        if len(shape) != dims or 0 in shape or shape[1:] != size:
+            raise ValueError(
+                f"image must be [C, H, W] and signed_radius [H, W], of a pixel at least, got "
+                f"{shape} and {size}; one of a batch is image[0] and signed_radius[0, 0]"
+            )
+        for name in ("image", "signed_radius"):
+            dtype = getattr(self, name).dtype
+            if not (isinstance(dtype, torch.dtype) and dtype.is_floating_point):
+                raise ValueError(f"{name} must be of floats of torch, got {dtype}; {_DECODE}")
+        if self.hidden is not None:
+            check_hidden(self.hidden, shape, size)
+
+    @classmethod
+    def of_layers(cls, colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Scene:
+        """The scene of layers with coverage; of one that covers all, a picture of its own.
+
+        Args:
+            colors: [L, C, H, W], linear light, premultiplied by coverage.
+            signed_radius: [L, H, W] px; unused where coverage is 0.
+            coverage: [L, H, W] in [0, 1], the share of each pixel that the layer covers.
+
+        Raises:
+            ValueError: If shapes do not match, or numbers are out of their range.
+        """
+        tensors = {"colors": colors, "signed_radius": signed_radius, "coverage": coverage}
+        for name, tensor in tensors.items():
+            dense(name, tensor)
+            if not (isinstance(tensor, Tensor) and tensor.is_floating_point()):
+                problem = f"{name} must be a tensor of floats, got {described(tensor)}"
+                raise ValueError(f"{problem}; {_DECODE}")
+        shape = tuple(colors.shape)
+        each = (shape[0], *shape[2:]) if len(shape) == 4 else ()
+        if not each or 0 in shape or {tuple(signed_radius.shape), tuple(coverage.shape)} != {each}:
+            raise ValueError(
+                f"layers must be colors [L, C, H, W] with signed_radius and coverage [L, H, W], "
+                f"got {list(shape)}, {list(signed_radius.shape)} and {list(coverage.shape)}; "
+                "one layer is colors[None]"
+            )
+        layered = Layered.of(*tensors.values())
+        if layered.deepest == 1 and not layered.open:
+            return cls(layered.picture(alpha=False), layered.nearest())
+        return cls.of_layered(layered)
+
+    @classmethod
+    def of_layered(cls, layered: Layered, repair: DepthRepair | None = None) -> Scene:
+        """The scene of layers that are looked through."""
+        pixels, radius = layered.picture(alpha=True), layered.nearest()
+        return cls(pixels, radius, layered=layered, repair=repair)
+
+    @property
+    def tensors(self) -> list[Tensor]:
+        """All that is in memory."""
+        every = (self.image, self.signed_radius, *(self.hidden or ()), *(self.layered or ()))
+        return [x for x in every if isinstance(x, Tensor)]
+
+    def of_colors(
+        self, channels: Sequence[int], px: Scalar, fill: SharedFill | None = None
+    ) -> Scene:
+        """The scene in some channels, with px added to its radii; of layers, of their colours.
+
+        Args:
+            channels: Their numbers.
+            px: The px.
+            fill: What is continued for all channels.
+        """
+        if self.layered is not None:
+            layers = self.layered._replace(colors=chosen(self.layered.colors, channels))
+            radii = plus(layers.signed_radius, px)
+            if radii is not layers.signed_radius:
+                layers = Layered.of(layers.colors, radii, layers.coverage)
+            return Scene.of_layered(layers, self.repair)
+        hidden = self.hidden
+        if hidden is not None:
+            color, radius, mask = hidden
+            hidden = chosen(color, channels), plus(radius, px), mask
+        return replace(
+            self,
+            image=chosen(self.image, channels),
+            signed_radius=plus(self.signed_radius, px),
+            hidden=hidden,
+            fill=None if fill is None else fill.of(channels, float(px)),
+        )
+
+    def turned(self) -> Scene:
+        """The scene with rows for columns."""
+        if self.layered is not None:
+            layers = self.layered
+            layers = layers._replace(
+                colors=transposed(layers.colors),
+                signed_radius=transposed(layers.signed_radius),
+                coverage=transposed(layers.coverage),
+            )
+            return Scene.of_layered(layers, self.repair)
+        hidden = self.hidden
+        if hidden is not None:
+            color, radius, mask = map(transposed, hidden)
+            hidden = color, radius, mask
+        image, radius = transposed(self.image), transposed(self.signed_radius)
+        return replace(self, image=image, signed_radius=radius, hidden=hidden)
+
+
+def check_hidden(hidden: object, shape: tuple[int, ...], size: tuple[int, ...]) -> None:
+    """Refuse what is no hidden layer of pictures of a shape and radii of a size.
+
+    One picture of a batch may have a layer that is of none.
+
+    Raises:
+        ValueError: If it is something else, not of floats, or of another shape.
+    """
+    if not (
+        isinstance(hidden, tuple)
+        and len(hidden) == len(HiddenLayer._fields)
+        and all(isinstance(getattr(x, "dtype", None), torch.dtype) for x in hidden)
+    ):
+        raise ValueError(
+            f"hidden must be a HiddenLayer of three tensors, got {described(hidden)}; "
+            "leave it out where nothing is known"
+        )
+    for name, value in zip(HiddenLayer._fields, hidden, strict=True):
+        dense(f"hidden {name}", value)
+    kinds = [x.dtype for x in hidden[:2]]
+    if not all(kind.is_floating_point for kind in kinds):
+        got = ", ".join(map(str, kinds))
+        problem = f"hidden color and signed_radius must be of floats, got {got}"
+        raise ValueError(f"{problem}; {_DECODE}")
+    shapes, wanted = [tuple(x.shape) for x in hidden], [tuple(x) for x in (shape, size, size)]
+    alone = [x[1:] for x in wanted] if len(shape) == 4 and shape[0] == 1 else wanted
+    if shapes not in (wanted, alone):
+        raise ValueError(
+            f"hidden must be color, signed_radius and mask of shapes {wanted}, got {shapes}; "
+            "resample them by nearest, and leave it out where nothing is known"
+        )

@@ -1,0 +1,49 @@
+import time
+
+import pytest
+import torch
+from torch import Tensor
+
+from defocus_core.renderer.layers import samples, stacked_samples
+from defocus_core.renderer.render import render_layers
+
+_KINDS = ("opaque", "thin", "ordered")
+
+
+def _layers(count: int, kind: str, side: int = 8) -> tuple[Tensor, Tensor, Tensor]:
+    generator = torch.Generator().manual_seed(7)
+    radius = torch.rand(count, side, side, generator=generator) * 10 - 5
+    if kind == "ordered":
+        radius = torch.linspace(-5, 5, count)[:, None, None].expand_as(radius)
+    cover = torch.rand(radius.shape, generator=generator)
+    cover = (cover > 0.4).float() if kind == "opaque" else cover * 0.02
+    color = torch.rand(count, 2, side, side, generator=generator) * cover[:, None]
+    return color.requires_grad_(), radius, cover
+
+
+@pytest.mark.parametrize("kind", _KINDS)
+def test_many_layers_are_composited_as_each_alone(
+    monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    layers = _layers(120, kind)
+    views = render_layers(*layers)
+    (gradient,) = torch.autograd.grad(views.render.square().sum(), layers[0])
+    monkeypatch.setattr(samples, "_of_slices", lambda sheets: sheets)
+    monkeypatch.setattr(stacked_samples, "_FEW_SAMPLES", 1000)
+    each = render_layers(*layers)
+    (of_each,) = torch.autograd.grad(each.render.square().sum(), layers[0])
+    torch.testing.assert_close(views.render, each.render, rtol=0, atol=1e-6)
+    torch.testing.assert_close(gradient, of_each, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.bench
+@pytest.mark.parametrize("kind", _KINDS)
+def test_time_grows_with_the_layers_and_not_their_pairs(kind: str) -> None:
+    def seconds(count: int) -> float:
+        color, radius, cover = _layers(count, kind, 16)
+        start = time.process_time()
+        render_layers(color.detach(), radius, cover)
+        return time.process_time() - start
+
+    seconds(100)
+    assert seconds(4000) < 24 * seconds(500)  # pairs: 64
