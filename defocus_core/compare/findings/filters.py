@@ -33,6 +33,7 @@ _DETAIL_KEPT = 0.35  # of what a lower resolution cannot have
 _NONE_KEPT = 0.04  # where B surely had a lower resolution
 _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
+_UNLIKE_DETAIL = 0.35  # greatest correlation of noise with the detail of A
 _UNLIKE_NEIGHBOURS = 0.3  # greatest correlation of noise with itself one pixel on
 
 
@@ -136,7 +137,7 @@ def _of_kernel(kernel: NDArray[Any]) -> Finding | None:
 
 def _lower_resolution(evidence: Evidence) -> Iterator[Explanation]:
     """B has as much detail as a picture of a half or a quarter of the size, enlarged."""
-    whole = evidence.framed[0]
+    whole = evidence.framed[0].copy()
     piece = tuple(
         slice(max(0, (n - _PIECE) // 2), max(0, (n - _PIECE) // 2) + _PIECE) for n in whole.shape
     )
@@ -161,11 +162,16 @@ def _lower_resolution(evidence: Evidence) -> Iterator[Explanation]:
             kept /= max(float((lost * lost)[sure].sum()), 1e-300)
             if kept > _DETAIL_KEPT:
                 continue
-            predicted = whole.copy()
-            predicted[piece] = _reduced(a, ways)
+            small = [_reduced(a, ways)]
+            if how == "nearest":  # pixels may have been left out, too
+                rows, columns = (way.argmax(axis=0)[way.argmax(axis=1)] for way in ways)
+                small.append(a[rows][:, columns])
             text = f"lower resolution: {size} resolution, {how}"
             finding = Finding("lower resolution", text, {"factor": factor})
-            left = evidence.left_framed(predicted, cut)
+            left = math.inf
+            for predicted in small:
+                whole[piece] = predicted
+                left = min(left, evidence.left_framed(whole, cut))
             cost = kept + 0.02 * factor - 0.2 * (kept < _NONE_KEPT)
             yield Explanation(finding, left, _RESOLUTION_LEFT, cost)
 
@@ -211,6 +217,8 @@ def _reduced(values: NDArray[Any], ways: list[NDArray[Any]]) -> NDArray[Any]:
 def _another_coc(evidence: Evidence) -> Iterator[Explanation]:
     """B is A blurred, or A is B blurred, in each part by as much as it takes; or one way only."""
     a, b = evidence.framed
+    if is_noise(*(evidence.scaled_light(side).astype("f8") for side in (a, b))):
+        return  # which blur takes away
     weights = _slope(evidence, np.maximum(np.abs(a), np.abs(b))) * ~evidence.clipped_near
     chooses = blocks_in_turn(a.shape, 4)
 
@@ -273,6 +281,12 @@ def _spread_otherwise(evidence: Evidence) -> Iterator[Explanation]:
     name = "another CoC or bokeh shape" if surely else "spread otherwise"
     finding = Finding(name, f"{name}: the same light, {how}", words.values)
     yield Explanation(finding, left, _SPREAD_LEFT, 1.0)  # where nothing else explains it
+
+
+def is_noise(a: NDArray[Any], b: NDArray[Any]) -> bool:
+    """Whether the difference of two pictures [h, w] has little in common with itself and with A."""
+    difference, detail = b - a, a - smooth(a, 1.5)
+    return noise_like(difference) and abs(alike(difference, detail)) <= _UNLIKE_DETAIL
 
 
 def noise_like(difference: NDArray[Any]) -> bool:

@@ -30,6 +30,7 @@ _SEAM_LEFT, _GAIN_LEFT, _HALO_LEFT, _SPARK_LEFT, _CODEC_LEFT = 0.4, 0.3, 0.4, 0.
 _FEW = 1e-3  # share of the pixels that fireflies are at most
 # Lines that would hold the difference if each held as much: at least these, and this share of all.
 _LONE, _ALIKE = 1.2, 0.35
+_FEW_TILES = 0.1  # share of the tiles that hold a difference in one place
 _SEGMENT = 16  # px along a line that are taken together, so that noise averages out
 _SPARK = 0.1  # least difference of a firefly
 _DCT = 8  # px of the blocks of JPEG and of DWAA
@@ -161,19 +162,25 @@ def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
     slope = 1 / np.maximum(np.abs(light), 0.003) ** 0.58
     weights = slope * slope * evidence.fits * evidence.steady
 
-    def left(side: int, offset: int) -> float:
+    def left(side: int, offset: int) -> tuple[float, float]:
+        """What gains leave, and the share of tiles that hold the difference."""
         tiles = (rows + offset) // side * (width // side + 2) + (columns + offset) // side
         tops, squares = (
             np.bincount(tiles, (weights * light * other).sum(axis=0)) for other in (aim, light)
         )
         gains = (tops / np.where(squares > 0, squares, 1.0))[tiles]
-        return evidence.left(evidence.stored(light * gains), evidence.steady & (gains > 0))
+        power = np.bincount(tiles, np.square(evidence.scaled(b) - evidence.scaled(a)).sum(axis=0))
+        held = float(power.sum()) ** 2 / float(np.square(power).sum())
+        used = evidence.steady & (gains > 0)
+        return evidence.left(evidence.stored(light * gains), used), held / len(np.unique(tiles))
 
     for side in _PERIODS[2:]:
         if 1.5 * side > max(height, width):
             return
-        on_grid = left(side, 0)
-        if on_grid < _GAIN_LEFT and on_grid < 0.6 * left(side, side // 2):
+        on_grid, share = left(side, 0)
+        if share < _FEW_TILES:  # they lie in one place
+            continue
+        if on_grid < _GAIN_LEFT and on_grid < 0.6 * left(side, side // 2)[0]:
             text = f"seams at multiples of {side} px: each tile has another exposure"
             finding = Finding("seams", text, {"period": side})
             yield Explanation(finding, on_grid, _GAIN_LEFT, 0.02 + 0.5 / side)
