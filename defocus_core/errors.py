@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections import Counter
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
 
 # What kinds of mistakes there are: the codes of errors, for programs.
@@ -81,6 +82,8 @@ CODES = {
 }
 
 _OPTION = re.compile("‹([a-z][a-z-]*)›")
+# Where notes of one kind differ: a file, numbers, their units of length, one thing or several.
+_FILE_OR_NUMBER = re.compile(r"^\S+\.\w+: |\d[\d.,]*(?: ?(?:[cmk]?m\b|pixels?\b))?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,9 +238,28 @@ def first_line(path: Path, text: str) -> str:
     return one_line(lines[0]).rstrip(".")[:120]
 
 
-def alike(note: str) -> str:
-    """A note without its numbers, so that those of many pictures are alike."""
-    return re.sub(r"\d[\d.,]*", "N", note)
+class NoteKinds:
+    """Notes of many pictures, counted by kind: alike but for their file, numbers and units."""
+
+    def __init__(self, notes: Iterable[str] = ()) -> None:
+        """Count notes."""
+        self._counts: Counter[str] = Counter()
+        self._examples: dict[str, str] = {}
+        for note in notes:
+            self.add(note)
+
+    def add(self, *notes: str) -> None:
+        """Count the notes of a picture, once each kind."""
+        for kind, note in {_FILE_OR_NUMBER.sub("N", note): note for note in notes}.items():
+            self._counts[kind] += 1
+            # the first in order: the same notes make the same card, whatever ended first
+            self._examples[kind] = min(self._examples.get(kind, note), note)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """An example of each kind and how many are of it, the commonest first."""
+        ordered = sorted(self._counts.items(), key=lambda item: (-item[1], item[0]))
+        return {self._examples[kind]: count for kind, count in ordered}
 
 
 def with_dashes(text: str) -> str:

@@ -7,7 +7,15 @@ from pathlib import Path
 import pytest
 
 from defocus_cli.commands.help import text
-from defocus_core.errors import CALLER, CODES, DefocusError, InputError, Place, with_dashes
+from defocus_core.errors import (
+    CALLER,
+    CODES,
+    DefocusError,
+    InputError,
+    NoteKinds,
+    Place,
+    with_dashes,
+)
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(ROOT.glob("defocus_c*/**/*.py"))
@@ -76,3 +84,15 @@ def test_an_error_has_file_and_key_of_its_place(
 ) -> None:
     error = DefocusError("malformed", "is wrong", path=place)
     assert (error.path, error.field, str(error)) == (path, field, f"{text}: is wrong")
+
+
+def test_notes_of_one_kind_differ_in_file_numbers_and_units_and_one_is_shown() -> None:
+    notes = [
+        "nothing is in focus at 500mm: 3.2 px",
+        "nothing is in focus at 2m: 1 px",
+        "b.exr: 1 pixel lost",
+        "a.exr: 20 pixels lost",
+        "nothing is in focus at 1.5m: 7 px",
+    ]
+    wanted = {"nothing is in focus at 1.5m: 7 px": 3, "a.exr: 20 pixels lost": 2}
+    assert NoteKinds(notes).counts == NoteKinds(reversed(notes)).counts == wanted

@@ -151,7 +151,8 @@ def carry_out(
     written = []
     if execution.shard is None and not summary.interrupted:
         written = update.index(out, shards_size, asked, parquet=parquet)
-    console.stderr(batch_report.summary_line(summary))
+    for line in batch_report.summary_lines(summary):
+        console.stderr(line)
     if html is not None:
         batches.write(out, html, asked, cores())
         written.append(html)

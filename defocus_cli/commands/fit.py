@@ -20,7 +20,7 @@ from defocus_core.batch.jobs.pairing import find_pictures
 from defocus_core.batch.jobs.random_lenses import Sampling
 from defocus_core.batch.lenses import quantities
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS
-from defocus_core.batch.lenses.quantities import QuantityError
+from defocus_core.batch.lenses.quantities import QuantityError, length_text
 from defocus_core.batch.lenses.radius_set import read_radius_set
 from defocus_core.batch.rendering import lens_fit, lens_match
 from defocus_core.errors import DefocusError, InputError, NotExplained, UsageProblem
@@ -231,7 +231,7 @@ def command(
         shift=shift,
         dual_pixel=dual_pixel,
         side_shading=side_shading,
-        focus=_distance(focus),
+        focus=_distance(focus, focal_length),
         fnumber=fnumber,
         dp_model=dp_model,
         dp_crosstalk=dp_crosstalk,
@@ -274,15 +274,19 @@ def _found(
     return {**record, "out": None if place is None or refusals else str(place)}
 
 
-def _distance(focus: float | quantities.Percentile | None) -> float | None:
+def _distance(focus: float | quantities.Percentile | None, foclen: float) -> float | None:
     """The distance in focus in mm, of an option.
 
     Raises:
-        UsageProblem: it is no distance.
+        UsageProblem: it is no distance, or nearer than a lens can focus.
     """
     if isinstance(focus, quantities.Percentile):
         problem, remedy = "is no distance", "give it like 2m"
         raise UsageProblem("malformed", problem, remedy, field="focus", value=str(focus))
+    if focus is not None and focus <= foclen:
+        problem = f"{length_text(focus)} is not beyond the focal length {length_text(foclen)}"
+        remedy = "give one that is, or a shorter ‹focal-length›"
+        raise UsageProblem("focus-too-near", problem, remedy, field="focus")
     return focus
 
 

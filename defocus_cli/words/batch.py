@@ -20,7 +20,7 @@ from defocus_core.batch.workers.run import Summary
 from defocus_core.io.safe_files import spoken
 from defocus_core.system.text import counted, duration
 
-_WARNINGS = 3  # kinds that the last line names
+_WARNINGS = 3  # kinds of which an example is shown
 _WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
 
 
@@ -119,8 +119,8 @@ def tile_bar() -> Iterator[Callable[[int, int], None]]:
                 clock.join()
 
 
-def summary_line(summary: Summary) -> str:
-    """Counts, reasons and speed of a batch that ended, in words."""
+def summary_lines(summary: Summary) -> Iterator[str]:
+    """Counts, reasons and speed of a batch that ended, in words; then its commonest warnings."""
     counts = Counter(summary.statuses)
     parts = [f"{counts[status]} {word}" for status, word in _WORDS.items() if counts[status]]
     if summary.skipped:
@@ -131,20 +131,16 @@ def summary_line(summary: Summary) -> str:
     if summary.reasons:
         line += f" ({reasons_words(summary.reasons)})"
     if summary.warned:
-        line += f", {summary.warned} with warnings in the journal ({_kinds_of_warnings(summary)})"
+        line += f", {summary.warned} with warnings in the journal"
     done = sum(counts.values())
     if done and summary.seconds:
         line += f"; {summary.seconds:.1f} s, {done / summary.seconds:.3g} a second"
-    return line
-
-
-def _kinds_of_warnings(summary: Summary) -> str:
-    """The commonest kinds of warnings with their counts, in words."""
-    kinds = summary.warnings.most_common()
-    words = [f"{count} x {kind}" for kind, count in kinds[:_WARNINGS]]
+    yield line
+    kinds = list(summary.warnings.counts.items())
+    for example, count in kinds[:_WARNINGS]:
+        yield f"  warning: {example}" + (f" (and {count - 1} more like it)" if count > 1 else "")
     if len(kinds) > _WARNINGS:
-        words.append(counted(len(kinds) - _WARNINGS, "other kind"))
-    return "; ".join(words)
+        yield f"  warning: {counted(len(kinds) - _WARNINGS, 'other kind')}"
 
 
 def reasons_words(reasons: Mapping[str, int]) -> str:
@@ -161,7 +157,7 @@ def summary_record(summary: Summary) -> dict[str, Any]:
         **{status: summary.statuses[status] for status in _WORDS},
         "reasons": dict(summary.reasons),
         "warned": summary.warned,
-        "warnings": dict(summary.warnings.most_common()),
+        "warnings": summary.warnings.counts,
         "seconds": summary.seconds,
         "interrupted": summary.interrupted,
     }

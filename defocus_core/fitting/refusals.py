@@ -17,12 +17,15 @@ from defocus_core.fitting.unknowns import MAX_SHIFT, Candidate
 _WIDTH = 480  # px, of the pictures that are judged
 _SMALL = 48  # px, of pictures whose blur hardly shows
 _EXPLAINED = 1 / 3  # minimum fraction of the difference that a lens explains, before much noise
+_ALL = 0.9  # fraction from which on nothing else is wrong, however much is blurred
 _ALIKE = 0.5  # least correlation of pictures of one scene
+_ONE_SCENE = 0.8  # that of pictures of one scene, of which one is put right
+_MIRRORS = {"mirrored left to right": (2,), "upside down": (1,), "turned by 180 degrees": (1, 2)}
 _AS_SHARP = 1.02  # times the detail of the sharp picture: the other one is sharper
-_MORE = 0.6  # of the error, that is left by what explains more
+_MORE = 0.6  # of the error, or of what a correlation lacks, that is left by what explains more
 _CLOSER = 0.85  # of the error of the sharp picture, that a shift leaves
 _MOVED = 0.4  # px, the least shift that is proposed
-_CHANGED = 0.02  # the least change of exposure or of gamma that is proposed
+_CHANGED = 0.02  # the least change of exposure or of gamma that is proposed; lack of correlation
 _MINIMUM = 1e-6  # mean square of compressed light, that is no difference
 
 
@@ -92,12 +95,16 @@ def refusals_of(evidence: JudgedPair, options: dict[str, bool]) -> Iterator[Refu
             "give a picture that is",
         )
         return
-    of_small = _small_correlation(evidence)
-    cause = _other_cause(evidence, options) if of_small >= _ALIKE else None
+    of_small = _small_correlation(evidence.sharp, evidence.observed)
+    cause = _mirrored(evidence, of_small)
+    if cause is None and not options["shift"]:
+        cause = _moved(evidence, of_small)
+    if cause is None and of_small >= _ALIKE:
+        cause = _other_cause(evidence, options)
     alike = min(of_small, _correlation(evidence))
     if cause is not None:
         yield cause
-    elif alike < _ALIKE:
+    elif alike < _ALIKE and evidence.explained < _ALL:
         problem = f"the pictures do not show one scene: correlation {alike:.2f}"
         yield Refusal("not-one-scene", problem, "give a pair of one scene, as the camera saw it")
     elif evidence.explained < _EXPLAINED:
@@ -107,20 +114,39 @@ def refusals_of(evidence: JudgedPair, options: dict[str, bool]) -> Iterator[Refu
         yield Refusal("not-explained", problem, remedy)
 
 
+def _mirrored(evidence: JudgedPair, of_small: float) -> Refusal | None:
+    """That one of the pictures is mirrored or turned, if it is more like the other so."""
+    for words, axes in _MIRRORS.items():
+        if _puts_right(of_small, _small_correlation(evidence.sharp, evidence.observed.flip(axes))):
+            remedy = "give both as the camera saw them"
+            return Refusal("not-one-scene", f"BLURRED is {words}", remedy)
+    return None
+
+
+def _moved(evidence: JudgedPair, of_small: float) -> Refusal | None:
+    """That one of the pictures lies beside the other, if that explains more than a blur."""
+    for image, left in ((evidence.sharp, _CLOSER), (evidence.modelled, _MORE)):
+        across, down = _offset(image, evidence.observed)
+        there = shifted(image[None], across, down)[0]
+        explains = (
+            of_small >= _ALIKE and evidence.error(there) < left * evidence.error(image)
+        ) or _puts_right(of_small, _small_correlation(there, evidence.observed))
+        if math.hypot(across, down) > _MOVED and explains:
+            problem = f"a shift of ({across:.1f}, {down:.1f}) px explains more than a blur alone"
+            return Refusal("other-cause", problem, "add ‹shift›")
+    return None
+
+
+def _puts_right(before: float, after: float) -> bool:
+    """Whether a change that raises the correlation so much is what was wrong."""
+    return after > _ONE_SCENE and max(1 - after, _CHANGED) < _MORE * (1 - before)
+
+
 def _other_cause(evidence: JudgedPair, options: dict[str, bool]) -> Refusal | None:
     """What explains more than a blur, if something does."""
     if _detail(evidence.observed) > _AS_SHARP * _detail(evidence.sharp):
         problem = "BLURRED is sharper than SHARP"
         return Refusal("swapped", problem, "give them in the order SHARP DEPTH BLURRED")
-    if not options["shift"]:
-        for image, left in ((evidence.sharp, _CLOSER), (evidence.modelled, _MORE)):
-            across, down = _offset(image, evidence.observed)
-            there = evidence.error(shifted(image[None], across, down)[0])
-            if math.hypot(across, down) > _MOVED and there < left * evidence.error(image):
-                problem = (
-                    f"a shift of ({across:.1f}, {down:.1f}) px explains more than a blur alone"
-                )
-                return Refusal("other-cause", problem, "add ‹shift›")
     return _other_curve(evidence, options)
 
 
@@ -185,11 +211,10 @@ def _detail(image: Tensor) -> float:
     return float((smooth.diff(dim=1) ** 2).mean() + (smooth.diff(dim=2) ** 2).mean())
 
 
-def _small_correlation(evidence: JudgedPair) -> float:
-    """That of the sharp picture and of what is observed, so small that a blur hardly shows."""
-    pair = (_small(image) for image in (evidence.sharp, evidence.observed))
-    sharp, observed = (image - image.mean() for image in pair)
-    return float((sharp * observed).sum() / (sharp.norm() * observed.norm()).clamp_min(1e-12))
+def _small_correlation(*pair: Tensor) -> float:
+    """That of two pictures so small that a blur hardly shows."""
+    first, second = (image - image.mean() for image in map(_small, pair))
+    return float((first * second).sum() / (first.norm() * second.norm()).clamp_min(1e-12))
 
 
 def _correlation(evidence: JudgedPair) -> float:

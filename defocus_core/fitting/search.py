@@ -17,7 +17,7 @@ from defocus_core.fitting.unknowns import MAX_SHIFT, Candidate, Unknown, moved, 
 
 MIDDLE = 480  # px, width of pictures of middle size
 _COARSE = 200  # px, width of small pictures
-_STEPS = {_COARSE: 4, MIDDLE: 4, None: 3}  # most Gauss-Newton steps at a width
+_STEPS = {_COARSE: 6, MIDDLE: 6, None: 4}  # most Gauss-Newton steps at a width
 _STARTS = 6  # blurs that are rendered
 _KEPT = {_COARSE: 3, MIDDLE: 2}  # of these are followed at a width
 _SAME = 0.25  # px of small pictures, by which radii of one point differ
@@ -27,6 +27,7 @@ _TURNS = 4  # rotations tried between a blade and the next
 _BLOCKS = 6  # along each side, for the uncertainty
 _SEPARATION = 0.5  # of left and right, from which steps descend
 _ENOUGH = 2e-4  # a smaller step is none
+_NO_LESS = 0.999  # times the error before a step: not worth another
 _SHORTER = (1.0, 0.35, 0.1)  # fractions of a step that are tried
 _DAMPING = 1e-4
 _ASIDE = (-1.5, -0.75, 0.0, 0.75, 1.5)  # px of radius that the focus is tried aside
@@ -149,8 +150,10 @@ class Search:
         limits = scale.disparity.flatten().double().quantile(rare).tolist()
         for _ in range(_TIMES):
             point, limits = fitted.point, sorted(limits, key=lambda d: abs(fitted.point.focus - d))
-            away = point.focus - limits[-1]
-            strengths = (point.strength - px / away for px in _NEARLY_SHARP if away)
+            away, sharpest = point.focus - limits[-1], point.focus - limits[0]
+            strengths = [point.strength - px / away for px in _NEARLY_SHARP if away]
+            if away != sharpest:  # the same blur on the other side of the focus
+                strengths.append(point.strength * (away + sharpest) / (away - sharpest))
             pivoted = (
                 replace(point, strength=k, focus=limits[-1] + point.strength * away / k)
                 for k in strengths
@@ -179,26 +182,34 @@ class Search:
         return FittedLens(error_of(*self.residual.of(point, optics, scale)), point, optics)
 
     def _descended(self, start: FittedLens, width: int | None, free: list[Unknown]) -> FittedLens:
-        """A point after Gauss-Newton steps at a width; None for that of the pictures."""
+        """A point after Gauss-Newton steps at a width; None for that of the pictures.
+
+        Slopes take a rendering each. They are kept after a step shorter than what they were taken
+        over, until a step by them makes nothing better.
+        """
         scale = self.residual.scale(width)
         fitted = self._at(start.point, start.optics, scale)
+        slopes: Tensor | None = None
         for _ in range(_STEPS[width] if free else 0):
-            hessian, gradient = self.normal(fitted, scale, free)
-            whole = hessian.sum(0)
-            damped = whole + _DAMPING * torch.diag(whole.diagonal())
-            step = -torch.linalg.solve(damped + 1e-12 * torch.eye(len(free)), gradient.sum(0))
-            maximum = torch.tensor([unknown.maximum for unknown in free], dtype=torch.float64)
-            step = step.clamp(-maximum, maximum)
+            kept = slopes
+            residual, weight = self.residual.of(fitted.point, fitted.optics, scale)
+            slopes = self._slopes(fitted, scale, free, residual) if kept is None else kept
+            step = _step(*_blocks(residual, weight, slopes), free)
             for fraction in _SHORTER:
                 point = self._moved(fitted.point, free, (fraction * step).tolist())
                 there = self._at(point, fitted.optics, scale)
                 if there.error < fitted.error:
                     break
             else:
-                return fitted
-            fitted = there
-            if float(step.abs().max()) * fraction < _ENOUGH:
+                if kept is None:
+                    return fitted
+                slopes = None
+                continue
+            less, fitted, step = there.error / fitted.error, there, fraction * step.abs()
+            if float(step.max()) < _ENOUGH or less > _NO_LESS:
                 break
+            if any(by > u.probe for u, by in zip(free, step.tolist(), strict=True)):
+                slopes = None
         return fitted
 
     def normal(
@@ -206,7 +217,12 @@ class Search:
     ) -> tuple[Tensor, Tensor]:
         """Of each block of the picture the matrix [B, P, P] and the gradient [B, P] of a step."""
         residual, weight = self.residual.of(fitted.point, fitted.optics, scale)
-        robust = robust_of(residual, weight)
+        return _blocks(residual, weight, self._slopes(fitted, scale, free, residual))
+
+    def _slopes(
+        self, fitted: FittedLens, scale: Scale, free: list[Unknown], residual: Tensor
+    ) -> Tensor:
+        """How the residual of a point changes with each unknown [P, V, C, H, W]."""
         slopes = []
         for index, unknown in enumerate(free):
             steps = [0.0] * len(free)
@@ -215,20 +231,7 @@ class Search:
                 self._moved(fitted.point, free, steps), fitted.optics, scale
             )
             slopes.append((there - residual) / unknown.probe)
-        jacobian = torch.stack(slopes)  # [P, V, C, H, W]
-        pieces_h, pieces_g = [], []
-        height, width = residual.shape[2:]
-        for row, column in product(range(_BLOCKS), range(_BLOCKS)):
-            cut = (
-                ...,
-                slice(row * height // _BLOCKS, (row + 1) * height // _BLOCKS),
-                slice(column * width // _BLOCKS, (column + 1) * width // _BLOCKS),
-            )
-            slope = jacobian[cut].flatten(1).double()
-            weighed = slope * robust[cut].flatten().double()
-            pieces_h.append(weighed @ slope.T)
-            pieces_g.append(weighed @ residual[cut].flatten().double())
-        return torch.stack(pieces_h), torch.stack(pieces_g)
+        return torch.stack(slopes)
 
     def _centred(self, fitted: FittedLens) -> FittedLens:
         """The focus in the middle of those that are as good: within half a px all is sharp."""
@@ -265,3 +268,30 @@ def _best(fitted: list[FittedLens], width: int, scale: Scale) -> list[FittedLens
             kept.append(each)
             radii.append(radius)
     return kept
+
+
+def _blocks(residual: Tensor, weight: Tensor, slopes: Tensor) -> tuple[Tensor, Tensor]:
+    """Of each block of the picture the matrix [B, P, P] and the gradient [B, P] of a step."""
+    robust = robust_of(residual, weight)
+    pieces_h, pieces_g = [], []
+    height, width = residual.shape[2:]
+    for row, column in product(range(_BLOCKS), range(_BLOCKS)):
+        cut = (
+            ...,
+            slice(row * height // _BLOCKS, (row + 1) * height // _BLOCKS),
+            slice(column * width // _BLOCKS, (column + 1) * width // _BLOCKS),
+        )
+        slope = slopes[cut].flatten(1).double()
+        weighed = slope * robust[cut].flatten().double()
+        pieces_h.append(weighed @ slope.T)
+        pieces_g.append(weighed @ residual[cut].flatten().double())
+    return torch.stack(pieces_h), torch.stack(pieces_g)
+
+
+def _step(hessian: Tensor, gradient: Tensor, free: list[Unknown]) -> Tensor:
+    """The Gauss-Newton step [P] of blocks, no longer than the unknowns allow."""
+    whole = hessian.sum(0)
+    damped = whole + _DAMPING * torch.diag(whole.diagonal())
+    step: Tensor = torch.linalg.solve(damped + 1e-12 * torch.eye(len(free)), -gradient.sum(0))
+    maximum = torch.tensor([unknown.maximum for unknown in free], dtype=torch.float64)
+    return step.clamp(-maximum, maximum)

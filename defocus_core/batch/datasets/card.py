@@ -19,7 +19,7 @@ from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.datasets.card_tables import ENDS, WORDS, tables_of
 from defocus_core.batch.jobs.origin import Origin
 from defocus_core.batch.lenses import radius_set
-from defocus_core.errors import alike
+from defocus_core.errors import NoteKinds
 from defocus_core.io.safe_files import written_whole
 
 NAMES = ("card.json", "card.md")
@@ -77,10 +77,10 @@ def card_of(records: Sequence[Record], origin: Origin = NO_ORIGIN) -> dict[str, 
         },
         "match": _match(done),
         "depth": {
-            "read_as": _counts(alike(record["depth_note"].partition(";")[0]) for record in done),
+            "read_as": NoteKinds(record["depth_note"].partition(";")[0] for record in done).counts,
             "repaired": _counts(kind for each in repairs for kind in each or ["nothing"]),
         },
-        "warnings": _counts(alike(w) for record in done for w in record["warnings"]),
+        "warnings": NoteKinds(w for record in done for w in record["warnings"]).counts,
         "failures": _counts(record["reason"] or record["status"] for record in failed),
         "recipe": {
             "quality": _counts(entry["quality"] for entry in entries),

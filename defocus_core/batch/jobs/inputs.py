@@ -17,8 +17,8 @@ its outputs are named) and any option of a lens. Paths are relative to the file 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from itertools import count
+from dataclasses import dataclass, replace
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +36,6 @@ FILES = ("color", "depth", *(f"{role}-{file}" for role in OTHERS for file in ("c
 KEYS = (*FILES, "frames", "missing", "list", "pictures")
 ROW_KEYS = (*FILES, "stem")
 _KNOWN = frozenset({*LENS_OPTIONS, *ROW_KEYS})
-_NONE: Mapping[str, str] = {}
 _TRIED = 100  # first rows of which one file at least must exist
 _EXAMPLE = '{"color": "a.exr", "depth": "b.exr"}'
 
@@ -50,13 +49,23 @@ class Entry:
         files: the picture; of a row of a list, its paths as they stand there by `FILES`, of which
             the picture is made when it is wanted: paths of a million rows take a gigabyte.
         where: its place.
-        options: its own lens options.
+        option_texts: its own lens options, the name and the text of each in turn: a million
+            mappings take a quarter of a gigabyte.
     """
 
     stem: str
     files: Picture | tuple[str | None, ...]
     where: Place
-    options: Mapping[str, str] = field(default_factory=dict)
+    option_texts: tuple[str, ...] = ()
+
+    @property
+    def options(self) -> dict[str, str]:
+        """Its own lens options by name."""
+        return dict(zip(self.option_texts[::2], self.option_texts[1::2], strict=True))
+
+    def with_options(self, options: Mapping[str, str]) -> Entry:
+        """The same picture with other options."""
+        return replace(self, option_texts=tuple(chain.from_iterable(options.items())))
 
     @property
     def picture(self) -> Picture:
@@ -235,7 +244,8 @@ def _entry(row: Mapping[str, Any], where: Place) -> Entry:
             "empty", "names no depth, which only EXR holds beside colour", "give depth", path=where
         )
     stem = _stem(row["stem"], where) if "stem" in row else Path(color).stem
-    return Entry(stem, files if any(files[2:]) else files[:2], where, options or _NONE)
+    entry = Entry(stem, files if any(files[2:]) else files[:2], where)
+    return entry.with_options(options) if options else entry
 
 
 def _path(value: object, where: Place, key: str) -> str:

@@ -97,13 +97,14 @@ class LensPlan:
         Raises:
             UsageProblem: an option is missing or in two places, or the focus is too near.
         """
-        _refuse_taken(entry.options, self.taken, entry.where)
-        shared = merged(merged(self.options, self.sampling.options), entry.options)
-        source = entry.where if entry.options else self.source
+        own = entry.options
+        _refuse_taken(own, self.taken, entry.where)
+        shared = merged(merged(self.options, self.sampling.options), own)
+        source = entry.where if own else self.source
         if self.radii:
-            refuse_optics(entry.options, source)
+            refuse_optics(own, source)
         if self.matched:
-            refuse_matched(entry.options, entry.where)
+            refuse_matched(own, entry.where)
             _refuse_frame(entry)
         draws, stem = self.sampling.count, entry.picture.stem
         for which, mine in groupby(numbers, lambda number: number // max(draws, 1)):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -212,5 +212,5 @@ def animated(
         if metadata:  # what the file says holds
             said = {same for n in plan.options for same in _with_alternatives(n)}
             texts = {n: t for n, t in texts.items() if n in animation.keys or n not in said}
-        with_options.append(replace(entry, options=merged(texts, entry.options)))
+        with_options.append(entry.with_options(merged(texts, entry.options)))
     return with_options

@@ -229,20 +229,17 @@ def _pupil_images(path: Path, _stamp: object) -> tuple[PupilImage, ...]:
     from defocus_core.optics.pupil_image import PupilImage
 
     if read_head(path).startswith(NPY_MAGIC):
-        values = np.array(read_npy(path, integers=True), "float64")
-        if values.ndim > 3:
-            return (_field(path, values),)
-        light = values[None] if values.ndim == 2 else np.moveaxis(values, -1, 0)
+        mapped = read_npy(path, integers=True)
+        if mapped.ndim > 3:
+            return (_field(path, np.array(mapped, "float64")),)
+        light = mapped[None] if mapped.ndim == 2 else np.moveaxis(mapped, -1, 0)
+        _refuse_wide(path, light.shape)
+        light = np.array(light, "float64")
     else:
         color = read_color(path)
+        _refuse_wide(path, (len(color.planes), *color.shape[:2]))  # before a pixel is read
         light = np.stack([plane[:] for plane in color.planes], dtype="float64")
         light = light[: len(color.channels) - ("A" in color.channels)]
-    if light.ndim != 3 or max(light.shape[1:]) > _MAX_SIDE:
-        shape = " × ".join(str(n) for n in light.shape)
-        problem = f"is no picture of a pupil: it has {shape} numbers"
-        raise InputError(
-            "malformed", problem, f"give one picture of {_MAX_SIDE} px a side at most", path=path
-        )
     differ = float(np.ptp(light, axis=0).max()) > _GREY * float(np.abs(light).max())
     try:
         mean = PupilImage(torch.from_numpy(light.mean(axis=0)))
@@ -253,6 +250,15 @@ def _pupil_images(path: Path, _stamp: object) -> tuple[PupilImage, ...]:
         raise InputError(
             "malformed", problem, "give a picture that is bright where it is open", path=path
         ) from None
+
+
+def _refuse_wide(path: Path, shape: tuple[int, ...]) -> None:
+    """Refuse what is no picture [channels, H, W] of a size that a pupil may have."""
+    if len(shape) != 3 or max(shape[1:]) > _MAX_SIDE:
+        shown = " × ".join(str(n) for n in shape)
+        problem = f"is no picture of a pupil: it has {shown} numbers"
+        remedy = f"give one picture of {_MAX_SIDE} px a side at most"
+        raise InputError("malformed", problem, remedy, path=path)
 
 
 def _field(path: Path, values: NDArray[Any]) -> PupilField:

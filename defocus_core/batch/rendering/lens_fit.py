@@ -115,7 +115,8 @@ def fit_pair(
         progress: called with (renderings done, about how many in all).
 
     Raises:
-        InputError: a file cannot be read, or the pictures do not belong together.
+        InputError: a file cannot be read, the pictures do not belong together, or no lens of the
+            focal length focuses so near.
     """
     import torch
 
@@ -160,6 +161,11 @@ def fit_pair(
         raise InputError(
             "wrong-size", problem, remedy or "give another pair", path=pair.blurred
         ) from None
+    if fitted.focus * options.foclen >= _MM_PER_M:
+        where, far = length_text(_MM_PER_M / fitted.focus), length_text(options.foclen)
+        problem = f"the focus that was found, {where}, is not beyond the focal length {far}"
+        remedy = "give a shorter ‹focal-length›, or a ‹depth-range› that lies farther away"
+        raise InputError("focus-too-near", problem, remedy, path=pair.blurred)
     radius = evenly((fitted.strength * (fitted.focus - disparity)).numpy())
     return {
         "picture": str(pair.picture.color),
@@ -278,8 +284,11 @@ def breathes(record: dict[str, Any]) -> bool:
     return error is not None and abs(record["breathing"]) > max(_CHANCE * error, _MIN_BREATHING)
 
 
-def _error(value: float | None, times: float = 1) -> str:
-    return "?" if value is None else f"{times * value:.2g}"
+def _error(value: float | None, times: float = 1, unit: str = "") -> str:
+    """The standard error of a number, after it; nothing if the number was given."""
+    if value == 0:
+        return ""
+    return f" ± {'?' if value is None else f'{times * value:.2g}'}{unit}"
 
 
 def words(record: dict[str, Any]) -> list[str]:
@@ -289,8 +298,8 @@ def words(record: dict[str, Any]) -> list[str]:
     psnr = record["psnr"]
     shown = ", ".join(f"{name} {db:.1f} dB" for name, db in psnr.items() if db is not None)
     lines = [
-        f"focus {distance} ({focus:.4g} ± {_error(error)} 1/m)",
-        f"f-number {record['fnumber']:.4g} ± {_error(record['fnumber_error'], 100)} % for "
+        f"focus {distance} ({focus:.4g}{_error(error)} 1/m)",
+        f"f-number {record['fnumber']:.4g}{_error(record['fnumber_error'], 100, ' %')} for "
         f"{record['focal_length_mm']:g}mm and a sensor of {record['sensor_width_mm']:g}mm: "
         f"{record['px_per_dioptre']:.4g} px of radius for 1/m",
         f"residual: {shown}",
@@ -298,20 +307,20 @@ def words(record: dict[str, Any]) -> list[str]:
     if record["blades"]:
         lines.append(f"{record['blades']} blades turned {record['blade_rotation_deg']:.3g} degrees")
     if record["gamma"] != 1:
-        error = _error(record["gamma_error"], 100)
-        lines.append(f"gamma {record['gamma']:.3f} ± {error} %: light is what is read to it")
+        error = _error(record["gamma_error"], 100, " %")
+        lines.append(f"gamma {record['gamma']:.3f}{error}: light is what is read to it")
     if any(record["shift_px"]):
         across, down = record["shift_px"]
         lines.append(f"blurred picture {across:.2f} px to the right, {down:.2f} px down")
     if breathes(record):
         error = _error(record["breathing_error"])
-        lines.append(
-            f"breathing {record['breathing']:.3f} ± {error}: what is blurred lies outwards"
-        )
+        lines.append(f"breathing {record['breathing']:.3f}{error}: what is blurred lies outwards")
     if "dp_model" in record:
-        error = _error(record["dp_crosstalk_error"])
+        crosstalk, error = record["dp_crosstalk"], _error(record["dp_crosstalk_error"])
+        of_model = crosstalk == 0 and not error  # what the model is known to have
         lines.append(
-            f"photodiodes {record['dp_model']}, crosstalk {record['dp_crosstalk']:.3f} ± {error}"
+            f"photodiodes {record['dp_model']}"
+            + ("" if of_model else f", crosstalk {crosstalk:.3f}{error}")
         )
     for side, (middle, across, down) in zip(
         ("left", "right"), record.get("side_shading", ()), strict=False

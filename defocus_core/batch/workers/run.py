@@ -28,7 +28,7 @@ from defocus_core.batch.workers.output_checks import (
     refuse_unwritable,
 )
 from defocus_core.batch.workers.plan import Chunk, Execute, Execution, Plan, make_plan
-from defocus_core.errors import InputError, alike
+from defocus_core.errors import InputError, NoteKinds
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable
 from defocus_core.system.interrupts import Interrupts
@@ -61,7 +61,7 @@ class Summary:
     statuses: Counter[str] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
     warned: int = 0
-    warnings: Counter[str] = field(default_factory=Counter)  # without their numbers
+    warnings: NoteKinds = field(default_factory=NoteKinds)
     seconds: float = 0.0
     interrupted: bool = False
     withdrawn: set[str] = field(default_factory=set)  # samples taken out of the index of OUT
@@ -232,7 +232,7 @@ class _Batch:
         self.summary.left -= 1
         self.summary.statuses[record["status"]] += 1
         self.summary.warned += bool(record["warnings"])
-        self.summary.warnings.update({alike(warning) for warning in record["warnings"]})
+        self.summary.warnings.add(*record["warnings"])
         if record["reason"]:
             self.summary.reasons[record["reason"]] += 1
         if record["status"] == "failed" and self.execution.fail_fast:

@@ -79,7 +79,8 @@ def read_npy(path: Path, *, integers: bool) -> NDArray[Any]:
     """
     try:
         # Mapped, since np.load would allocate whatever size the header claims.
-        values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
+        with np.errstate(over="raise"):  # of a size that the header claims
+            values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
     except Exception as error:
         if "Python objects" in str(error):
             problem, remedy = "holds Python objects, not numbers", "save an array of floats"

@@ -103,14 +103,16 @@ def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
 
     Args:
         kernels: [..., S, S], S an odd number.
-        window: (height, width) of the transform, at least S each.
+        window: (height, width) of the transform, more than S // 2 each. Offsets beyond it reach no
+            sample that is computed, see `min_transform`, and are left out.
     """
     size = kernels.shape[-1]
     centred, nothing = kernels, kernels.new_zeros(())
     for dim, length in ((-1, window[1]), (-2, window[0])):
-        first, last = centred.tensor_split([size // 2], dim)
+        fitting = centred.narrow(dim, 0, min(size, length))
+        first, last = fitting.tensor_split([size // 2], dim)
         sizes = [*centred.shape]
-        sizes[dim] = length - size
+        sizes[dim] = length - fitting.shape[dim]
         centred = torch.cat([last, nothing.expand(sizes), first], dim)
     if launches_cost(kernels.device):
         spectra: Tensor = torch.fft.rfft2(centred)

@@ -167,6 +167,7 @@ def test_blades_are_written_with_their_rotation(pair: tuple[Path, Path, Path]) -
     [
         (("-o", "lens.txt"), 2, "malformed", "-o"),
         (("--blades", "2"), 2, "malformed", "blades"),
+        (("--focus", "50mm"), 2, "focus-too-near", "focus"),
         (("--right", "missing.exr"), 3, "not-found", "missing.exr"),
     ],
 )

@@ -300,3 +300,31 @@ def test_depth_is_multiplied_or_offset_and_not_exposed(light: bool, tmp_path: Pa
     for change, text in ((depth * 1000, "multiplied: Z x 1000"), (depth + 2, "offset: Z +2")):
         b = write_planes(tmp_path / "b.exr", {**color, "Z": change.astype(np.float32)})
         assert [f.text for f in compared(a, b).findings] == [text]
+
+
+def _soft() -> Any:
+    """A picture without fine detail, as those of many pixels are, with a little grain."""
+    y, x = np.mgrid[0:256, 0:384]
+    light = 0.4 + 0.2 * np.sin(y / 31) * np.cos(x / 43)
+    grain = 1 + 0.01 * np.random.default_rng(3).standard_normal((256, 384))
+    return (light * grain)[..., None] * np.float32([1, 0.8, 0.6])
+
+
+def _brighter_patch(image: Any) -> Any:
+    b = image.copy()
+    b[128:192, 192:256] *= 1.3
+    return b
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        (lambda a: a[::2, ::2].repeat(2, axis=0).repeat(2, axis=1), "lower resolution"),
+        (_brighter_patch, "in one region"),
+    ],
+    ids=["pixels left out", "a patch"],
+)
+def test_what_befalls_a_soft_picture_is_told(change: Any, name: str, tmp_path: Path) -> None:
+    a = write_planes(tmp_path / "a.exr", planes(_soft(), np.float32))
+    b = write_planes(tmp_path / "b.exr", planes(change(_soft()), np.float32))
+    assert names(compared(a, b)) == [name]

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from defocus_core.optics.aperture import Aperture
-from defocus_core.renderer.blur.fourier import reach, transform_length
+from defocus_core.renderer.blur.fourier import kernel_spectra, reach, transform_length
 
 
 @pytest.mark.parametrize("n", [*range(1, 300), 1000, 4097, 12345])
@@ -29,3 +29,15 @@ def test_a_slice_spreads_as_far_as_its_kernel(r: float) -> None:
 
 def test_no_slice_spreads_farther_than_the_frame() -> None:
     assert reach(1e6, 99) == reach(-1e6, 99) == 99
+
+
+def test_a_kernel_wider_than_its_window_keeps_what_reaches_the_samples() -> None:
+    kernel = torch.rand(1, 9, 9, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    light = torch.zeros(8, 8, dtype=torch.float64)
+    light[:3, :3] = 1 + torch.arange(9).view(3, 3)
+    spectrum = torch.fft.rfft2(light) * kernel_spectra(kernel, (8, 8))[0]
+    blurred = torch.fft.irfft2(spectrum, s=(8, 8))[:3, :3]
+    expected = torch.nn.functional.conv2d(
+        light[None, None, :3, :3], kernel[None].flip(2, 3), padding=4
+    )
+    torch.testing.assert_close(blurred, expected[0, 0])
