@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.distance_scale import DistanceScale
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.neighbourhoods import halfway, squares_around
 from defocus_core.tensors.sparse_masks import exceeding
 
@@ -171,7 +172,7 @@ def displacement_costs(profiles: Profiles, moments: Tensor, pixels: Tensor) -> T
         off = torch.linalg.solve_triangular(root, off, upper=False)
         volume = root.diagonal(dim1=1, dim2=2).log().sum(1, keepdim=True)
         likely.append(off.square().sum(1) / -2 - volume)
-    of_none = color.new_tensor(_OF_NONE)
+    of_none = sent(_OF_NONE, color)
     nearer = torch.logaddexp(likely[0], of_none) - torch.logaddexp(likely[1], of_none)
     near_depth, far_depth = profiles.depths()
     valid = (along >= -near_depth[:, None]) & (along <= far_depth[:, None] + 0.5)

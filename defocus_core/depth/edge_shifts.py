@@ -30,7 +30,7 @@ from defocus_core.depth.color_profiles import (
 )
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.soft_edges import slope_of_soft_edges
-from defocus_core.tensors.device_plan import pieces
+from defocus_core.tensors.device_plan import pieces, sent
 from defocus_core.tensors.neighbourhoods import (
     extreme_around,
     halfway,
@@ -226,7 +226,7 @@ def _evidence_of_some(
         """The pixels [n, 2] of a silhouette in a band of rows."""
         radii, above = radii_of(rows[0] - 1, rows[1] + 1)
         at = positions_of(edges_of(radii, step, scale)[rows[0] - above : rows[1] - above])
-        return at + at.new_tensor([rows[0], 0])
+        return at + sent([rows[0], 0], at)
 
     found = list(threaded(silhouette, every, threads))
     edges = sum(map(len, found))
@@ -238,7 +238,7 @@ def _evidence_of_some(
             return ShiftEvidence(nothing, nothing[:, :1])
         radii, above = radii_of(first - REACH, end + REACH)
         colors = pixels[..., above : end + REACH, :].detach()
-        at = at - at.new_tensor([above, 0])
+        at = at - sent([above, 0], at)
         at = at[_hashes(at, radii, colors) < maximum]
         return _evidence(silhouette_at(at, radii), radii, colors, along=False)
 

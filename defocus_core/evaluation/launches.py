@@ -60,6 +60,8 @@ class Launches(TorchDispatchMode):
         inputs, outputs = self._tensors((args, kwargs)), self._tensors(result)
         if inputs and (self._is_waited(name, args) or self._is_copied_away(name, result, args)):
             self.waits += 1
+        elif not inputs and outputs and name == "_to_copy" and not kwargs.get("non_blocking"):
+            self.waits += 1  # a copy from the host
         if (inputs or outputs) and not func.is_view and name not in _FREE:
             self.launches += 1
             self.written += sum(x.numel() * x.element_size() for x in outputs)

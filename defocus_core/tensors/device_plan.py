@@ -7,9 +7,12 @@ as large as its whole memory allows, of which others may use a part meanwhile.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import torch
+from torch import Tensor
 
 # Memory in bytes of a device that torch cannot ask.
 _UNKNOWN = 8 << 30
@@ -21,6 +24,17 @@ _TILE, _PIECE = 1 / 2, 1 / 8
 def launches_cost(device: torch.device) -> bool:
     """Whether an operation takes long to begin, and waiting for a result longer."""
     return device.type != "cpu"
+
+
+def sent(values: Tensor | Sequence[Any] | float, like: Tensor) -> Tensor:
+    """Numbers of the host in the precision and on the device of a tensor, without a wait.
+
+    A copy waits by itself until the device has done all before it.
+    """
+    if not isinstance(values, Tensor):
+        values = torch.tensor(values, dtype=like.dtype, device="cpu")
+    # Metal may read the memory of the host after it was freed
+    return values.to(like.device, like.dtype, non_blocking=like.device.type != "mps")
 
 
 def pieces(device: torch.device, on_cpu: int, bytes_each: int) -> int:

@@ -10,6 +10,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.pyramid import Axis, position_of
 
 # Coarse pixels from one block of pixels to the next: products with larger ones are mostly with
@@ -44,13 +45,13 @@ def cubic_weights(first: float, pixels: int, step: float, like: Tensor) -> AxisW
     near = (1.5 * away - 2.5) * away * away + 1
     far = ((2.5 - 0.5 * away) * away - 4) * away + 2
     block = torch.where(away < 1, near, torch.where(away < 2, far, 0.0))
-    return AxisWeights(block.to(like.device), lead, pixels)
+    return AxisWeights(sent(block, like), lead, pixels)
 
 
 def linear_weights(first: float, pixels: int, step: float, like: Tensor) -> AxisWeights:
     """Linear interpolation, without overshoot beside an edge; arguments of `cubic_weights`."""
     away, lead = _away(first, pixels, step, 1, like)
-    return AxisWeights((1 - away).clamp(min=0).to(like.device), lead, pixels)
+    return AxisWeights(sent((1 - away).clamp(min=0), like), lead, pixels)
 
 
 def _away(first: float, pixels: int, step: float, reach: int, like: Tensor) -> tuple[Tensor, int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import cast
+from typing import Any, cast
 
 import pytest
 import torch
@@ -161,7 +161,7 @@ def test_nor_do_layers(agree: Agree, count: int) -> None:
         agree(work)
 
 
-def test_nor_a_stream(agree: Agree) -> None:
+def test_nor_do_tiles(agree: Agree) -> None:
     image, radius = scene()
 
     def rendered(to: Moved) -> list[Tensor | None]:
@@ -272,20 +272,43 @@ def test_tiles_wait_for_nothing(device: Device, kind: str, monkeypatch: pytest.M
     assert not any(waited)
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
-def test_nor_do_backward_passes_of_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
-    image, radius = (x.cuda().requires_grad_() for x in scene())
-    tile = Region.tile
+def test_backward_passes_wait_for_regions_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    planned, plan = [], Region.__init__
 
-    def strict(self: Region, index: int) -> Views:
-        torch.cuda.set_sync_debug_mode("error")
+    def noted(self: Region, *args: Any) -> None:
+        before = waits.total()
         try:
-            return tile(self, index)
-        finally:
-            torch.cuda.set_sync_debug_mode("default")
+            plan(self, *args)
+        finally:  # a pass that has what it needs leaves
+            planned.append(waits.total() - before)
 
-    monkeypatch.setattr(Region, "tile", strict)
-    render(image, radius, left_right=True).render.sum().backward()
+    with elsewhere():
+        given = [there(values.clone()).requires_grad_() for values in scene(size=(40, 60))]
+        seen = render(given[0], given[1], tile=64).render
+        monkeypatch.setattr(Region, "__init__", noted)
+        waits.clear()
+        torch.autograd.grad(seen.sum(), given)
+    assert 0 < waits.total() == sum(planned)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_nor_do_they_on_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    image, radius = (x.cuda().requires_grad_() for x in scene())
+    seen, plan = render(image, radius, left_right=True).render.sum(), Region.__init__
+
+    def waiting(self: Region, *args: Any) -> None:
+        torch.cuda.set_sync_debug_mode("default")
+        try:
+            plan(self, *args)
+        finally:
+            torch.cuda.set_sync_debug_mode("error")
+
+    monkeypatch.setattr(Region, "__init__", waiting)
+    torch.cuda.set_sync_debug_mode("error")
+    try:
+        seen.backward()
+    finally:
+        torch.cuda.set_sync_debug_mode("default")
     assert image.grad is not None
     assert radius.grad is not None
 

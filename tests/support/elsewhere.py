@@ -106,7 +106,8 @@ def _run(func: Any, args: Any, kwargs: Any) -> object:
     leaves = (name == "aten::_to_copy" and named == "cpu") or (
         name == "aten::copy_" and not isinstance(args[0], Elsewhere)
     )
-    if leaves or (away and name in _WAITED) or any(i.dtype == torch.bool for i in index):
+    arrives = not away and name == "aten::_to_copy" and not kwargs.get("non_blocking")
+    if leaves or arrives or (away and name in _WAITED) or any(i.dtype == torch.bool for i in index):
         waits[name] += 1
     if device is not None:
         kwargs = {**kwargs, "device": "cpu"}

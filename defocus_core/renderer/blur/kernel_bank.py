@@ -15,7 +15,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import Part
 from defocus_core.optics.pupil_field import View
 from defocus_core.renderer.blur.fourier import kernel_spectra, kernels, reach, transform_length
-from defocus_core.tensors.device_plan import launches_cost
+from defocus_core.tensors.device_plan import launches_cost, sent
 
 # Number of sizes of a window's transforms: quarters of the largest.
 _SIZES = 4
@@ -114,7 +114,7 @@ class TransformWindow:
             [missing] if missing and at_once else [[slice_index] for slice_index in missing]
         ):
             versions = torch.stack(self._kernels(slice_indices, leaning=True), 1)
-            leans = versions.new_tensor([slopes[slice_index] for slice_index in slice_indices])
+            leans = sent([slopes[slice_index] for slice_index in slice_indices], versions)
             x, y = leans.T[..., None, None, None]
             tilted = versions[0].addcmul(versions[1], x).addcmul(versions[2], y)
             spectra = kernel_spectra(tilted, size).unsqueeze(-3)
@@ -173,7 +173,7 @@ class TransformWindow:
             computed = kernels(
                 radii, self.margin, self.aperture, self.parts, views=self.views, leaning=leaning
             )
-            self.kernels.update(zip(missing, computed.to(self.like.real), strict=True))
+            self.kernels.update(zip(missing, sent(computed, self.like.real), strict=True))
         return [self.kernels[n] for n in slice_indices]
 
 

@@ -19,6 +19,7 @@ from defocus_core.renderer.compositing.saturating_sum import (
     summed,
 )
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import sent
 
 # Gap in coverage that is not worth filling: dividing by the coverage makes up for it.
 _NEGLIGIBLE = 0.05
@@ -132,7 +133,7 @@ class TileCompositor:
         aside = Aside(self.by_group, [], self.invented)
         self.by_group, self.invented = [], None
         for front, covered_near, maximum in zip(aside.composited, near, self._full, strict=True):
-            full = torch.as_tensor(maximum).to(front)
+            full = sent(maximum, front)
             # where these cover all, nothing is seen behind: as if it were full
             filled = covered_near > full - _MIN_ROOM
             covered = torch.where(filled, full, front[:, -1:] - covered_near)
@@ -226,7 +227,7 @@ class TileCompositor:
         """Count the gaps that are left as covered: nothing is seen there."""
         for group, maximum in enumerate(self._full):
             color, covered = self.by_group[group].tensor_split([-1], 1)
-            whole = torch.maximum(covered, torch.as_tensor(maximum).to(covered))
+            whole = torch.maximum(covered, sent(maximum, covered))
             self.by_group[group] = torch.cat([color, whole], 1)
 
     def _maximum(self, group: int, known: bool) -> Tensor | float:

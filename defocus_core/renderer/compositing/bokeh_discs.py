@@ -24,6 +24,7 @@ from defocus_core.renderer.compositing.disc_occlusion import Obstruction, Square
 from defocus_core.renderer.compositing.highlights import Highlights
 from defocus_core.renderer.compositing.occluders import Occluder
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import sent
 
 # Samples drawn at once: bounds memory.
 _SAMPLES = 1 << 18
@@ -136,8 +137,8 @@ def _widest_first(
     spread = torch.tensor([reach(r, maximum) for r in radii.tolist()], device=radii.device)
     wide = spread.argsort(descending=True, stable=True)
     radii, spread, which = radii[wide], spread[wide], wide.argsort()[which]
-    corner = at.new_tensor([box.top, box.left])
-    last = corner + at.new_tensor([box.height - 1, box.width - 1])
+    corner = sent([box.top, box.left], at)
+    last = corner + sent([box.height - 1, box.width - 1], at)
     away = torch.maximum(corner - at, at - last).amax(1)
     order = which.argsort(stable=True)
     order = order[(away <= spread[which])[order]]

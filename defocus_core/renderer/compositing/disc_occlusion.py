@@ -17,6 +17,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from defocus_core.renderer.compositing.occluders import Occluder, Occluders
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.tiling import BLOCK
 
 # A surface occludes a light if it is nearer by this many px of radius and by this share of it; no
@@ -148,7 +149,7 @@ class Obstruction:
     def _lights(self, at: Tensor, radius: Tensor) -> tuple[Tensor, _Lights]:
         """The slices [k] that may stand before any of the lights, and the lights."""
         limit = nearer_than(radius.detach())
-        radii = torch.tensor(self._radii, dtype=torch.float64).to(radius)
+        radii = sent(self._radii, radius)
         before = (limit[:, None] > radii) & (self._sums[:, -1, -1] > 0)  # [n, K]
         slice_indices = torch.nonzero(before.any(0))[:, 0]
         r, small = radius[:, None], radius.abs() < _SMALL

@@ -18,6 +18,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import Part
 from defocus_core.optics.pupil_field import View
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero
 
 # Least share: a disc much larger than the frame would divide by nearly 0.
@@ -52,7 +53,7 @@ def fraction_in_frame(
     Returns:
         [M, 1, ..., h, w] in [0.01, 1].
     """
-    positions = (torch.arange(s.first, s.end).to(signed_radius) + 0.5 for s in box.sides)
+    positions = (sent(torch.arange(s.first, s.end), signed_radius) + 0.5 for s in box.sides)
     # [h, 2] and [w, 2] px from both borders of an axis to a pixel
     down, across = (torch.stack([at, at - n], -1) for at, n in zip(positions, size, strict=True))
     nearest = torch.minimum(down.abs().amin(-1)[:, None], across.abs().amin(-1))
@@ -71,7 +72,7 @@ def fraction_in_frame(
     known = aperture if aperture.requires_grad else aperture.fixed
     area_below = _summed_area.__wrapped__ if aperture.requires_grad or views else _summed_area
     tables = [area_below(known, part, view) for part in parts for view in views or (None,)]
-    areas = torch.stack(tables)[None].to(r)
+    areas = sent(torch.stack(tables)[None], r)
     below = grid_sample(areas, corners.reshape(1, -1, 4, 2), align_corners=True)[0]  # [M, n, 4]
     within = (below[..., 0] + below[..., 3] - below[..., 1] - below[..., 2]).abs()
     fraction = signed_radius.new_ones(len(tables), *signed_radius.shape)

@@ -16,6 +16,7 @@ from torch.nn.functional import max_pool2d, pad
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.stacked_samples import ascending
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import sent
 
 # Neighbours are of two surfaces if their radii differ by more than this, in px and as a share of
 # the radius; less is a slope.
@@ -47,7 +48,7 @@ class Openings(NamedTuple):
         opaque = opaque.detach()
         nearest = opaque.amin(0)
         position = slice_position(nearest.clamp(max=radii[-1]), radii).ceil().long()
-        layer_index = torch.tensor(layer_of, dtype=nearest.dtype, device=nearest.device)[position]
+        layer_index = sent(layer_of, nearest)[position]
         none = nearest == torch.inf
         room = _spread(_reach_of_edges(opaque)).clamp(0, 1)
         return cls(room.masked_fill(none, 1), layer_index.masked_fill(none, torch.inf))

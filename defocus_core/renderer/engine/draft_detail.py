@@ -16,6 +16,7 @@ from torch.nn.functional import interpolate, pad
 from defocus_core.renderer.engine.draft_coarse import means
 from defocus_core.renderer.layers.slice_radii import SHARP, SOFT
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.neighbourhoods import range_of
 
 # Radius in px from which on no detail is left; up to there the share that is left falls as a disc
@@ -42,7 +43,7 @@ _MINIMUM = 0.05
 
 def left_of_detail(signed_radius: Tensor) -> Tensor:
     """The share [...] of detail that a disc leaves, for radii [...] px: 1 in focus."""
-    whole = signed_radius.new_tensor(1 + SHARP**2 / NO_DETAIL**2)
+    whole = sent(1 + SHARP**2 / NO_DETAIL**2, signed_radius)
     left = torch.addcmul(whole, signed_radius, signed_radius, value=-1 / NO_DETAIL**2)
     return left.clamp(0, 1).square().square()
 

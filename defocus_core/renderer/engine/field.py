@@ -12,6 +12,7 @@ from defocus_core.optics.pupil_field import View
 from defocus_core.renderer.blur.kernel_bank import TransformWindow
 from defocus_core.renderer.engine.frame import SharedFrame, Slicing
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.views import Views
 
 
@@ -60,7 +61,7 @@ def views_of(frame: SharedFrame, at: Tensor, core: Box, region: Box) -> View | N
     if field is None:
         return None
     y, x = (
-        (at + at.new_tensor([region.top - core.top, region.left - core.left]) + 0.5)
+        (at + sent([region.top - core.top, region.left - core.left], at) + 0.5)
         .to(frame.dtype)
         .unbind(1)
     )

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.inpainting.two_layer_pyramid import PyramidLevel
-from defocus_core.tensors.device_plan import launches_cost
+from defocus_core.tensors.device_plan import launches_cost, sent
 
 # Greatest difference in px between the radii of neighbours at half resolution on one surface.
 _SAME = 1.013
@@ -161,7 +161,7 @@ def _first_beyond(
         every = every if first is None else every + first
         known = r.index_select(0, every.flatten()).view(every.shape) > border
         which = known.byte().argmax(0)
-        distance = r.new_tensor(_STEPS).index_select(0, which)
+        distance = sent(_STEPS, r).index_select(0, which)
         distance = torch.where(known.any(0), distance, torch.inf)
         return every.gather(0, which[None])[0], distance
     assert first is None, "on a CPU pictures are computed one by one"

@@ -22,6 +22,7 @@ from defocus_core.renderer.inpainting.push_pull import HiddenQueries, continued,
 from defocus_core.renderer.inpainting.region_view import View, half_view, whole_view
 from defocus_core.renderer.inpainting.two_layer_pyramid import PyramidLevel, coarser, pixels_of
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.sparse_masks import flat_nonzero
 
 # Where between the radii of the near and the far surface the border is that tells them apart. A
@@ -99,7 +100,7 @@ def hidden_layer(
     shown, source, front, ceiling = (x.flatten().index_select(0, index) for x in revealed)
     asked = HiddenQueries(at, front + (source - front) * _BETWEEN, ceiling, of)
     values, tensor, weight = _from_frame(
-        backdrop, asked._replace(at=view.pixels(at) + at.new_tensor(box[:2]))
+        backdrop, asked._replace(at=view.pixels(at) + sent(box[:2], at))
     )
     values, weight = _with_adjacent_surface(values, weight, half, view, asked)
     surface = (values / torch.where(weight > 0, weight, 1.0)).T
@@ -147,7 +148,7 @@ def _with_adjacent_surface(
 ) -> tuple[Tensor, Tensor]:
     """Values and weights at half resolution, first those of the surface next to each pixel."""
     offsets = (-0.25, 0.25) if view.level else (0.0,)
-    offset = asked.border.new_tensor([(y, x) for y in offsets for x in offsets])
+    offset = sent([(y, x) for y in offsets for x in offsets], asked.border)
     n, count = len(asked.at), len(offset)
     spots = view.pixels((offset[:, None] + asked.at).flatten(0, 1))
     of = None if asked.of is None else asked.of.repeat(count)

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.inpainting.two_layer_pyramid import CellSurface, PyramidLevel
-from defocus_core.tensors.device_plan import pieces
+from defocus_core.tensors.device_plan import pieces, sent
 from defocus_core.tensors.pyramid import Axis, positions
 
 # Weight from which on a pixel takes nothing from coarser levels.
@@ -136,7 +136,7 @@ def _neighbours(position: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor
         Numbers and shares, each [2, 2, n]: rows first, then columns.
     """
     below = position.floor()
-    last = below.new_tensor(size)[:, None] - 1
+    last = sent(size, below)[:, None] - 1
     fraction = position - below
     exists = torch.stack([below + 1, last - below], 1).clamp_(0, 1)
     second_index = torch.stack([below, below + 1], 1).clamp_(min=0)

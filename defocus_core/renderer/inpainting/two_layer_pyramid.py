@@ -15,7 +15,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.tensors.device_plan import launches_cost, pieces
+from defocus_core.tensors.device_plan import launches_cost, pieces, sent
 from defocus_core.tensors.pyramid import Axis, AxisHalving, extended, halved, halves, pulled
 from defocus_core.tensors.sparse_masks import flat_nonzero
 
@@ -264,10 +264,10 @@ def _split(
     positions, fractions = [], []
     for second_index, axis, length in zip((row, column), axes, pyramid_level.size, strict=True):
         offsets, by = zip(*_taps(axis, overlapping), strict=True)
-        first = torch.tensor(offsets, device=coarse.device) - axis.before
+        first = sent(offsets, coarse) - axis.before
         position = torch.add(first[:, None], second_index, alpha=2)
         inside = position.clamp(0, length - 1)
-        fractions.append(pyramid_level.first.data.new_tensor(by)[:, None] * (inside == position))
+        fractions.append(sent(by, pyramid_level.first.data)[:, None] * (inside == position))
         positions.append(inside)
     rows = positions[0] if above is None else positions[0] + above * pyramid_level.size[0]
     index = torch.add(positions[1], rows[:, None], alpha=pyramid_level.size[1]).flatten()

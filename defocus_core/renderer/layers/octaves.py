@@ -13,6 +13,7 @@ from typing import NamedTuple
 from torch import Tensor
 
 from defocus_core.renderer.layers.slice_radii import ALONE
+from defocus_core.tensors.device_plan import sent
 
 # A hidden octave comes before visible layers whose radius is this many times its greatest one.
 # Surfaces of like radii cover each other by chance; for them the order stays.
@@ -44,7 +45,7 @@ class CompositeOrder(NamedTuple):
         if all(abs(octave) <= greatest for greatest in self.greatest):
             return None
         which = [float(abs(octave) <= greatest) for greatest in self.greatest]
-        return like.new_tensor(which)[:, None, None]
+        return sent(which, like)[:, None, None]
 
 
 def octaves(radii: tuple[float, ...]) -> list[int]:

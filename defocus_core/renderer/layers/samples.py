@@ -13,6 +13,7 @@ from defocus_core.renderer.layers.matting import Unmixed
 from defocus_core.renderer.layers.slice_radii import membership, slice_position
 from defocus_core.renderer.layers.subpixel_shifts import Shifts
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.sparse_masks import flat_nonzero
 
 # Samples of pixels: [C + 1, H, W], colour premultiplied by coverage, then coverage; and [H, W],
@@ -105,6 +106,6 @@ def _of_slices(sheets: list[Sheet]) -> list[Sheet]:
         if not len(present):
             continue
         for k in range(math.floor(present.min()), math.ceil(present.max()) + 1):
-            part = layer * membership(positions, positions.new_tensor([k]))
+            part = layer * membership(positions, sent([k], positions))
             sums[k] = sums[k] + part if k in sums else part
     return [(layer, torch.full_like(layer[0], k)) for k, layer in sums.items()]

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from defocus_core.allowed_values import QUALITIES
 from defocus_core.renderer.layers.quality import Quality, find
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.validation import number
 
 # Up to a radius of SHARP px a pixel counts as in focus: its disc is much narrower than the pixel.
@@ -152,11 +153,11 @@ def slice_position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
         return torch.zeros_like(signed_radius)
     pieces = _pieces(radii)
     lower, a, b, c = (
-        torch.tensor(column, dtype=torch.float64).to(signed_radius.device, signed_radius.dtype)
+        sent(column, signed_radius)
         for column in zip(*((p.slice_index, p.a, p.b, p.c) for p in pieces), strict=True)
     )
     r = signed_radius.flatten()
-    limits = torch.tensor([p.end for p in pieces[:-1]], dtype=torch.float64).to(r)
+    limits = sent([p.end for p in pieces[:-1]], r)
     piece = torch.bucketize(r.detach(), limits, right=True, out_int32=True)
     fraction = torch.addcmul(c.index_select(0, piece), a.index_select(0, piece), r * r)
     if any(p.b for p in pieces):

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.neighbourhoods import range_of
 
 # Slopes in px per px, below which the limiter is nearly a plain mean.
@@ -82,7 +83,7 @@ def _limited(r: Tensor, dim: int) -> Tensor:
 
 
 def _weights(steps: Tensor) -> Tensor:
-    return torch.addcmul(steps.new_tensor(_SMALL**2), steps, steps)
+    return torch.addcmul(sent(_SMALL**2, steps), steps, steps)
 
 
 def _mean(steps: tuple[Tensor, Tensor], weights: tuple[Tensor, Tensor]) -> Tensor:

@@ -21,6 +21,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import LEFT, Part
 from defocus_core.renderer.layers.slice_radii import SHARP, SOFT
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.source import Scalar
 
 # Radius in px of slices up to which lost shifts are added; beyond, less than 0.03 px is lost.
@@ -113,7 +114,9 @@ class Shifts:
 
 def stacked(values: Sequence[Scalar], like: Tensor) -> Tensor:
     """A tensor [n] of numbers and of tensors of one number, through which gradients flow."""
-    return torch.stack([torch.as_tensor(value, dtype=torch.float64) for value in values]).to(like)
+    return sent(
+        torch.stack([torch.as_tensor(value, dtype=torch.float64) for value in values]), like
+    )
 
 
 def along_first(values: Sequence[Scalar], like: Tensor) -> Tensor:
