@@ -19,6 +19,7 @@ from defocus_core.io.array_files.float_maps import NPY_MAGIC, read_npy
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import linear_to_srgb, quantised
+from defocus_core.io.images.describe import describe
 from defocus_core.io.images.encode import write_samples
 from defocus_core.io.safe_files import read_head
 
@@ -236,8 +237,9 @@ def _pupil_images(path: Path, _stamp: object) -> tuple[PupilImage, ...]:
         _refuse_wide(path, light.shape)
         light = np.array(light, "float64")
     else:
+        header = describe(path)
+        _refuse_wide(path, (len(header.parts[0].channels), header.height, header.width))
         color = read_color(path)
-        _refuse_wide(path, (len(color.planes), *color.shape[:2]))  # before a pixel is read
         light = np.stack([plane[:] for plane in color.planes], dtype="float64")
         light = light[: len(color.channels) - ("A" in color.channels)]
     differ = float(np.ptp(light, axis=0).max()) > _GREY * float(np.abs(light).max())
