@@ -8,5 +8,5 @@ from training import make_batch, train
 
 
 def test_the_error_on_held_out_scenes_falls_by_half(tmp_path: Path) -> None:
-    before, after = train(make_batch(tmp_path, scenes=12), steps=160, size=3)
+    before, after = train(make_batch(tmp_path, scenes=12), steps=90, size=3)
     assert after <= before / 2

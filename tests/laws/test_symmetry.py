@@ -116,7 +116,7 @@ def test_tiles_leave_no_seam(
         assert worst(seam, 0.0) < RENDERED[dtype]
 
 
-@pytest.mark.parametrize("size", [(150, 290), (131, 261)])
+@pytest.mark.parametrize("size", [(101, 197)])
 @pytest.mark.parametrize("kind", [*RADII, "lights"])
 def test_regions_leave_no_seam(
     kind: str, size: tuple[int, int], monkeypatch: pytest.MonkeyPatch
@@ -124,7 +124,7 @@ def test_regions_leave_no_seam(
     """What is decided for a region is what the whole frame decides."""
     image, radius = noise(size), RADII["steps" if kind == "lights" else kind](size)
     if kind == "lights":
-        image[:, 70:75, ::40] = 50.0
+        image[:, 50:55, ::40] = 50.0
     monkeypatch.setattr(preparation, "grid_over", partial(tiling.grid_over, side=32))
     whole = render(image, radius, left_right=True)
     small = tiling.grid_over(*size, side=32)._replace(region=64)

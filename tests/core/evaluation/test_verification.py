@@ -140,7 +140,7 @@ def test_the_renderer_passes_at_standard_quality(sound: list[list[Check]]) -> No
 
 @pytest.mark.parametrize("quality", ["draft", "high", "reference"])
 def test_the_renderer_passes(quality: str) -> None:
-    found = all_checks(Setting(quality=quality, threads=2))
+    found = all_checks(Setting(quality=quality))
     assert [check for check in found if not check.ok] == []
     skipped = [check.law for check in found if check.value is None]
     assert skipped == ["CPU and GPU"]

@@ -26,7 +26,7 @@ def cards(seed: int) -> tuple[Tensor, Tensor]:
     def some(below: int, minimum: int = 0) -> int:
         return int(torch.randint(minimum, below, (1,), generator=generator))
 
-    H, W = 120 + seed % 2, 160 + seed // 2 % 2
+    H, W = 80 + seed % 2, 104 + seed // 2 % 2
     step, levels = STEPS[seed % len(STEPS)]
     coarse = torch.rand(1, 3, H // 6, W // 6, generator=generator)
     image = interpolate(coarse, size=(H, W), mode="bilinear")[0]

@@ -72,7 +72,7 @@ def pictures(seen: Views) -> Tensor:
 @pytest.mark.parametrize("quality", ["draft", "standard", "high"])
 @pytest.mark.parametrize("threads", [1, 2])
 def test_the_callers_modes_do_not_change_a_picture(mode, quality: str, threads: int) -> None:
-    image, radius = scenery("cards", 200, 220, 30.0)
+    image, radius = scenery("cards", 72, 220, 30.0)  # two tiles
     wanted = pictures(render(image, radius, quality=quality, left_right=True))
     with mode:
         seen = pictures(render(image, radius, quality=quality, left_right=True, threads=threads))
@@ -97,7 +97,7 @@ def test_the_callers_modes_do_not_change_a_gradient(name: str) -> None:
 
 def test_products_are_not_rounded_as_the_caller_allows() -> None:
     product = torch.rand(64, 64, generator=torch.Generator().manual_seed(0))
-    image, radius = (x.requires_grad_() for x in scenery("cards", 200, 220, 40.0))
+    image, radius = (x.requires_grad_() for x in scenery("cards", 72, 220, 40.0))
 
     def seen() -> list[Tensor]:
         rendering = render(image, radius, left_right=True)

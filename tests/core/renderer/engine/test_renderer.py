@@ -19,7 +19,7 @@ from defocus_core.tensors.tiling import TILE
 @pytest.mark.parametrize("kind", ["most", "lights", "floor", "focus"])
 @pytest.mark.parametrize(("threads", "at_once"), [(1, None), (3, 1), (2, 2)])
 def test_a_renderer_is_the_rendering(kind: str, threads: int, at_once: int | None) -> None:
-    image, radius = scenery(kind, 700, 660, 6.0)
+    image, radius = scenery(kind, 700, 330, 6.0)
     whole = render(image, radius, left_right=True)
     pixels, radii = Windows(image), Windows(radius)
     renderer = Renderer(Scene(pixels, radii), Settings(left_right=True, threads=threads))
@@ -37,7 +37,7 @@ def soft_picture(height: int, width: int) -> tuple[Tensor, Tensor]:
 
 
 def test_a_renderer_of_soft_depth_is_its_rendering() -> None:
-    image, radius = soft_picture(700, 660)
+    image, radius = soft_picture(700, 280)
     whole = render(image, radius)
     renderer = Renderer(Scene(Windows(image), Windows(radius)), Settings(threads=2))
     assert renderer.repair.soft_edges
@@ -90,7 +90,7 @@ def test_costs_are_the_same_through_windows_and_of_tensors() -> None:
 @pytest.mark.parametrize("kind", ["most", "lights", "floor"])
 @pytest.mark.parametrize("tile", [48, 80, 320])
 def test_another_side_of_tiles_changes_the_last_digits_alone(kind: str, tile: int) -> None:
-    image, radius = scenery(kind, 300, 350, 8.0)
+    image, radius = scenery(kind, 200, 250, 8.0)
     usual = render(image, radius, left_right=True)
     other = render(image, radius, left_right=True, tile=tile)
     assert other.stats["tiles"] != usual.stats["tiles"]
@@ -107,7 +107,7 @@ def test_another_side_of_tiles_changes_the_last_digits_alone(kind: str, tile: in
 @pytest.mark.parametrize("tile", [48, 320])
 def test_a_tile_sees_all_that_spreads_to_it(kind: str, quality: str, tile: int) -> None:
     """In double precision nothing but what a tile left out would tell: large radii, edges."""
-    image, radius = (x.double() for x in scenery(kind, 300, 350, 24.0))
+    image, radius = (x.double() for x in scenery(kind, 200, 250, 24.0))
     usual = render(image, radius, quality=quality, left_right=True)
     other = render(image, radius, quality=quality, left_right=True, tile=tile)
     for name in KINDS:
