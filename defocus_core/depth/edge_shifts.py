@@ -10,6 +10,7 @@ needs more evidence.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -68,8 +69,12 @@ _MIN_STEP, _STEP = 0.3, 1.5
 # A picture of hard edges is shifted if so many profiles count, if the median displacement is so
 # many px, and if such a share of the votes lie within a px of it.
 _VOTES, _BIASED, _AGREED = 100, 0.75, 0.6
-# Px around a pixel that decide what it becomes.
-AROUND = REACH + NORMAL + 2 * (_ROUNDS_OF_COLOR + _ROUNDS + _SMOOTHING) + FARTHEST + 2
+# Displacement in px from which on a profile may have ended short of the place: the edges within so
+# many px are shifted once more.
+_FAR, _NEAR_FAR = 4.5, 12
+# Px around a pixel that decide what it becomes, once and twice.
+_AROUND_ONCE = REACH + NORMAL + 2 * (_ROUNDS_OF_COLOR + _ROUNDS + _SMOOTHING) + FARTHEST + 2
+AROUND = 2 * _AROUND_ONCE + _NEAR_FAR
 # Half a px, so that averages of whole displacements are no ties.
 _HALF = 0.4937
 # Profiles examined at once on a CPU, and bytes that each takes elsewhere: bounds memory.
@@ -283,13 +288,28 @@ def with_shifted_edges(
     signed_radius: Tensor, pixels: Tensor, shifts: EdgeShifts, scale: DistanceScale | None = None
 ) -> Tensor:
     """Radii [H, W] px whose edges lie where the colours of [C, H, W] have theirs."""
+    edges = edges_of(signed_radius.detach(), shifts.step, scale)
+    radii, far = _shifted(signed_radius, pixels, edges, shifts.rarity)
+    if not len(far):
+        return radii
+    moved = torch.zeros_like(edges).flatten().index_fill_(0, far, value=True).view_as(edges)
+    edges = edges_of(radii.detach(), shifts.step, scale)
+    edges &= extreme_around(moved, _NEAR_FAR, torch.maximum)
+    rarity = [_RARITY / _BEFORE * abs(px) for px in range(-FARTHEST, FARTHEST + 1)]
+    return _shifted(radii, pixels, edges, rarity)[0]
+
+
+def _shifted(
+    signed_radius: Tensor, pixels: Tensor, edges: Tensor, rarity: Sequence[float]
+) -> tuple[Tensor, Tensor]:
+    """Radii [H, W] px with edges [H, W] shifted once, and the numbers of pixels shifted far."""
     radii = signed_radius.detach()
-    at, (H, W) = positions_of(edges_of(radii, shifts.step, scale)), radii.shape
+    at, (H, W) = positions_of(edges), radii.shape
     if not len(at):
-        return signed_radius
+        return signed_radius, at[:, 0]
     silhouette = silhouette_at(at, radii)
     found = _evidence(silhouette, radii, pixels.detach())
-    shift = _smooth_shifts(silhouette, radii, found, found.costs.new_tensor(shifts.rarity))
+    shift = _smooth_shifts(silhouette, radii, found, found.costs.new_tensor(rarity))
     flat, taken = radii.flatten(), signed_radius.flatten()
     near, far = at[:, 0] * W + at[:, 1], silhouette.far
     order = torch.arange(len(at), device=at.device)
@@ -297,7 +317,7 @@ def with_shifted_edges(
         order = order[key[order].argsort(stable=True)]
     at, near, far, shift = at[order], near[order], far[order], shift[order]
     if not float(shift.abs().amax()) > _HALF:
-        return signed_radius
+        return signed_radius, at[:0, 0]
     index, owner, distance = _owners(at, shift, (H, W))
     own = flat[index]
     is_near = own < halfway(flat[near][owner], flat[far][owner])
@@ -305,7 +325,8 @@ def with_shifted_edges(
     wants_near = inwards > shift[owner] - _HALF
     source = torch.where(wants_near, near[owner], far[owner])
     moves = (wants_near != is_near) & (distance <= shift[owner].abs() + 1 + _HALF)
-    return taken.index_copy(0, index, taken[torch.where(moves, source, index)]).reshape(H, W)
+    shifted = taken.index_copy(0, index, taken[torch.where(moves, source, index)])
+    return shifted.reshape(H, W), near[shift.abs() > _FAR]
 
 
 def _evidence(
@@ -327,7 +348,7 @@ def _evidence(
         moments = _averaged(moments, beside, _ROUNDS_OF_COLOR)
     costs = torch.cat(
         [
-            displacement_costs(*each, pixels)
+            displacement_costs(*each, pixels, rims=along)
             for each in zip(profiles, torch.split(moments, step), strict=True)
         ]
     )
