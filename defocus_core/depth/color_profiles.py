@@ -26,8 +26,9 @@ REACH = 12
 NORMAL, _NORMAL_DEVIATION = 3, 1.5
 # Light beyond which sums of it would be infinite.
 _BRIGHTEST = 1e30
-# Least deviation of the colours of a surface, as a share of their mean.
-_DEVIATION = 0.04
+# Least deviation of the colours of a surface, as a share of their mean; how many times wider they
+# vary than the few samples of one profile do.
+_DEVIATION, _WIDER = 0.04, 4.8
 # Logarithm of the density of other colours on a surface; by how much it is greater on the nearer
 # one, whose rims differ, while the farther one goes on unchanged behind it.
 _OTHER, _RIM = -4.0, 2.0
@@ -149,7 +150,7 @@ def color_moments(profiles: Profiles, pixels: Tensor) -> Tensor:
 
 
 def displacement_costs(
-    profiles: Profiles, moments: Tensor, pixels: Tensor, *, rims: bool
+    profiles: Profiles, moments: Tensor, pixels: Tensor, *, alone: bool, rims: bool
 ) -> Tensor:
     """The cost in px [n, 2 * FARTHEST + 1] of each displacement, 0 for the best one.
 
@@ -158,10 +159,10 @@ def displacement_costs(
 
     Args:
         profiles: Across silhouettes.
-        moments: From `color_moments`, averaged along the silhouettes.
+        moments: From `color_moments`.
         pixels: [C, H, W] linear.
-        rims: Whether colours of neither surface may be a rim; not where moments are of so few
-            samples that many colours are missing in them.
+        alone: Whether moments are of each profile alone, not averaged along the silhouettes.
+        rims: Whether colours of neither surface may be a rim of the nearer one.
     """
     color, along, C = _colors(pixels, profiles.positions), _along(pixels), len(pixels)
     sides = torch.split(moments, 1 + C + C * C, 1)
@@ -171,7 +172,7 @@ def displacement_costs(
     for side, mean in zip(sides, means, strict=True):
         square = side[:, 1 + C :].view(-1, C, C) / side[:, :1, None].clamp(min=1e-9)
         spread = square - mean[:, :, None] * mean[:, None, :]
-        spread = spread / scale.square()[:, None, None]
+        spread = spread * (_WIDER if alone else 1.0) / scale.square()[:, None, None]
         spread = spread + _DEVIATION**2 * torch.eye(C, dtype=color.dtype, device=color.device)
         root = torch.linalg.cholesky_ex(spread).L
         off = (color.transpose(0, 1) - mean[:, :, None]) / scale[:, None, None]  # [n, C, ...]

@@ -128,7 +128,9 @@ def measured_shifts(
     limits = torch.stack([range_of(band) for band in banded(signed_radius)])
     minimum, maximum = torch.stack([limits[:, 0].amin(), limits[:, 1].amax()]).tolist()
     step = _step_of(minimum, maximum, signed_radius, soft)
-    found, of_all = _evidence_of_some(signed_radius, pixels, step, threads, scale)
+    # edges that ran within objects were soft; hard ones may only be biased
+    rims = soft is not None
+    found, of_all = _evidence_of_some(signed_radius, pixels, step, threads, scale, rims=rims)
     if float(found.fraction.sum()) <= (_VOTES * of_all if soft is None else 0):
         return None
     return _shifts(_votes(found)[0], step, soft)
@@ -157,7 +159,7 @@ def measured_shifts_of_each(signed_radius: Tensor, pixels: Tensor) -> list[EdgeS
     at, of = at[examined], every[examined]
     if not len(at):
         return [None] * B
-    found = _evidence(silhouette_at(at, radii), radii, colors, along=False)
+    found = _evidence(silhouette_at(at, radii), radii, colors, along=False, rims=False)
     votes = torch.cat([_votes(found, of, B), sums_of_each(found.fraction, of, B)], 1).cpu()
     return [
         None if float(own[-1]) <= _VOTES * chance else _shifts(own[:-1], step, None)
@@ -215,6 +217,8 @@ def _evidence_of_some(
     step: float,
     threads: int,
     scale: DistanceScale | None,
+    *,
+    rims: bool,
 ) -> tuple[ShiftEvidence, float]:
     """The evidence of single profiles across silhouettes, and the share of them that it is of.
 
@@ -245,7 +249,7 @@ def _evidence_of_some(
         colors = pixels[..., above : end + REACH, :].detach()
         at = at - sent([above, 0], at)
         at = at[_hashes(at, radii, colors) < maximum]
-        return _evidence(silhouette_at(at, radii), radii, colors, along=False)
+        return _evidence(silhouette_at(at, radii), radii, colors, along=False, rims=rims)
 
     def of_all(maximum: float) -> ShiftEvidence:
         parts = threaded(partial(evidence_of, maximum=maximum), range(len(every)), threads)
@@ -330,7 +334,7 @@ def _shifted(
 
 
 def _evidence(
-    silhouette: Silhouette, radii: Tensor, pixels: Tensor, *, along: bool = True
+    silhouette: Silhouette, radii: Tensor, pixels: Tensor, *, along: bool = True, rims: bool = True
 ) -> ShiftEvidence:
     """The evidence of colours [C, H, W] at pixels of radii [H, W], averaged along a silhouette.
 
@@ -339,6 +343,7 @@ def _evidence(
         radii: [H, W] px.
         pixels: [C, H, W] linear.
         along: Whether it is averaged; else that of each pixel's own profile.
+        rims: Whether colours of neither surface may be a rim of the nearer one.
     """
     step, beside = _profiles(radii), _beside(silhouette.at, radii) if along else None
     parts = (torch.split(x, step, d) for x, d in zip(silhouette, (0, 0, 1), strict=True))
@@ -348,7 +353,7 @@ def _evidence(
         moments = _averaged(moments, beside, _ROUNDS_OF_COLOR)
     costs = torch.cat(
         [
-            displacement_costs(*each, pixels, rims=along)
+            displacement_costs(*each, pixels, alone=not along, rims=rims)
             for each in zip(profiles, torch.split(moments, step), strict=True)
         ]
     )
