@@ -71,7 +71,7 @@ _MIN_STEP, _STEP = 0.3, 1.5
 _VOTES, _BIASED, _AGREED = 100, 0.75, 0.6
 # Displacement in px from which on a profile may have ended short of the place: the edges within so
 # many px are shifted once more.
-_FAR, _NEAR_FAR = 4.5, 12
+_FAR, _NEAR_FAR = 5.25, 12
 # Px around a pixel that decide what it becomes, once and twice.
 _AROUND_ONCE = REACH + NORMAL + 2 * (_ROUNDS_OF_COLOR + _ROUNDS + _SMOOTHING) + FARTHEST + 2
 AROUND = 2 * _AROUND_ONCE + _NEAR_FAR
@@ -299,12 +299,18 @@ def with_shifted_edges(
     moved = torch.zeros_like(edges).flatten().index_fill_(0, far, value=True).view_as(edges)
     edges = edges_of(radii.detach(), shifts.step, scale)
     edges &= extreme_around(moved, _NEAR_FAR, torch.maximum)
+    # what is neither surface's has been given away already
     rarity = [_RARITY / _BEFORE * abs(px) for px in range(-FARTHEST, FARTHEST + 1)]
-    return _shifted(radii, pixels, edges, rarity)[0]
+    return _shifted(radii, pixels, edges, rarity, rims=False)[0]
 
 
 def _shifted(
-    signed_radius: Tensor, pixels: Tensor, edges: Tensor, rarity: Sequence[float]
+    signed_radius: Tensor,
+    pixels: Tensor,
+    edges: Tensor,
+    rarity: Sequence[float],
+    *,
+    rims: bool = True,
 ) -> tuple[Tensor, Tensor]:
     """Radii [H, W] px with edges [H, W] shifted once, and the numbers of pixels shifted far."""
     radii = signed_radius.detach()
@@ -312,7 +318,7 @@ def _shifted(
     if not len(at):
         return signed_radius, at[:, 0]
     silhouette = silhouette_at(at, radii)
-    found = _evidence(silhouette, radii, pixels.detach())
+    found = _evidence(silhouette, radii, pixels.detach(), rims=rims)
     shift = _smooth_shifts(silhouette, radii, found, found.costs.new_tensor(rarity))
     flat, taken = radii.flatten(), signed_radius.flatten()
     near, far = at[:, 0] * W + at[:, 1], silhouette.far
