@@ -23,7 +23,7 @@ from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.jobs.lens_from_options import make_lens
 from defocus_core.batch.jobs.reading_options import lens_file_reading
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS, SHAPES
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS, OPENINGS
 from defocus_core.batch.lenses.shipped_lenses import lens_path
 
 
@@ -77,4 +77,4 @@ def shape_options() -> Decorator:
         flags = {name.replace("_", "-"): value for name, value in values.items()}
         return make_lens(flags, lens_file, radii=True)
 
-    return bundle("lens", make, [*_options_of(SHAPES), _lens_file_option()])
+    return bundle("lens", make, [*_options_of(OPENINGS), _lens_file_option()])
