@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import depth_exr, pair, render, run, texture
+from command_line import color_exr, depth_exr, pair, render, run, texture
 from image_files import save
 from refusals import refuses
 
@@ -21,6 +21,7 @@ from defocus_core.io.depth_formats import depth, exr_depth_channel, file_types
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import MAX_PIXELS
+from defocus_core.reports.html import sample_layers
 from defocus_core.reports.inspection import inspection
 
 
@@ -146,3 +147,14 @@ def test_kernels_too_large_are_refused_before_they_are_read(
     monkeypatch.setattr(opening, "read_entries", lambda _: {"left": side, "right": side})
     with refuses("wrong-size", path=tmp_path / "k.npz"):
         opening.measured_pair(tmp_path / "k.npz")
+
+
+def test_a_report_draws_nothing_that_takes_all_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A PNG of 400 kB in the place of a picture of the batch took 14 GB."""
+    files = [("render", color_exr(tmp_path / "a.exr"))]
+    assert len(list(sample_layers.drawn_files(files, values=False))) == 1
+    monkeypatch.setattr(sample_layers, "_MAX_DRAWN", texture().size - 1)
+    monkeypatch.setattr(sample_layers, "read_picture", None)
+    assert not list(sample_layers.drawn_files(files, values=False))
