@@ -16,7 +16,7 @@ from records import record
 from refusals import refuses
 
 from defocus_core.batch.datasets import finished, sample_index, tar_shards
-from defocus_core.batch.journal.journal import journal_path, read_all
+from defocus_core.batch.journal.journal import Shard, journal_path, read_all, shards
 from defocus_core.batch.journal.run_file import plan_of, run_path, sweep_up
 from defocus_core.compare.goldens.store import read_store
 from defocus_core.errors import InputError
@@ -287,3 +287,10 @@ def test_an_acceptance_that_was_tampered_with_removes_nothing(
         read_store(tmp_path)
     assert mine.read_text() == "mine"
     assert not (tmp_path / "golden.json").exists()
+
+
+def test_the_name_of_a_journal_cannot_make_a_merge_count_shards_for_ever(tmp_path: Path) -> None:
+    for name in ("1of999999999999", "3of2", "0of2", "1of2"):
+        (tmp_path / f"journal-{name}.jsonl").touch()
+    assert shards(tmp_path) == [Shard(1, 2)]
+    assert run("merge", tmp_path, "--json").json["missing"] == ["2/2"]
