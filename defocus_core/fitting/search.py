@@ -35,6 +35,7 @@ _DAMPING = 1e-4
 _ASIDE = (-1.5, -0.75, 0.0, 0.75, 1.5)  # px of radius that the focus is tried aside
 # Px by which a nearly sharp surface is moved, how much less error is worth it, and how often.
 _NEARLY_SHARP, _BETTER, _TIMES = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4), 0.9, 3
+_NOT_MUCH_WORSE = 2.0  # times the error, that the other side of the focus may have before steps
 _RARE = 0.02  # fraction of the pixels, nearer or farther than which there are hardly any
 _AS_GOOD = 1.002  # an error as small, by the rounding of the renderer
 
@@ -162,6 +163,8 @@ class Search:
                 if k > 0
             )
             tried = [self._at(each, fitted.optics, scale) for each in pivoted]
+            if tried and tried[-1].error < _NOT_MUCH_WORSE * fitted.error:
+                tried[-1] = self._descended(tried[-1], MIDDLE, blur)
             best = min(tried, key=lambda each: each.error, default=fitted)
             if not best.error < _BETTER * fitted.error:
                 return fitted
