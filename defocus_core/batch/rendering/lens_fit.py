@@ -170,7 +170,7 @@ def fit_pair(
     except ValueError as error:
         problem, _, remedy = str(error).partition("; ")
         raise InputError(
-            "wrong-size", problem, remedy or "give another pair", path=pair.blurred
+            "not-explained", problem, remedy or "give another pair", path=pair.blurred
         ) from None
     if fitted.focus * options.foclen >= _MM_PER_M:
         where, far = length_text(_MM_PER_M / fitted.focus), length_text(options.foclen)

@@ -114,6 +114,7 @@ def test_a_plane_whose_focus_is_known_tells_its_sensor_and_its_shading() -> None
     assert found.shading[0] == pytest.approx((1.0, -0.1, 0.0), abs=0.01)
     assert found.shading[1] == pytest.approx((0.9, 0.0, 0.0), abs=0.01)
     assert not found.refusals
+    assert not found.doubts  # the focus is given, not extrapolated
 
 
 def test_the_pupil_is_chosen_that_explains_the_picture() -> None:
