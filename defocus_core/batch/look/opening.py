@@ -298,7 +298,7 @@ def _field(path: Path, values: NDArray[Any]) -> PupilField:
 
 
 def write_aperture(path: Path, lens: Lens, radius: float) -> None:
-    """Write the opening and the blur of a point to look at, PNG, or the blur alone, EXR.
+    """Write the opening and the blur of a point to look at, PNG, or the blur to measure, EXR.
 
     Args:
         path: the file; its suffix decides.
@@ -323,7 +323,8 @@ def write_aperture(path: Path, lens: Lens, radius: float) -> None:
     pixel = dual_pixel_of(lens)
     kernels = pixel.kernels(pupil, r, 2 * math.ceil(abs(radius)) + 1).numpy()
     if path.suffix.lower() == ".exr":
-        write_exr(path, {"kernel": kernels[0].astype("float32")}, {})
+        names = ("kernel", "left", "right")
+        write_exr(path, dict(zip(names, kernels.astype("float32"), strict=True)), {})
         return
     opening = pupil.kernel(torch.tensor(_SHOWN / 2.0, dtype=torch.float64), _SHOWN).numpy()
     squares = []
