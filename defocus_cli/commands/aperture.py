@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.options.lens import shape_options
+from defocus_cli.options.lens import opening_options
 from defocus_cli.options.types import FilePath, GroupedCommand, Quantity, grouped_option
 from defocus_cli.words import console
 from defocus_core.batch.lenses.lens import Lens
@@ -36,13 +36,13 @@ from defocus_core.errors import InputError
 )
 @grouped_option("Output", "--nearer", is_flag=True, help="Of a point nearer than the focus.")
 @grouped_option("Output", "--overwrite", is_flag=True, help="Replace a file that is there.")
-@shape_options()
+@opening_options()
 def command(out: Path, radius: float, nearer: bool, overwrite: bool, lens: Lens) -> None:
     """Draw the opening of a lens, and the blur of a point beyond the focus.
 
     A PNG shows four squares: the opening, the blur of a point at --radius with every pixel of it
     enlarged, and what the left and the right half of the opening make of it. An EXR has the blur
-    alone, in channel 'kernel', whose sum is 1.
+    in channel 'kernel', whose sum is 1, and what the halves make of it in 'left' and 'right'.
 
     \b
     Examples:

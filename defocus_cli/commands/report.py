@@ -25,7 +25,8 @@ def command(out: Path, html: Path | None, as_json: bool) -> None:
 
     Each sample has its input, its pictures and its maps: a slider between two of them, exposure,
     CoC over the picture, left and right in turn, values under the pointer, and the command that
-    renders it again. Samples that failed come first. The file holds all it needs.
+    renders it again. Samples that failed come first. The file holds all it needs. Pictures beyond
+    8192 x 4096 px are left out, as are files that cannot be read.
 
     \b
     Examples:

@@ -23,7 +23,7 @@ from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.jobs.lens_from_options import make_lens
 from defocus_core.batch.jobs.reading_options import lens_file_reading
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS, SHAPES
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS, OPENING
 from defocus_core.batch.lenses.shipped_lenses import lens_path
 
 
@@ -70,11 +70,11 @@ def _options_of(names: Iterable[str]) -> list[Decorator]:
     return [param_option("Lens", LENS_OPTIONS[name]) for name in names]
 
 
-def shape_options() -> Decorator:
-    """Hand a command ``lens``: the shape of an opening, and no more of a lens."""
+def opening_options() -> Decorator:
+    """Hand a command ``lens``: its opening and its photodiodes, and no more of a lens."""
 
     def make(lens_file: Path | None, **values: Any) -> Lens:
         flags = {name.replace("_", "-"): value for name, value in values.items()}
         return make_lens(flags, lens_file, radii=True)
 
-    return bundle("lens", make, [*_options_of(SHAPES), _lens_file_option()])
+    return bundle("lens", make, [*_options_of(OPENING), _lens_file_option()])

@@ -9,6 +9,7 @@ from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.lenses.lens import lens_record_words
 from defocus_core.io.exr.windows import Window
 from defocus_core.reports.inspection.inspection import range_key
+from defocus_core.reports.inspection.shot_summary import range_words
 from defocus_core.system.text import counted
 
 
@@ -84,11 +85,10 @@ def pair_lines(pair: Mapping[str, Any]) -> Iterator[str]:
 
 def _depth_lines(depth: Mapping[str, Any], note: str) -> Iterator[str]:
     """The depth of a file in words."""
-    ends = depth["range_m"]
-    reach = f"{ends[0]:.6g} m to {ends[1]:.6g} m" if ends else "no finite depth"
     invalid = counted(depth["invalid_pixels"], "invalid pixel")
     nothing = f", nothing in {counted(depth['nothing_pixels'], 'pixel')}"
     absent = nothing if depth["nothing_pixels"] else ""
+    reach = range_words(depth)
     yield f"  depth: {reach}, {depth['sky_pixels']} sky and {invalid}{absent} ({note})"
     if depth["coc_px"] is not None:
         near, far = depth["coc_px"]

@@ -26,11 +26,14 @@ REACH = 12
 NORMAL, _NORMAL_DEVIATION = 3, 1.5
 # Light beyond which sums of it would be infinite.
 _BRIGHTEST = 1e30
-# Least deviation of the colours of a surface, as a share of their mean.
-_DEVIATION = 0.04
-# Logarithm of the density of colours of neither surface; difference of logarithms that is sure; and
-# greatest cost of a displacement in px.
-_OF_NONE, _SURE, _MAXIMUM = -4.0, 4.0, 6.0
+# Least deviation of the colours of a surface, as a share of their mean; how many times wider they
+# vary than the few samples of one profile do.
+_DEVIATION, _WIDER = 0.04, 4.8
+# Logarithm of the density of other colours on a surface; by how much it is greater on the nearer
+# one, whose rims differ, while the farther one goes on unchanged behind it.
+_OTHER, _RIM = -4.0, 2.0
+# Difference of logarithms that is sure; and greatest cost of a displacement in px.
+_SURE, _MAXIMUM = 4.0, 6.0
 
 
 class Silhouette(NamedTuple):
@@ -146,7 +149,9 @@ def color_moments(profiles: Profiles, pixels: Tensor) -> Tensor:
     return torch.cat(moments, 1)
 
 
-def displacement_costs(profiles: Profiles, moments: Tensor, pixels: Tensor) -> Tensor:
+def displacement_costs(
+    profiles: Profiles, moments: Tensor, pixels: Tensor, *, alone: bool, rims: bool
+) -> Tensor:
     """The cost in px [n, 2 * FARTHEST + 1] of each displacement, 0 for the best one.
 
     Each pixel that a displacement leaves on the wrong side costs up to 1, by how much more likely
@@ -154,8 +159,10 @@ def displacement_costs(profiles: Profiles, moments: Tensor, pixels: Tensor) -> T
 
     Args:
         profiles: Across silhouettes.
-        moments: From `color_moments`, averaged along the silhouettes.
+        moments: From `color_moments`.
         pixels: [C, H, W] linear.
+        alone: Whether moments are of each profile alone, not averaged along the silhouettes.
+        rims: Whether colours of neither surface may be a rim of the nearer one.
     """
     color, along, C = _colors(pixels, profiles.positions), _along(pixels), len(pixels)
     sides = torch.split(moments, 1 + C + C * C, 1)
@@ -165,15 +172,15 @@ def displacement_costs(profiles: Profiles, moments: Tensor, pixels: Tensor) -> T
     for side, mean in zip(sides, means, strict=True):
         square = side[:, 1 + C :].view(-1, C, C) / side[:, :1, None].clamp(min=1e-9)
         spread = square - mean[:, :, None] * mean[:, None, :]
-        spread = spread / scale.square()[:, None, None]
+        spread = spread * (_WIDER if alone else 1.0) / scale.square()[:, None, None]
         spread = spread + _DEVIATION**2 * torch.eye(C, dtype=color.dtype, device=color.device)
         root = torch.linalg.cholesky_ex(spread).L
         off = (color.transpose(0, 1) - mean[:, :, None]) / scale[:, None, None]  # [n, C, ...]
         off = torch.linalg.solve_triangular(root, off, upper=False)
         volume = root.diagonal(dim1=1, dim2=2).log().sum(1, keepdim=True)
         likely.append(off.square().sum(1) / -2 - volume)
-    of_none = sent(_OF_NONE, color)
-    nearer = torch.logaddexp(likely[0], of_none) - torch.logaddexp(likely[1], of_none)
+    near, far = sent([_OTHER + rims * _RIM, _OTHER], color)
+    nearer = torch.logaddexp(likely[0], near) - torch.logaddexp(likely[1], far)
     near_depth, far_depth = profiles.depths()
     valid = (along >= -near_depth[:, None]) & (along <= far_depth[:, None] + 0.5)
     nearer = (nearer / _SURE).nan_to_num().clamp(-1, 1) * valid  # [n, 2 * REACH + 1] of each px

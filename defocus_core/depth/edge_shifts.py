@@ -10,6 +10,7 @@ needs more evidence.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -68,8 +69,12 @@ _MIN_STEP, _STEP = 0.3, 1.5
 # A picture of hard edges is shifted if so many profiles count, if the median displacement is so
 # many px, and if such a share of the votes lie within a px of it.
 _VOTES, _BIASED, _AGREED = 100, 0.75, 0.6
-# Px around a pixel that decide what it becomes.
-AROUND = REACH + NORMAL + 2 * (_ROUNDS_OF_COLOR + _ROUNDS + _SMOOTHING) + FARTHEST + 2
+# Displacement in px from which on a profile may have ended short of the place: the edges within so
+# many px are shifted once more.
+_FAR, _NEAR_FAR = 5.25, 12
+# Px around a pixel that decide what it becomes, once and twice.
+_AROUND_ONCE = REACH + NORMAL + 2 * (_ROUNDS_OF_COLOR + _ROUNDS + _SMOOTHING) + FARTHEST + 2
+AROUND = 2 * _AROUND_ONCE + _NEAR_FAR
 # Half a px, so that averages of whole displacements are no ties.
 _HALF = 0.4937
 # Profiles examined at once on a CPU, and bytes that each takes elsewhere: bounds memory.
@@ -123,7 +128,9 @@ def measured_shifts(
     limits = torch.stack([range_of(band) for band in banded(signed_radius)])
     minimum, maximum = torch.stack([limits[:, 0].amin(), limits[:, 1].amax()]).tolist()
     step = _step_of(minimum, maximum, signed_radius, soft)
-    found, of_all = _evidence_of_some(signed_radius, pixels, step, threads, scale)
+    # edges that ran within objects were soft; hard ones may only be biased
+    rims = soft is not None
+    found, of_all = _evidence_of_some(signed_radius, pixels, step, threads, scale, rims=rims)
     if float(found.fraction.sum()) <= (_VOTES * of_all if soft is None else 0):
         return None
     return _shifts(_votes(found)[0], step, soft)
@@ -152,7 +159,7 @@ def measured_shifts_of_each(signed_radius: Tensor, pixels: Tensor) -> list[EdgeS
     at, of = at[examined], every[examined]
     if not len(at):
         return [None] * B
-    found = _evidence(silhouette_at(at, radii), radii, colors, along=False)
+    found = _evidence(silhouette_at(at, radii), radii, colors, along=False, rims=False)
     votes = torch.cat([_votes(found, of, B), sums_of_each(found.fraction, of, B)], 1).cpu()
     return [
         None if float(own[-1]) <= _VOTES * chance else _shifts(own[:-1], step, None)
@@ -210,6 +217,8 @@ def _evidence_of_some(
     step: float,
     threads: int,
     scale: DistanceScale | None,
+    *,
+    rims: bool,
 ) -> tuple[ShiftEvidence, float]:
     """The evidence of single profiles across silhouettes, and the share of them that it is of.
 
@@ -240,7 +249,7 @@ def _evidence_of_some(
         colors = pixels[..., above : end + REACH, :].detach()
         at = at - sent([above, 0], at)
         at = at[_hashes(at, radii, colors) < maximum]
-        return _evidence(silhouette_at(at, radii), radii, colors, along=False)
+        return _evidence(silhouette_at(at, radii), radii, colors, along=False, rims=rims)
 
     def of_all(maximum: float) -> ShiftEvidence:
         parts = threaded(partial(evidence_of, maximum=maximum), range(len(every)), threads)
@@ -283,13 +292,34 @@ def with_shifted_edges(
     signed_radius: Tensor, pixels: Tensor, shifts: EdgeShifts, scale: DistanceScale | None = None
 ) -> Tensor:
     """Radii [H, W] px whose edges lie where the colours of [C, H, W] have theirs."""
+    edges = edges_of(signed_radius.detach(), shifts.step, scale)
+    radii, far = _shifted(signed_radius, pixels, edges, shifts.rarity)
+    if not len(far):
+        return radii
+    moved = torch.zeros_like(edges).flatten().index_fill_(0, far, value=True).view_as(edges)
+    edges = edges_of(radii.detach(), shifts.step, scale)
+    edges &= extreme_around(moved, _NEAR_FAR, torch.maximum)
+    # what is neither surface's has been given away already
+    rarity = [_RARITY / _BEFORE * abs(px) for px in range(-FARTHEST, FARTHEST + 1)]
+    return _shifted(radii, pixels, edges, rarity, rims=False)[0]
+
+
+def _shifted(
+    signed_radius: Tensor,
+    pixels: Tensor,
+    edges: Tensor,
+    rarity: Sequence[float],
+    *,
+    rims: bool = True,
+) -> tuple[Tensor, Tensor]:
+    """Radii [H, W] px with edges [H, W] shifted once, and the numbers of pixels shifted far."""
     radii = signed_radius.detach()
-    at, (H, W) = positions_of(edges_of(radii, shifts.step, scale)), radii.shape
+    at, (H, W) = positions_of(edges), radii.shape
     if not len(at):
-        return signed_radius
+        return signed_radius, at[:, 0]
     silhouette = silhouette_at(at, radii)
-    found = _evidence(silhouette, radii, pixels.detach())
-    shift = _smooth_shifts(silhouette, radii, found, found.costs.new_tensor(shifts.rarity))
+    found = _evidence(silhouette, radii, pixels.detach(), rims=rims)
+    shift = _smooth_shifts(silhouette, radii, found, found.costs.new_tensor(rarity))
     flat, taken = radii.flatten(), signed_radius.flatten()
     near, far = at[:, 0] * W + at[:, 1], silhouette.far
     order = torch.arange(len(at), device=at.device)
@@ -297,7 +327,7 @@ def with_shifted_edges(
         order = order[key[order].argsort(stable=True)]
     at, near, far, shift = at[order], near[order], far[order], shift[order]
     if not float(shift.abs().amax()) > _HALF:
-        return signed_radius
+        return signed_radius, at[:0, 0]
     index, owner, distance = _owners(at, shift, (H, W))
     own = flat[index]
     is_near = own < halfway(flat[near][owner], flat[far][owner])
@@ -305,11 +335,12 @@ def with_shifted_edges(
     wants_near = inwards > shift[owner] - _HALF
     source = torch.where(wants_near, near[owner], far[owner])
     moves = (wants_near != is_near) & (distance <= shift[owner].abs() + 1 + _HALF)
-    return taken.index_copy(0, index, taken[torch.where(moves, source, index)]).reshape(H, W)
+    shifted = taken.index_copy(0, index, taken[torch.where(moves, source, index)])
+    return shifted.reshape(H, W), near[shift.abs() > _FAR]
 
 
 def _evidence(
-    silhouette: Silhouette, radii: Tensor, pixels: Tensor, *, along: bool = True
+    silhouette: Silhouette, radii: Tensor, pixels: Tensor, *, along: bool = True, rims: bool = True
 ) -> ShiftEvidence:
     """The evidence of colours [C, H, W] at pixels of radii [H, W], averaged along a silhouette.
 
@@ -318,6 +349,7 @@ def _evidence(
         radii: [H, W] px.
         pixels: [C, H, W] linear.
         along: Whether it is averaged; else that of each pixel's own profile.
+        rims: Whether colours of neither surface may be a rim of the nearer one.
     """
     step, beside = _profiles(radii), _beside(silhouette.at, radii) if along else None
     parts = (torch.split(x, step, d) for x, d in zip(silhouette, (0, 0, 1), strict=True))
@@ -327,7 +359,7 @@ def _evidence(
         moments = _averaged(moments, beside, _ROUNDS_OF_COLOR)
     costs = torch.cat(
         [
-            displacement_costs(*each, pixels)
+            displacement_costs(*each, pixels, alone=not along, rims=rims)
             for each in zip(profiles, torch.split(moments, step), strict=True)
         ]
     )

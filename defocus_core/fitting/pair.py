@@ -261,8 +261,8 @@ def _doubts(fitted: FittedLens, disparity: Tensor, errors: dict[str, float]) -> 
     point, nearest, farthest = fitted.point, float(disparity.max()), float(disparity.min())
     maximum = point.strength * max(abs(point.focus - nearest), abs(point.focus - farthest))
     doubts = {
-        "the focus lies beyond all depths of the picture, and is extrapolated": not (
-            farthest <= point.focus <= nearest
+        "the focus lies beyond all depths of the picture, and is extrapolated": (
+            "focus" in errors and not farthest <= point.focus <= nearest
         ),
         "the strength is known to more than 10 % only": errors.get("strength", 0.0) > 0.1,
         "the focus is known to a tenth of the range of disparity only": (
@@ -279,6 +279,8 @@ def _doubts(fitted: FittedLens, disparity: Tensor, errors: dict[str, float]) -> 
             point.separation < 0
         ),
         "the crosstalk is known to 0.1 or less well": errors.get("separation", 0.0) > 0.2,
-        "hardly anything is blurred: strength and focus are uncertain": maximum < 1.5,
+        "hardly anything is blurred: strength and focus are uncertain": (
+            maximum < 1.5 and not errors.keys().isdisjoint({"strength", "focus"})
+        ),
     }
     return [words for words, holds in doubts.items() if holds]

@@ -28,11 +28,14 @@ _BLOCKS = 6  # along each side, for the uncertainty
 _SEPARATION = 0.5  # of left and right, from which steps descend
 _ENOUGH = 2e-4  # a smaller step is none
 _NO_LESS = 0.999  # times the error before a step: not worth another
+_HARDLY_LESS = 0.5  # times the error before a step: slopes may have changed within a probe
+_SHORTEST = 0.05  # of the difference that slopes are first taken over
 _SHORTER = (1.0, 0.35, 0.1)  # fractions of a step that are tried
 _DAMPING = 1e-4
 _ASIDE = (-1.5, -0.75, 0.0, 0.75, 1.5)  # px of radius that the focus is tried aside
 # Px by which a nearly sharp surface is moved, how much less error is worth it, and how often.
 _NEARLY_SHARP, _BETTER, _TIMES = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4), 0.9, 3
+_NOT_MUCH_WORSE = 2.0  # times the error, that the other side of the focus may have before steps
 _RARE = 0.02  # fraction of the pixels, nearer or farther than which there are hardly any
 _AS_GOOD = 1.002  # an error as small, by the rounding of the renderer
 
@@ -160,6 +163,8 @@ class Search:
                 if k > 0
             )
             tried = [self._at(each, fitted.optics, scale) for each in pivoted]
+            if tried and tried[-1].error < _NOT_MUCH_WORSE * fitted.error:
+                tried[-1] = self._descended(tried[-1], MIDDLE, blur)
             best = min(tried, key=lambda each: each.error, default=fitted)
             if not best.error < _BETTER * fitted.error:
                 return fitted
@@ -185,15 +190,18 @@ class Search:
         """A point after Gauss-Newton steps at a width; None for that of the pictures.
 
         Slopes take a rendering each. They are kept after a step shorter than what they were taken
-        over, until a step by them makes nothing better.
+        over, until a step by them makes nothing better. Where a surface is nearly sharp they change
+        within what they are taken over: after a short step of little use they are taken over its
+        length.
         """
         scale = self.residual.scale(width)
         fitted = self._at(start.point, start.optics, scale)
         slopes: Tensor | None = None
+        first = probes = _probes(free)
         for _ in range(_STEPS[width] if free else 0):
             kept = slopes
             residual, weight = self.residual.of(fitted.point, fitted.optics, scale)
-            slopes = self._slopes(fitted, scale, free, residual) if kept is None else kept
+            slopes = self._slopes(fitted, scale, free, probes, residual) if kept is None else kept
             step = _step(*_blocks(residual, weight, slopes), free)
             for fraction in _SHORTER:
                 point = self._moved(fitted.point, free, (fraction * step).tolist())
@@ -208,8 +216,10 @@ class Search:
             less, fitted, step = there.error / fitted.error, there, fraction * step.abs()
             if float(step.max()) < _ENOUGH or less > _NO_LESS:
                 break
-            if any(by > u.probe for u, by in zip(free, step.tolist(), strict=True)):
+            if bool((step > probes).any()):
                 slopes = None
+            elif less > _HARDLY_LESS and bool((step < probes / 2).all()):
+                slopes, probes = None, torch.maximum(step, _SHORTEST * first)
         return fitted
 
     def normal(
@@ -217,20 +227,26 @@ class Search:
     ) -> tuple[Tensor, Tensor]:
         """Of each block of the picture the matrix [B, P, P] and the gradient [B, P] of a step."""
         residual, weight = self.residual.of(fitted.point, fitted.optics, scale)
-        return _blocks(residual, weight, self._slopes(fitted, scale, free, residual))
+        slopes = self._slopes(fitted, scale, free, _probes(free), residual)
+        return _blocks(residual, weight, slopes)
 
     def _slopes(
-        self, fitted: FittedLens, scale: Scale, free: list[Unknown], residual: Tensor
+        self,
+        fitted: FittedLens,
+        scale: Scale,
+        free: list[Unknown],
+        probes: Tensor,
+        residual: Tensor,
     ) -> Tensor:
         """How the residual of a point changes with each unknown [P, V, C, H, W]."""
         slopes = []
-        for index, unknown in enumerate(free):
+        for index, probe in enumerate(probes.tolist()):
             steps = [0.0] * len(free)
-            steps[index] = unknown.probe
+            steps[index] = probe
             there, _ = self.residual.of(
                 self._moved(fitted.point, free, steps), fitted.optics, scale
             )
-            slopes.append((there - residual) / unknown.probe)
+            slopes.append((there - residual) / probe)
         return torch.stack(slopes)
 
     def _centred(self, fitted: FittedLens) -> FittedLens:
@@ -268,6 +284,11 @@ def _best(fitted: list[FittedLens], width: int, scale: Scale) -> list[FittedLens
             kept.append(each)
             radii.append(radius)
     return kept
+
+
+def _probes(free: list[Unknown]) -> Tensor:
+    """The differences [P] that slopes are first taken over."""
+    return torch.tensor([unknown.probe for unknown in free], dtype=torch.float64)
 
 
 def _blocks(residual: Tensor, weight: Tensor, slopes: Tensor) -> tuple[Tensor, Tensor]:

@@ -15,8 +15,8 @@ from jobs_files import FIXED, INPUTS, jobs_file, pictures
 from records import record
 from refusals import refuses
 
-from defocus_core.batch.datasets import tar_shards
-from defocus_core.batch.journal.journal import journal_path, read_all
+from defocus_core.batch.datasets import finished, sample_index, tar_shards
+from defocus_core.batch.journal.journal import Shard, journal_path, read_all, shards
 from defocus_core.batch.journal.run_file import plan_of, run_path, sweep_up
 from defocus_core.compare.goldens.store import read_store
 from defocus_core.errors import InputError
@@ -252,3 +252,45 @@ def test_a_failed_record_without_a_message_is_reported(tmp_path: Path) -> None:
         ran = run(*words)
         assert "unexpected" not in ran.err, ran.err
         assert ran.code in (0, 1)
+
+
+@pytest.mark.parametrize("attack", ["pipe", "link", "nested", "bytes", "foreign"])
+def test_an_index_that_was_tampered_with_is_refused(
+    attack: str, tmp_path: Path, mine: Path
+) -> None:
+    index = tmp_path / sample_index.NAME
+    outputs = {"sample_id": "a", "outputs": {"render": "../home/mine"}}
+    match attack:
+        case "pipe":
+            os.mkfifo(index)
+        case "link":
+            index.symlink_to(mine)
+        case _:
+            nested = b"[" * 200_000
+            text = {"nested": nested, "bytes": b"\xff", "foreign": json.dumps(outputs).encode()}
+            index.write_bytes(text[attack] + b"\n")
+    with refuses("unreadable" if attack in ("pipe", "link") else "malformed"):
+        list(finished.samples(tmp_path))
+    assert sample_index.listed(tmp_path) == ({"a"} if attack == "foreign" else None)
+    assert sample_index.withdraw(tmp_path, {"b"}, alone=True) == set()
+
+
+@pytest.mark.parametrize("removed", ["[" * 200_000, "7", "null", '["../home/mine"]', '["/"]'])
+def test_an_acceptance_that_was_tampered_with_removes_nothing(
+    removed: str, tmp_path: Path, mine: Path
+) -> None:
+    aside = tmp_path / ".accepting"
+    aside.mkdir()
+    (aside / "golden.json").write_text('{"samples": {}}')
+    (aside / "removed.json").write_text(removed)
+    with refuses("unwritable"):
+        read_store(tmp_path)
+    assert mine.read_text() == "mine"
+    assert not (tmp_path / "golden.json").exists()
+
+
+def test_the_name_of_a_journal_cannot_make_a_merge_count_shards_for_ever(tmp_path: Path) -> None:
+    for name in ("1of999999999999", "3of2", "0of2", "1of2"):
+        (tmp_path / f"journal-{name}.jsonl").touch()
+    assert shards(tmp_path) == [Shard(1, 2)]
+    assert run("merge", tmp_path, "--json").json["missing"] == ["2/2"]

@@ -56,7 +56,8 @@ def test_a_grey_picture_is_all_that_it_takes(tmp_path: Path) -> None:
     (told,) = ran.json["pictures"]
     assert (ran.code, told["coc_px"]) == (0, [-6.0, 0.0])
     assert not told["warnings"]
-    assert "coc" in run("info", z, "--blur", "6px", "--focus-value", "0").out.lower()
+    own = run("info", z, "--blur", "6px", "--focus-value", "0", "--json").json["files"][0]["depth"]
+    assert (own["coc_px"], own["range"], own["range_m"]) == ([-6.0, 0.0], [0.0, 255.0], None)
 
 
 def test_no_radius_is_larger_than_the_clamp(tmp_path: Path) -> None:
@@ -122,3 +123,8 @@ def test_a_depth_that_is_in_focus_everywhere_is_refused(tmp_path: Path) -> None:
     color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr", np.full((16, 24), 4))
     ran = run("render", color, z, "--blur", "8px", "--focus-at", "1,1", "-o", tmp_path / "out")
     refused(ran, 3, "no-valid-depth", z)
+
+
+@pytest.mark.parametrize("name", ["blur", "clamp-blur", "focus-value"])
+def test_an_opening_has_no_blur_of_a_picture(name: str, tmp_path: Path) -> None:
+    refused(run("aperture", f"--{name}", "4", "-o", tmp_path / "a.png"), 2, None)

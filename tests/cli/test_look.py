@@ -132,6 +132,11 @@ def test_aperture_draws_the_opening_and_the_blur_of_a_point(tmp_path: Path) -> N
     refused(run("aperture", "-o", out), 3, "exists", out)
     assert run("aperture", "-o", tmp_path / "a.png", "--blades", "5").code == 0
     refused(run("aperture", "-o", tmp_path / "a.jpg"), 3, "malformed", "a.jpg")
+    refused(run("aperture", "-o", out, "--blur", "40px"), 2, None, "blur")
+    run("aperture", "-o", out, "--overwrite", "--dp-model", "@pixel4")
+    seen = read_exr(out)
+    assert seen["left"] + seen["right"] == pytest.approx(2 * seen["kernel"], abs=1e-6)
+    assert not np.allclose(seen["left"], seen["right"])
 
 
 def test_a_sharp_range_has_no_blur_and_changes_nothing_outside(tmp_path: Path) -> None:

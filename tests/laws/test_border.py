@@ -1,6 +1,8 @@
 """The scene goes on beyond the frame: its border shows no step that its middle has not."""
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 import torch
@@ -10,7 +12,16 @@ from tolerances import WHITE
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core import QUALITIES, HiddenLayer, Views, render, render_layers
+from defocus_core import (
+    QUALITIES,
+    Aperture,
+    CatEye,
+    DualPixel,
+    HiddenLayer,
+    Views,
+    render,
+    render_layers,
+)
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 
@@ -73,6 +84,41 @@ def test_a_silhouette_that_leaves_the_frame_has_no_step(
     turned = render(image.mT.contiguous(), radius.T.contiguous(), quality=quality, left_right=True)
     upright = [picture.mT for picture in turned.images]
     assert has_no_step(turned._replace(images=upright), float(radius.abs().max()))
+
+
+def across_corner(width: int, height: int) -> Tensor:
+    """A card that leaves the frame by two sides: [height, width] bool."""
+    return (torch.arange(height)[:, None] > height // 2) & (torch.arange(width) > width // 2)
+
+
+def pole(width: int, height: int) -> Tensor:
+    """An upright pole of three px that leaves the frame above and below."""
+    return ((torch.arange(width) - width // 2).abs() < 2).expand(height, width)
+
+
+OPTIONS: list[dict[str, Any]] = [
+    {"aperture": Aperture(obstruction=0.4)},
+    {"aperture": Aperture(squeeze=2.0)},
+    {"aperture": Aperture(5, rotation=17.0)},
+    {"cat_eye": CatEye(1.0, 0.5)},
+    {"dual_pixel": DualPixel(crosstalk=0.3)},
+    {"dual_pixel": DualPixel(model="smooth")},
+    {"color_offsets": (0.5, 0.0, -0.5)},
+]
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=lambda options: "-".join(map(str, options)))
+@pytest.mark.parametrize("shape", [across_corner, pole])
+def test_a_card_through_any_pupil_has_no_step(
+    shape: Callable[[int, int], Tensor], options: dict[str, Any]
+) -> None:
+    is_near = shape(110, 72)
+    image = torch.where(is_near, NEAR[:, None, None], FAR[:, None, None])
+    views = render(image, torch.where(is_near, -12.0, 5.0), left_right=True, **options)
+    for picture in all_images(views):
+        step = steps(picture)
+        middle = step[16:-16, 16:-16].max()
+        assert step.max() <= STEP * middle
 
 
 @pytest.mark.parametrize("quality", QUALITIES[:2])

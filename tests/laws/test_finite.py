@@ -46,6 +46,29 @@ CASES = [
     Extreme((3, 8191), 3.0, options={"quality": "draft"}),
     Extreme(radius=30.0, pupil={"image": dots()}),
     Extreme(radius=300.0, rim={"size": 0.1, "shift": 0.09}),
+    # a light next to focus that is drawn as a disc, beside one that is not
+    Extreme(
+        (9, 1),
+        0.3,
+        side=-1,
+        lights=3,
+        dtype=torch.float16,
+        seed=21891,
+        pupil={"psf_type": "gaussian", "spherical": -1.0},
+        options={"quality": "reference"},
+    ),
+    Extreme(
+        (1, 9),
+        0.3,
+        side=-1,
+        light=1e-3,
+        lights=3,
+        dtype=torch.float64,
+        seed=20492,
+        pupil={"psf_type": "gaussian", "spherical": 1.0},
+        rim={"size": 1.0, "vignetting": True},
+        pair={"model": "smooth"},
+    ),
     Extreme(light=1e30, kind="random", side=0),
     Extreme(light=0.0, kind="random", side=0),
     Extreme(light=65504.0, kind="random", side=0, dtype=torch.float16),
@@ -129,6 +152,15 @@ def test_ten_thousand_draws_leave_nothing_that_is_not_finite() -> None:
         if found := case.faults():
             faulty[seed] = found
     assert faulty == {}
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("r", [0.3, -0.45, 0.6])
+def test_a_light_next_to_focus_is_blurred_like_the_pixels_beside_it(r: float, quality: str) -> None:
+    """Its disc is drawn alone: were it a point, theirs would come on top of it."""
+    image = torch.full((1, 40, 40), 0.4999)
+    image[0, 17:20, 21:24] = 1.0
+    assert float(render(image, torch.full((40, 40), r), quality=quality).render.max()) < 1.001
 
 
 @pytest.mark.parametrize("quality", ["standard", "reference"])

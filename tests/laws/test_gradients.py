@@ -77,6 +77,18 @@ def test_a_highlight_passes_its_gradient() -> None:
     assert radius.grad[12, 12] == pytest.approx(-2 / 4.2 * 900 / (torch.pi * 4.2**2), rel=0.1)
 
 
+def test_gradients_to_what_stands_before_a_light_are_exact() -> None:
+    """Pixels on the silhouette are taken apart: colours and radii say how much they cover."""
+    image, radius = 0.1 * picture(3)[:, :7], slope_with_a_card().detach()[:7]
+    radius = torch.where(radius < -1.5, radius - 1, 3.1).requires_grad_()
+    image[:, 4, 9] = 40.0
+
+    def pictures(image: Tensor, radius: Tensor) -> Tensor:
+        return render(image, radius, depth_repair="off").render
+
+    assert gradcheck(pictures, (image.requires_grad_(), radius), atol=1e-5, fast_mode=True)
+
+
 def test_gradients_in_float32_are_those_in_float64() -> None:
     """Of every pixel of waves on a slant: behind what covers all, layers are rounding alone."""
 

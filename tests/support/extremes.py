@@ -18,10 +18,8 @@ _MAXIMUM = {torch.float16: 65504.0, torch.bfloat16: 9.9e29}
 # A gradient in float16 is at most 65504, and that to a pixel on the verge of being a highlight
 # hundreds of times itself: divided by less, it is infinite.
 _MIN_SCALE = 2e-2
-# Beside a light that is drawn as a disc, a pixel near focus is in the mean of two slices, whose
-# blur may reach the light: in ten thousand draws 1.018 at most, and 1.55 once, of a pupil that is
-# opaque to 0.95 of its radius, in a frame smaller than its blur.
-_BRIGHTER = 1.02
+# Error of a share of the light that reaches a pixel.
+_BRIGHTER = 1.001
 
 
 def dots() -> PupilImage:

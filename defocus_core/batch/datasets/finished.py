@@ -22,6 +22,7 @@ from defocus_core.batch.datasets.sample_index import NAME
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import EFFECT_OPTIONS, LENS_FILES
 from defocus_core.errors import InputError, Place, cannot_read, reason
+from defocus_core.io.below import Folder, path_fault
 
 
 @dataclass(frozen=True)
@@ -59,16 +60,18 @@ def samples(out: str | os.PathLike[str]) -> Iterator[Sample]:
     root = Path(out)
     path = root / NAME
     try:
-        with path.open(encoding="utf-8") as lines:
+        with Folder(root).open(NAME) as lines:
             for number, line in enumerate(lines, 1):
                 yield _sample(root, line, Place(path, f"line {number}"))
     except OSError as error:
         raise cannot_read(path, error, "it is written when a batch ends") from None
 
 
-def _sample(root: Path, line: str, where: Place) -> Sample:
+def _sample(root: Path, line: bytes, where: Place) -> Sample:
     try:
         record = json.loads(line)
+        if fault := next(filter(None, map(path_fault, record["outputs"].values())), None):
+            raise ValueError(f"the path of an output {fault}")
         return Sample(
             sample_id=record["sample_id"],
             files={kind: root / path for kind, path in record["outputs"].items()},
@@ -79,7 +82,7 @@ def _sample(root: Path, line: str, where: Place) -> Sample:
             quality=record["quality"],
             record=record,
         )
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         problem = f"is no sample: {type(error).__name__} {reason(error)}"
         raise InputError("malformed", problem, "let the batch write it again", path=where) from None
 

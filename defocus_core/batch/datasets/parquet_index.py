@@ -50,7 +50,7 @@ def write(out: Path) -> Path:
         every = pa.array(rows, type=None if rows else pa.struct([]))
     except OSError as error:
         raise cannot_read(index, error, "it is written when a batch ends") from None
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, RecursionError) as error:
         problem, remedy = f"is no table: {error}", "let the batch write it again"
         raise InputError("malformed", problem, remedy, path=index) from None
     with written_whole(path, out) as file:

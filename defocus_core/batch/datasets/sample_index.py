@@ -78,8 +78,8 @@ def names(records: Iterable[Record]) -> set[str]:
 
 def listed(out: Path) -> set[str] | None:
     """The names of the samples in the index of OUT; None if it has none that can be read."""
-    with suppress(OSError, ValueError, KeyError, TypeError):
-        lines = (out / NAME).read_text(encoding="utf-8").splitlines()
+    with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+        lines = Folder(out).read(NAME).splitlines()
         return {str(json.loads(line)["sample_id"]) for line in lines}
     return None
 
@@ -100,7 +100,7 @@ def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
     lines: dict[str, bytes] = {}
     with suppress(OSError):
         for text in Folder(out).read(NAME).splitlines(keepends=True):
-            with suppress(ValueError, KeyError, TypeError):
+            with suppress(ValueError, KeyError, TypeError, RecursionError):
                 lines[str(json.loads(text)["sample_id"])] = text
     taken = lines.keys() & changing
     if taken and alone:

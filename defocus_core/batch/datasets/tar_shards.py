@@ -124,7 +124,7 @@ def exist(out: Path) -> bool:
 
 def listed(out: Path) -> Listing | None:
     """The list of shards in OUT; None where it is missing or broken."""
-    with suppress(OSError, ValueError, KeyError, TypeError):
+    with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
         listing = json.loads(Folder(out).read(f"{FOLDER}/{LIST}"))
         sizes = {(one["file"], one["digest"]): one["bytes"] for one in listing["shards"]}
         return Listing(int(listing["limit"]), sizes)

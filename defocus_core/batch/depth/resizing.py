@@ -12,6 +12,7 @@ from defocus_core.batch.sources import windows
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth import Depth, require_valid
+from defocus_core.io.depth_formats.reading import wrong_size
 from defocus_core.io.images.color_planes import Color
 
 
@@ -27,9 +28,7 @@ def of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> D
     if (height, width) == (rows, columns):
         return depth
     if reading.resize_depth is None:
-        problem = f"is {columns}x{rows} px but {color.path} is {width}x{height} px"
-        remedy = "give depth of the size of the colour, or say ‹resize-depth› guided, or nearest"
-        raise InputError("wrong-size", problem, remedy, path=depth.path)
+        raise wrong_size(depth.path, (rows, columns), (width, height))
     if depth.is_radius:
         problem = f"holds radii in px of a picture of {columns}x{rows} px"
         raise InputError("radii", problem, "give radii of the size of the colour", path=depth.path)

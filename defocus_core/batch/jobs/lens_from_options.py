@@ -27,6 +27,7 @@ from defocus_core.batch.lenses.parameters import (
     ALTERNATIVES,
     BESIDE_BLUR,
     LENS_OPTIONS,
+    OPENING,
     SHAPES,
     LensParam,
 )
@@ -198,7 +199,7 @@ def refuse_optics(names: Iterable[str], source: Place, *, in_pixels: bool = Fals
             continue
         if LENS_OPTIONS[name].is_optics:
             problem = "changes nothing: with depth-format coc, the files hold the radii"
-            remedy = f"leave it out; {', '.join(SHAPES)} shape the opening"
+            remedy = f"leave it out; {', '.join(OPENING)} shape the opening"
             raise UsageProblem("idle-option", problem, remedy, path=source.at(name))
 
 

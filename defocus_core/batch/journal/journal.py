@@ -42,6 +42,7 @@ from defocus_core.system.memory import without_collections
 Record = Mapping[str, Any]
 _BLOCK = 1000  # lines
 _SAMPLE = re.compile(rb'"sample_id": ("(?:[^"\\]|\\.)+")')
+MAX_SHARDS = 999_999  # as many as can be asked for
 _SHARD = re.compile(r"\.?journal-(\d+)of(\d+)\.(jsonl|run|lock)")
 
 
@@ -60,7 +61,8 @@ def journal_path(out: Path, shard: Shard | None = None) -> Path:
 def shards(out: Path) -> list[Shard]:
     """The shards that have begun in OUT."""
     names = (_SHARD.fullmatch(path.name) for path in out.glob("*journal-*of*.*"))
-    return sorted({Shard(int(name[1]), int(name[2])) for name in names if name})
+    found = {Shard(int(name[1]), int(name[2])) for name in names if name}
+    return sorted(shard for shard in found if 1 <= shard.number <= shard.of <= MAX_SHARDS)
 
 
 def require_journal(out: Path) -> None:

@@ -134,7 +134,8 @@ def lens_record_words(lens: Mapping[str, Any]) -> str:
     """A record of a lens in words."""
     shown = [name for name in EFFECTS if name not in ("blur", "focus_value")]
     shape = f", {lens['blades']} blades" if lens["blades"] else ""
-    shape += "".join(f", {name.replace('_', ' ')} {lens[name]}" for name in shown if name in lens)
+    values = {name: EFFECT_OPTIONS[name].shown(lens[name]) for name in shown if name in lens}
+    shape += "".join(f", {name.replace('_', ' ')} {value}" for name, value in values.items())
     if "blur" in lens:
         at = "{},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""
         where = f"at {at}" if at else f"on the number {lens.get('focus_value', 0):g}"

@@ -475,6 +475,9 @@ _ROWS = (
 LENS_OPTIONS: Mapping[str, LensParam] = {row.name: row for row in _ROWS}
 ALTERNATIVES = tuple((row.instead_of, row.name) for row in _ROWS if row.instead_of)
 SHAPES = tuple(row.name for row in _ROWS if not row.is_optics)
+_OF_A_POINT = ("blade", "obstruction", "spherical", "squeeze", "aperture-image", "dp-")
+# What the opening and the blur of a point show.
+OPENING = tuple(name for name in SHAPES if name.startswith(_OF_A_POINT))
 BESIDE_BLUR = frozenset({*SHAPES, "focus-at"})  # what has an effect where the blur is in pixels
 # The options by their keys in records: those of any lens, and those of effects that are on.
 RECORDED = {row.recorded_as: row for row in _ROWS if row.recorded_as and not row.instead_of}

@@ -208,19 +208,27 @@ def _two_kernels(path: Path) -> tuple[NDArray[Any], ...]:
         axes: tuple[int, ...] = (2, 4)
         arrays = read_entries(path)
         if missing := [side for side in ("left", "right") if side not in arrays]:
-            problem = f"holds {', '.join(arrays)}, but no {missing[0]}"
+            problem = f"holds {', '.join(list(arrays)[:20])}, but no {missing[0]}"
             raise InputError("no-such-channel", problem, remedy, path=path)
-        kernels = [np.array(arrays[side].load(None), "float64") for side in ("left", "right")]
+        entries = [arrays[side] for side in ("left", "right")]
+        shapes = [entry.shape for entry in entries]
     else:
         remedy, axes = "save left and right as 2 × height × width", (2,)
-        kernels = list(np.atleast_1d(np.array(read_npy(path, integers=True), "float64")))
-    shapes = [each.shape for each in kernels]
+        entries, mapped = [], read_npy(path, integers=True)
+        shapes = [mapped.shape[1:]] * len(mapped)
     fits = len(shapes) == 2 and shapes[0] == shapes[1] and len(shapes[0]) in axes
-    if not fits or math.prod(shapes[0][:-2]) > _MAX_KERNELS or max(shapes[0]) > _MAX_SIDE:
+    if not fits or _is_wide(shapes[0]):
         shown = " and ".join(" × ".join(map(str, shape)) for shape in dict.fromkeys(shapes))
         problem = f"holds {len(shapes)} times {shown} numbers, which are not kernels of two"
         raise InputError("wrong-size", problem, remedy, path=path)
-    return tuple(kernels)
+    kernels = [entry.load(None) for entry in entries] if entries else mapped
+    return tuple(np.array(each, "float64") for each in kernels)
+
+
+def _is_wide(shape: tuple[int, ...]) -> bool:
+    """Whether kernels [..., H, W] are too many or too large, alone or together."""
+    too_many = math.prod(shape[:-2]) > _MAX_KERNELS or math.prod(shape) > _MAX_SIDE**2
+    return too_many or max(shape[-2:]) > _MAX_SIDE
 
 
 @lru_cache(maxsize=16)
@@ -232,7 +240,7 @@ def _pupil_images(path: Path, _stamp: object) -> tuple[PupilImage, ...]:
     if read_head(path).startswith(NPY_MAGIC):
         mapped = read_npy(path, integers=True)
         if mapped.ndim > 3:
-            return (_field(path, np.array(mapped, "float64")),)
+            return (_field(path, mapped),)
         light = mapped[None] if mapped.ndim == 2 else np.moveaxis(mapped, -1, 0)
         _refuse_wide(path, light.shape)
         light = np.array(light, "float64")
@@ -275,14 +283,13 @@ def _field(path: Path, values: NDArray[Any]) -> PupilField:
 
     if values.ndim == 5 and values.shape[2] == 1:
         values = values[:, :, 0]
-    count = values.shape[0] * values.shape[1]
-    if values.ndim != 4 or count > _MAX_KERNELS or max(values.shape[2:]) > _MAX_SIDE:
+    if values.ndim != 4 or _is_wide(values.shape):
         shape = " × ".join(str(n) for n in values.shape)
         problem = f"is no field of kernels: it has {shape} numbers"
         remedy = f"save rows × columns × height × width, of {_MAX_KERNELS} kernels at most"
         raise InputError("malformed", problem, remedy, path=path)
     try:
-        return PupilField(torch.from_numpy(values))
+        return PupilField(torch.from_numpy(np.array(values, "float64")))
     except ValueError as error:
         problem = f"is no field of kernels: {reason(error)}"
         raise InputError(
@@ -291,7 +298,7 @@ def _field(path: Path, values: NDArray[Any]) -> PupilField:
 
 
 def write_aperture(path: Path, lens: Lens, radius: float) -> None:
-    """Write the opening and the blur of a point to look at, PNG, or the blur alone, EXR.
+    """Write the opening and the blur of a point to look at, PNG, or the blur to measure, EXR.
 
     Args:
         path: the file; its suffix decides.
@@ -316,7 +323,8 @@ def write_aperture(path: Path, lens: Lens, radius: float) -> None:
     pixel = dual_pixel_of(lens)
     kernels = pixel.kernels(pupil, r, 2 * math.ceil(abs(radius)) + 1).numpy()
     if path.suffix.lower() == ".exr":
-        write_exr(path, {"kernel": kernels[0].astype("float32")}, {})
+        names = ("kernel", "left", "right")
+        write_exr(path, dict(zip(names, kernels.astype("float32"), strict=True)), {})
         return
     opening = pupil.kernel(torch.tensor(_SHOWN / 2.0, dtype=torch.float64), _SHOWN).numpy()
     squares = []

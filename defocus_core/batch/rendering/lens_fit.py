@@ -77,10 +77,21 @@ class FitOptions:
     dp_crosstalk: float | None = None
 
     def strength(self, focus: float, width: int) -> float:
-        """Px of radius for 1/m, of a focus in 1/m and the f-number that is known (`thin_lens`)."""
+        """Px of radius for 1/m, of a focus in 1/m and the f-number that is known."""
         assert self.fnumber is not None
-        pitch, shape = self.sensor_width / width, 1 - self.foclen * focus / _MM_PER_M
-        return self.foclen**2 / (2 * pitch * self.fnumber * max(shape, 1e-6)) / _MM_PER_M
+        focus = min(focus, (1 - 1e-6) * _MM_PER_M / self.foclen)  # where a search may try others
+        return self._counterpart(self.fnumber, focus, width) / _MM_PER_M
+
+    def fnumber_of(self, strength: float, focus: float, width: int) -> float:
+        """The f-number of so many px of radius for 1/m, of a focus in 1/m."""
+        return self._counterpart(strength * _MM_PER_M, focus, width)
+
+    def _counterpart(self, number: float, focus: float, width: int) -> float:
+        """The f-number of a strength, or the strength of an f-number: their product is known."""
+        from defocus_core.fitting.matched_blur import fnum_of_strength
+
+        pitch = self.sensor_width / width
+        return fnum_of_strength(number, focus / _MM_PER_M, self.foclen, pitch)
 
 
 def _photodiodes(options: FitOptions) -> list[DualPixel]:
@@ -159,7 +170,7 @@ def fit_pair(
     except ValueError as error:
         problem, _, remedy = str(error).partition("; ")
         raise InputError(
-            "wrong-size", problem, remedy or "give another pair", path=pair.blurred
+            "not-explained", problem, remedy or "give another pair", path=pair.blurred
         ) from None
     if fitted.focus * options.foclen >= _MM_PER_M:
         where, far = length_text(_MM_PER_M / fitted.focus), length_text(options.foclen)
@@ -197,16 +208,12 @@ def _light(color: Color) -> torch.Tensor:
 
 
 def _record(fitted: Fit, options: FitOptions, width: int) -> dict[str, Any]:
-    """Focus and f-number of a fit, by r = f² / (2 p N (1 - f / s)) · (1/s - 1/z) (`thin_lens`)."""
-    pitch = options.sensor_width / width
-    strength = fitted.strength * _MM_PER_M  # px for a disparity of 1 per mm
-    focus = fitted.focus / _MM_PER_M  # per mm
-    shape = max(1 - options.foclen * focus, 1e-6)
+    """Focus, f-number and whatever else a fit found."""
     return {
         "focus_m": None if fitted.focus <= 0 else 1 / fitted.focus,
         "focus_dioptres": fitted.focus,
         "focus_error_dioptres": _finite(fitted.focus_error),
-        "fnumber": options.foclen**2 / (2 * pitch * strength * shape),
+        "fnumber": options.fnumber_of(fitted.strength, fitted.focus, width),
         "fnumber_error": _finite(fitted.strength_error),
         "px_per_dioptre": fitted.strength,
         "focal_length_mm": options.foclen,

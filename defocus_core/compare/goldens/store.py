@@ -186,7 +186,7 @@ def _finish(folder: Path) -> None:
             target = Folder(folder).path(path.relative_to(aside).as_posix())
             target.parent.mkdir(parents=True, exist_ok=True)
             path.replace(target)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError, RecursionError) as error:
         problem = f"cannot be put into its place: {reason(error)}"
         remedy = f"mend that, or remove {aside}"
         raise InputError("unwritable", problem, remedy, path=aside) from error

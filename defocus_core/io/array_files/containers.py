@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from io import BytesIO
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,8 @@ _NUMERIC = "fiu"  # kinds of NumPy types
 _CLASSES = {"double": "float64", "single": "float32", "logical": "uint8"}
 _CLASSES |= {f"{sign}int{bits}": f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32)}
 _TYPES, _MATRIX, _COMPRESSED = {*range(1, 8), 9, 12, 13}, 14, 15
+_MAX_ARRAYS = 4096
+_LONGEST_HEADER = 2**16  # bytes
 _LARGEST_MATLAB = 2**28  # bytes, since it is decompressed at once
 
 
@@ -67,11 +70,14 @@ def read_entries(path: Path) -> dict[str, ArrayEntry]:
     kind = container_type(read_head(path))
     list_entries = {"NPZ": _npz, "HDF5": _hdf5, "MATLAB": _matlab}[kind]
     with decoding(path, f"is a truncated or damaged {kind} file"):
-        entries = {
-            name: entry
-            for name, entry in list_entries(path)
-            if len(entry.shape) >= 2 and min(entry.shape) > 0
-        }
+        every = list(islice(list_entries(path), _MAX_ARRAYS + 1))
+    if len(every) > _MAX_ARRAYS:
+        problem = f"holds more than {_MAX_ARRAYS} arrays"
+        remedy = "save one array of all frames, or several files"
+        raise InputError("too-large", problem, remedy, path=path)
+    entries = {
+        name: entry for name, entry in every if len(entry.shape) >= 2 and min(entry.shape) > 0
+    }
     if not entries:
         problem = f"is a {kind} file without an array of numbers"
         raise InputError("no-such-channel", problem, "check its name", path=path)
@@ -101,7 +107,8 @@ def _npz(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     with zipfile.ZipFile(path) as archive:
         members = [name for name in archive.namelist() if name.endswith(".npy")]
         for member in members:
-            with archive.open(member) as file:
+            with archive.open(member) as stored:  # a member may claim a header of any length
+                file = BytesIO(stored.read(_LONGEST_HEADER))
                 version = np.lib.format.read_magic(file)
                 read_header = {
                     (1, 0): np.lib.format.read_array_header_1_0,
@@ -109,7 +116,7 @@ def _npz(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
                 }[version]
                 shape, _, dtype = read_header(file)
             if dtype.kind not in _NUMERIC:
-                continue
+                shape = ()  # which has no axes
             load = partial(_npz_array, path, member, shape, dtype.itemsize)
             yield member.removesuffix(".npy"), ArrayEntry(shape, dtype.name, _loading(path, load))
 
@@ -140,11 +147,12 @@ def _hdf5(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
             values: NDArray[Any] = dataset[()] if index is None else dataset[index]
             return values
 
-    def visit(name: str, item: Any) -> None:
+    def visit(name: str, item: Any) -> bool | None:
         shape, dtype = getattr(item, "shape", None), getattr(item, "dtype", None)
         if shape and dtype is not None and dtype.kind in _NUMERIC and not name.startswith("#"):
             loader = _loading(path, lambda index: load(name, index))
             entries.append((name, ArrayEntry(tuple(shape), dtype.name, loader)))
+        return len(entries) > _MAX_ARRAYS or None  # anything but None ends the visit
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)

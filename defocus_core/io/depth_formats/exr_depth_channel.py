@@ -12,7 +12,7 @@ import numpy as np
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
-from defocus_core.io.depth_formats.reading import DepthReading
+from defocus_core.io.depth_formats.reading import DepthReading, require_size
 from defocus_core.io.depth_formats.rules import DepthFormat
 from defocus_core.io.exr.channel_choice import (
     ChannelGroup,
@@ -29,7 +29,11 @@ _CAMERA = "worldToCamera"  # OpenEXR's attribute: of points as rows, from the wo
 
 
 def exr_depth_numbers(
-    path: Path, reading: DepthReading, keeping: Keeping, overscan: Overscan = NO_OVERSCAN
+    path: Path,
+    reading: DepthReading,
+    keeping: Keeping,
+    overscan: Overscan = NO_OVERSCAN,
+    size: tuple[int, int] | None = None,
 ) -> DepthNumbers:
     """Read the depth channel of an EXR file.
 
@@ -38,9 +42,12 @@ def exr_depth_numbers(
     """
     headers = in_view(path, read_headers(path), reading.view)
     if (position := _position(headers, reading.depth_channel)) is not None:
+        shown = position[0].display
+        require_size(path, reading, (shown.height, shown.width), size)
         return _along_axis(path, headers, position, keeping, overscan)
     chosen = choose_depth_channel(path, headers, reading)
     header = chosen.header
+    require_size(path, reading, (header.display.height, header.display.width), size)
     alpha = _alpha(chosen) if reading.row.alpha else None
 
     def wanted(other: Header, name: str) -> bool:

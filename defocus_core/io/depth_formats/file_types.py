@@ -15,6 +15,7 @@ from defocus_core.io.array_files.bare_arrays import bare_type, read_bare, read_h
 from defocus_core.io.array_files.containers import ArrayEntry, container_type, read_entries
 from defocus_core.io.array_files.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
 from defocus_core.io.arrays import Keeping
+from defocus_core.io.damage import decoding
 from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
 from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
 from defocus_core.io.depth_formats.photo_depth import (
@@ -24,7 +25,7 @@ from defocus_core.io.depth_formats.photo_depth import (
     read_gdepth,
     read_heic,
 )
-from defocus_core.io.depth_formats.reading import DepthReading
+from defocus_core.io.depth_formats.reading import DepthReading, require_size
 from defocus_core.io.depth_formats.rules import DepthFormat
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.header import is_exr
@@ -61,11 +62,11 @@ def read_numbers(
         width, height = size or row.size or (0, 0)
         return DepthNumbers(read_headerless(path, (width, height)), "headerless", "float32 rows")
     if is_exr(head):
-        return _allowed(path, exr_depth_numbers(path, reading, keeping, overscan), reading)
+        return _allowed(path, exr_depth_numbers(path, reading, keeping, overscan, size), reading)
     if path.suffix.lower() == ".exr":
         raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
     if container_type(head):
-        return _allowed(path, _from_container(path, reading, container_type(head)), reading)
+        return _allowed(path, _from_container(path, reading, container_type(head), size), reading)
     if reading.depth_channel is not None:
         problem = f"{path} has no named channels"
         raise UsageProblem("idle-option", problem, "leave it out", field="depth-channel")
@@ -78,7 +79,8 @@ def read_numbers(
     elif is_jpeg(head) and "GDepth" in row.files:
         samples = _from_photo(read_gdepth(path), "GDepth")
     else:
-        samples = _from_raster(path, reading, keeping)
+        samples = _from_raster(path, reading, keeping, size)
+    require_size(path, reading, samples.values.shape, size)
     return _allowed(path, samples, reading)
 
 
@@ -116,13 +118,15 @@ def _from_map(path: Path, reading: DepthReading) -> DepthNumbers:
     return DepthNumbers(values, f"integer {file_type}" if whole else file_type, file_type)
 
 
-def _from_container(path: Path, reading: DepthReading, kind: str) -> DepthNumbers:
+def _from_container(
+    path: Path, reading: DepthReading, kind: str, size: tuple[int, int] | None
+) -> DepthNumbers:
     row, entries = reading.row, read_entries(path)
     name = _array_name(path, entries, reading)
-    values = _frame(path, entries[name], row, reading.part)
+    values = _frame(path, entries[name], reading, size)
     holes = None
     if row.holes and row.holes in entries and name != row.holes:
-        holes = _frame(path, entries[row.holes], row, reading.part) == 0
+        holes = _frame(path, entries[row.holes], reading, size) == 0
     return DepthNumbers(values, kind, f"{kind} array {name}", channel=name, holes=holes)
 
 
@@ -144,12 +148,18 @@ def _array_name(path: Path, entries: Mapping[str, ArrayEntry], reading: DepthRea
     raise InputError("ambiguous", f"holds the arrays {names}", remedy, path=path)
 
 
-def _frame(path: Path, entry: ArrayEntry, row: DepthFormat, part: int | None) -> NDArray[Any]:
+def _frame(
+    path: Path, entry: ArrayEntry, reading: DepthReading, size: tuple[int, int] | None
+) -> NDArray[Any]:
     """One map of an array in a container, of which no more than that is loaded."""
-    frames = len(entry.shape) > 2 and ("N" in row.axes or entry.shape[-1] > 4)
-    if not frames or entry.shape[0] == 1 or row.plane is not None:
-        return _map_of(path, entry.load(None), row, part)
-    return _map_of(path, entry.load(_chosen_frame(path, entry.shape[0], part)), row, None)
+    row, part, shape, index = reading.row, reading.part, entry.shape, None
+    frames = len(shape) > 2 and ("N" in row.axes or shape[-1] > 4)
+    if frames and shape[0] != 1 and row.plane is None:
+        index, shape, part = _chosen_frame(path, shape[0], part), shape[1:], None
+    with decoding(path):  # a shape may be beyond what NumPy counts
+        outline = np.broadcast_to(np.uint8(0), shape)
+    require_size(path, reading, _map_of(path, outline, row, part).shape, size)
+    return _map_of(path, entry.load(index), row, part)
 
 
 def _map_of(path: Path, values: NDArray[Any], row: DepthFormat, part: int | None) -> NDArray[Any]:
@@ -179,7 +189,9 @@ def _chosen_frame(path: Path, count: int, part: int | None) -> int:
     return part
 
 
-def _from_raster(path: Path, reading: DepthReading, keeping: Keeping) -> DepthNumbers:
+def _from_raster(
+    path: Path, reading: DepthReading, keeping: Keeping, picture: tuple[int, int] | None
+) -> DepthNumbers:
     """Numbers of a PNG, TIFF or JPEG: one channel, or the bits of a pixel of several."""
     row = reading.row
     raster = choose_page(path, read_pages(path, wanted=WANTED), reading.part)
@@ -191,6 +203,7 @@ def _from_raster(path: Path, reading: DepthReading, keeping: Keeping) -> DepthNu
     dtypes = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16}  # 65504 of half is sky
     dtype = dtypes.get(raster.type, np.float32)
     size = raster.height, raster.width
+    require_size(path, reading, size, picture)
     if row.weights or row.bits == "float32":
         packed = np.empty((*size, len(raster.channels)), dtype)
         for window, samples in read_samples(path, raster.page):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Self
 
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.rules import DepthFormat
 from defocus_core.io.depth_formats.table import FORMATS, NAMES
 
@@ -124,3 +125,29 @@ _OF_METRES = (
     *("baseline", "doffs", "geometry", "fov", "sky"),
 )
 AS_IT_IS = DepthReading()
+
+
+def require_size(
+    path: Path, reading: DepthReading, shape: tuple[int, ...], size: tuple[int, int] | None
+) -> None:
+    """Refuse depth of another size than its colour, before it is read, if it is not to be resized.
+
+    Args:
+        path: the file.
+        reading: what the user says of it.
+        shape: rows and columns of its numbers.
+        size: width and height of the colour, None if there is none.
+
+    Raises:
+        InputError: it is of another size.
+    """
+    rows, columns = (-(-length // reading.row.stride) for length in shape[:2])
+    if size is not None and reading.resize_depth is None and (columns, rows) != size:
+        raise wrong_size(path, (rows, columns), size)
+
+
+def wrong_size(path: Path, shape: tuple[int, int], size: tuple[int, int]) -> InputError:
+    """The error for depth of rows and columns beside a colour of a width and a height."""
+    problem = f"is {shape[1]}x{shape[0]} px but its colour is {size[0]}x{size[1]} px"
+    remedy = "give depth of the size of the colour, or say ‹resize-depth› guided, or nearest"
+    return InputError("wrong-size", problem, remedy, path=path)

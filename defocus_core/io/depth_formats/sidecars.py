@@ -20,9 +20,12 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import open_plain
+from defocus_core.io.damage import decoding
 from defocus_core.io.depth_formats.rules import DepthFormat, Mask
 from defocus_core.io.images.raster import choose_page, read_pages, read_samples
 
+# What a reader raises that meets another content than it expects.
+_FAULTS = (OSError, ValueError, KeyError, IndexError, TypeError, RecursionError)
 _LONGEST = 1 << 20  # characters of a sidecar
 _CHECK = "check the file"
 
@@ -72,7 +75,7 @@ def facts_of(name: str, path: Path, metadata: Mapping[str, Any]) -> Facts | None
         for place in _PLACES[name](path):
             if place.is_file():
                 return _SIDECAR_READERS[name](place, path)
-    except (OSError, ValueError, KeyError, IndexError, TypeError, configparser.Error) as error:
+    except (*_FAULTS, configparser.Error) as error:
         problem = f"does not say what {name} of {path.name} should ({reason(error)})"
         raise InputError("malformed", problem, _CHECK, path=place) from None
     return None
@@ -238,10 +241,7 @@ def marked_pixels(
     place = _mask_file(mask, path)
     if place is None:
         return None
-    values = _mask_values(place)
-    if values.shape != shape:
-        own, depth = (f"{w}x{h} px" for h, w in (values.shape, shape))
-        raise InputError("wrong-size", f"is {own} and {path} is {depth}", _CHECK, path=place)
+    values = _mask_values(place, shape, path)
     if isinstance(mask.where, int):
         return values == mask.where, place
     return (values == 0) == (mask.where == "zero"), place
@@ -259,13 +259,22 @@ def _right_camera_file(first: Path) -> Path:
     return first.parent.parent / "Extrinsics1" / first.name
 
 
-def _mask_values(path: Path) -> NDArray[Any]:
-    """First channel of a mask [H, W], as it is stored."""
+def _mask_values(path: Path, shape: tuple[int, int], depth: Path) -> NDArray[Any]:
+    """First channel of a mask [H, W], as it is stored, if it has the shape of its depth."""
     if path.suffix == ".npy":
-        values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
-        return values.reshape(values.shape[:2]) if values.ndim == 3 else values
-    page = choose_page(path, read_pages(path), None)
-    values = np.empty((page.height, page.width), np.float32)
+        with decoding(path):
+            values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
+            values = values.reshape(values.shape[:2]) if values.ndim == 3 else values
+            rows, columns = values.shape
+    else:
+        page = choose_page(path, read_pages(path), None)
+        rows, columns = page.height, page.width
+    if (rows, columns) != shape:
+        problem = f"is {columns}x{rows} px and {depth} is {shape[1]}x{shape[0]} px"
+        raise InputError("wrong-size", problem, _CHECK, path=path)
+    if path.suffix == ".npy":
+        return values
+    values = np.empty(shape, np.float32)
     for window, samples in read_samples(path, page.page):
         values[window] = samples[:, :, 0]
     return values

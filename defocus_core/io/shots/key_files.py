@@ -20,6 +20,7 @@ from defocus_core.io.below import open_plain
 FIELD_OF_VIEW = "vertical-fov"  # of a .chan file, which becomes a focal length
 _CHAN_COLUMNS = 8
 _LARGEST_FILE = 2**26  # bytes
+_MAX_LINES = 2**17  # a shot of 90 minutes
 
 
 class _Line(NamedTuple):
@@ -118,6 +119,9 @@ def _rows(file: Path) -> Iterator[_Line]:
         remedy = "give CSV, TOML, .chan or lines of a curve"
         raise InputError("wrong-type", "is no file of keys", remedy, path=file)
     lines = text.splitlines()
+    if len(lines) > _MAX_LINES:
+        problem = f"has {len(lines)} lines, more than {_MAX_LINES}"
+        raise InputError("too-large", problem, "cut it into shots", path=file)
     if file.suffix.lower() == ".csv":
         try:
             cells = list(csv.reader(lines, strict=True))

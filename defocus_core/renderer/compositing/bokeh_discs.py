@@ -23,6 +23,7 @@ from defocus_core.renderer.blur.fourier import reach
 from defocus_core.renderer.compositing.disc_occlusion import Obstruction, Squares
 from defocus_core.renderer.compositing.highlights import Highlights
 from defocus_core.renderer.compositing.occluders import Occluder
+from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 
@@ -30,6 +31,8 @@ from defocus_core.tensors.device_plan import sent
 _SAMPLES = 1 << 18
 # Greatest ratio of the widths of kernels that are sampled together.
 _AS_WIDE = 2
+# Radius in px of the first slice out of focus up to which discs are blurred as by slices.
+_NEAR_FOCUS = 1.0
 
 
 class _Alike(NamedTuple):
@@ -37,8 +40,9 @@ class _Alike(NamedTuple):
 
     Attributes:
         highlights: n of them.
-        radii: [U] px, their different radii.
+        radii: [U] px, the different radii of their kernels.
         which: [n] the index in `radii` of each highlight, ascending.
+        weights: [U] of the kernel; the rest of the light stays in its pixel.
         extent: Greatest distance in px from a highlight to a pixel of its disc.
         barrel: The pupil, as each radius sees it.
     """
@@ -46,6 +50,7 @@ class _Alike(NamedTuple):
     highlights: Highlights
     radii: Tensor
     which: Tensor
+    weights: Tensor
     extent: int
     barrel: View | None = None
 
@@ -53,6 +58,14 @@ class _Alike(NamedTuple):
         """The highlights from `start` to before `end`."""
         highlights = Highlights(*(values[start:end] for values in self.highlights))
         return self._replace(highlights=highlights, which=self.which[start:end])
+
+    def kernels(self, aperture: Aperture, part: Part) -> Tensor:
+        """The share of their light through a part of the pupil on each pixel: [U, S, S]."""
+        kernels = aperture.kernel(self.radii, 2 * self.extent + 1, part, self.barrel)
+        if self.extent > _AS_WIDE * math.ceil(_NEAR_FOCUS):
+            return kernels
+        weights = self.weights[:, None, None]
+        return kernels * weights + pad(1 - weights, [self.extent] * 4)
 
 
 def draw(
@@ -78,11 +91,11 @@ def draw(
     maximum = max(*occluders[0].positions.shape, box.top + box.height, box.left + box.width)
     canvas = _Canvas(len(parts), highlights.light, box)
     obstruction = Obstruction(occluders, radii)
-    for alike in _alike(highlights, maximum, box, barrel):
+    for alike in _alike(highlights, radii, maximum, box, barrel):
         squares = Squares.of(alike.extent)
         rims, cut = [], []
         for part in parts:
-            kernels = aperture.kernel(alike.radii, 2 * alike.extent + 1, part, alike.barrel)
+            kernels = alike.kernels(aperture, part)
             rims.append(_DiscRim(kernels))
             cut.append(squares.cut(kernels))
         lit = torch.stack([(x != 0).any(-1).any(-1) for x in cut])  # [M, U, across, across]
@@ -104,9 +117,15 @@ def draw(
     return canvas.summed(highlights.light.dtype)
 
 
-def _alike(highlights: Highlights, maximum: int, box: Box, barrel: View | None) -> Iterator[_Alike]:
+def _alike(
+    highlights: Highlights,
+    slice_radii: tuple[float, ...],
+    maximum: int,
+    box: Box,
+    barrel: View | None,
+) -> Iterator[_Alike]:
     """The highlights whose discs, up to `maximum` px wide, reach a box: in groups, widest first."""
-    everything, spreads = _widest_first(highlights, maximum, box, barrel)
+    everything, spreads = _widest_first(highlights, slice_radii, maximum, box, barrel)
     counts = torch.bincount(everything.which, minlength=len(spreads))
     limits = [0, *counts.cumsum(0).tolist()]  # where the highlights of each radius begin and end
     first = 0
@@ -120,6 +139,7 @@ def _alike(highlights: Highlights, maximum: int, box: Box, barrel: View | None) 
                 chosen.highlights,
                 everything.radii[first:end],
                 chosen.which - first,
+                everything.weights[first:end],
                 extent,
                 everything.barrel and everything.barrel.of(slice(first, end)),
             )
@@ -127,13 +147,18 @@ def _alike(highlights: Highlights, maximum: int, box: Box, barrel: View | None) 
 
 
 def _widest_first(
-    highlights: Highlights, maximum: int, box: Box, barrel: View | None
+    highlights: Highlights,
+    slice_radii: tuple[float, ...],
+    maximum: int,
+    box: Box,
+    barrel: View | None,
 ) -> tuple[_Alike, list[int]]:
     """All highlights whose discs reach a box, and the extent [U] in px for each radius."""
     radii, at = highlights.signed_radius, highlights.at
     which = torch.arange(len(radii), device=radii.device)
     if not radii.requires_grad and barrel is None:  # many highlights are equally far away
         radii, which = torch.unique(radii, return_inverse=True)
+    radii, weights = _as_by_slices(radii, slice_radii)
     spread = torch.tensor([reach(r, maximum) for r in radii.tolist()], device=radii.device)
     wide = spread.argsort(descending=True, stable=True)
     radii, spread, which = radii[wide], spread[wide], wide.argsort()[which]
@@ -144,7 +169,25 @@ def _widest_first(
     order = order[(away <= spread[which])[order]]
     reaching = Highlights(*(values[order] for values in highlights))
     barrel = barrel and barrel.of(wide)
-    return _Alike(reaching, radii, which[order], maximum, barrel), spread.tolist()
+    everything = _Alike(reaching, radii, which[order], weights[wide], maximum, barrel)
+    return everything, spread.tolist()
+
+
+def _as_by_slices(radius: Tensor, slice_radii: tuple[float, ...]) -> tuple[Tensor, Tensor]:
+    """The radii of kernels of discs of radii [U] px, and their weights; the rest is a point.
+
+    Pixels next to focus are the mean of a point and of the first slice out of focus. A light among
+    them has the same blur: a point of it, with their light on it, exceeded the brightest pixel.
+    """
+    weight = torch.ones_like(radius)
+    if 0.0 not in slice_radii:
+        return radius, weight
+    focus = slice_radii.index(0.0)
+    below, above = slice_radii[max(focus - 1, 0)], slice_radii[min(focus + 1, len(slice_radii) - 1)]
+    outer = torch.where(radius < 0, below, above).to(radius)
+    apart = (slice_position(radius, slice_radii) - focus).abs()
+    between = (apart > 0) & (apart < 1) & (outer.abs() <= _NEAR_FOCUS)
+    return torch.where(between, outer, radius), torch.where(between, apart, weight)
 
 
 class _DiscRim:

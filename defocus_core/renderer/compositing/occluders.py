@@ -71,7 +71,8 @@ class Occluders:
         """
         self.size = occluders[0].positions.shape[0], occluders[0].positions.shape[1]
         self._occluders = [
-            Occluder(*(x.detach().flatten() for x in occluder)) for occluder in occluders
+            Occluder(radius.detach().flatten(), positions.flatten(), coverage.flatten())
+            for radius, positions, coverage in occluders
         ]
         r = occluders[0].signed_radius.detach()
         nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))

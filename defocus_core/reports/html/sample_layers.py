@@ -9,11 +9,13 @@ from pathlib import Path
 from defocus_core.batch.jobs.output_kinds import KINDS, SUFFIXES
 from defocus_core.compare.picture import DecodedPicture, color_layers, read_picture
 from defocus_core.errors import InputError
+from defocus_core.io.images.describe import describe
 from defocus_core.reports.html import thumbnails
 from defocus_core.reports.html.item import Layer
 from defocus_core.reports.html.layers import B, Drawn, draw, shown_channels
 
 VIEWS = ("left", "right")
+_MAX_DRAWN = 2**27  # numbers of a file: 8192 x 4096 px of four channels
 _VIEW_SIDE = 960  # px of the thumbnails of views beside values
 
 
@@ -32,7 +34,7 @@ def beside(path: Path) -> Iterator[tuple[str, Path]]:
 
 
 def drawn_files(files: Iterable[tuple[str, Path]], *, values: bool) -> Iterator[Drawn]:
-    """The layers of files, each with its kind; files that cannot be read are left out.
+    """The layers of files, each with its kind; those too large, or not readable, are left out.
 
     Args:
         files: kind, or another title, and file.
@@ -40,6 +42,9 @@ def drawn_files(files: Iterable[tuple[str, Path]], *, values: bool) -> Iterator[
     """
     for title, path in files:
         with suppress(InputError):
+            header = describe(path)
+            if header.pixels * max(len(part.channels) for part in header.parts) > _MAX_DRAWN:
+                continue
             picture = read_picture(path)
             for key, names in _views(title, picture):
                 side = _VIEW_SIDE if values and key in VIEWS else thumbnails.SIDE

@@ -137,8 +137,9 @@ def _numbers_evidence(path: Path, samples: DepthNumbers, reading: DepthReading) 
             )
     if samples.type == "8-bit PNG" and not reading.says_scale:
         yield (
-            "8 bits: relative depth of a network; say ‹depth-range› NEAR FAR, and ‹depth-kind› "
-            "disparity if bright is near, or depth if bright is far"
+            "8 bits: relative depth of a network; say ‹blur› 20px ‹focus-at› X,Y if bright is near "
+            "(‹invert› if not), or in metres ‹depth-range› NEAR FAR, and ‹depth-kind› disparity if "
+            "bright is near, or depth if bright is far"
         )
     has_sidecar = any(path.with_name(place).is_file() for _, place in _BESIDE.values())
     if samples.type == "PFM" and not has_sidecar and samples.values.min() < 0:

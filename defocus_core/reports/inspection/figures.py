@@ -98,8 +98,10 @@ def depth_figures(
         coc_px = _ends_px(lens, extremes, depth, keeping)
         if not invalid:
             repair, warnings = _repair(depth, lens, reading, keeping)
+    reach = [min(finite_ends), max(finite_ends)] if finite_ends else None
     return depth.note, {
-        "range_m": [min(finite_ends), max(finite_ends)] if finite_ends else None,
+        "range_m": None if depth.is_radius else reach,
+        "range": reach if depth.is_radius else None,
         "sky_pixels": sky,
         "invalid_pixels": invalid,
         "nothing_pixels": nothing,

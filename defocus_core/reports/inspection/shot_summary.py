@@ -62,7 +62,7 @@ def _summary(
         found = inspect(path, reading, lens_of(number, path), lone=True)["depth"]
         if found is None:
             break
-        shown = {key: found[key] for key in ("range_m", "sky_pixels", "coc_px", "repair")}
+        shown = {key: found[key] for key in ("range_m", "range", "sky_pixels", "coc_px", "repair")}
         focus = found["lens"] and found["lens"]["focus_mm"]
         depth.append({"frame": number, "focus_mm": focus, **shown})
     blurred = [each for each in depth if each["coc_px"]]
@@ -75,6 +75,14 @@ def _summary(
         "depth": depth,
         "largest_blur": largest and {key: largest[key] for key in ("frame", "coc_px")},
     }
+
+
+def range_words(depth: Mapping[str, Any], digits: int = 6) -> str:
+    """The ends of a depth in words: in metres, unless its numbers are no distances."""
+    for key, unit in (("range_m", " m"), ("range", "")):
+        if depth[key]:
+            return " to ".join(f"{end:.{digits}g}{unit}" for end in depth[key])
+    return "no finite depth"
 
 
 def lines(record: Mapping[str, Any]) -> Iterator[str]:
@@ -91,8 +99,7 @@ def lines(record: Mapping[str, Any]) -> Iterator[str]:
         )
         yield f"  size changes: {'; '.join(changes)}"
     for each in record["depth"]:
-        ends = each["range_m"]
-        reach = f"{ends[0]:.4g} m to {ends[1]:.4g} m" if ends else "no finite depth"
+        reach = range_words(each, digits=4)
         focus = each["focus_mm"] and f"focus {length_text(float(each['focus_mm']))}"
         blur = "CoC {:.2f} to {:.2f} px".format(*each["coc_px"]) if each["coc_px"] else ""
         yield f"  {each['frame']}: {', '.join(filter(None, (reach, focus, blur, each['repair'])))}"

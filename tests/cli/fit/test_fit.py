@@ -168,6 +168,12 @@ def test_blades_are_written_with_their_rotation(pair: tuple[Path, Path, Path]) -
         (("-o", "lens.txt"), 2, "malformed", "-o"),
         (("--blades", "2"), 2, "malformed", "blades"),
         (("--focus", "50mm"), 2, "focus-too-near", "focus"),
+        (
+            ("--focal-length", "2m"),
+            3,
+            "focus-too-near",
+            "a.exr",
+        ),  # the focus that is found is 1.6 m
         (("--right", "missing.exr"), 3, "not-found", "missing.exr"),
     ],
 )

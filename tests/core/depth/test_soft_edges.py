@@ -159,6 +159,20 @@ def test_mirrored_pictures_are_mirrored(dims: tuple[int, ...]) -> None:
     assert worst(turned.T, found) == 0
 
 
+@pytest.mark.parametrize("fatter", [-8, -5, 5, 8])
+def test_an_edge_that_is_far_off_is_found(fatter: int) -> None:
+    found = with_hard_edges(soft_depth(shift=fatter), two_colors())
+    assert worst(found, hard_depth()) == 0
+
+
+@pytest.mark.parametrize("wide", [2, 3])
+def test_a_rim_is_of_the_nearer_surface(wide: int) -> None:
+    image, radius = two_colors(), soft_depth(shift=-wide)
+    rim = slice(MIDDLE - wide, MIDDLE)
+    image[:, :, rim] = torch.tensor([0.7, 0.7, 0.8], dtype=torch.float64)[:, None, None]
+    assert worst(with_hard_edges(radius, image), hard_depth()) == 0
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_a_window_holds_what_the_whole_holds(seed: int) -> None:
     image, radius = bumpy(seed, (300, 340))

@@ -54,6 +54,21 @@ def test_exposure_and_white_balance_are_found_beside_the_blur() -> None:
     assert found.focus == pytest.approx(FOCUS, abs=0.01)
 
 
+def test_a_search_crosses_the_focus_to_the_same_blur_on_its_other_side(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A wall that is 1.4 px beyond the focus looks as one that is as much nearer."""
+    image, _ = scene(64)
+    wall = torch.linspace(0.05, 0.15, 64)[:, None].repeat(1, 64)
+    wall[20:44, 20:44] = 0.9
+    observed = render(image, 14 * (0.2 - wall)).render
+    there = (10.5, 0.1 - 1.4 / 10.5)  # the card is as much blurred
+    monkeypatch.setattr("defocus_core.fitting.search.BlurMap.best", lambda *_: [there])
+    found = fit(image, wall, observed)
+    assert found.focus == pytest.approx(0.2, abs=0.002)
+    assert found.strength == pytest.approx(14, rel=0.005)
+
+
 def test_left_and_right_tell_the_blur_too() -> None:
     image, disparity = scene()
     views = render(image, STRENGTH * (FOCUS - disparity), left_right=True)
@@ -99,6 +114,7 @@ def test_a_plane_whose_focus_is_known_tells_its_sensor_and_its_shading() -> None
     assert found.shading[0] == pytest.approx((1.0, -0.1, 0.0), abs=0.01)
     assert found.shading[1] == pytest.approx((0.9, 0.0, 0.0), abs=0.01)
     assert not found.refusals
+    assert not found.doubts  # the focus is given, not extrapolated
 
 
 def test_the_pupil_is_chosen_that_explains_the_picture() -> None:

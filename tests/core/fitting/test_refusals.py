@@ -140,5 +140,5 @@ def test_ten_lenses_of_a_scene_are_found(name: str) -> None:
         away = float((focus - disparity).abs().flatten().kthvalue(int(0.99 * disparity.numel()))[0])
         strength = 3 * 10**size / away  # the 99th percentile of the radii is 3 to 30 px
         found = fit(light, disparity, render(light, strength * (focus - disparity)).render)
-        assert found.focus == pytest.approx(focus, rel=0.01, abs=1e-3 * nearest)
+        assert found.focus == pytest.approx(focus, rel=0.01, abs=2e-4 * nearest)  # or 0
         assert found.strength == pytest.approx(strength, rel=0.02)

@@ -272,6 +272,12 @@ def test_a_sidecar_that_makes_no_sense_is_named(tmp_path: Path) -> None:
     path = pfm(tmp_path / "a.pfm", np.ones((2, 3)))
     with refuses("malformed", "a.pfm", path=tmp_path / "calib.txt"):
         read(path, depth_format="middlebury")
+    camera = tmp_path / "a_camera.json"
+    camera.write_text("[" * 100_000)
+    with refuses("malformed", path=camera):
+        read(
+            png(tmp_path / "a_disparity.png", np.ones((2, 3), np.uint16)), depth_format="cityscapes"
+        )
 
 
 def test_what_the_user_says_wins_over_the_sidecar(tmp_path: Path) -> None:
@@ -283,9 +289,14 @@ def test_what_the_user_says_wins_over_the_sidecar(tmp_path: Path) -> None:
 
 
 def test_a_mask_of_another_size_is_refused(tmp_path: Path) -> None:
-    npy(tmp_path / "a_mask.npy", np.ones((2, 2)))
-    with refuses("wrong-size", "2x2 px", "3x2 px", path=tmp_path / "a_mask.npy"):
-        read(npy(tmp_path / "a.npy", np.ones((2, 3))), depth_format="diode")
+    depth, mask = npy(tmp_path / "a.npy", np.ones((2, 3))), tmp_path / "a_mask.npy"
+    npy(mask, np.ones((2, 2)))
+    with refuses("wrong-size", "2x2 px", "3x2 px", path=mask):
+        read(depth, depth_format="diode")
+    for data in (b"no array", b""):
+        mask.write_bytes(data)
+        with refuses("damaged", path=mask):
+            read(depth, depth_format="diode")
 
 
 @pytest.mark.parametrize("option", ["baseline", "doffs", "focal_px"])

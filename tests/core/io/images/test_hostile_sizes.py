@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import tracemalloc
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from command_line import pair, render, run, texture
+from command_line import color_exr, depth_exr, pair, render, run, texture
 from image_files import save
 from refusals import refuses
 
+from defocus_core.batch.look import opening
 from defocus_core.io import arrays
+from defocus_core.io.array_files import containers
 from defocus_core.io.array_files.float_maps import read_float_map
+from defocus_core.io.depth_formats import depth, exr_depth_channel, file_types
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import MAX_PIXELS
+from defocus_core.reports.html import sample_layers
 from defocus_core.reports.inspection import inspection
 
 
@@ -83,3 +89,72 @@ def test_info_decodes_no_array_larger_than_it_may(
     ran = run("info", tmp_path / "a.npz")
     assert ran.code == 0
     assert "no depth: takes 0 MB to decode" in ran.out
+
+
+@pytest.mark.parametrize("kind", ["npz", "png", "exr", "npy"])
+def test_depth_of_another_size_is_refused_before_it_is_read(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An NPZ of 20000 x 20000 zeros has 1.5 MB and took 3.4 GB to be refused."""
+    path = tmp_path / f"a.{kind}"
+    if kind == "npz":
+        np.savez_compressed(path, depth=np.ones((40, 50), np.float32))
+    elif kind == "png":
+        save(path, np.full((40, 50, 1), 9, np.uint16))
+    elif kind == "exr":
+        depth_exr(path, np.ones((40, 50), np.float32))
+    else:
+        np.save(path, np.ones((40, 50), np.float32))
+    monkeypatch.setattr(np.lib.format, "read_array", None)
+    monkeypatch.setattr(file_types, "read_samples", None)
+    monkeypatch.setattr(exr_depth_channel, "read_parts", None)
+    monkeypatch.setattr(depth, "divided", None)
+    with refuses("wrong-size", "50x40 px", "60x40 px", path=path):
+        depth.read_depth(path, size=(60, 40))
+
+
+def test_the_header_of_a_member_is_read_no_longer_than_headers_are(tmp_path: Path) -> None:
+    """One of 900 MB of blanks, 1 MB compressed, took 1.8 GB."""
+    path = tmp_path / "a.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        size = 2**26
+        header = np.lib.format.magic(2, 0) + size.to_bytes(4, "little")
+        archive.writestr("a.npy", header + b" " * size)
+    tracemalloc.start()
+    with refuses("damaged", path=path):
+        describe(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < size / 8
+
+
+def test_a_container_of_too_many_arrays_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    np.savez(tmp_path / "a.npz", *[np.ones((2, 2))] * 3)
+    assert len(containers.read_entries(tmp_path / "a.npz")) == 3
+    monkeypatch.setattr(containers, "_MAX_ARRAYS", 2)
+    with refuses("too-large", "more than 2 arrays"):
+        describe(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("shape", [(2, 32, 32, 4096, 4096), (2, 5000, 5)])
+def test_kernels_too_large_are_refused_before_they_are_read(
+    shape: tuple[int, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    side = containers.ArrayEntry(shape[1:], "float32", lambda _: pytest.fail("it was read"))
+    np.savez(tmp_path / "k.npz", left=np.ones((2, 2)))
+    monkeypatch.setattr(opening, "read_entries", lambda _: {"left": side, "right": side})
+    with refuses("wrong-size", path=tmp_path / "k.npz"):
+        opening.measured_pair(tmp_path / "k.npz")
+
+
+def test_a_report_draws_nothing_that_takes_all_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A PNG of 400 kB in the place of a picture of the batch took 14 GB."""
+    files = [("render", color_exr(tmp_path / "a.exr"))]
+    assert len(list(sample_layers.drawn_files(files, values=False))) == 1
+    monkeypatch.setattr(sample_layers, "_MAX_DRAWN", texture().size - 1)
+    monkeypatch.setattr(sample_layers, "read_picture", None)
+    assert not list(sample_layers.drawn_files(files, values=False))

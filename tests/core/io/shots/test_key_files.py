@@ -58,3 +58,11 @@ def test_what_makes_no_sense_is_refused(tmp_path: Path, text: str, code: str, fi
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with refuses("not-found", path=tmp_path / "none.csv"):
         read_keys(tmp_path / "none.csv", None)
+
+
+def test_more_lines_than_a_shot_has_are_refused(tmp_path: Path) -> None:
+    """A million took 17 s, with their lens at each frame."""
+    lines = "".join(f"{frame} 2m\n" for frame in range(2**17 + 1))
+    (tmp_path / "a.txt").write_text(lines)
+    with refuses("too-large", path=tmp_path / "a.txt"):
+        read_keys(tmp_path / "a.txt", "focus")

@@ -98,7 +98,7 @@ def test_arrays_to_choose_from_are_named_and_their_format(
 def test_8_bits_are_relative_and_few(tmp_path: Path) -> None:
     path = png(tmp_path / "a.png", ramp() * 50, np.uint8)
     told = evidence(path)
-    assert "8 bits: relative depth of a network; say --depth-range NEAR FAR" in told
+    assert "8 bits: relative depth of a network; say --blur 20px --focus-at X,Y" in told
     assert "warning: 8 bits hold 256 levels" in told
     said = ("--depth-format", "depth-anything", "--depth-range", "1m", "9m")
     assert evidence(path, *said) == "warning: 8 bits hold 256 levels, which show as steps of blur"

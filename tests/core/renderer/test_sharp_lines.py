@@ -1,0 +1,83 @@
+"""No blurred object leaves a sharp line of itself where depth ends within it."""
+
+from pathlib import Path
+
+import pytest
+import torch
+from command_line import read_exr, run
+from sharp_lines import explained_by_depth, explained_by_truth, sharp_lines
+from torch import Tensor
+from torch.nn.functional import avg_pool2d, pad
+
+from defocus_core import render
+from defocus_core.tensors.neighbourhoods import extreme_around
+
+# Px that the lines of a picture may have; px of radius of the card.
+LONGEST, RADIUS = 10, -20.0
+REAL = Path(__file__).parents[4] / "shared" / "real"
+STREET = ("--depth-kind", "disparity", "--depth-range", "2m", "50m", "--focal-length", "85mm")
+CUP = ("--depth-kind", "depth", "--depth-range", "0.5m", "8m", "--focal-length", "26mm")
+PHOTOGRAPHS = {
+    "street": ("street_8_all-in-focus.jpg", "street_8_disparity.jpg", *STREET),
+    "cup": ("clear.png", "estimated_depth.png", *CUP),
+}
+
+# not the cup at 0.8 m: black on white, blurred by 6 px, has higher steps itself
+PLACES = [f"street {focus}" for focus in ("0.8m", "4m", "10m", "inf")]
+PLACES += [f"cup {focus}" for focus in ("4m", "10m", "inf")]
+
+
+def card(*, rim: bool) -> tuple[Tensor, Tensor]:
+    """A dark card before a wall in focus, with a light rim of 2 px or none; and where it is."""
+    g = torch.Generator().manual_seed(0)
+    is_card = torch.zeros(130, 160, dtype=torch.bool)
+    is_card[30:100, 40:120] = True
+    grain = 1 + 0.3 * (torch.rand(1, 130, 160, generator=g) - 0.5)
+    colors = ((0.25, 0.12, 0.05), (0.04, 0.06, 0.12), (0.5, 0.5, 0.55))
+    wall, front, edge = (torch.tensor(color)[:, None, None] * grain for color in colors)
+    within = ~extreme_around(~is_card, 2, torch.maximum) if rim else is_card
+    return torch.where(within, front, torch.where(is_card, edge, wall)), is_card
+
+
+def estimated(is_card: Tensor, thinner: int) -> Tensor:
+    """Radii [H, W] px as a network draws them: thinner, and soft."""
+    thin = ~extreme_around(~is_card, thinner, torch.maximum)
+    around = pad(torch.where(thin, RADIUS, 0.0)[None, None], (2, 2, 2, 2), mode="replicate")
+    return avg_pool2d(around, 5, 1)[0, 0]
+
+
+def longest_line(is_card: Tensor, image: Tensor, radii: Tensor, repair: str = "auto") -> int:
+    truth = render(image, torch.where(is_card, RADIUS, 0.0), depth_repair="off").render
+    picture = render(image, radii, depth_repair=repair).render
+    lines = sharp_lines(picture, explained_by_truth(truth))
+    return max((line[-1] for line in lines), default=0)
+
+
+@pytest.mark.parametrize("thinner", [2, 3])
+@pytest.mark.parametrize("rim", [False, True])
+def test_a_thinned_card_leaves_no_line(rim: bool, thinner: int) -> None:
+    image, is_card = card(rim=rim)
+    assert longest_line(is_card, image, estimated(is_card, thinner)) <= LONGEST
+
+
+def test_lines_are_found_where_depth_is_not_repaired() -> None:
+    image, is_card = card(rim=True)
+    assert longest_line(is_card, image, estimated(is_card, 3), "off") > 5 * LONGEST
+    assert longest_line(is_card, image, torch.where(is_card, RADIUS, 0.0), "off") == 0
+
+
+@pytest.mark.bench
+@pytest.mark.skipif(not REAL.is_dir(), reason="needs ../shared/real")
+@pytest.mark.parametrize("place", PLACES)
+def test_photographs_have_no_line(place: str, tmp_path: Path) -> None:
+    name, focus = place.split()
+    color, depth, *options = PHOTOGRAPHS[name]
+    lens = ("--fnumber", "1.4", "--sensor-width", "36mm", "--focus", focus)
+    outputs = ("--outputs", "render,coc", "-o", tmp_path)
+    ran = run("render", REAL / color, REAL / depth, *options, *lens, *outputs)
+    assert ran.code == 0, ran.err
+    (rendered,), (radii,) = ((tmp_path / kind).glob("*.exr") for kind in ("render", "coc"))
+    picture = torch.stack([torch.as_tensor(read_exr(rendered)[channel]) for channel in "RGB"])
+    radius = torch.as_tensor(next(iter(read_exr(radii).values())))
+    lines = sharp_lines(picture, explained_by_depth(radius))
+    assert all(line[-1] <= LONGEST for line in lines)
