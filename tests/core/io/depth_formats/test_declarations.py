@@ -7,8 +7,8 @@ import struct
 import sys
 import zlib
 from pathlib import Path
-from zipfile import ZipFile
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
