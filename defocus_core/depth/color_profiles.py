@@ -29,9 +29,9 @@ _BRIGHTEST = 1e30
 # Least deviation of the colours of a surface, as a share of their mean; how many times wider they
 # vary than the few samples of one profile do.
 _DEVIATION, _WIDER = 0.04, 4.8
-# Logarithm of the density of other colours on a surface; by how much it is greater on the nearer
-# one, whose rims differ, while the farther one goes on unchanged behind it.
-_OTHER, _RIM = -4.0, 2.0
+# Logarithm of the density of other colours on a surface, in least deviations; by how much it is
+# greater on the nearer one, whose rims differ, while the farther one goes on unchanged behind it.
+_OTHER, _RIM = -13.66, 2.0
 # Difference of logarithms that is sure; and greatest cost of a displacement in px.
 _SURE, _MAXIMUM = 4.0, 6.0
 
@@ -177,7 +177,8 @@ def displacement_costs(
         root = torch.linalg.cholesky_ex(spread).L
         off = (color.transpose(0, 1) - mean[:, :, None]) / scale[:, None, None]  # [n, C, ...]
         off = torch.linalg.solve_triangular(root, off, upper=False)
-        volume = root.diagonal(dim1=1, dim2=2).log().sum(1, keepdim=True)
+        # in least deviations, so that a channel without light changes nothing
+        volume = (root.diagonal(dim1=1, dim2=2) / _DEVIATION).log().sum(1, keepdim=True)
         likely.append(off.square().sum(1) / -2 - volume)
     near, far = sent([_OTHER + rims * _RIM, _OTHER], color)
     nearer = torch.logaddexp(likely[0], near) - torch.logaddexp(likely[1], far)

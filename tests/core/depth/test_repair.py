@@ -111,6 +111,13 @@ def test_radii_are_read_once_to_be_repaired_where_there_is_room(
     assert read[True] < 7 < read[False]
 
 
+def test_a_channel_without_light_changes_nothing() -> None:
+    image, radius = soft()
+    alone = render(image, radius).render
+    beside = render(torch.cat([image, torch.zeros_like(image[:1])]), radius).render
+    torch.testing.assert_close(beside[:3], alone, rtol=0, atol=1e-4)
+
+
 def test_repair_off_diagnoses_nothing() -> None:
     for make in DAMAGED.values():
         assert not any(Renderer(Scene(*make()), Settings(depth_repair="off")).repair)
