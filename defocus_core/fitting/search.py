@@ -29,7 +29,7 @@ _SEPARATION = 0.5  # of left and right, from which steps descend
 _ENOUGH = 2e-4  # a smaller step is none
 _NO_LESS = 0.999  # times the error before a step: not worth another
 _HARDLY_LESS = 0.5  # times the error before a step: slopes may have changed within a probe
-_SHORTEST = 0.05  # of the difference that slopes are first taken over
+_SHORTEST = 0.01  # of the difference that slopes are first taken over
 _SHORTER = (1.0, 0.35, 0.1)  # fractions of a step that are tried
 _DAMPING = 1e-4
 _ASIDE = (-1.5, -0.75, 0.0, 0.75, 1.5)  # px of radius that the focus is tried aside
@@ -214,12 +214,15 @@ class Search:
                 slopes = None
                 continue
             less, fitted, step = there.error / fitted.error, there, fraction * step.abs()
-            if float(step.max()) < _ENOUGH or less > _NO_LESS:
+            if less > _NO_LESS:
                 break
+            shorter = torch.maximum(step, _SHORTEST * first)
             if bool((step > probes).any()):
                 slopes = None
-            elif less > _HARDLY_LESS and bool((step < probes / 2).all()):
-                slopes, probes = None, torch.maximum(step, _SHORTEST * first)
+            elif less > _HARDLY_LESS and bool((shorter < probes / 2).all()):
+                slopes, probes = None, shorter
+            elif float(step.max()) < _ENOUGH:
+                break
         return fitted
 
     def normal(
