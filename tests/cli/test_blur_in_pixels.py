@@ -12,6 +12,7 @@ from command_line import LENS, color_exr, pair, ramp, read_exr, refused, run, te
 from image_files import save
 
 from defocus_core import radius_from_relative_disparity, run_batch, samples
+from defocus_core.errors import UsageProblem
 
 NUMBERS = np.random.default_rng(2).uniform(-3, 9, (16, 24)).astype(np.float32)
 
@@ -117,6 +118,36 @@ def test_what_contradicts_a_blur_in_pixels_is_refused(
     color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr")
     ran = run("render", color, z, *options, "-o", tmp_path / "out")
     refused(ran, 2, code, field)
+
+
+def test_a_lens_beside_a_blur_in_pixels_is_refused_wherever_it_comes_from(tmp_path: Path) -> None:
+    color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr")
+    blur = ("--blur", "8px", "--focus-value", "2")
+    ran = run("render", color, z, *blur, "--lens", "@hexagon-50", "-o", tmp_path / "out")
+    refused(ran, 2, "contradiction", "lens")
+    assert "its opening is --blades 6 --blade-rotation 15" in ran.err
+    refused(run("info", z, *blur, "--lens", "@hexagon-50"), 2, "contradiction", "lens")
+    ran = run("render", color, z, *blur, "--lens-from-metadata", "-o", tmp_path / "out")
+    refused(ran, 2, "contradiction", "lens-from-metadata")
+    own = tmp_path / "own.toml"
+    own.write_text('blur = "8px"\nfocus-value = 2\nfnumber = 2\n')
+    ran = run("render", color, z, "--lens", own, "-o", tmp_path / "out")
+    refused(ran, 2, "contradiction", own, "fnumber")
+    own.write_text('blur = "3px"\nfocus-value = 2\nblades = 5\n')
+    ran = run("render", color, z, "--lens", own, "--blur", "8px", "-o", tmp_path / "out", "-v")
+    assert "blur of 8px, focus on the number 2, 5 blades" in ran.err
+    inputs = {"color": str(color), "depth": str(z)}
+    for tables, field in (
+        ({"lens": {"file": "@hexagon-50", "blur": "8px", "focus-value": 2}}, "file"),
+        ({"lens": {"file": "@hexagon-50", "focus-value": 2}, "sweep": {"blur": ["8px"]}}, "file"),
+        (
+            {"lens": {"lens-from-metadata": True, "blur": "8px", "focus-value": 2}},
+            "lens-from-metadata",
+        ),
+    ):
+        with pytest.raises(UsageProblem) as error:
+            run_batch({"inputs": inputs, **tables}, tmp_path / "out")
+        assert (error.value.code, error.value.field) == ("contradiction", field)
 
 
 def test_a_depth_that_is_in_focus_everywhere_is_refused(tmp_path: Path) -> None:
