@@ -61,6 +61,17 @@ def test_a_grey_picture_is_all_that_it_takes(tmp_path: Path) -> None:
     assert (own["coc_px"], own["range"], own["range_m"]) == ([-6.0, 0.0], [0.0, 255.0], None)
 
 
+@pytest.mark.parametrize("how", ["nearest", "guided"])
+def test_depth_of_another_size_is_resized_whatever_its_scale(how: str, tmp_path: Path) -> None:
+    steps = np.where(np.arange(12) < 5, 1, 6) + np.zeros((8, 1))
+    options = ("--blur", "8px", "--focus-value")
+    own = radius(tmp_path, steps, *options, "6", "--resize-depth", how)
+    np.testing.assert_allclose(own[:, :9], 8, atol=1e-4)
+    np.testing.assert_allclose(own[:, 15:], 0, atol=1e-4)
+    moved = radius(tmp_path, 20 - 3 * steps, *options, "2", "--invert", "--resize-depth", how)
+    np.testing.assert_allclose(moved, own, atol=1e-4)
+
+
 def test_no_radius_is_larger_than_the_clamp(tmp_path: Path) -> None:
     free = radius(tmp_path, NUMBERS, "--blur", "8px", "--focus-value", "2")
     color, z = tmp_path / "rgb.exr", tmp_path / "z.exr"

@@ -124,11 +124,9 @@ def _within_max_coc(lens: Lens, depth: Depth) -> Lens:
     """The lens, unless its blur exceeds ``max_coc`` in this picture."""
     if lens.max_coc is None:
         return lens
-    strips = (depth.something(rows) for rows in bands(depth.metres.shape))
-    extremes = np.array([(metres.min(), metres.max()) for metres in strips if metres.size])
-    if not extremes.size:
+    if depth.ends is None:
         return lens
-    limits = np.array([extremes.min(), extremes.max()])
+    limits = np.array(depth.ends)
     if lens.blur is not None:
         limits = np.array([lens.blur])
     elif not depth.is_radius:

@@ -145,9 +145,7 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
     from defocus_core.depth.conversion import radius_from_relative_disparity
 
     assert lens.focus_value is not None
-    of_bands = [depth.something(rows) for rows in bands(depth.metres.shape)]
-    minimum = min((float(numbers.min()) for numbers in of_bands if numbers.size), default=0.0)
-    maximum = max((float(numbers.max()) for numbers in of_bands if numbers.size), default=0.0)
+    minimum, maximum = depth.ends or (0.0, 0.0)
     reach = max(abs(lens.focus_value - minimum), abs(lens.focus_value - maximum))
     if not reach:
         problem = f"has the number {minimum:g} everywhere, which is in focus"
