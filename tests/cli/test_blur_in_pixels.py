@@ -72,6 +72,28 @@ def test_depth_of_another_size_is_resized_whatever_its_scale(how: str, tmp_path:
     np.testing.assert_allclose(moved, own, atol=1e-4)
 
 
+def test_one_scale_holds_for_all_that_a_lens_sees(tmp_path: Path) -> None:
+    alpha = np.zeros((16, 24), np.float32)
+    alpha[4:12, 6:18] = 1
+    planes = {name: alpha.copy() for name in "RGBA"}
+    element = write_exr(tmp_path / "e.exr", **planes, Z=np.full((16, 24), 4, np.float32))
+    opaque = {name: np.ones((16, 24), np.float32) for name in "RGBA"}
+    plate = write_exr(tmp_path / "p.exr", **opaque, Z=NUMBERS)
+    words = ("--blur", "6px", "--focus-value", "3", "--outputs", "coc", "-o", tmp_path / "out")
+    ran = run("render", element, *words, "--over", plate)
+    assert ran.code == 0, ran.err
+    numbers = np.where(alpha > 0, 4, NUMBERS)
+    wanted = 6 * (3 - numbers) / np.abs(3 - NUMBERS).max()
+    found = read_exr(tmp_path / "out" / "coc" / "e.exr")["coc"]
+    np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-5)
+
+
+def test_a_blur_that_no_frame_would_hold_is_refused(tmp_path: Path) -> None:
+    color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr")
+    words = ("--blur", "1e7px", "--focus-value", "2", "-o", tmp_path / "out")
+    refused(run("render", color, z, *words), 3, "too-blurred", z)
+
+
 def test_no_radius_is_larger_than_the_clamp(tmp_path: Path) -> None:
     free = radius(tmp_path, NUMBERS, "--blur", "8px", "--focus-value", "2")
     color, z = tmp_path / "rgb.exr", tmp_path / "z.exr"

@@ -89,12 +89,15 @@ class Depth:
 
     @property
     def ends(self) -> tuple[float, float] | None:
-        """The least and the greatest of the depths of what is there; None of nothing."""
-        of_bands = [self.something(rows) for rows in bands(self.metres.shape)]
-        known = [numbers for numbers in of_bands if numbers.size]
-        if not known:
-            return None
-        return min(float(each.min()) for each in known), max(float(each.max()) for each in known)
+        """The least and the greatest of the valid depths of what is there; None of nothing."""
+        ends: list[np.float32] = []
+        for rows in bands(self.metres.shape):
+            valid = self.valid(rows)
+            valid = valid if self.nothing is None else valid & ~self.nothing[rows]
+            if valid.any():
+                known = self.metres[rows][valid]
+                ends += [known.min(), known.max()]
+        return (float(min(ends)), float(max(ends))) if ends else None
 
     def valid(self, rows: slice) -> NDArray[np.bool_]:
         """Where some rows have a depth: the file may have NaN, 0 and negative numbers."""

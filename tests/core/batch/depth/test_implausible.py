@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from defocus_core.batch.depth.focusing import scaled
 from defocus_core.batch.depth.implausible import implausible
 from defocus_core.batch.depth.radii import radii_of
 from defocus_core.batch.lenses.lens import Lens
@@ -55,7 +56,7 @@ def test_centimetres_taken_for_metres_leave_nothing_in_focus() -> None:
 def test_a_number_that_the_file_is_far_from_is_not_in_focus(number: float) -> None:
     numbers = np.linspace(0, 255, 48, dtype=np.float32).reshape(6, 8)
     depth = Depth(numbers, Path("d.png"), "", "", is_radius=True, is_relative=True)
-    lens = Lens(math.nan, math.nan, None, blur=30.0, focus_value=number)
+    lens = scaled(Lens(math.nan, math.nan, None, blur=30.0, focus_value=number), [depth])
     radius, ends, *_ = radii_of(lens, depth, IN_MEMORY)
     lines = implausible(depth, radius, ends, lens, declared=True)
     assert bool(lines) == (number == 400)
