@@ -12,6 +12,7 @@ from command_line import LENS, color_exr, pair, ramp, read_exr, refused, run, te
 from image_files import save
 
 from defocus_core import radius_from_relative_disparity, run_batch, samples
+from defocus_core.errors import UsageProblem
 
 NUMBERS = np.random.default_rng(2).uniform(-3, 9, (16, 24)).astype(np.float32)
 
@@ -58,6 +59,39 @@ def test_a_grey_picture_is_all_that_it_takes(tmp_path: Path) -> None:
     assert not told["warnings"]
     own = run("info", z, "--blur", "6px", "--focus-value", "0", "--json").json["files"][0]["depth"]
     assert (own["coc_px"], own["range"], own["range_m"]) == ([-6.0, 0.0], [0.0, 255.0], None)
+
+
+@pytest.mark.parametrize("how", ["nearest", "guided"])
+def test_depth_of_another_size_is_resized_whatever_its_scale(how: str, tmp_path: Path) -> None:
+    steps = np.where(np.arange(12) < 5, 1, 6) + np.zeros((8, 1))
+    options = ("--blur", "8px", "--focus-value")
+    own = radius(tmp_path, steps, *options, "6", "--resize-depth", how)
+    np.testing.assert_allclose(own[:, :9], 8, atol=1e-4)
+    np.testing.assert_allclose(own[:, 15:], 0, atol=1e-4)
+    moved = radius(tmp_path, 20 - 3 * steps, *options, "2", "--invert", "--resize-depth", how)
+    np.testing.assert_allclose(moved, own, atol=1e-4)
+
+
+def test_one_scale_holds_for_all_that_a_lens_sees(tmp_path: Path) -> None:
+    alpha = np.zeros((16, 24), np.float32)
+    alpha[4:12, 6:18] = 1
+    planes = {name: alpha.copy() for name in "RGBA"}
+    element = write_exr(tmp_path / "e.exr", **planes, Z=np.full((16, 24), 4, np.float32))
+    opaque = {name: np.ones((16, 24), np.float32) for name in "RGBA"}
+    plate = write_exr(tmp_path / "p.exr", **opaque, Z=NUMBERS)
+    words = ("--blur", "6px", "--focus-value", "3", "--outputs", "coc", "-o", tmp_path / "out")
+    ran = run("render", element, *words, "--over", plate)
+    assert ran.code == 0, ran.err
+    numbers = np.where(alpha > 0, 4, NUMBERS)
+    wanted = 6 * (3 - numbers) / np.abs(3 - NUMBERS).max()
+    found = read_exr(tmp_path / "out" / "coc" / "e.exr")["coc"]
+    np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-5)
+
+
+def test_a_blur_that_no_frame_would_hold_is_refused(tmp_path: Path) -> None:
+    color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr")
+    words = ("--blur", "1e7px", "--focus-value", "2", "-o", tmp_path / "out")
+    refused(run("render", color, z, *words), 3, "too-blurred", z)
 
 
 def test_no_radius_is_larger_than_the_clamp(tmp_path: Path) -> None:
@@ -117,6 +151,36 @@ def test_what_contradicts_a_blur_in_pixels_is_refused(
     color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr")
     ran = run("render", color, z, *options, "-o", tmp_path / "out")
     refused(ran, 2, code, field)
+
+
+def test_a_lens_beside_a_blur_in_pixels_is_refused_wherever_it_comes_from(tmp_path: Path) -> None:
+    color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr")
+    blur = ("--blur", "8px", "--focus-value", "2")
+    ran = run("render", color, z, *blur, "--lens", "@hexagon-50", "-o", tmp_path / "out")
+    refused(ran, 2, "contradiction", "lens")
+    assert "its opening is --blades 6 --blade-rotation 15" in ran.err
+    refused(run("info", z, *blur, "--lens", "@hexagon-50"), 2, "contradiction", "lens")
+    ran = run("render", color, z, *blur, "--lens-from-metadata", "-o", tmp_path / "out")
+    refused(ran, 2, "contradiction", "lens-from-metadata")
+    own = tmp_path / "own.toml"
+    own.write_text('blur = "8px"\nfocus-value = 2\nfnumber = 2\n')
+    ran = run("render", color, z, "--lens", own, "-o", tmp_path / "out")
+    refused(ran, 2, "contradiction", own, "fnumber")
+    own.write_text('blur = "3px"\nfocus-value = 2\nblades = 5\n')
+    ran = run("render", color, z, "--lens", own, "--blur", "8px", "-o", tmp_path / "out", "-v")
+    assert "blur of 8px, focus on the number 2, 5 blades" in ran.err
+    inputs = {"color": str(color), "depth": str(z)}
+    for tables, field in (
+        ({"lens": {"file": "@hexagon-50", "blur": "8px", "focus-value": 2}}, "file"),
+        ({"lens": {"file": "@hexagon-50", "focus-value": 2}, "sweep": {"blur": ["8px"]}}, "file"),
+        (
+            {"lens": {"lens-from-metadata": True, "blur": "8px", "focus-value": 2}},
+            "lens-from-metadata",
+        ),
+    ):
+        with pytest.raises(UsageProblem) as error:
+            run_batch({"inputs": inputs, **tables}, tmp_path / "out")
+        assert (error.value.code, error.value.field) == ("contradiction", field)
 
 
 def test_a_depth_that_is_in_focus_everywhere_is_refused(tmp_path: Path) -> None:

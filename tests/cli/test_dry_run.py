@@ -29,7 +29,7 @@ from defocus_core.batch.rendering.memory_budget import Holding
 from defocus_core.errors import TooLarge
 from defocus_core.evaluation import cost
 from defocus_core.system import memory
-from defocus_core.system.text import duration
+from defocus_core.system.text import duration, percent
 from defocus_core.tensors.tiling import TILE
 
 
@@ -220,6 +220,13 @@ def test_rendering_refuses_what_does_not_fit_and_writes_nothing(
 )
 def test_durations_are_told_as_people_do(seconds: float, words: str) -> None:
     assert duration(seconds) == words
+
+
+@pytest.mark.parametrize(
+    ("share", "words"), [(1.0, "100 %"), (0.995, "100 %"), (0.031, "3.1 %"), (0.0004, "0.04 %")]
+)
+def test_shares_are_told_in_percent(share: float, words: str) -> None:
+    assert percent(share) == words
 
 
 def test_sizes_of_pixels_and_depth_are_compared(tmp_path: Path) -> None:

@@ -238,6 +238,20 @@ def test_highlights_make_a_lamp_of_8_bits_a_disc_and_leave_hdr_alone(tmp_path: P
     )
 
 
+def test_a_speck_in_focus_stays_where_soft_depth_blurs_it(tmp_path: Path) -> None:
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "--sensor-width", "4mm")
+    x = np.arange(96)
+    disparity = 0.02 + 0.48 * np.clip((44 - x) / 8 + 0.5, 0, 1)  # of 8 px around an edge at 44
+    depth = depth_exr(tmp_path / "d.exr", np.tile((1 / disparity).astype(np.float32), (64, 1)))
+    picture = np.full((64, 96, 3), 90, np.uint8)
+    picture[:, 44:] = (20, 60, 30)
+    picture[30:32, 41:43] = 255
+    photo = save(tmp_path / "photo.png", picture)
+    arguments = ("-o", tmp_path / "out", *lens, "--highlights", "auto")
+    assert run("render", photo, depth, *arguments).code == 0
+    assert read_exr(tmp_path / "out" / "render" / "photo.exr")["G"].max() < 1.1
+
+
 def test_focus_shows_what_is_sharp_without_rendering(tmp_path: Path) -> None:
     metres = np.tile(np.linspace(1, 4, 240, dtype=np.float32), (160, 1))
     color = color_exr(tmp_path / "a.exr", np.full((160, 240, 3), 0.5, np.float32))

@@ -7,6 +7,7 @@ A random lens whose blur exceeds ``max_coc``, or which cannot focus on the pictu
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from defocus_core.batch.jobs.lens_from_options import refuse_near_focus
 from defocus_core.batch.jobs.random_lenses import drawn_lens
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.quantities import Percentile, length_text
-from defocus_core.errors import Rejected, UsageProblem
+from defocus_core.errors import InputError, Rejected, UsageProblem
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
 
@@ -57,6 +58,27 @@ def _focused_once(lens: Lens, depth: Depth) -> Lens:
     if lens.focus_percentile is not None:
         return dataclasses.replace(lens, foc_dist=_at_percentile(lens, depth))
     return lens
+
+
+def scaled(lens: Lens, depths: Sequence[Depth]) -> Lens:
+    """The lens by which the most blurred pixel gets the blur in pixels, if that is how it is given.
+
+    Args:
+        lens: its focus known.
+        depths: all that it sees; one scale holds for them.
+
+    Raises:
+        InputError: all is in focus.
+    """
+    if lens.blur is None or lens.focus_value is None:
+        return lens
+    numbers = [end for depth in depths for end in depth.ends or ()]
+    reach = max((abs(lens.focus_value - end) for end in numbers), default=1.0)
+    if not reach:
+        problem = f"has the number {lens.focus_value:g} everywhere, which is in focus"
+        remedy = "give the depth of the picture, or another ‹focus-value›"
+        raise InputError("no-valid-depth", problem, remedy, path=depths[0].path)
+    return dataclasses.replace(lens, blur_reach=reach)
 
 
 def _on_number(lens: Lens, pixel: tuple[int, int], depth: Depth) -> Lens:
@@ -124,11 +146,9 @@ def _within_max_coc(lens: Lens, depth: Depth) -> Lens:
     """The lens, unless its blur exceeds ``max_coc`` in this picture."""
     if lens.max_coc is None:
         return lens
-    strips = (depth.something(rows) for rows in bands(depth.metres.shape))
-    extremes = np.array([(metres.min(), metres.max()) for metres in strips if metres.size])
-    if not extremes.size:
+    if depth.ends is None:
         return lens
-    limits = np.array([extremes.min(), extremes.max()])
+    limits = np.array(depth.ends)
     if lens.blur is not None:
         limits = np.array([lens.blur])
     elif not depth.is_radius:

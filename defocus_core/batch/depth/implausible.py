@@ -39,7 +39,7 @@ def implausible(
         lens: its focus distance known.
         declared: whether the user said what the numbers of the depth mean.
     """
-    if depth.is_radius:  # then no distance is taken for another
+    if depth.is_radius and not depth.is_relative:  # then no distance is taken for another
         return ()
     of_file = implausible_file(depth, declared=declared)
     return (*implausible_radii(depth, radius, limits, lens, declared=declared), *of_file)
@@ -60,10 +60,17 @@ def implausible_file(depth: Depth, *, declared: bool) -> tuple[str, ...]:
 def _of_radii(
     depth: Depth, radius: Any, limits: tuple[float, float], lens: Lens, *, declared: bool
 ) -> Iterator[str]:
+    greatest = max(abs(end) for end in limits)
+    if depth.is_relative and lens.focus_value is not None:
+        ends = depth.ends
+        if ends and (unsharp := _least_blur(radius, greatest)):
+            numbers = f"numbers go from {ends[0]:.6g} to {ends[1]:.6g}"
+            nothing = f"nothing is in focus at the number {lens.focus_value:g}: {numbers}"
+            yield f"{nothing}, {unsharp}; check ‹focus-value›"
+        return
     if lens.foc_dist is None:
         return
     height, width = depth.metres.shape
-    greatest = max(abs(end) for end in limits)
     remedy = f"check {'the declared format or unit' if declared else '‹depth-unit›'} and ‹focus›"
     nearer = sum(_nearer_than(depth.metres[rows], lens) for rows in bands(depth.metres.shape))
     if nearer:
@@ -72,12 +79,18 @@ def _of_radii(
     elif 2 * greatest > max(width, height):
         blur = f"a blur {2 * greatest:.3g} px wide, wider than the picture"
         yield f"depth goes {_range_text(depth)}, which gives {blur}; {remedy}"
-    elif greatest > SHARP_PX and (sharpest := _sharpest(radius)) > max(
-        SHARP_PX, SHARP_SHARE * greatest
-    ):
+    elif unsharp := _least_blur(radius, greatest):
         nothing = f"nothing is in focus at {length_text(lens.foc_dist)}"
-        sharp = f"the sharpest pixel has a CoC radius of {sharpest:.3g} px"
-        yield f"{nothing}: depth goes {_range_text(depth)}, {sharp}; {remedy}"
+        yield f"{nothing}: depth goes {_range_text(depth)}, {unsharp}; {remedy}"
+
+
+def _least_blur(radius: Any, greatest: float) -> str:
+    """The blur of the sharpest pixel, in words, where nothing is in focus; empty elsewhere."""
+    if greatest <= SHARP_PX:
+        return ""
+    sharpest = _sharpest(radius)
+    is_sharp = sharpest <= max(SHARP_PX, SHARP_SHARE * greatest)
+    return "" if is_sharp else f"the sharpest pixel has a CoC radius of {sharpest:.3g} px"
 
 
 def _nearer_than(metres: Any, lens: Lens) -> int:

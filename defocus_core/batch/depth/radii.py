@@ -100,8 +100,7 @@ def radii_of(lens: Lens, depth: Depth, keeping: Keeping = IN_MEMORY) -> Radii:
     """The radii of a whole frame; those of a file of radii as they are.
 
     Raises:
-        InputError: a depth is so near, or the focus, that no frame would hold the blur; or all of a
-            relative disparity is in focus.
+        InputError: a depth is so near, or the focus, that no frame would hold the blur.
         UsageProblem: there is no such lens, or its blur is beyond all numbers.
     """
     radii = _radii_of(lens, depth, keeping)
@@ -135,31 +134,29 @@ def _radii_of(lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
 
 
 def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
-    """The radii of relative disparity, of which the largest is ``blur`` px.
+    """The radii of relative disparity, linear in its numbers.
 
     Raises:
-        InputError: all of it is in focus.
+        InputError: no frame would hold the blur.
     """
     import torch
 
     from defocus_core.depth.conversion import radius_from_relative_disparity
 
     assert lens.focus_value is not None
-    of_bands = [depth.something(rows) for rows in bands(depth.metres.shape)]
-    minimum = min((float(numbers.min()) for numbers in of_bands if numbers.size), default=0.0)
-    maximum = max((float(numbers.max()) for numbers in of_bands if numbers.size), default=0.0)
-    reach = max(abs(lens.focus_value - minimum), abs(lens.focus_value - maximum))
-    if not reach:
-        problem = f"has the number {minimum:g} everywhere, which is in focus"
-        remedy = "give the depth of the picture, or another ‹focus-value›"
-        raise InputError("no-valid-depth", problem, remedy, path=depth.path)
+    assert lens.blur_reach is not None, "scaled() is for this"
+    if blur > _MAX_PX:
+        problem = f"is blurred by {blur:.2g} px"
+        raise InputError("too-blurred", problem, "give a smaller ‹blur›", path=depth.path)
+    reach = lens.blur_reach
     largest = -blur if depth.inverted else blur
     whole = keeping.new(depth.metres.shape, "float32")
     for rows in bands(depth.metres.shape):
         disparity = torch.from_numpy(depth.metres[rows].astype("float64"))
         radius = radius_from_relative_disparity(disparity, lens.focus_value, largest, reach)
         whole[rows] = radius.float().numpy()
-    limits = sorted(largest * (lens.focus_value - number) / reach for number in (minimum, maximum))
+    ends = depth.ends or (lens.focus_value, lens.focus_value)
+    limits = sorted(largest * (lens.focus_value - number) / reach for number in ends)
     return Radii(_with_nothing(whole, limits[1], depth), (limits[0], limits[1]), None, 1.0)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from defocus_core.system.text import percent
+
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
 
@@ -29,7 +31,7 @@ def repair_words(repair: DepthRepair | None) -> str:
     if repair.quantised:
         done.append("of few levels, smoothed between them")
     if done and repair.fraction:
-        done.append(f"{100 * repair.fraction:.2g} % of the pixels changed")
+        done.append(f"{percent(repair.fraction)} of the pixels changed")
     return "; ".join(done)
 
 

@@ -29,7 +29,7 @@ def of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> D
         return depth
     if reading.resize_depth is None:
         raise wrong_size(depth.path, (rows, columns), (width, height))
-    if depth.is_radius:
+    if depth.is_radius and not depth.is_relative:
         problem = f"holds radii in px of a picture of {columns}x{rows} px"
         raise InputError("radii", problem, "give radii of the size of the colour", path=depth.path)
     if abs(width * rows - height * columns) > max(width, height, rows, columns):
@@ -59,6 +59,16 @@ def _fill_guided(metres: Any, depth: Depth, color: Color) -> None:
     from defocus_core.depth.guided_resize import GuidedDepth
 
     given = torch.from_numpy(depth.metres[:].astype("float32"))
-    guided = GuidedDepth(given, windows(color.planes, "cpu"))
+    if not depth.is_relative:
+        guided = GuidedDepth(given, windows(color.planes, "cpu"))
+        for rows in bands(metres.shape):
+            metres[rows] = guided[rows].numpy()
+        return
+    # Disparity of any scale, taken as 1 at its farthest and 2 at its nearest number.
+    far, near = (float(end) for end in torch.aminmax(given))
+    if depth.inverted:
+        far, near = near, far
+    scale = (near - far) or 1.0
+    guided = GuidedDepth(1 / (1 + (given.double() - far) / scale), windows(color.planes, "cpu"))
     for rows in bands(metres.shape):
-        metres[rows] = guided[rows].numpy()
+        metres[rows] = (far + scale * (1 / guided[rows] - 1)).float().numpy()

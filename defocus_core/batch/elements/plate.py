@@ -181,9 +181,13 @@ def _far_away(picture: Picture, reading: Reading, keeping: Keeping, overscan: Ov
         InputError: the files hold radii, which have no far.
     """
     if reading.holds_radii:
-        raise InputError(
-            "radii", "has no radii", "give them as ‹over› PLATE RADII", path=picture.color
-        )
+        what, remedy = "radii", "give them as ‹over› PLATE RADII"
+        if reading.relative:
+            what, remedy = (
+                "disparity",
+                "give it as ‹over› PLATE DEPTH, of the scale of the element's",
+            )
+        raise InputError("radii", f"has no {what}", remedy, path=picture.color)
     color = read_color(picture.color, view=reading.view, keeping=keeping, overscan=overscan)
     require_finite(color)
     metres = keeping.new(color.shape[:2], np.float32)

@@ -15,7 +15,7 @@ gave them himself.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -93,9 +93,12 @@ def make_lens(
     refuse_contradiction(options, CALLER)
     stored = {} if file is None else read_lens_file(file)
     in_pixels = "blur" in options or "blur" in stored
-    if radii or in_pixels:
-        refuse_optics(options, CALLER, in_pixels=in_pixels)
-        stored = shape_of(stored, in_pixels=in_pixels)
+    if in_pixels:
+        refuse_optics(options, CALLER, in_pixels=True)
+        refuse_lens_file(stored, file, CALLER.at("lens"))
+    elif radii:
+        refuse_optics(options, CALLER)
+        stored = shape_of(stored)
     values = merged({name: parsed(name, text) for name, text in stored.items()}, options)
     if in_pixels:
         refuse_unfocused(values, CALLER)
@@ -203,10 +206,40 @@ def refuse_optics(names: Iterable[str], source: Place, *, in_pixels: bool = Fals
             raise UsageProblem("idle-option", problem, remedy, path=source.at(name))
 
 
-def shape_of(options: Mapping[str, Any], *, in_pixels: bool) -> dict[str, Any]:
-    """The options that shape the opening, and the focus beside a blur in pixels."""
-    kept = BESIDE_BLUR if in_pixels else SHAPES
-    return {name: value for name, value in options.items() if name in kept}
+def refuse_lens_file(stored: Mapping[str, str], file: Path | None, where: Place) -> None:
+    """Raise UsageProblem if a lens file decides the radii, which a blur in pixels decides.
+
+    Args:
+        stored: the options of the file.
+        file: the file, if there is one.
+        where: the place that names it.
+    """
+    if "blur" in stored:
+        refuse_optics(stored, Place(file), in_pixels=True)
+    optics = [name for name in stored if name not in BESIDE_BLUR]
+    if file is None or not optics:
+        return
+    problem = f"{file.name} decides radii by {', '.join(optics)}, and so does blur"
+    opening = " ".join(f"‹{name}› {stored[name]}" for name in OPENING if name in stored)
+    remedy = f"leave it out; its opening is {opening}" if opening else "leave it out"
+    raise UsageProblem("contradiction", problem, remedy, path=where)
+
+
+def refuse_metadata_beside_blur(names: Collection[str], where: Place) -> None:
+    """Raise UsageProblem if metadata are to give a lens, and a blur in pixels takes none.
+
+    Args:
+        names: of the options that are given.
+        where: the place that asks for metadata.
+    """
+    if "blur" in names:
+        problem = "changes nothing beside blur, which is no lens"
+        raise UsageProblem("contradiction", problem, "leave one of them out", path=where)
+
+
+def shape_of(options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that shape the opening."""
+    return {name: value for name, value in options.items() if name in SHAPES}
 
 
 def refuse_idle(row: LensParam, value: Callable[[str], object], source: Place) -> None:

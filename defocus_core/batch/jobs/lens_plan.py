@@ -23,6 +23,7 @@ from defocus_core.batch.jobs.lens_from_options import (
     read_lens_file,
     refuse_contradiction,
     refuse_idle,
+    refuse_lens_file,
     refuse_missing,
     refuse_near_focus,
     refuse_optics,
@@ -161,8 +162,10 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
         refuse_optics(entry_options, lens.place())
         refuse_optics(swept, sweep.place())
         refuse_optics(sampling.options, sample.place())
-    if radii or in_pixels:
-        stored = shape_of(stored, in_pixels=in_pixels)
+    if in_pixels:
+        refuse_lens_file(stored, file, lens.place("file"))
+    elif radii:
+        stored = shape_of(stored)
     if sampling.match is not None:
         _refuse_beside_match(lens, sweep, sample, points, radii=radii)
         stored = {name: text for name, text in stored.items() if name not in MATCHED}

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from defocus_core.batch.jobs.job import OTHERS, Picture
 from defocus_core.batch.jobs.output_kinds import PREVIEW
@@ -37,11 +37,20 @@ Others = Mapping[str, tuple[Path, Path | None]]  # colour and depth of what belo
 
 @dataclass(frozen=True)
 class _Files:
-    """The files of one path: a file, a directory, or a pattern; a lone file has an empty name."""
+    """The files of one path: a file, a directory, or a pattern; a lone file has an empty name.
+
+    ``photos`` are those of a directory of depth that are depth only where no other file is.
+    """
 
     path: Path
     kind: str
     by_name: Mapping[str, Path]
+    photos: Mapping[str, Path] = field(default_factory=dict)
+
+    def beside(self, colors: Mapping[str, Path]) -> Self:
+        """These files of depth, with photographs of what has no other."""
+        photos = {n: p for n, p in self.photos.items() if colors.get(n, p) != p}
+        return replace(self, by_name={**photos, **self.by_name})
 
 
 def find_pictures(
@@ -194,7 +203,7 @@ def _paired(
             )
     else:
         colors = _files(color, COLOR_SUFFIXES, root, with_text)
-        depths = _files(depth, DEPTH_SUFFIXES, root, with_text)
+        depths = _files(depth, DEPTH_SUFFIXES, root, with_text).beside(colors.by_name)
         _refuse_unpaired(colors, depths)
         _refuse_unpaired(depths, colors)
     return colors, {
@@ -216,8 +225,10 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: b
     by_name: dict[str, Path] = {}
     listed = [(name, file) for name, file in sorted(named) if not _is_preview(file)]
     held = {file.suffix.lower() for _, file in listed} & suffixes
+    photos: dict[str, Path] = {}
     if suffixes is DEPTH_SUFFIXES and kind == "directory" and held - PHOTO_SUFFIXES:
-        suffixes = suffixes - PHOTO_SUFFIXES  # a photograph is depth where no other file is
+        suffixes = suffixes - PHOTO_SUFFIXES
+        photos = {name: file for name, file in listed if file.suffix.lower() in PHOTO_SUFFIXES}
     for name, file in listed:
         if file.suffix.lower() not in suffixes or file.is_dir():
             continue
@@ -237,7 +248,7 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: b
         raise InputError(
             "empty", "holds no file of a known type", f"give files of type {known}", path=path
         )
-    return _Files(path, kind, by_name)
+    return _Files(path, kind, by_name, photos)
 
 
 def _is_preview(file: Path) -> bool:

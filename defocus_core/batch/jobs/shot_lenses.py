@@ -26,13 +26,14 @@ from defocus_core.batch.jobs.lens_from_options import (
     merged,
     parsed,
     read_lens_file,
+    refuse_metadata_beside_blur,
 )
 from defocus_core.batch.jobs.lens_plan import METADATA, LensPlan
 from defocus_core.batch.jobs.reading_options import field_of_view
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import alternatives
-from defocus_core.errors import Place, UsageProblem
+from defocus_core.errors import CALLER, Place, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.images.describe import describe
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW
@@ -101,7 +102,10 @@ class ShotLenses:
         if self._is_folder and file is not None:
             file = file / f"{picture.stem}.toml"
         stored = {} if file is None else read_lens_file(file)
-        _require_sensor(picture, taken, {*self.flags, *stored, *self.animation.keys})
+        known = {*self.flags, *stored, *self.animation.keys}
+        if self.metadata:
+            refuse_metadata_beside_blur(known, CALLER.at(METADATA))
+        _require_sensor(picture, taken, known)
         lens = make_lens(flags, file, radii=self.radii, lacking=lacking)
         used = {name: each for name, each in taken.items() if base.get(name) == each.text}
         return lens, {name: each for name, each in used.items() if name not in self.flags}
@@ -192,6 +196,8 @@ def animated(
     metadata = lens.flag(METADATA) or False
     if not animation.keys and not metadata:
         return entries
+    if metadata:
+        refuse_metadata_beside_blur({*plan.options, *plan.taken}, lens.place(METADATA))
     for name in animation.keys:
         for same in _with_alternatives(name):
             if same in lens.values or same in plan.taken:

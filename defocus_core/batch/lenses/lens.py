@@ -37,7 +37,7 @@ class Lens:
     """A thin lens, lengths in mm.
 
     Its focus is at ``foc_dist``, at the depth of pixel ``focus_at``, or at ``focus_percentile`` of
-    the depth; `batch.depth.focusing.focused` finds the distance. Where a file holds radii
+    the depth; `batch.depth.focusing` finds the distance. Where a file holds radii
     instead of depth, only the shape of the opening is known: focal length and f-number are NaN.
     With ``radii_px`` the depth decides f-number, too, which is NaN before. With ``blur`` there is
     no lens but that shape, either: its radii are linear in the numbers of the depth file.
@@ -54,6 +54,7 @@ class Lens:
     max_coc: float | None = None  # px, largest CoC radius that the picture may have
     blur: float | None = None  # px, radius of the most blurred pixel, instead of optics
     focus_value: float | None = None  # number of the depth file in focus, with ``blur``
+    blur_reach: float | None = None  # by how much numbers differ from it that get ``blur``
     clamp_blur: float | None = None  # px that no radius exceeds
     sharp_range: tuple[float, float] | None = None  # nearest and farthest of what is in focus, too
     cat_eye: tuple[float, float] | None = None  # radius and distance of the rim, in pupil radii

@@ -268,6 +268,7 @@ _ROWS = (
         example="40px",
         unit="px",
         even_in="log",
+        is_matched=True,
     ),
     LensParam(
         name="focus-value",

@@ -79,6 +79,12 @@ class Inputs:
         return self.plate is not None or self.layers is not None
 
     @property
+    def depths(self) -> tuple[Depth, ...]:
+        """The depths of all that is shown."""
+        of_layers = () if self.layers is None else tuple(self.layers.depths)
+        return self.depth, *(() if self.plate is None else (self.plate.depth,)), *of_layers
+
+    @property
     def nothing(self) -> Any:
         """Where an element holds nothing, bool [H, W]; None if nowhere."""
         return self.depth.nothing if self.plate is None else nothing_of(self.depth, self.plate)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from defocus_core.batch.depth.focusing import quality_of
+from defocus_core.batch.depth.focusing import quality_of, scaled
 from defocus_core.batch.depth.implausible import implausible
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.lenses.lens import Lens
@@ -51,9 +51,11 @@ def prepare(job: Job, inputs: Inputs) -> Rendered:
     """
     depth = inputs.depth
     if "depth" in job.outputs.kinds and depth.is_radius:
-        problem = "holds radii, of which no depth can be written"
+        holds = "relative disparity" if depth.is_relative else "radii"
+        problem = f"holds {holds}, of which no depth can be written"
         raise InputError("radii", problem, "leave depth out of the outputs", path=depth.path)
     lens = shot_focused(job, inputs.depth, deep=inputs.layers is not None)
+    lens = scaled(lens, inputs.depths)
     radii = inputs.radii(lens)
     decided = shot_repair(job, inputs, radii.picture)
     declared = job.reading.says_scale

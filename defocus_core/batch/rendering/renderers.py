@@ -147,7 +147,8 @@ class Renderers:
     def _holds(self) -> bool:
         """Whether there is room for what is derived from the whole picture."""
         room = room_on(self.rendered.device, self._inputs.holding.room_mb)
-        return holds_cells(self._image.shape, room)
+        color = self._inputs.color
+        return holds_cells((len(color.planes), *color.shape[:2]), room)
 
     @cached_property
     def _repaired(self) -> tuple[Pixels, DepthRepair]:
@@ -179,8 +180,8 @@ class Renderers:
         """The picture, with the light of its lamps."""
         color = self._inputs.color
         picture = windows(color.planes, self.rendered.device)
-        radii = [lone_window(times(self._radii.px, self._longer), self.rendered.device)]
-        (image,), self.lights = lit([picture], radii, len(color.light), self.rendered.lens)
+        radii, _ = self._repaired
+        (image,), self.lights = lit([picture], [radii], len(color.light), self.rendered.lens)
         return image
 
     @cached_property
@@ -205,15 +206,12 @@ class Renderers:
             return None
         pictures = (inputs.color, inputs.plate.color)
         lights = [windows((*c.light, *c.planes[len(c.channels) :]), device) for c in pictures]
-        blurred = [
-            lone_window(times(each.px, self._longer), device)
-            for each in (radii.picture, radii.plate)
-        ]
-        lights, self.lights = lit(lights, blurred, len(inputs.color.light), lens)
         # each is repaired alone, as `render` would
         own_radii, repair = self._repair(radii.picture, inputs.color)
         plate, _ = self._repair(radii.plate, inputs.plate.color)
-        return layers_of(lights, pictures, (own_radii, plate), device), repair
+        repaired = (own_radii, plate)
+        lights, self.lights = lit(lights, repaired, len(inputs.color.light), lens)
+        return layers_of(lights, pictures, repaired, device), repair
 
     @cached_property
     def _hidden(self) -> KnownLayer | None:

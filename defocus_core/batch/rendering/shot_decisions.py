@@ -12,7 +12,7 @@ from functools import lru_cache
 from statistics import median
 from typing import TYPE_CHECKING
 
-from defocus_core.batch.depth.focusing import focused
+from defocus_core.batch.depth.focusing import focused, scaled
 from defocus_core.batch.depth.radii import Radii, radii_of
 from defocus_core.batch.elements.reading import read
 from defocus_core.batch.jobs.job import FrameLens, Job, Shot
@@ -124,7 +124,8 @@ def _repair_of(frame: FrameLens, job: Job) -> tuple[DepthRepair, float]:
     """The repair that a frame needs, and the scale of its lens."""
     color, depth = _read(frame, job)
     of_frame = dataclasses.replace(job, picture=frame.picture, lens=frame.lens)
-    radii = radii_of(shot_focused(of_frame, depth), depth, holding(job).keeping)
+    lens = scaled(shot_focused(of_frame, depth), (depth,))
+    radii = radii_of(lens, depth, holding(job).keeping)
     _, repair = radii.repaired(color, job.reading)
     return repair, radii.scale
 

@@ -47,6 +47,7 @@ class Depth:
         overscan: pixels beyond the picture shown.
         nothing: where the colour is an element's and holds nothing, bool [H, W]; None if nowhere.
             The depth is inf there, a radius 0.
+        is_relative: whether the numbers are relative disparity, which gives radii as well.
         inverted: of relative disparity, whether black is near.
     """
 
@@ -63,6 +64,7 @@ class Depth:
     data_window: str = ""
     overscan: Overscan = NO_OVERSCAN
     nothing: Any = None
+    is_relative: bool = False
     inverted: bool = False
 
     @property
@@ -84,6 +86,18 @@ class Depth:
         """The depths of some rows but where there is nothing."""
         band: NDArray[np.float32] = self.metres[rows]
         return band.ravel() if self.nothing is None else band[~self.nothing[rows]]
+
+    @property
+    def ends(self) -> tuple[float, float] | None:
+        """The least and the greatest of the valid depths of what is there; None of nothing."""
+        ends: list[np.float32] = []
+        for rows in bands(self.metres.shape):
+            valid = self.valid(rows)
+            valid = valid if self.nothing is None else valid & ~self.nothing[rows]
+            if valid.any():
+                known = self.metres[rows][valid]
+                ends += [known.min(), known.max()]
+        return (float(min(ends)), float(max(ends))) if ends else None
 
     def valid(self, rows: slice) -> NDArray[np.bool_]:
         """Where some rows have a depth: the file may have NaN, 0 and negative numbers."""
@@ -154,6 +168,7 @@ def read_depth(
         named=reading.depth_format is not None,
         data_window=samples.data_window,
         overscan=overscan,
+        is_relative=reading.relative,
         inverted=reading.invert is not None,
     )
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
@@ -171,6 +186,10 @@ def require_valid(depth: Depth) -> None:
     what = "NaN or infinite" if depth.is_radius else "NaN or ≤ 0"
     problem = f"is {what} in {counted(count, 'pixel')}, the first at {first}"
     remedy = "fill the holes, and write inf for sky; or say ‹invalid› far, or fill"
+    if depth.is_relative:
+        remedy = "fill the holes; or say ‹invalid› far, or fill"
+    elif depth.is_radius:
+        remedy = "write a finite radius there"
     if not depth.is_radius and count == math.prod(depth.metres.shape) and _is_behind(depth.metres):
         problem = "has negative depth everywhere"
         remedy = "if it is negative in front of the camera, as Houdini's Pz, say ‹depth-scale› -1"
@@ -245,8 +264,16 @@ def _apply_marks(
     return tuple(words)
 
 
+def _farthest(depth: Depth, farther: np.ufunc) -> float:
+    """The farthest of its valid numbers."""
+    known = (depth.metres[rows][depth.valid(rows)] for rows in bands(depth.metres.shape))
+    return float(farther.reduce([farther.reduce(numbers) for numbers in known if numbers.size]))
+
+
 def _replaced(depth: Depth, how: str) -> Depth:
     """The depth whose invalid pixels are far, or filled; how many is said.
+
+    Of relative disparity its farthest number is far.
 
     Raises:
         InputError: no pixel has a depth to fill from.
@@ -255,18 +282,21 @@ def _replaced(depth: Depth, how: str) -> Depth:
     count, _ = count_of((~depth.valid(rows), rows.start) for rows in bands(shape))
     if not count:
         return depth
-    if depth.is_radius:
+    if depth.is_radius and not depth.is_relative:
         problem = f"is NaN or infinite in {counted(count, 'pixel')}"
         remedy = "radii have no far: mend them, leave ‹invalid› out"
         raise InputError("invalid-depth", problem, remedy, path=depth.path)
+    is_falling = depth.is_relative and not depth.inverted
+    farther = np.minimum if is_falling else np.maximum
+    if count == math.prod(shape) and (how == "fill" or depth.is_relative):
+        remedy = "give depth" if depth.is_relative else "check ‹depth-format›"
+        raise InputError("invalid-depth", "has no pixel with a depth", remedy, path=depth.path)
     if how == "far":
-        for rows in bands(shape):
-            set_far(depth.metres, rows)
+        far = _farthest(depth, farther) if depth.is_relative else math.inf
+        set_far(depth.metres, depth.valid, far)
         words = f"{counted(count, 'invalid pixel')} taken as infinitely far"
     else:
-        if not fill_from_farther(depth.metres):
-            remedy = "check ‹depth-format›"
-            raise InputError("invalid-depth", "has no pixel with a depth", remedy, path=depth.path)
+        fill_from_farther(depth.metres, depth.valid, farther)
         words = f"{counted(count, 'invalid pixel')} filled from the farther neighbour"
     note = f"{depth.note}, {words}"
     return replace(depth, note=note, replaced=count, replaced_words=words)

@@ -73,9 +73,13 @@ def _option_words(values: Mapping[str, Any]) -> list[object]:
     """The options of plain settings, which lack those that have their default."""
     words: list[object] = []
     for field, value in values.items():
+        if field == "relative":  # as the blur in pixels says
+            continue
         option = f"--{field.replace('_', '-')}"
         row = READING_OPTIONS.get(option.removeprefix("--"))
-        if row is not None:
+        if row is not None and row.flag:
+            words.append(option)
+        elif row is not None:
             text = row.text(value)
             words += [option, *(text.split() if row.parse_word else [text])]
         elif field == "geometry":

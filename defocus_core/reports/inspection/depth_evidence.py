@@ -27,6 +27,7 @@ from defocus_core.io.exr.header import is_exr
 from defocus_core.io.images.describe import FileInfo
 from defocus_core.io.images.png_text import png_text
 from defocus_core.io.safe_files import read_head
+from defocus_core.system.text import percent
 
 _TOP = 65535
 _SEVERAL = 0.001  # share of pixels
@@ -127,12 +128,12 @@ def _numbers_evidence(path: Path, samples: DepthNumbers, reading: DepthReading) 
         top, zero = (_share(samples, number) for number in (_TOP, 0))
         if top >= _SEVERAL:
             names = [r.name for r in _rows_of("16-bit PNG") if 65000 <= r.sky <= _TOP]
-            yield f"{_TOP} in {_percent(top)} of the 16-bit pixels: {_say(*names)}"
+            yield f"{_TOP} in {percent(top)} of the 16-bit pixels: {_say(*names)}"
         if zero >= _SEVERAL:
             names = [r.name for r in _rows_of("16-bit PNG") if 0 in r.invalid and r.rule == "scale"]
             shown = ", ".join(names[:5])
             yield (
-                f"0 in {_percent(zero)} of the 16-bit pixels: holes of {shown} and others, or far "
+                f"0 in {percent(zero)} of the 16-bit pixels: holes of {shown} and others, or far "
                 "away by a network; say ‹depth-format›, and ‹invalid› far or fill for holes"
             )
     if samples.type == "8-bit PNG" and not reading.says_scale:
@@ -153,7 +154,7 @@ def _faults(samples: DepthNumbers) -> Iterator[str]:
     edges, mixed = _edges(samples.values)
     if edges >= _EDGES and mixed >= _MIXED * edges:
         yield (
-            f"warning: {_percent(mixed / edges)} of the pixels at depth edges lie between near "
+            f"warning: {percent(mixed / edges)} of the pixels at depth edges lie between near "
             "and far: the depth looks bilinearly resampled or anti-aliased; resample it by "
             "nearest, or leave it to ‹depth-repair› auto"
         )
@@ -195,7 +196,3 @@ def _say(*names: str) -> str:
     """Formats that fit, and the option that names one."""
     listed = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
     return f"{listed}; say ‹depth-format› {names[0] if len(names) == 1 else 'NAME'}"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.depth.focusing import focused
+from defocus_core.batch.depth.focusing import focused, scaled
 from defocus_core.batch.depth.implausible import implausible_radii
 from defocus_core.batch.depth.radii import radii_of, signed_radius
 from defocus_core.batch.depth.repair_words import repair_record, repair_words
@@ -92,7 +92,7 @@ def depth_figures(
     coc_px, repair = None, None
     warnings: tuple[str, ...] = ()
     if lens is not None and limits:
-        lens = focused(lens, depth)
+        lens = scaled(focused(lens, depth), (depth,))
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
         extremes = np.array([min(limits), max(limits)], np.float32)
         coc_px = _ends_px(lens, extremes, depth, keeping)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.depth.focusing import focused
+from defocus_core.batch.depth.focusing import focused, scaled
 from defocus_core.batch.depth.radii import radii_of
 from defocus_core.batch.depth.repair_words import repair_record, repair_words
 from defocus_core.batch.elements.reading import read
@@ -66,7 +66,7 @@ def draw_repair(pairs: Sequence[dict[str, Any]], reading: Reading, lens: Lens, p
     (pair,) = pairs
     picture = Picture(Path(pair["color"]).stem, Path(pair["color"]), Path(pair["depth"]))
     color, depth = read(picture, reading, lens_focal=lens.foclen / lens.sensor_width)
-    radii = radii_of(focused(lens, depth), depth)
+    radii = radii_of(scaled(focused(lens, depth), (depth,)), depth)
     repaired, repair = radii.repaired(color, reading)
     height, width = radii.px.shape
     write_samples(path, (height, 2 * width), _strips(color, radii.px, repaired), "png", {})

@@ -165,6 +165,7 @@ def test_fit_refuses_what_has_no_effect(
     [
         ('match = "nowhere"', "", "wrong-type", ["nowhere"]),
         ('match = "new"', "", "empty", ["new"]),
+        ('match = "ref"', 'blur = "8px"\nfocus-value = 2', "contradiction", ["blur"]),
         (
             'match = "ref"\nfnumber = "uniform(1, 2)"',
             "",

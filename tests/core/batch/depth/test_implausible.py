@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from defocus_core.batch.depth.focusing import scaled
 from defocus_core.batch.depth.implausible import implausible
 from defocus_core.batch.depth.radii import radii_of
 from defocus_core.batch.lenses.lens import Lens
@@ -49,6 +50,18 @@ def test_centimetres_taken_for_metres_leave_nothing_in_focus() -> None:
     (line,) = warnings(SCENE * 100)
     assert "nothing is in focus at 2m: depth goes from 100m to 4000m" in line
     assert line.endswith("check ‹depth-unit› and ‹focus›")
+
+
+@pytest.mark.parametrize("number", [0, 255, 300, 400])
+def test_a_number_that_the_file_is_far_from_is_not_in_focus(number: float) -> None:
+    numbers = np.linspace(0, 255, 48, dtype=np.float32).reshape(6, 8)
+    depth = Depth(numbers, Path("d.png"), "", "", is_radius=True, is_relative=True)
+    lens = scaled(Lens(math.nan, math.nan, None, blur=30.0, focus_value=number), [depth])
+    radius, ends, *_ = radii_of(lens, depth, IN_MEMORY)
+    lines = implausible(depth, radius, ends, lens, declared=True)
+    assert bool(lines) == (number == 400)
+    if lines:
+        assert "nothing is in focus at the number 400: numbers go from 0 to 255" in lines[0]
 
 
 def test_metres_taken_for_millimetres_lie_nearer_than_the_focal_length() -> None:

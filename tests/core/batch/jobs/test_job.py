@@ -34,6 +34,18 @@ def test_directories_pair_by_stem_in_order(tmp_path: Path) -> None:
     ]
 
 
+def test_a_photograph_is_depth_of_what_has_no_other(tmp_path: Path) -> None:
+    color = touch(tmp_path / "c", "1.png", "2.png")
+    depth = touch(tmp_path / "d", "1.png", "1.jpg", "2.jpg", "sheet.jpg")
+    assert find_pictures(color, depth) == [
+        Picture("1", color / "1.png", depth / "1.png"),
+        Picture("2", color / "2.png", depth / "2.jpg"),
+    ]
+    both = touch(tmp_path / "both", "1.jpg", "2.jpg", "1.npy")
+    with refuses("empty"):
+        find_pictures(both, both)
+
+
 def test_one_exr_is_colour_and_depth(tmp_path: Path) -> None:
     folder = touch(tmp_path, "b.exr", "a.exr", "c.png")
     file = folder / "a.exr"

@@ -19,7 +19,7 @@ INF, NAN = np.inf, np.nan
 
 def filled(rows: list[list[float]]) -> list[list[float]]:
     metres = np.array(rows, np.float32)
-    assert fill_from_farther(metres)
+    fill_from_farther(metres, lambda rows: metres[rows] > 0)
     found: list[list[float]] = metres.tolist()
     return found
 
@@ -49,6 +49,26 @@ def test_nothing_can_be_filled_from_nothing(tmp_path: Path) -> None:
     path = npy(tmp_path / "a.npy", [[0.0, NAN]])
     with refuses("invalid-depth", path=path):
         read_depth(path, DepthReading(invalid="fill"))
+
+
+@pytest.mark.parametrize(
+    ("invert", "how", "found"),
+    [
+        (None, "far", [[3, -1, 1], [-1, 2, 2], [-1, -1, 0]]),
+        (None, "fill", [[3, 1, 1], [2, 2, 2], [-1, -1, 0]]),
+        ("on", "far", [[3, 3, 1], [3, 2, 2], [3, -1, 0]]),
+        ("on", "fill", [[3, 3, 1], [2, 2, 2], [-1, -1, 0]]),
+    ],
+)
+def test_of_relative_disparity_the_farthest_number_is_far(
+    invert: str | None, how: str, found: list[list[float]], tmp_path: Path
+) -> None:
+    path = npy(tmp_path / "a.npy", [[3.0, NAN, 1.0], [INF, 2.0, 2.0], [NAN, -1.0, 0.0]])
+    reading = DepthReading(invalid=how, relative=True, invert=invert)
+    assert read_depth(path, reading).metres[:].tolist() == found
+    none = npy(tmp_path / "b.npy", [[NAN, NAN]])
+    with refuses("invalid-depth", path=none):
+        read_depth(none, reading)
 
 
 @pytest.mark.parametrize("keeping", [Keeping(), Keeping(scratch=True)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
+from typing import Any
 
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.jobs.lens_from_options import lens_of
@@ -30,10 +31,9 @@ LENS = {
 }
 
 
-def test_a_command_has_every_digit_of_a_lens() -> None:
-    values = {name: LENS_OPTIONS[name].parse(text) for name, text in LENS.items()}
+def command(values: dict[str, Any], reading: Reading) -> list[str]:
+    """The words of the command of a picture taken by a lens of options."""
     picture = Picture("a", Path("a.exr"), Path("a.exr"))
-    reading = Reading(depth_range=(1000.0, 20000.5), fov=40.0, geometry="radial")
     job = Job(picture, lens_of(values), reading, Outputs(Path()), Machine())
     record = {
         "sample_id": "a",
@@ -42,7 +42,22 @@ def test_a_command_has_every_digit_of_a_lens() -> None:
         "outputs": {"render": {"path": "render/a.exr"}},
         "lens": lens_record(job.lens),
     }
-    words = shlex.split(render_command(record, Path()))
+    return shlex.split(render_command(record, Path()))
+
+
+def test_a_command_has_a_blur_in_pixels() -> None:
+    blur = {"blur": 7.123456789, "focus-value": 0.2, "clamp-blur": 6.0, "blades": 5}
+    words = command(blur, Reading(invert="invert"))
+    said = words[words.index("-o") + 2 :]
+    assert sorted(said[:-1:2]) == ["--blades", "--blur", "--clamp-blur", "--focus-value"]
+    assert said[said.index("--blur") + 1] == "7.123456789px"
+    assert said[-1] == "--invert"
+
+
+def test_a_command_has_every_digit_of_a_lens() -> None:
+    values = {name: LENS_OPTIONS[name].parse(text) for name, text in LENS.items()}
+    reading = Reading(depth_range=(1000.0, 20000.5), fov=40.0, geometry="radial")
+    words = command(values, reading)
     said = {name: words[words.index(f"--{name}") + 1] for name in LENS}
     assert {name: LENS_OPTIONS[name].parse(text) for name, text in said.items()} == values
     assert words[-6:] == ["--depth-range", "1000mm", "20000.5mm", "--radial", "--fov", "40"]
