@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -125,10 +126,13 @@ def _arrays(
         (name if len(shape) == 2 and len(arrays) == 1 else f"{name} {_times(shape)}", dtype)
         for name, (shape, dtype) in arrays.items()
     )
-    shape = next(iter(arrays.values()))[0]
-    height, width = shape[:2] if len(shape) == 3 and shape[2] <= 4 else shape[-2:]
+    sizes = [
+        shape[:2] if len(shape) == 3 and shape[2] <= 4 else shape[-2:]
+        for shape, _ in arrays.values()
+    ]
+    (height, width), maximum = sizes[0], max(map(math.prod, sizes))
     part = PartInfo(0, "", channels, deep=False)
-    return FileInfo(path, width, height, (part,), at_once)
+    return FileInfo(path, width, height, (part,), at_once, maximum)
 
 
 def _times(shape: tuple[int, ...]) -> str:

@@ -44,6 +44,8 @@ from defocus_core.system.memory import MB
 _NUMBERS_IN_MEMORY = 2**26
 # Most MB of samples of an interlaced PNG or a JPEG, of which a decoder may hold two copies.
 _MAX_AT_ONCE = 512
+# A file of more numbers than either of these is not decoded: real pictures pack less tightly.
+_MOST_NUMBERS, _NUMBERS_OF_A_BYTE = 2**26, 32
 _BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float64": 8}
 
 
@@ -72,9 +74,9 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
         require_part(path, reading.part, len(info.parts))
     too_large = _too_large(info)
     color_note = too_large or _why_no_color(info, reading)
-    grey = not too_large and is_grey_in_color(info, reading)
-    depth_note = too_large or _why_no_depth(info, reading, grey=grey)
     keeping = _keeping(info)
+    grey = not too_large and is_grey_in_color(info, reading, keeping)
+    depth_note = too_large or _why_no_depth(info, reading, grey=grey)
     picture, color, depth, overscan = None, None, None, NO_OVERSCAN
     if not color_note and not depth_note and info.parts[0].display_window:
         overscan = overscan_of(Picture("", path, path), reading, (reading.part, reading.part))
@@ -100,20 +102,26 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
         "color_note": color_note,
         "depth": depth,
         "depth_note": depth_note,
-        "evidence": list(evidence_of(path, reading, info)) if depth_like and not maps else [],
+        "evidence": [*evidence_of(path, reading, info, keeping)] if depth_like and not maps else [],
         "maps": maps,
     }
 
 
 def _keeping(info: FileInfo) -> Keeping:
-    channels = sum(len(part.channels) for part in info.parts)
-    return Keeping(scratch=info.width * info.height * channels > _NUMBERS_IN_MEMORY)
+    return Keeping(scratch=_numbers(info) > _NUMBERS_IN_MEMORY)
+
+
+def _numbers(info: FileInfo) -> int:
+    return info.pixels * sum(len(part.channels) for part in info.parts)
 
 
 def _too_large(info: FileInfo) -> str:
-    """Why a file takes too much memory to decode; empty if it does not."""
+    """Why a file takes too much time or memory to decode; empty if it does not."""
+    size, numbers = info.path.stat().st_size, _numbers(info)
+    if numbers > max(_MOST_NUMBERS, _NUMBERS_OF_A_BYTE * size):
+        return f"not decoded: {numbers / 10**6:.0f} million numbers in a file of {size / MB:.1f} MB"
     samples = max(sum(_BYTES.get(kind, 4) for _, kind in part.channels) for part in info.parts)
-    decoded = info.at_once * info.width * info.height * samples / MB
+    decoded = info.at_once * info.pixels * samples / MB
     if decoded <= _MAX_AT_ONCE:
         return ""
     return f"takes {decoded:.0f} MB to decode; save it as EXR, or not interlaced"

@@ -79,6 +79,43 @@ def test_info_decodes_no_more_at_once_than_it_may(
     assert "no colour: takes 0 MB to decode; save it as EXR, or not interlaced" in ran.out
 
 
+@pytest.mark.parametrize("kind", ["png", "exr", "npz"])
+def test_info_decodes_no_more_numbers_than_a_small_file_can_have(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A PNG of 5 MB may have 1.2e9: 40 s; an EXR of 2.5 MB took 5 GB to be called no depth."""
+    path = tmp_path / f"a.{kind}"
+    match kind:
+        case "png":
+            save(path, np.zeros((200, 300, 3), np.uint8))
+        case "exr":
+            color_exr(path, np.zeros((200, 300, 3), np.float32))
+        case _:
+            small, large = np.ones((2, 2), np.float32), np.ones((200, 300), np.float32)
+            np.savez_compressed(path, depth=large, small=small)
+    decoded = run("info", path)
+    assert "not decoded" not in decoded.out
+    monkeypatch.setattr(inspection, "_MOST_NUMBERS", 10_000)
+    ran = run("info", path, "--json")
+    assert ran.code == 0
+    assert ran.json["files"][0]["depth_note"].startswith("not decoded: 0 million numbers in a file")
+    monkeypatch.setattr(inspection, "_NUMBERS_OF_A_BYTE", 10_000)
+    assert run("info", path) == decoded
+
+
+def test_whether_an_exr_is_grey_is_looked_up_without_holding_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grey = np.repeat(texture()[..., :1], 3, axis=2)
+    grey[0, 0] = np.nan
+    path = color_exr(tmp_path / "a.exr", grey)
+    monkeypatch.setattr(exr_depth_channel, "read_parts", None)
+    with refuses("no-depth", "R, G and B are equal", path=path):
+        depth.read_depth(path)
+    with refuses("no-depth", path=color_exr(tmp_path / "b.exr")):
+        depth.read_depth(tmp_path / "b.exr")
+
+
 def test_info_decodes_no_array_larger_than_it_may(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
