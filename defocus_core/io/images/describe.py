@@ -15,6 +15,9 @@ from defocus_core.io.exr.views import views_of_parts
 from defocus_core.io.images.raster import read_pages
 from defocus_core.io.safe_files import read_head
 
+# A file of more numbers than either of these is nearly empty: real pictures pack less tightly.
+_MOST_NUMBERS, _NUMBERS_OF_A_BYTE = 2**26, 32
+
 
 @dataclass(frozen=True)
 class PartInfo:
@@ -66,6 +69,19 @@ class FileInfo:
     def __post_init__(self) -> None:
         """Without overscan the pixels are those shown."""
         object.__setattr__(self, "pixels", self.pixels or self.width * self.height)
+
+    @property
+    def numbers(self) -> int:
+        """Of all channels, as many as are read at most."""
+        return self.pixels * sum(len(part.channels) for part in self.parts)
+
+    @property
+    def nearly_empty(self) -> str:
+        """How many numbers a small file claims that can hardly tell a picture; empty of others."""
+        size = self.path.stat().st_size
+        if self.numbers <= max(_MOST_NUMBERS, _NUMBERS_OF_A_BYTE * size):
+            return ""
+        return f"{self.numbers / 10**6:.0f} million numbers in a file of {size / 10**6:.1f} MB"
 
 
 def describe(path: Path) -> FileInfo:

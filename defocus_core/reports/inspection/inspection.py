@@ -44,8 +44,6 @@ from defocus_core.system.memory import MB
 _NUMBERS_IN_MEMORY = 2**26
 # Most MB of samples of an interlaced PNG or a JPEG, of which a decoder may hold two copies.
 _MAX_AT_ONCE = 512
-# A file of more numbers than either of these is not decoded: real pictures pack less tightly.
-_MOST_NUMBERS, _NUMBERS_OF_A_BYTE = 2**26, 32
 _BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float64": 8}
 
 
@@ -108,18 +106,13 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
 
 
 def _keeping(info: FileInfo) -> Keeping:
-    return Keeping(scratch=_numbers(info) > _NUMBERS_IN_MEMORY)
-
-
-def _numbers(info: FileInfo) -> int:
-    return info.pixels * sum(len(part.channels) for part in info.parts)
+    return Keeping(scratch=info.numbers > _NUMBERS_IN_MEMORY)
 
 
 def _too_large(info: FileInfo) -> str:
     """Why a file takes too much time or memory to decode; empty if it does not."""
-    size, numbers = info.path.stat().st_size, _numbers(info)
-    if numbers > max(_MOST_NUMBERS, _NUMBERS_OF_A_BYTE * size):
-        return f"not decoded: {numbers / 10**6:.0f} million numbers in a file of {size / MB:.1f} MB"
+    if info.nearly_empty:
+        return f"not decoded: {info.nearly_empty}"
     samples = max(sum(_BYTES.get(kind, 4) for _, kind in part.channels) for part in info.parts)
     decoded = info.at_once * info.pixels * samples / MB
     if decoded <= _MAX_AT_ONCE:

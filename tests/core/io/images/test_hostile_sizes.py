@@ -14,10 +14,11 @@ from image_files import save
 from refusals import refuses
 
 from defocus_core.batch.look import opening
-from defocus_core.io import arrays
+from defocus_core.io import arrays, below
 from defocus_core.io.array_files import containers
 from defocus_core.io.array_files.float_maps import read_float_map
 from defocus_core.io.depth_formats import depth, exr_depth_channel, file_types
+from defocus_core.io.images import describe as describing
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import MAX_PIXELS
@@ -35,7 +36,10 @@ def sparse_npy(path: Path, shape: tuple[int, ...]) -> Path:
 
 
 @pytest.mark.parametrize("shape", [(60_000, 60_000), (1, 60_000, 60_000), (MAX_PIXELS + 1, 1)])
-def test_npy_obeys_the_limit_of_pixels(shape: tuple[int, ...], tmp_path: Path) -> None:
+def test_npy_obeys_the_limit_of_pixels(
+    shape: tuple[int, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(below, "_HOLLOW", 2**40)
     path = sparse_npy(tmp_path / "a.npy", shape)
     for read in (describe, read_float_map):
         with refuses("too-large", f"{shape[-1]}×{shape[-2]} px", path=path):
@@ -95,11 +99,14 @@ def test_info_decodes_no_more_numbers_than_a_small_file_can_have(
             np.savez_compressed(path, depth=large, small=small)
     decoded = run("info", path)
     assert "not decoded" not in decoded.out
-    monkeypatch.setattr(inspection, "_MOST_NUMBERS", 10_000)
+    monkeypatch.setattr(describing, "_MOST_NUMBERS", 10_000)
     ran = run("info", path, "--json")
     assert ran.code == 0
     assert ran.json["files"][0]["depth_note"].startswith("not decoded: 0 million numbers in a file")
-    monkeypatch.setattr(inspection, "_NUMBERS_OF_A_BYTE", 10_000)
+    ran = run("depth", path, "-o", tmp_path / "z.exr")
+    assert (ran.code, (tmp_path / "z.exr").exists()) == (3, False)
+    assert "has 0 million numbers" in ran.err
+    monkeypatch.setattr(describing, "_NUMBERS_OF_A_BYTE", 10_000)
     assert run("info", path) == decoded
 
 
