@@ -14,6 +14,8 @@ from typing import Any
 
 from defocus_core.bench.timing import Case, MeasuredCost
 from defocus_core.errors import InputError, cannot_read, reason
+from defocus_core.io.below import read_plain
+from defocus_core.io.damage import MALFORMED
 
 TOLERANCE = 0.25  # how much slower, in transforms, counts as slower
 
@@ -84,12 +86,12 @@ def read_baseline(path: Path) -> Baseline:
         InputError: the file cannot be read, or holds no such run.
     """
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(read_plain(path))
         fft_units = {str(row["case"]): float(row["fft_units"]) for row in document["rows"]}
         threads, device = int(document["threads"]), str(document["device"])
     except OSError as error:
         raise cannot_read(path, error, "check the path") from error
-    except (ValueError, TypeError, KeyError) as error:
+    except MALFORMED as error:
         problem = f"is no stored run ({type(error).__name__}: {reason(error)})"
         raise InputError(
             "malformed", problem, "make one with: defocus bench ‹time› ‹json› > FILE", path=path

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 from defocus_core.batch.depth.radii import radii_of
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import InputError, UsageProblem, cannot_read, reason
+from defocus_core.io.below import read_plain
+from defocus_core.io.damage import MALFORMED
 from defocus_core.io.depth_formats.depth import read_depth, require_valid
 from defocus_core.io.images.color import read_color, require_finite
 
@@ -104,11 +106,11 @@ def find_shots(root: Path) -> list[TruthShot]:
 
 def _shots(file: Path) -> list[TruthShot]:
     try:
-        camera: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        camera: dict[str, Any] = json.loads(read_plain(file))
         shots = [_shot(file.parent, camera, shot) for shot in camera["shots"]]
     except OSError as error:
         raise cannot_read(file, error, "check it") from error
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+    except MALFORMED as error:
         problem = f"does not describe a camera ({type(error).__name__}: {reason(error)})"
         raise InputError(
             "malformed", problem, "compare it with those of sample_scenes", path=file

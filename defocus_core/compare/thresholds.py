@@ -81,6 +81,8 @@ def rule(text: str) -> Rule:
         bound = float(number) / (100 if unit == "%" else 1)
     except ValueError:
         raise QuantityError(f"'{number}' is no number", "write like psnr<45") from None
+    if math.isinf(bound):
+        raise QuantityError(f"'{text:.40}' has a bound beyond all numbers", "write like psnr<45")
     signs = _COMPARISONS[METRICS[name].better]
     if sign not in signs:
         better = "higher" if signs[0] == "<" else "lower"

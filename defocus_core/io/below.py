@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
+_HOLLOW = 2**28  # bytes of a file that may be a hole in it
+_FILLED, _RUNS = 64, 1000  # one byte of so many must be none in a larger one, within so many runs
 _DIRECTORY = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
@@ -47,6 +49,19 @@ def open_plain(path: Path) -> BinaryIO:
         OSError: it cannot be opened, or is no regular file.
     """
     return os.fdopen(_opened(path, os.O_RDONLY), "rb")
+
+
+def read_plain(path: Path, maximum: int = 2**24) -> bytes:
+    """The bytes of a small regular file that the user named.
+
+    Raises:
+        OSError: it cannot be opened, is no regular file, or has more bytes than ``maximum``.
+    """
+    with open_plain(path) as file:
+        data = file.read(maximum + 1)
+    if len(data) > maximum:
+        raise OSError(errno.EFBIG, f"has more than {maximum / 10**6:.0f} MB")
+    return data
 
 
 @dataclass(frozen=True)
@@ -221,11 +236,28 @@ def _opened(path: str | Path, flags: int, folder: int | None = None) -> int:
             raise OSError(errno.EINVAL, "is not a regular file") from error
         raise
     try:
-        _require_regular(os.fstat(number))
+        status = os.fstat(number)
+        _require_regular(status)
+        if status.st_size > _HOLLOW and _is_hollow(number, status.st_size):
+            raise OSError(errno.EFBIG, f"is a hole of {status.st_size / 10**6:.0f} MB")
     except BaseException:
         os.close(number)
         raise
     return number
+
+
+def _is_hollow(number: int, size: int) -> bool:
+    """Whether hardly anything of a file is on the disk, as if ``truncate`` had made it."""
+    held = end = 0
+    with suppress(OSError):  # none but a hole is left
+        for _ in range(_RUNS):
+            start = os.lseek(number, end, os.SEEK_DATA)
+            end = os.lseek(number, start, os.SEEK_HOLE)
+            held += end - start
+            if held * _FILLED >= size:
+                break
+    os.lseek(number, 0, os.SEEK_SET)
+    return held * _FILLED < size
 
 
 def _require_regular(status: os.stat_result) -> None:

@@ -9,6 +9,8 @@ from pathlib import Path
 from defocus_core.errors import InputError, reason
 
 AGAIN = "write or copy it again"
+# What is raised where a foreign document, JSON that may be anything, is taken for one of ours.
+MALFORMED = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RecursionError)
 
 
 def damaged(path: Path, why: str, what: str = "is truncated or damaged") -> InputError:

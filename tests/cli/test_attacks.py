@@ -6,6 +6,7 @@ import json
 import os
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -16,11 +17,13 @@ from records import record
 from refusals import refuses
 
 from defocus_core.batch.datasets import finished, sample_index, tar_shards
+from defocus_core.batch.jobs import origin
 from defocus_core.batch.journal.journal import Shard, journal_path, read_all, shards
 from defocus_core.batch.journal.run_file import plan_of, run_path, sweep_up
 from defocus_core.compare.goldens.store import read_store
 from defocus_core.errors import InputError
-from defocus_core.io.below import Folder, path_fault
+from defocus_core.io.below import Folder, open_plain, path_fault
+from defocus_core.io.picture_files import read_depth
 from defocus_core.io.rows import read_rows
 from defocus_core.io.safe_files import written_together, written_whole
 
@@ -294,3 +297,99 @@ def test_the_name_of_a_journal_cannot_make_a_merge_count_shards_for_ever(tmp_pat
         (tmp_path / f"journal-{name}.jsonl").touch()
     assert shards(tmp_path) == [Shard(1, 2)]
     assert run("merge", tmp_path, "--json").json["missing"] == ["2/2"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("status", "journal.jsonl"),
+        ("merge", "journal-1of2.jsonl"),
+        ("info", "a.png"),
+        ("bench", "--time", "--baseline", "base.json"),
+        ("bench", "--truth", "x/camera.json"),
+    ],
+)
+def test_a_file_that_is_a_hole_is_refused_at_once(
+    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One of 100 GB took all memory, or a minute of a decoder that looked for its format."""
+    monkeypatch.chdir(tmp_path)
+    *options, name = words
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    with (tmp_path / name).open("wb") as file:
+        file.write(b"{")
+        file.truncate(10**11)
+    ran = run(*options, name if words[0] in ("info", "bench") and "x/" not in name else tmp_path)
+    assert (ran.code, ran.err.count("\n")) == (3, 1)
+    assert "is a hole of 100000 MB" in ran.err
+
+
+def test_a_file_with_holes_is_read() -> None:
+    """As NumPy's memmap makes one: only where next to nothing is there it is refused."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "a"
+        with path.open("wb") as file:
+            for start in range(0, 2**29, 2**24):
+                file.seek(start)
+                file.write(b"." * 2**19)
+            file.truncate(2**29)
+        with open_plain(path) as opened:
+            assert opened.read(2) == b".."
+
+
+@pytest.mark.parametrize("document", ["[" * 100_000, "7", '{"shots": [7]}', "infinite", "huge"])
+def test_documents_of_the_bench_are_refused_whatever_they_hold(
+    document: str, tmp_path: Path
+) -> None:
+    number = {"infinite": "1e999", "huge": "1" + "0" * 400}.get(document, "2")
+    shot = {"name": "a", "fnumber": 2, "focus_distance_m": 0, "max_coc_radius_px": 0}
+    size = {"width": 64, "height": 48}
+    camera = {"shots": [shot], "focal_length_mm": 50, "sensor_width_mm": 36} | size
+    stored = {"rows": [{"case": "a", "fft_units": 1}], "threads": 0, "device": "cpu"}
+    for name, text, options in (
+        ("x/camera.json", json.dumps(camera), ("--truth", tmp_path)),
+        ("base.json", json.dumps(stored), ("--time", "--baseline", tmp_path / "base.json")),
+    ):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        odd = text.replace(": 0", f": {number}")
+        (tmp_path / name).write_text(odd if document in ("infinite", "huge") else document)
+        if (document, name) != ("huge", "base.json"):  # as many threads, which are compared
+            refused(run("bench", *options), 3, "malformed", name.partition("/")[2] or name)
+
+
+@pytest.mark.parametrize("over", ["0x" + "f" * 5000, "9" * 5000])
+def test_whole_numbers_beyond_all_floats_are_no_toml(over: str, tmp_path: Path) -> None:
+    rules, picture = tmp_path / "rules.toml", color_exr(tmp_path / "a.exr")
+    rules.write_text(f"over = {over}\n")
+    refused(run("compare", picture, picture, "--thresholds", rules), 3, "malformed", rules)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("color_note", None),
+        ("depth_repair", {"kinds": [7]}),
+        ("measures", {"coc_mean_px": "a"}),
+        ("seconds", {"render": 10**400}),
+        ("inputs", {"color": {"path": "a.exr", "blake2b": []}}),
+    ],
+)
+def test_a_record_of_wrong_types_is_told(key: str, value: object, tmp_path: Path) -> None:
+    lines = [json.dumps(record(tmp_path, "a") | more) + "\n" for more in ({key: value}, {})]
+    journal_path(tmp_path).write_text("".join(lines))
+    for command in ("status", "report", "merge"):
+        refused(run(command, tmp_path), 3, "damaged", "journal.jsonl")
+
+
+def test_a_kept_jobs_file_of_an_endless_key_takes_no_memory(tmp_path: Path) -> None:
+    (tmp_path / origin.KEPT).write_text(".".join(["a"] * 100_000) + " = 1\n")
+    assert origin.origin_of(tmp_path) == origin.Origin()
+
+
+def test_a_sidecar_that_repeats_itself_is_not_expanded(tmp_path: Path) -> None:
+    """Ten lines of ten references each to the line before took 10^10 letters."""
+    laughs = "".join(f"a{n} = {f'%(a{n - 1})s' * 10}\n" for n in range(1, 10))
+    (tmp_path / "parameters.cfg").write_text(f"[intrinsics]\na0 = {'x' * 10}\n{laughs}")
+    (tmp_path / "a.pfm").write_bytes(b"Pf\n2 2\n-1\n" + bytes(16))
+    with refuses("malformed", path=tmp_path / "parameters.cfg"):
+        read_depth(tmp_path / "a.pfm", format="hci-lightfield")

@@ -23,6 +23,7 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import EFFECT_OPTIONS, LENS_FILES
 from defocus_core.errors import InputError, Place, cannot_read, reason
 from defocus_core.io.below import Folder, path_fault
+from defocus_core.io.damage import MALFORMED
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def _sample(root: Path, line: bytes, where: Place) -> Sample:
             quality=record["quality"],
             record=record,
         )
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except MALFORMED as error:
         problem = f"is no sample: {type(error).__name__} {reason(error)}"
         raise InputError("malformed", problem, "let the batch write it again", path=where) from None
 

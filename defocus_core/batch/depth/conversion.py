@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
 from defocus_core.io.exr.writing import write_exr
+from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import written_together
 from defocus_core.system.interrupts import put_off
 from defocus_core.system.text import version
@@ -111,6 +113,7 @@ def convert(place: DepthTarget, reading: Reading) -> Converted:
         raise UsageProblem(
             "radii", problem, "give such files to 'defocus render'", field="depth-format"
         )
+    _refuse_nearly_empty(place.file)
     depth = read_depth(place.file, reading)
     require_valid(depth)
     sky, extremes = 0, []
@@ -131,3 +134,17 @@ def convert(place: DepthTarget, reading: Reading) -> Converted:
             write_depth_preview(place.preview, depth.metres)
     warnings = (*implausible_file(depth, declared=reading.says_scale), *depth.warnings)
     return Converted(place, depth, range_m, sky, warnings)
+
+
+def _refuse_nearly_empty(file: Path) -> None:
+    """Refuse a file of a few MB that would take all memory to say next to nothing.
+
+    Raises:
+        InputError: it is one.
+    """
+    info = None
+    with suppress(InputError):  # a file without a header has no size; who decodes it says why
+        info = describe(file)
+    if info is not None and info.nearly_empty:
+        problem = f"has {info.nearly_empty}"
+        raise InputError("too-large", problem, "cut it into smaller pictures", path=file)

@@ -223,15 +223,15 @@ def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
 def _entry(row: Mapping[str, Any], where: Place) -> Entry:
     if not row.keys() <= _KNOWN:
         refuse_unknown(row, (*LENS_OPTIONS, *ROW_KEYS), where, "a row")
-    options = {
-        key: checked(key, value, where.at(key)) for key, value in row.items() if key not in ROW_KEYS
-    }
-    refuse_contradiction(options, where)
-    files = tuple(_path(row[key], where, key) if key in row else None for key in FILES)
+    options = {key: checked(key, row[key], where.at(key)) for key in row if key not in ROW_KEYS}
+    if options:
+        refuse_contradiction(options, where)
+    keys = FILES[:2] if row.keys().isdisjoint(FILES[2:]) else FILES
+    files = tuple([_path(row[key], where, key) if key in row else None for key in keys])
     color, depth = files[:2]
     if color is None:
         raise InputError("empty", "names no color", "give it the path of a colour file", path=where)
-    for role in OTHERS if any(files[2:]) else ():
+    for role in OTHERS if keys is FILES else ():
         if f"{role}-depth" in row and f"{role}-color" not in row:
             raise InputError(
                 "missing-option",
@@ -244,8 +244,7 @@ def _entry(row: Mapping[str, Any], where: Place) -> Entry:
             "empty", "names no depth, which only EXR holds beside colour", "give depth", path=where
         )
     stem = _stem(row["stem"], where) if "stem" in row else Path(color).stem
-    entry = Entry(stem, files if any(files[2:]) else files[:2], where)
-    return entry.with_options(options) if options else entry
+    return Entry(stem, files, where, tuple(chain.from_iterable(options.items())))
 
 
 def _path(value: object, where: Place, key: str) -> str:

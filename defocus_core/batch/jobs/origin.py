@@ -7,13 +7,13 @@ batch from Python. Card and index take title, licence, source and citation from 
 from __future__ import annotations
 
 import json
-import tomllib
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from defocus_core.batch.jobs import toml_file
 from defocus_core.batch.jobs.toml_file import LARGEST_FILE, Table
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder, open_plain
@@ -84,7 +84,7 @@ def keep(out: Path, jobs: Path | Mapping[str, Any]) -> None:
 def origin_of(out: Path) -> Origin:
     """The origin that the jobs file kept in OUT tells of; an empty one if there is none."""
     with suppress(ValueError, TypeError, AttributeError, RecursionError):
-        for name, loads in ((KEPT, tomllib.loads), (_KEPT_TABLES, json.loads)):
+        for name, loads in ((KEPT, toml_file.loads), (_KEPT_TABLES, json.loads)):
             if (data := _kept(out, name)) is not None:
                 said = loads(data.decode()).get("dataset", {})
                 texts = {key: str(said[key]) for key in _TEXTS if key in said}

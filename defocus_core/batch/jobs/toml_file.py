@@ -29,11 +29,26 @@ def read_toml(file: Path, *, what: str, remedy: str) -> dict[str, Any]:
         InputError: the file cannot be read as TOML.
     """
     try:
-        return tomllib.loads(_text(file, what, remedy))
+        return loads(_text(file, what, remedy))
     except (ValueError, RecursionError) as error:  # ValueError: a number of 5000 digits
         raise InputError(
             "malformed", f"is not TOML: {reason(error)}", "mend that line", path=file
         ) from None
+
+
+def loads(text: str) -> dict[str, Any]:
+    """The tables and values of a text of TOML.
+
+    Raises:
+        ValueError: it is none, or would take endless memory.
+        RecursionError: it is nested too deeply.
+    """
+    # A key of n parts takes memory of n² bytes, and the square of a line of names is small.
+    if sum(line.count(".") ** 2 for line in text.split("\n")) > _MAX_DOTS:
+        raise ValueError("it has a line of too many dots")
+    values = tomllib.loads(text)
+    _refuse_huge(values)
+    return values
 
 
 @dataclass(frozen=True)
@@ -136,6 +151,14 @@ def table(file: Path, tables: Mapping[str, Any], name: str) -> Table:
     return Table(file, name, values)
 
 
+def _refuse_huge(value: Any) -> None:
+    """Refuse whole numbers of more than TOML's 64 bits, which no float may hold."""
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise ValueError("it has a whole number of more than 64 bits")
+    for each in value.values() if isinstance(value, dict) else value if type(value) is list else ():
+        _refuse_huge(each)
+
+
 def _text(file: Path, what: str, remedy: str) -> str:
     try:
         with open_plain(file) as opened:
@@ -145,8 +168,6 @@ def _text(file: Path, what: str, remedy: str) -> str:
         raise cannot_read(file, error, remedy) from None
     except UnicodeDecodeError:
         raise InputError("malformed", "is not a text file", remedy, path=file) from None
-    # A key of n parts takes memory of n² bytes, and the square of a line of names is small.
-    dots = sum(line.count(".") ** 2 for line in text.split("\n"))
-    if "\0" in text or len(data) > LARGEST_FILE or dots > _MAX_DOTS:
+    if "\0" in text or len(data) > LARGEST_FILE:
         raise InputError("malformed", f"is not a {what}", remedy, path=file)
     return text

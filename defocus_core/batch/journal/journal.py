@@ -41,6 +41,7 @@ from defocus_core.system.memory import without_collections
 
 Record = Mapping[str, Any]
 _BLOCK = 1000  # lines
+_LONGEST_NUMBER = 20  # characters of 64 bits
 _SAMPLE = re.compile(rb'"sample_id": ("(?:[^"\\]|\\.)+")')
 MAX_SHARDS = 999_999  # as many as can be asked for
 _SHARD = re.compile(r"\.?journal-(\d+)of(\d+)\.(jsonl|run|lock)")
@@ -182,7 +183,13 @@ def _sample_words(line: bytes) -> str:
 
 
 def _parsed(line: bytes) -> Any:
-    return json.loads(line, parse_constant=_refuse_constant)
+    return json.loads(line, parse_constant=_refuse_constant, parse_int=_bounded)
+
+
+def _bounded(digits: str) -> int:
+    if len(digits) > _LONGEST_NUMBER:
+        raise ValueError("a number of more than 64 bits")
+    return int(digits)
 
 
 def _refuse_constant(name: str) -> None:

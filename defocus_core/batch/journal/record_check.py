@@ -41,6 +41,12 @@ _OF_A_PICTURE: Types = {
     "device": (str,),
     "depth_note": (str,),
 }
+_NOTES: Types = {  # of a picture, too, but not of one that an early version took
+    "color_note": (str,),
+    "depth_repair": (dict, _NOTHING),
+    "measures": (dict, _NOTHING),
+}
+_MEASURED = ("_px", "_share")  # ends of the names of measures that are numbers
 _OPTICS = tuple(key for key, row in RECORDED.items() if row.is_optics)  # none beside radii
 _OF_A_LENS: Types = {
     **dict.fromkeys(RECORDED, _NUMBER),
@@ -119,6 +125,8 @@ def _fault_of_files(record: Mapping[str, Any], linked: frozenset[str]) -> str | 
         for role, stamp in files.items():
             if not isinstance(stamp, dict) or not isinstance(stamp.get("path"), str):
                 return f"has no path of {role}"
+            if not isinstance(stamp.get("blake2b", ""), str):
+                return f"has a blake2b of {role} that is no text"
     for stamp in record["outputs"].values():
         path = stamp["path"]
         if output_fault(path):
@@ -128,8 +136,20 @@ def _fault_of_files(record: Mapping[str, Any], linked: frozenset[str]) -> str | 
     return None
 
 
+def _fault_of_notes(record: Mapping[str, Any]) -> str | None:
+    kinds = (record.get("depth_repair") or {}).get("kinds", [])
+    if not isinstance(kinds, list) or not all(isinstance(kind, str) for kind in kinds):
+        return "has a depth_repair of kinds that are no texts"
+    for name, value in (record.get("measures") or {}).items():
+        if name.endswith(_MEASURED) and not isinstance(value, (*_NUMBER, _NOTHING)):
+            return f"has the {name} {value!r:.60}, which is no number"
+    return None
+
+
 def _fault_of_picture(record: Mapping[str, Any]) -> str | None:
-    fault = wrong_type(record, _OF_A_PICTURE) or wrong_type(record["lens"], _OF_A_LENS)
+    notes = {key: kinds for key, kinds in _NOTES.items() if key in record}
+    fault = wrong_type(record, {**_OF_A_PICTURE, **notes})
+    fault = fault or wrong_type(record["lens"], _OF_A_LENS) or _fault_of_notes(record)
     if fault:
         return fault
     lens = record["lens"]

@@ -17,6 +17,7 @@ from defocus_core.batch.journal.record_check import output_fault
 from defocus_core.compare.record import EXTRA, MISSING, Comparison
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder
+from defocus_core.io.damage import MALFORMED
 from defocus_core.io.safe_files import missing, unwritable, written_whole
 
 MANIFEST = "golden.json"
@@ -97,7 +98,7 @@ def read_store(folder: Path, *, new: bool = False) -> Store:
             return Store(folder, {})
         remedy = "make goldens with 'defocus golden update ‹accept›'"
         raise missing(file, remedy=remedy) from None
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+    except (OSError, *MALFORMED) as error:
         problem = f"cannot be read: {reason(error)}"
         raise InputError("damaged", problem, restore, path=file) from None
     if fault:
@@ -186,7 +187,7 @@ def _finish(folder: Path) -> None:
             target = Folder(folder).path(path.relative_to(aside).as_posix())
             target.parent.mkdir(parents=True, exist_ok=True)
             path.replace(target)
-    except (OSError, ValueError, TypeError, RecursionError) as error:
+    except (OSError, *MALFORMED) as error:
         problem = f"cannot be put into its place: {reason(error)}"
         remedy = f"mend that, or remove {aside}"
         raise InputError("unwritable", problem, remedy, path=aside) from error

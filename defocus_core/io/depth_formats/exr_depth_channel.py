@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from defocus_core.io.exr.channel_choice import (
     choose_depth,
 )
 from defocus_core.io.exr.header import Header, read_headers
-from defocus_core.io.exr.reading import ExrPart, read_parts
+from defocus_core.io.exr.reading import has_equal_colors, read_parts
 from defocus_core.io.exr.views import in_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 
@@ -147,7 +146,7 @@ def choose_depth_channel(
     try:
         return choose_depth(path, headers, channel=named, part=reading.part)
     except NoDepthChannel as error:
-        if not any(_is_grey(each) for each in read_parts(path, tuple(headers))):
+        if not any(has_equal_colors(path, header) for header in headers):
             raise
         if reading.depth_format is not None and named is None:  # then it is said to be depth
             return choose_depth(path, headers, channel="R", part=reading.part)
@@ -170,11 +169,3 @@ def _alpha(chosen: ChannelGroup) -> str | None:
     names = {channel.plain: channel.name for channel in chosen.header.channels}
     layer = chosen.name.rpartition(".")[0]
     return next((names[name] for name in (f"{layer}.A", "A") if name in names), None)
-
-
-def _is_grey(part: ExrPart) -> bool:
-    """Whether R, G and B of a part are equal: depth may have been saved as a grey picture."""
-    planes: Sequence[Any] = [part.channels.get(name) for name in "RGB"]
-    if any(plane is None for plane in planes):
-        return False
-    return all(np.array_equal(planes[0], plane, equal_nan=True) for plane in planes[1:])

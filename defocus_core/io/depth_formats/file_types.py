@@ -213,12 +213,14 @@ def _from_raster(
         return DepthNumbers(packed, file_type, kind)
     _refuse_unsuited(path, raster, reading)
     values = keeping.new(size, dtype)
+    others = (1, 2) if len(raster.channels) >= 3 else ()
     for window, samples in read_samples(path, raster.page):
-        if samples.shape[2] >= 3 and (samples[:, :, :1] != samples[:, :, 1:3]).any():
+        first = samples[:, :, 0]
+        if any((first != samples[:, :, other]).any() for other in others):
             problem = f"has channels {', '.join(raster.channels)}; depth is one channel"
             remedy = "save the depth as a single grey channel"
             raise InputError("not-one-channel", problem, remedy, path=path)
-        values[window] = samples[:, :, 0]
+        values[window] = first
     file_type = {"uint16": "16-bit PNG", "uint8": "8-bit PNG"}.get(raster.type, "float TIFF")
     return DepthNumbers(values, file_type, kind, metadata=metadata)
 

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import open_plain
-from defocus_core.io.damage import decoding
+from defocus_core.io.damage import MALFORMED, decoding
 from defocus_core.io.depth_formats.rules import DepthFormat, Mask
 from defocus_core.io.images.raster import choose_page, read_pages, read_samples
 
 # What a reader raises that meets another content than it expects.
-_FAULTS = (OSError, ValueError, KeyError, IndexError, TypeError, RecursionError)
+_FAULTS = (OSError, *MALFORMED)
 _LONGEST = 1 << 20  # characters of a sidecar
 _CHECK = "check the file"
 
@@ -101,7 +101,7 @@ def _calib(path: Path, _: Path) -> Facts:
 
 def _parameters(path: Path, _: Path) -> Facts:
     """4D light field benchmark: disparity is 0 at the focus distance."""
-    parser = configparser.ConfigParser()
+    parser = configparser.ConfigParser(interpolation=None)
     parser.read_string(_text(path))
     values = {key: value for section in parser.values() for key, value in section.items()}
     width = max(float(values[f"image_resolution_{axis}_px"]) for axis in "xy")

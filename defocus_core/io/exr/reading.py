@@ -14,6 +14,7 @@ from itertools import groupby, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, first_line
@@ -100,6 +101,23 @@ def read_layers(
     """
     with decoding(path), quiet(), _unlimited():
         return deep_layers(path, header, names, keeping, overscan)
+
+
+def has_equal_colors(path: Path, header: Header) -> bool:
+    """Whether R, G and B of a part are equal: depth may have been saved as a grey picture.
+
+    Raises:
+        InputError: the file cannot be read, or not all of it.
+    """
+    types = {channel.name: channel.type for channel in header.channels if channel.name in "RGB"}
+    if len(types) < 3 or header.deep or header.subsampled:
+        return False
+    with decoding(path), quiet(), _unlimited():
+        return all(
+            np.array_equal(piece["R"], piece[other], equal_nan=piece["R"].dtype.kind == "f")
+            for _, piece in _pieces(path, header, types, Keeping(scratch=True))
+            for other in "GB"
+        )
 
 
 def _part(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,9 @@ from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import views_of_parts
 from defocus_core.io.images.raster import read_pages
 from defocus_core.io.safe_files import read_head
+
+# A file of more numbers than either of these is nearly empty: real pictures pack less tightly.
+_MOST_NUMBERS, _NUMBERS_OF_A_BYTE = 2**26, 32
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,19 @@ class FileInfo:
     def __post_init__(self) -> None:
         """Without overscan the pixels are those shown."""
         object.__setattr__(self, "pixels", self.pixels or self.width * self.height)
+
+    @property
+    def numbers(self) -> int:
+        """Of all channels, as many as are read at most."""
+        return self.pixels * sum(len(part.channels) for part in self.parts)
+
+    @property
+    def nearly_empty(self) -> str:
+        """How many numbers a small file claims that can hardly tell a picture; empty of others."""
+        size = self.path.stat().st_size
+        if self.numbers <= max(_MOST_NUMBERS, _NUMBERS_OF_A_BYTE * size):
+            return ""
+        return f"{self.numbers / 10**6:.0f} million numbers in a file of {size / 10**6:.1f} MB"
 
 
 def describe(path: Path) -> FileInfo:
@@ -125,10 +142,13 @@ def _arrays(
         (name if len(shape) == 2 and len(arrays) == 1 else f"{name} {_times(shape)}", dtype)
         for name, (shape, dtype) in arrays.items()
     )
-    shape = next(iter(arrays.values()))[0]
-    height, width = shape[:2] if len(shape) == 3 and shape[2] <= 4 else shape[-2:]
+    sizes = [
+        shape[:2] if len(shape) == 3 and shape[2] <= 4 else shape[-2:]
+        for shape, _ in arrays.values()
+    ]
+    (height, width), maximum = sizes[0], max(map(math.prod, sizes))
     part = PartInfo(0, "", channels, deep=False)
-    return FileInfo(path, width, height, (part,), at_once)
+    return FileInfo(path, width, height, (part,), at_once, maximum)
 
 
 def _times(shape: tuple[int, ...]) -> str:

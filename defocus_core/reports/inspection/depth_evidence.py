@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import DefocusError
 from defocus_core.io.array_files.containers import container_type
-from defocus_core.io.arrays import IN_MEMORY, bands
+from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
 from defocus_core.io.depth_formats.file_types import read_numbers
 from defocus_core.io.depth_formats.photo_depth import is_heic, is_jpeg
@@ -53,6 +53,7 @@ _EDGE, _STEP, _BETWEEN = 1.25, 0.02, 0.15
 # Pixels at edges that are enough to judge by; share of them between near and far. A hard edge has
 # two pixels and none between, an averaged one three and one, twice enlarged ones four and two.
 _EDGES, _MIXED = 50, 0.25
+_PIXELS = 1 << 24  # that are looked at for edges, about: of larger files some bands of rows
 
 
 def may_be_depth(info: FileInfo) -> bool:
@@ -62,13 +63,13 @@ def may_be_depth(info: FileInfo) -> bool:
     return is_exr(head) or arrays or _has_gdepth(info.path)
 
 
-def is_grey_in_color(info: FileInfo, reading: DepthReading) -> bool:
+def is_grey_in_color(info: FileInfo, reading: DepthReading, keeping: Keeping) -> bool:
     """Whether a picture of 8 bits and several channels is as grey as one of a single channel."""
     channels = info.parts[0].channels
     if len(channels) < 3 or channels[0][1] != "uint8" or reading.depth_format is not None:
         return False
     try:  # stops at the first pixel of a colour
-        read_numbers(info.path, replace(reading, depth_scale=1.0), IN_MEMORY, None)
+        read_numbers(info.path, replace(reading, depth_scale=1.0), keeping, None)
     except DefocusError:
         return False
     return True
@@ -79,20 +80,23 @@ def _has_gdepth(path: Path) -> bool:
     return is_jpeg(head) and b"GDepth:" in head
 
 
-def evidence_of(path: Path, reading: DepthReading, info: FileInfo) -> tuple[str, ...]:
+def evidence_of(
+    path: Path, reading: DepthReading, info: FileInfo, keeping: Keeping
+) -> tuple[str, ...]:
     """Sentences on the formats that a depth file could be of, and on faults that show.
 
     Args:
         path: the file.
         reading: the options of the user; with a format, only faults are listed.
         info: its header.
+        keeping: where its numbers are to be kept.
     """
     sentences = [] if reading.depth_format is not None else [*_names_evidence(path, info)]
     if _has_gdepth(path):
         return tuple(sentences)
     try:
         scaled = reading if reading.says_scale else replace(reading, depth_scale=1.0)
-        samples = read_numbers(path, scaled, IN_MEMORY, None)
+        samples = read_numbers(path, scaled, keeping, None)
     except DefocusError:  # another line of the report says why
         return tuple(sentences)
     if reading.depth_format is None:
@@ -163,13 +167,14 @@ def _faults(samples: DepthNumbers) -> Iterator[str]:
 def _edges(values: Any) -> tuple[int, int]:
     """How many pixels lie at a depth edge along a row, and how many of these lie between."""
     edges = mixed = 0
-    if values.ndim != 2 or values.shape[1] < 3:
+    if len(values.shape) != 2 or values.shape[1] < 3:
         return 0, 0
-    tops = [values[rows][np.isfinite(values[rows])].max(initial=0) for rows in bands(values.shape)]
+    strips = bands(values.shape)[:: 1 + values.shape[0] * values.shape[1] // _PIXELS]
+    tops = [values[rows][np.isfinite(values[rows])].max(initial=0) for rows in strips]
     step = _STEP * float(max(tops))
     if not step:  # nothing is near
         return 0, 0
-    for rows in bands(values.shape):
+    for rows in strips:
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             band: NDArray[np.float64] = values[rows].astype(np.float64)
             left, middle, right = band[:, :-2], band[:, 1:-1], band[:, 2:]

@@ -72,9 +72,9 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
         require_part(path, reading.part, len(info.parts))
     too_large = _too_large(info)
     color_note = too_large or _why_no_color(info, reading)
-    grey = not too_large and is_grey_in_color(info, reading)
-    depth_note = too_large or _why_no_depth(info, reading, grey=grey)
     keeping = _keeping(info)
+    grey = not too_large and is_grey_in_color(info, reading, keeping)
+    depth_note = too_large or _why_no_depth(info, reading, grey=grey)
     picture, color, depth, overscan = None, None, None, NO_OVERSCAN
     if not color_note and not depth_note and info.parts[0].display_window:
         overscan = overscan_of(Picture("", path, path), reading, (reading.part, reading.part))
@@ -100,20 +100,21 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
         "color_note": color_note,
         "depth": depth,
         "depth_note": depth_note,
-        "evidence": list(evidence_of(path, reading, info)) if depth_like and not maps else [],
+        "evidence": [*evidence_of(path, reading, info, keeping)] if depth_like and not maps else [],
         "maps": maps,
     }
 
 
 def _keeping(info: FileInfo) -> Keeping:
-    channels = sum(len(part.channels) for part in info.parts)
-    return Keeping(scratch=info.width * info.height * channels > _NUMBERS_IN_MEMORY)
+    return Keeping(scratch=info.numbers > _NUMBERS_IN_MEMORY)
 
 
 def _too_large(info: FileInfo) -> str:
-    """Why a file takes too much memory to decode; empty if it does not."""
+    """Why a file takes too much time or memory to decode; empty if it does not."""
+    if info.nearly_empty:
+        return f"not decoded: {info.nearly_empty}"
     samples = max(sum(_BYTES.get(kind, 4) for _, kind in part.channels) for part in info.parts)
-    decoded = info.at_once * info.width * info.height * samples / MB
+    decoded = info.at_once * info.pixels * samples / MB
     if decoded <= _MAX_AT_ONCE:
         return ""
     return f"takes {decoded:.0f} MB to decode; save it as EXR, or not interlaced"

@@ -14,10 +14,11 @@ from image_files import save
 from refusals import refuses
 
 from defocus_core.batch.look import opening
-from defocus_core.io import arrays
+from defocus_core.io import arrays, below
 from defocus_core.io.array_files import containers
 from defocus_core.io.array_files.float_maps import read_float_map
 from defocus_core.io.depth_formats import depth, exr_depth_channel, file_types
+from defocus_core.io.images import describe as describing
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import MAX_PIXELS
@@ -35,7 +36,10 @@ def sparse_npy(path: Path, shape: tuple[int, ...]) -> Path:
 
 
 @pytest.mark.parametrize("shape", [(60_000, 60_000), (1, 60_000, 60_000), (MAX_PIXELS + 1, 1)])
-def test_npy_obeys_the_limit_of_pixels(shape: tuple[int, ...], tmp_path: Path) -> None:
+def test_npy_obeys_the_limit_of_pixels(
+    shape: tuple[int, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(below, "_HOLLOW", 2**40)
     path = sparse_npy(tmp_path / "a.npy", shape)
     for read in (describe, read_float_map):
         with refuses("too-large", f"{shape[-1]}×{shape[-2]} px", path=path):
@@ -77,6 +81,46 @@ def test_info_decodes_no_more_at_once_than_it_may(
     ran = run("info", path)
     assert ran.code == 0
     assert "no colour: takes 0 MB to decode; save it as EXR, or not interlaced" in ran.out
+
+
+@pytest.mark.parametrize("kind", ["png", "exr", "npz"])
+def test_info_decodes_no_more_numbers_than_a_small_file_can_have(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A PNG of 5 MB may have 1.2e9: 40 s; an EXR of 2.5 MB took 5 GB to be called no depth."""
+    path = tmp_path / f"a.{kind}"
+    match kind:
+        case "png":
+            save(path, np.zeros((200, 300, 3), np.uint8))
+        case "exr":
+            color_exr(path, np.zeros((200, 300, 3), np.float32))
+        case _:
+            small, large = np.ones((2, 2), np.float32), np.ones((200, 300), np.float32)
+            np.savez_compressed(path, depth=large, small=small)
+    decoded = run("info", path)
+    assert "not decoded" not in decoded.out
+    monkeypatch.setattr(describing, "_MOST_NUMBERS", 10_000)
+    ran = run("info", path, "--json")
+    assert ran.code == 0
+    assert ran.json["files"][0]["depth_note"].startswith("not decoded: 0 million numbers in a file")
+    ran = run("depth", path, "-o", tmp_path / "z.exr")
+    assert (ran.code, (tmp_path / "z.exr").exists()) == (3, False)
+    assert "has 0 million numbers" in ran.err
+    monkeypatch.setattr(describing, "_NUMBERS_OF_A_BYTE", 10_000)
+    assert run("info", path) == decoded
+
+
+def test_whether_an_exr_is_grey_is_looked_up_without_holding_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grey = np.repeat(texture()[..., :1], 3, axis=2)
+    grey[0, 0] = np.nan
+    path = color_exr(tmp_path / "a.exr", grey)
+    monkeypatch.setattr(exr_depth_channel, "read_parts", None)
+    with refuses("no-depth", "R, G and B are equal", path=path):
+        depth.read_depth(path)
+    with refuses("no-depth", path=color_exr(tmp_path / "b.exr")):
+        depth.read_depth(tmp_path / "b.exr")
 
 
 def test_info_decodes_no_array_larger_than_it_may(
