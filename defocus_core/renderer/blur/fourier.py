@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.batched import Apertures
 from defocus_core.optics.parts import Part
 from defocus_core.optics.pupil_field import View, joined
 from defocus_core.tensors.box import Box
@@ -67,12 +68,28 @@ def kernels(
         leaning: Whether to add kernels times u.x and times u.y, for tilted surfaces.
 
     Returns:
-        [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning.
+        [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning; [K, 1 or 3, M, B, ...] of
+        the pupils of a batch.
     """
-    # a region keeps its own
-    drawn = _kernel.__wrapped__ if aperture.requires_grad or views else _kernel
-    aperture = aperture if aperture.requires_grad else aperture.fixed
     view = joined(views) if views else None
+    if isinstance(aperture, Apertures):
+        each = (_drawn(radii, extent, *one, parts, leaning) for one in aperture.seeing(view))
+        return torch.stack(list(each), -3)
+    return _drawn(radii, extent, aperture, view, parts, leaning)
+
+
+def _drawn(
+    radii: Tensor,
+    extent: int,
+    aperture: Aperture,
+    view: View | None,
+    parts: list[Part],
+    leaning: bool,
+) -> Tensor:
+    """`kernels` of one pupil."""
+    # a region keeps its own
+    drawn = _kernel.__wrapped__ if aperture.requires_grad or view else _kernel
+    aperture = aperture if aperture.requires_grad else aperture.fixed
     return torch.stack(
         [
             torch.cat([drawn(radius, extent, aperture, part, view, leaning) for part in parts], 1)
@@ -142,8 +159,8 @@ def sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:
     """Sum of spectra [C + 1, ...] times kernels' spectra [M, 1, ...], for a group of m parts."""
 
     def of_group(kernel: Tensor, spectrum: Tensor) -> Tensor:
-        kernel = kernel[group]
-        return kernel if spectrum.dim() == 3 else kernel[:, :, None]  # the same for a batch
+        kernel = kernel[group]  # of each picture of a batch, or the same for all
+        return kernel if kernel.dim() > spectrum.dim() else kernel[:, :, None]
 
     (spectrum, kernel), *others = terms
     total = spectrum * of_group(kernel, spectrum)

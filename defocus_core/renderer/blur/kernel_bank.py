@@ -15,6 +15,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import Part
 from defocus_core.optics.pupil_field import View
 from defocus_core.renderer.blur.fourier import kernel_spectra, kernels, reach, transform_length
+from defocus_core.tensors.checkpointing import requires_grad
 from defocus_core.tensors.device_plan import launches_cost, sent
 
 # Number of sizes of a window's transforms: quarters of the largest.
@@ -74,9 +75,7 @@ class TransformWindow:
     @property
     def requires_grad(self) -> bool:
         """Whether gradients flow to the pupil: then nothing is cached in a backward pass."""
-        sizes = (value for view in self.views for value in view)
-        clipped = any(isinstance(value, Tensor) and value.requires_grad for value in sizes)
-        return self.aperture.requires_grad or clipped
+        return self.aperture.requires_grad or requires_grad(self.views)
 
     def seen(self, views: Sequence[View]) -> TransformWindow:
         """The same window with a pupil as points of the frame see it."""
@@ -90,7 +89,10 @@ class TransformWindow:
             self.leaning_kernels(slice_index)
 
     def spectrum(self, slice_index: int, size: tuple[int, int]) -> Tensor:
-        """The spectrum of a slice's kernel: [M, 1, height, width // 2 + 1]."""
+        """The spectrum of a slice's kernel, [M, 1, height, width // 2 + 1].
+
+        Of the pupils of a batch, here and below, [M, 1, B, ...].
+        """
         return self._cached(slice_index, size, leaning=False)
 
     def leaning(self, slice_index: int, size: tuple[int, int]) -> Tensor:
@@ -115,9 +117,9 @@ class TransformWindow:
         ):
             versions = torch.stack(self._kernels(slice_indices, leaning=True), 1)
             leans = sent([slopes[slice_index] for slice_index in slice_indices], versions)
-            x, y = leans.T[..., None, None, None]
+            x, y = leans.T.view(2, -1, *[1] * (versions.dim() - 2))
             tilted = versions[0].addcmul(versions[1], x).addcmul(versions[2], y)
-            spectra = kernel_spectra(tilted, size).unsqueeze(-3)
+            spectra = kernel_spectra(tilted, size).unsqueeze(2)
             for slice_index, spectrum in zip(slice_indices, spectra.unbind(), strict=True):
                 if len(cached[slice_index]) >= _PLANES:
                     cached[slice_index].clear()
@@ -154,9 +156,8 @@ class TransformWindow:
         """The spectra of some slices, each as `spectrum` or `leaning` has it."""
         versions = self._kernels(slice_indices, leaning=leaning)
         chosen = [each[1:] if leaning else each[0] for each in versions]
-        if len(chosen) == 1:
-            return [kernel_spectra(chosen[0], size).unsqueeze(-3)]
-        return kernel_spectra(torch.stack(chosen), size).unsqueeze(-3).unbind()
+        together = torch.stack(chosen) if len(chosen) > 1 else chosen[0][None]
+        return kernel_spectra(together, size).unsqueeze(2 + leaning).unbind()
 
     def leaning_kernels(self, slice_index: int) -> Tensor:
         """The kernel of a slice, and the same times u.x and u.y: [3, M, S, S]."""

@@ -134,9 +134,14 @@ def _of_each(slices: Slices, content: Content, quality: Quality, settings: Setti
 def _division(settings: Settings, quality: Quality) -> Division:
     """The parts of the aperture."""
     pair = settings.dual_pixel if settings.left_right else None
+    return Division.of(settings.aperture, centre_parts(settings, quality), pair)
+
+
+def centre_parts(settings: Settings, quality: Quality) -> int:
+    """The number of parts of the aperture for the centre view."""
+    pair = settings.dual_pixel if settings.left_right else None
     clipped = settings.field is not None and not (pair and pair.field)
-    count = 1 if clipped else quality.parts  # a rim would clip parts away
-    return Division.of(settings.aperture, count, pair)
+    return 1 if clipped else quality.parts  # a rim would clip parts away
 
 
 def copies_of_tile(layer_of: list[int]) -> int:
