@@ -46,11 +46,12 @@ class TransformWindow:
         margin: Greatest reach of the slices in px; 0 if they are not blurred at all.
         size: (height, width) of the largest transform.
         level: How many times resolution is halved; margin and size are in px of that resolution.
-        slices: Numbers of the slices.
+        slices: Numbers of the slices that are used.
         radii: [k] radii of the slices in px, float64.
         aperture: The pupil.
         parts: The parts of the pupil.
         views: Views of the pupil: M counts each part once with each.
+        each: The slices of each picture of a batch, if their pupils differ.
         like: A tensor of the dtype and device of the spectra.
         kernels: Cached kernels, by number of the slice.
         spectra: Cached spectra, by number of the slice, size, and whether they lean.
@@ -66,6 +67,7 @@ class TransformWindow:
     parts: list[Part]
     like: Tensor
     views: tuple[View, ...] = ()
+    each: tuple[range, ...] = ()
     kernels: dict[int, Tensor] = field(default_factory=dict)
     spectra: dict[tuple[int, tuple[int, int], bool], Tensor] = field(default_factory=dict)
     planes: dict[tuple[int, tuple[int, int]], dict[tuple[float, float], Tensor]] = field(
@@ -172,7 +174,13 @@ class TransformWindow:
         if missing:
             radii = self.radii[[self.slices.index(n) for n in missing]] / (1 << self.level)
             computed = kernels(
-                radii, self.margin, self.aperture, self.parts, views=self.views, leaning=leaning
+                radii,
+                self.margin,
+                self.aperture,
+                self.parts,
+                views=self.views,
+                leaning=leaning,
+                wanted=[[n in slices for n in missing] for slices in self.each],
             )
             self.kernels.update(zip(missing, sent(computed, self.like.real), strict=True))
         return [self.kernels[n] for n in slice_indices]
@@ -188,6 +196,8 @@ def windows(
     parts: list[Part],
     dtype: torch.dtype,
     device: torch.device,
+    stride: int,
+    each: tuple[range, ...] = (),
 ) -> list[TransformWindow]:
     """The window of each slice, one for each layer.
 
@@ -201,6 +211,8 @@ def windows(
         parts: M parts of the pupil.
         dtype: Type of the pictures.
         device: Device of the pictures.
+        stride: Whether every slice (1) or every other (2) is used.
+        each: The slices of each picture of a batch, if their pupils differ.
     """
     sharing: dict[int, list[int]] = {}
     for k, slice_index in enumerate(layers):
@@ -212,9 +224,12 @@ def windows(
         extent, level = max(spreads[k].coarse for k in slices), spreads[slices[0]].level
         extents = [(n >> level) + 5 for n in region] if level else side
         rows, columns = (transform_length(n + 2 * extent) for n in extents)
-        layer_radii = torch.tensor([radii[k] for k in slices], dtype=torch.float64)
+        used = [k for k in slices if k % stride == 0]
+        layer_radii = torch.tensor([radii[k] for k in used], dtype=torch.float64)
         size = rows, columns
-        window = TransformWindow(extent, size, level, slices, layer_radii, aperture, parts, like)
+        window = TransformWindow(
+            extent, size, level, used, layer_radii, aperture, parts, like, each=each
+        )
         window.prepare()
         window_of.update(dict.fromkeys(slices, window))
     return [window_of[k] for k in range(len(radii))]
