@@ -21,6 +21,7 @@ from defocus_core.tensors.neighbourhoods import (
     halfway,
     squares_around,
 )
+from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, positions_of, sums_of_each
 
 # Range of radius in px, within 3 px of each other, that matters.
@@ -44,7 +45,7 @@ AROUND = _BESIDE + 1 + 2 * _ROUNDS
 
 
 def averages(
-    band: Tensor, sizes: list[Tensor], rows: tuple[int, int], infinity: float | None
+    band: Tensor, sizes: list[Tensor], rows: tuple[int, int], infinity: Scalar | None
 ) -> Tensor:
     """Counts of averages on edges along rows and columns, for each picture: [..., 2, 4].
 
@@ -57,7 +58,8 @@ def averages(
             a picture or of each of a batch.
         sizes: Of steps in px from each pixel to the next, down and across.
         rows: The counted rows of the band, [first, end).
-        infinity: Signed radius in px of what is infinitely far; None if that is not known.
+        infinity: Signed radius in px of what is infinitely far, or [B] for each picture; None if
+            that is not known.
     """
     counts = band.new_zeros((*band.shape[:-2], 2, 4), dtype=torch.float64)
     long = [dim for dim in (-2, -1) if band.shape[dim] > 2 * _BESIDE]
@@ -72,9 +74,13 @@ def averages(
     steps = _around(band, dict(zip(long, inner, strict=True)), rows, 1, 4)
     for quantity, limit in enumerate((math.inf, infinity)):
         if limit is not None:
-            before, step, after = _as_averaged(steps[0], limit).diff(dim=1).abs().unbind(1)
+            of_steps, of_radii = (
+                _as_averaged(values, limit[of, None] if isinstance(limit, Tensor) else limit)
+                for values, of in (steps, radii)
+            )
+            before, step, after = of_steps.diff(dim=1).abs().unbind(1)
             hard = torch.maximum(before, after) < _LEVEL * step
-            position, average, wide = _on_edges(_as_averaged(radii[0], limit))
+            position, average, wide = _on_edges(of_radii)
             each = torch.stack([average.to(position), position * average, wide.to(position)], 1)
             of_quantity = counts[..., quantity, :].view(-1, 4)
             of_quantity[:, :3] = sums_of_each(each, radii[1], len(of_quantity))
@@ -135,9 +141,9 @@ def without_averages(signed_radius: Tensor, infinity: float) -> Tensor:
     return taken.index_copy(0, index, taken[source[index]]).reshape(H, W)
 
 
-def _as_averaged(radii: Tensor, infinity: float) -> Tensor:
+def _as_averaged(radii: Tensor, infinity: Scalar) -> Tensor:
     """Radii as disparity, or as distance if the radius of infinity is finite, in any unit."""
-    if math.isinf(infinity):
+    if not isinstance(infinity, Tensor) and math.isinf(infinity):
         return radii
     return distance_of(radii, infinity)
 

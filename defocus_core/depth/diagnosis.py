@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import islice
 from typing import NamedTuple
 
@@ -24,9 +25,9 @@ from defocus_core.depth.soft_edges import (
     softness,
     steepness,
 )
-from defocus_core.tensors.device_plan import launches_cost
+from defocus_core.tensors.device_plan import launches_cost, sent
 from defocus_core.tensors.neighbourhoods import extreme_around, ranges_of
-from defocus_core.tensors.source import Pixels, bands
+from defocus_core.tensors.source import Pixels, Scalar, bands
 from defocus_core.tensors.threads import threaded
 
 # Greatest share of a frame that edges take; a frame that is steep beyond it is a steep surface.
@@ -113,15 +114,17 @@ def diagnosed(
     return _diagnosis(signed_radius, found, infinity, noise)
 
 
-def diagnosed_each(signed_radius: Tensor, infinity: float | None) -> list[DepthRepair]:
+def diagnosed_each(signed_radius: Tensor, infinity: Sequence[float | None]) -> list[DepthRepair]:
     """What `diagnosed` says of each picture of a batch [B, H, W]."""
-    found = _found(signed_radius, infinity, 1)
-    pairs = zip(signed_radius, found, strict=True)
-    return [_diagnosis(radii, evidence, infinity, None) for radii, evidence in pairs]
+    common: Scalar | None = infinity[0]
+    if len(set(infinity)) > 1:  # of lenses, which all know it
+        common = sent(infinity, signed_radius)
+    every = zip(signed_radius, _found(signed_radius, common, 1), infinity, strict=True)
+    return [_diagnosis(radii, evidence, limit, None) for radii, evidence, limit in every]
 
 
 def _found(
-    signed_radius: Pixels, infinity: float | None, threads: int
+    signed_radius: Pixels, infinity: Scalar | None, threads: int
 ) -> list[dict[str, list[float]]]:
     """The evidence of a picture [H, W], or of each of a batch [B, H, W], by name."""
     dtype = torch.promote_types(signed_radius.dtype, torch.float32)
@@ -164,7 +167,7 @@ def _fetched(of_bands: list[_BandEvidence], count: int) -> list[dict[str, list[f
 
 
 def _evidence(
-    signed_radius: Pixels, rows: tuple[int, int], dtype: torch.dtype, infinity: float | None
+    signed_radius: Pixels, rows: tuple[int, int], dtype: torch.dtype, infinity: Scalar | None
 ) -> _BandEvidence:
     """The evidence of the rows [first, end)."""
     above = min(rows[0], _AROUND)

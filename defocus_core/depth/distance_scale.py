@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 from torch import Tensor
 
+from defocus_core.tensors.source import Scalar
+
 # Radii less than this many px from the radius of infinity count as infinitely far.
 INFINITE = 2.0**-12
 
@@ -54,6 +56,6 @@ def distance_scale(minimum: float, maximum: float, infinity: float | None) -> Di
     return DistanceScale(infinity, infinity - minimum, infinity - maximum)
 
 
-def distance_of(radii: Tensor, infinity: float) -> Tensor:
+def distance_of(radii: Tensor, infinity: Scalar) -> Tensor:
     """Distances of radii in px, as 1 over px of radius from infinity."""
     return (infinity - radii).clamp(min=INFINITE).reciprocal()

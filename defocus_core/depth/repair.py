@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import torch
@@ -98,14 +99,14 @@ def repaired(
 
 
 def repaired_each(
-    signed_radius: Tensor, pixels: Tensor, infinity: float | None
+    signed_radius: Tensor, pixels: Tensor, infinity: Sequence[float | None]
 ) -> tuple[Tensor, list[DepthRepair]]:
     """What `repaired` makes of each picture of a batch, by diagnosis alone.
 
     Args:
         signed_radius: [B, H, W] px.
         pixels: [C, B, H, W] linear.
-        infinity: As for `repaired`.
+        infinity: As for `repaired`, of each picture.
 
     Returns:
         [B, H, W] px, the given radii themselves if none needs a repair; and the repairs.
@@ -127,7 +128,7 @@ def repaired_each(
         picture, repairs[number] = repaired(
             signed_radius[number],
             pixels[:, number],
-            infinity=infinity,
+            infinity=infinity[number],
             threads=1,
             hold=True,
             decided=None if found is None else DepthRepair(edge_shifts=found),

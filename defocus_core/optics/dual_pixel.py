@@ -11,6 +11,7 @@ from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import LEFT, RIGHT, Part
 from defocus_core.optics.sensitivity import Sensitivity, SensitivityField
+from defocus_core.tensors.device_plan import beside
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.validation import described, number, one_of
 
@@ -92,9 +93,10 @@ class DualPixel:
 
     def crossed(self, pair: Tensor, centre: Tensor) -> Tensor:
         """Left and right [2, C, h, w] with crosstalk; their mean, the centre [C, h, w], stays."""
-        if isinstance(self.apart, float) and self.apart == 1:
+        apart = self.apart
+        if isinstance(apart, float) and apart == 1:
             return pair
-        return centre + (pair - centre) * self.apart
+        return centre + (pair - centre) * beside(apart, centre)
 
     @property
     def apart(self) -> Scalar:

@@ -174,6 +174,11 @@ class ThinLens(PinholeCamera):
         radius = self._coc_per_disparity(s) / s / (2 * self.pixel_size)
         return float(radius.detach())
 
+    def law(self, dtype: torch.dtype) -> Tensor:
+        """The numbers of `signed_radius` without limits, [3] on the CPU: A v, 1/s and 2 p."""
+        s = self._parameter("foc_dist", torch.empty(0, dtype=dtype, device="cpu")).abs()
+        return torch.stack([self._coc_per_disparity(s), 1 / s, s.new_tensor(2 * self.pixel_size)])
+
     def coc(self, depth: Scalar) -> Tensor:
         """Diameter of the circle of confusion in mm, unsigned; as `signed_coc` otherwise."""
         return self.signed_coc(depth).abs()

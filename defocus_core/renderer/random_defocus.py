@@ -25,13 +25,13 @@ from defocus_core.renderer.random_lens import (
     check_option,
     check_rim,
     lens_with,
+    radii_of_each,
     rim_with,
 )
-from defocus_core.renderer.render import render
-from defocus_core.tensors.order_statistics import depth_percentile
+from defocus_core.renderer.render import render_each
 from defocus_core.tensors.torch_modes import own_modes
 from defocus_core.tensors.validation import bad_depth, depth_maps, described, positive
-from defocus_core.tensors.views import Views, batch
+from defocus_core.tensors.views import Views
 
 _FOCLEN = Distribution("loguniform", (24.0, 85.0))
 _FNUM = Distribution("loguniform", (1.4, 16.0))
@@ -198,61 +198,99 @@ class RandomDefocus(torch.nn.Module):
     ) -> tuple[Views, Lenses]:
         """`forward` with options that are checked."""
         maps = depth_maps(image, depth, torch.float32, image.device)
-        if not bool((maps > 0).all()):
-            raise bad_depth("depth", maps, maps > 0, "positive")
-        drawings = [self._draw(*pair) for pair in zip(maps, _seeds(seeds, len(image)), strict=True)]
-        radii, views = [], []
-        for pixels, depth_map, (options, lens) in zip(image, maps, drawings, strict=True):
-            radii.append(lens.signed_radius(depth_map))
-            views.append(
-                render(
-                    pixels,
-                    radii[-1],
-                    aperture=aperture_with(options),
-                    dual_pixel=DualPixel(crosstalk=options["crosstalk"]),
-                    cat_eye=rim_with(options),
-                    quality=self.quality,
-                    left_right=self.left_right,
-                    threads=self.threads,
-                    infinity=lens.radius_at_infinity(),
-                    depth_repair=self.depth_repair,
-                )
-            )
+        drawings = self._draw(maps, _seeds(seeds, len(image)))
+        radii = radii_of_each([drawing.lens for drawing in drawings], maps)
+        views = render_each(image, radii, [self._settings(drawing) for drawing in drawings])
         columns = {
             name: torch.tensor(
                 [options[name] for options, _ in drawings], dtype=torch.float64, device="cpu"
             )
             for name in OPTIONS
         }
-        return batch(views), Lenses(torch.stack(radii)[:, None], **columns)
+        return views, Lenses(radii[:, None], **columns)
 
-    def _draw(self, depth: Tensor, seed: int) -> tuple[dict[str, Any], DefocusLens]:
-        """The first lens drawn by a seed that suits a depth map [H, W], and its options by name."""
-        choices = {name: getattr(self, name) for name in OPTIONS}
-        depth = depth.detach()
-        extremes = torch.stack([depth.min(), depth.max()]).double()[None]
-        problem = ""
-        for attempt in range(ATTEMPTS):
-            options = drawn(choices, seed, attempt)
-            options["curvature"] *= bool(options["blades"])
-            if getattr(self.foc_dist, "kind", "") == "percentile":
-                foc_dist = depth_percentile(lambda: [depth], options["foc_dist"], depth.dtype)
-                options["foc_dist"] = math.inf if foc_dist is None else foc_dist
-            if not options["foc_dist"] > options["foclen"]:
-                problem = (
-                    "depth must be farther in focus than the focal length, got "
-                    f"{options['foc_dist']:g} mm for {options['foclen']:g} mm"
-                )
-                continue
-            lens = lens_with(options, depth.shape)
-            radius = float(lens.signed_radius(extremes).abs().max())
-            if self.max_radius is None or radius <= self.max_radius:
-                return options, lens
-            problem = f"max_radius must allow some lens, got {self.max_radius:g} for {radius:g} px"
-        raise ValueError(
-            f"{problem} with the last of {ATTEMPTS} lenses drawn for seed {seed}; depth is in mm, "
-            f"and drawn are {self.extra_repr()}"
+    def _settings(self, drawing: _Drawing) -> Settings:
+        """The options of `render` for a picture."""
+        options, lens = drawing
+        return Settings(
+            aperture=aperture_with(options),
+            dual_pixel=DualPixel(crosstalk=options["crosstalk"]),
+            cat_eye=rim_with(options),
+            quality=self.quality,
+            left_right=self.left_right,
+            threads=self.threads,
+            infinity=lens.radius_at_infinity(),
+            depth_repair=self.depth_repair,
         )
+
+    def _draw(self, maps: Tensor, seeds: list[int]) -> list[_Drawing]:
+        """The first lens drawn by each seed that suits its depth map, of maps [B, H, W]."""
+        choices = {name: getattr(self, name) for name in OPTIONS}
+        depth, size = maps.detach().flatten(1), maps.shape[1:]
+        known = depth.amin(1), depth.amax(1), torch.isfinite(depth).sum(1)
+        extremes = torch.stack([values.double() for values in known], 1).tolist()
+        if not all(nearest > 0 for nearest, *_ in extremes):
+            raise bad_depth("depth", maps, maps > 0, "positive")
+        by_percent = getattr(self.foc_dist, "kind", "") == "percentile"
+        ascending = depth.sort(1).values if by_percent else depth
+        found = dict[int, _Drawing | str](dict.fromkeys(range(len(seeds)), ""))
+        for attempt in range(ATTEMPTS):
+            open_numbers = [n for n, drawing in found.items() if isinstance(drawing, str)]
+            if not open_numbers:
+                break
+            options = {n: drawn(choices, seeds[n], attempt) for n in open_numbers}
+            if by_percent:
+                ranks = [_rank(options[n]["foc_dist"], round(extremes[n][2])) for n in open_numbers]
+                for n, foc_dist in zip(
+                    open_numbers, _at(ascending, open_numbers, ranks), strict=True
+                ):
+                    options[n]["foc_dist"] = foc_dist
+            found |= {n: self._suited(options[n], extremes[n][:2], size) for n in open_numbers}
+        for seed, drawing in zip(seeds, found.values(), strict=True):
+            if isinstance(drawing, str):
+                raise ValueError(
+                    f"{drawing} with the last of {ATTEMPTS} lenses drawn for seed {seed}; depth is "
+                    f"in mm, and drawn are {self.extra_repr()}"
+                )
+        return [drawing for drawing in found.values() if not isinstance(drawing, str)]
+
+    def _suited(
+        self, options: dict[str, Any], extremes: list[float], size: torch.Size
+    ) -> _Drawing | str:
+        """The lens of some options; or what is wrong with it for a map of such extremes."""
+        options["curvature"] *= bool(options["blades"])
+        if not options["foc_dist"] > options["foclen"]:
+            return (
+                "depth must be farther in focus than the focal length, got "
+                f"{options['foc_dist']:g} mm for {options['foclen']:g} mm"
+            )
+        lens = lens_with(options, size)
+        limits = torch.tensor(extremes, dtype=torch.float64, device="cpu")
+        radius = float(lens.signed_radius(limits).abs().max())
+        if self.max_radius is None or radius <= self.max_radius:
+            return _Drawing(options, lens)
+        return f"max_radius must allow some lens, got {self.max_radius:g} for {radius:g} px"
+
+
+class _Drawing(NamedTuple):
+    """A lens, and the options that it was made of by name."""
+
+    options: dict[str, Any]
+    lens: DefocusLens
+
+
+def _rank(percent: float, total: int) -> int:
+    """The rank from 0 of the distance that a share of so many pixels does not exceed."""
+    return max(min(math.ceil(total * (percent / 100)), total), 1) - 1
+
+
+def _at(ascending: Tensor, rows: list[int], ranks: list[int]) -> list[float]:
+    """The values of ranks in some rows of [B, n]."""
+    length = ascending.shape[1]
+    index = torch.tensor([row * length + rank for row, rank in zip(rows, ranks, strict=True)])
+    index = index.to(ascending.device, non_blocking=True)
+    values: list[float] = ascending.flatten().index_select(0, index).tolist()
+    return values
 
 
 def _seeds(seeds: Sequence[int] | Tensor | torch.Generator, count: int) -> list[int]:

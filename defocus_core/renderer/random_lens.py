@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.distributions import Distribution
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.renderer.defocus_lens import DefocusLens
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.validation import number, positive
 
 Option = float | Distribution
@@ -66,6 +69,14 @@ def rim_with(options: dict[str, Any]) -> CatEye | None:
     """The rim of drawn options; None where it clips nothing."""
     size, shift = options["rim_size"], options["rim_shift"]
     return None if size >= 1 + shift else CatEye(size, shift)
+
+
+def radii_of_each(lenses: Sequence[DefocusLens], depth: Tensor) -> Tensor:
+    """Signed CoC radii in px of maps [B, H, W] of depth in mm, > 0, by a lens of each."""
+    laws = torch.stack([lens.law(depth.dtype) for lens in lenses], 1)
+    coc_per_disparity, focus, pixels = sent(laws[..., None, None], depth)
+    radii: Tensor = coc_per_disparity * (focus - 1 / depth) / pixels
+    return radii
 
 
 def lens_with(options: dict[str, Any], size: torch.Size) -> DefocusLens:

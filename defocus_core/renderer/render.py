@@ -117,18 +117,39 @@ def render(
     pictures, radii = _batched(image, signed_radius)
     behind = _behind(hidden, pictures, radii)
     colors = apart(color_offsets, pictures.shape[1])
-    if hidden is None and color_offsets is None and fit_together(pictures, settings):
-        with own_modes(pictures.device), recorded_for(pictures, radii, settings):
-            together = [
-                (each.numbers, Renderer(each.scene, settings).picture(progress))
-                for each in batches(pictures, radii, settings)
-            ]
-            return in_order(together)
+    if hidden is None and color_offsets is None and image.dim() == 4:
+        return render_each(pictures, radii, [settings] * len(pictures), progress)
     views = [
         _rendered(Scene(*each), settings, colors, progress)
         for each in zip(pictures, radii, behind, strict=True)
     ]
     return batch(views) if image.dim() == 4 else views[0]
+
+
+def render_each(
+    pixels: Tensor,
+    signed_radius: Tensor,
+    settings: Sequence[Settings],
+    progress: Callable[[int, int], None] | None = None,
+) -> Views:
+    """`render` of pictures that may have lenses of their own, where an accelerator is, at once.
+
+    Args:
+        pixels: [B, C, H, W].
+        signed_radius: [B, H, W] px.
+        settings: The options of each, which differ in aperture, dual_pixel, cat_eye without
+            vignetting and infinity alone.
+        progress: As for `render`.
+    """
+    if not fit_together(pixels, settings[0]):
+        every = zip(pixels, signed_radius, settings, strict=True)
+        return batch([Renderer(Scene(*one), own).picture(progress) for *one, own in every])
+    with own_modes(pixels.device), recorded_for(pixels, signed_radius, list(settings)):
+        together = [
+            (each.numbers, Renderer(each.scene, each.settings).picture(progress))
+            for each in batches(pixels, signed_radius, settings)
+        ]
+        return in_order(together)
 
 
 def _rendered(

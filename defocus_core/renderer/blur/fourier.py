@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.batched import Apertures
 from defocus_core.optics.parts import Part
 from defocus_core.optics.pupil_field import View, joined
 from defocus_core.tensors.box import Box
@@ -55,6 +56,7 @@ def kernels(
     *,
     views: Sequence[View] = (),
     leaning: bool = False,
+    wanted: Sequence[Sequence[bool]] = (),
 ) -> Tensor:
     """Kernels of all parts, in the middle of a square.
 
@@ -65,20 +67,35 @@ def kernels(
         parts: M parts of the pupil; with views, each of them once with each.
         views: Views of the pupil.
         leaning: Whether to add kernels times u.x and times u.y, for tilted surfaces.
+        wanted: For each pupil of a batch whether it is wanted at each radius, for it is 0 else.
 
     Returns:
-        [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning.
+        [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning; [K, 1 or 3, M, B, ...] of
+        the pupils of a batch.
     """
-    # a region keeps its own
-    drawn = _kernel.__wrapped__ if aperture.requires_grad or views else _kernel
-    aperture = aperture if aperture.requires_grad else aperture.fixed
     view = joined(views) if views else None
-    return torch.stack(
-        [
-            torch.cat([drawn(radius, extent, aperture, part, view, leaning) for part in parts], 1)
-            for radius in radii.tolist()
-        ]
-    )
+    pupils, pictures = [(aperture, view)], wanted or [[True] * len(radii)]
+    if batch := isinstance(aperture, Apertures):
+        pupils = list(aperture.seeing(view))
+    side, points = 2 * extent + 1, len(views) or 1
+    nothing = torch.zeros(3 if leaning else 1, points, side, side, dtype=radii.dtype)
+
+    def drawn(radius: float, pupil: Aperture, view: View | None, part: Part) -> Tensor:
+        # a region keeps its own
+        kernel = _kernel.__wrapped__ if pupil.requires_grad or view else _kernel
+        pupil = pupil if pupil.requires_grad else pupil.fixed
+        return kernel(radius, extent, pupil, part, view, leaning)
+
+    each = [
+        torch.stack(
+            [
+                torch.cat([drawn(radius, *pupil, part) if it else nothing for part in parts], 1)
+                for radius, it in zip(radii.tolist(), own, strict=True)
+            ]
+        )
+        for pupil, own in zip(pupils, pictures, strict=True)
+    ]
+    return torch.stack(each, -3) if batch else each[0]
 
 
 @lru_cache(maxsize=_KEPT)
@@ -142,8 +159,8 @@ def sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:
     """Sum of spectra [C + 1, ...] times kernels' spectra [M, 1, ...], for a group of m parts."""
 
     def of_group(kernel: Tensor, spectrum: Tensor) -> Tensor:
-        kernel = kernel[group]
-        return kernel if spectrum.dim() == 3 else kernel[:, :, None]  # the same for a batch
+        kernel = kernel[group]  # of each picture of a batch, or the same for all
+        return kernel if kernel.dim() > spectrum.dim() else kernel[:, :, None]
 
     (spectrum, kernel), *others = terms
     total = spectrum * of_group(kernel, spectrum)

@@ -15,6 +15,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import Part
 from defocus_core.optics.pupil_field import View
 from defocus_core.renderer.blur.fourier import kernel_spectra, kernels, reach, transform_length
+from defocus_core.tensors.checkpointing import requires_grad
 from defocus_core.tensors.device_plan import launches_cost, sent
 
 # Number of sizes of a window's transforms: quarters of the largest.
@@ -45,11 +46,12 @@ class TransformWindow:
         margin: Greatest reach of the slices in px; 0 if they are not blurred at all.
         size: (height, width) of the largest transform.
         level: How many times resolution is halved; margin and size are in px of that resolution.
-        slices: Numbers of the slices.
+        slices: Numbers of the slices that are used.
         radii: [k] radii of the slices in px, float64.
         aperture: The pupil.
         parts: The parts of the pupil.
         views: Views of the pupil: M counts each part once with each.
+        each: The slices of each picture of a batch, if their pupils differ.
         like: A tensor of the dtype and device of the spectra.
         kernels: Cached kernels, by number of the slice.
         spectra: Cached spectra, by number of the slice, size, and whether they lean.
@@ -65,6 +67,7 @@ class TransformWindow:
     parts: list[Part]
     like: Tensor
     views: tuple[View, ...] = ()
+    each: tuple[range, ...] = ()
     kernels: dict[int, Tensor] = field(default_factory=dict)
     spectra: dict[tuple[int, tuple[int, int], bool], Tensor] = field(default_factory=dict)
     planes: dict[tuple[int, tuple[int, int]], dict[tuple[float, float], Tensor]] = field(
@@ -74,9 +77,7 @@ class TransformWindow:
     @property
     def requires_grad(self) -> bool:
         """Whether gradients flow to the pupil: then nothing is cached in a backward pass."""
-        sizes = (value for view in self.views for value in view)
-        clipped = any(isinstance(value, Tensor) and value.requires_grad for value in sizes)
-        return self.aperture.requires_grad or clipped
+        return self.aperture.requires_grad or requires_grad(self.views)
 
     def seen(self, views: Sequence[View]) -> TransformWindow:
         """The same window with a pupil as points of the frame see it."""
@@ -90,7 +91,10 @@ class TransformWindow:
             self.leaning_kernels(slice_index)
 
     def spectrum(self, slice_index: int, size: tuple[int, int]) -> Tensor:
-        """The spectrum of a slice's kernel: [M, 1, height, width // 2 + 1]."""
+        """The spectrum of a slice's kernel, [M, 1, height, width // 2 + 1].
+
+        Of the pupils of a batch, here and below, [M, 1, B, ...].
+        """
         return self._cached(slice_index, size, leaning=False)
 
     def leaning(self, slice_index: int, size: tuple[int, int]) -> Tensor:
@@ -115,9 +119,9 @@ class TransformWindow:
         ):
             versions = torch.stack(self._kernels(slice_indices, leaning=True), 1)
             leans = sent([slopes[slice_index] for slice_index in slice_indices], versions)
-            x, y = leans.T[..., None, None, None]
+            x, y = leans.T.view(2, -1, *[1] * (versions.dim() - 2))
             tilted = versions[0].addcmul(versions[1], x).addcmul(versions[2], y)
-            spectra = kernel_spectra(tilted, size).unsqueeze(-3)
+            spectra = kernel_spectra(tilted, size).unsqueeze(2)
             for slice_index, spectrum in zip(slice_indices, spectra.unbind(), strict=True):
                 if len(cached[slice_index]) >= _PLANES:
                     cached[slice_index].clear()
@@ -154,9 +158,8 @@ class TransformWindow:
         """The spectra of some slices, each as `spectrum` or `leaning` has it."""
         versions = self._kernels(slice_indices, leaning=leaning)
         chosen = [each[1:] if leaning else each[0] for each in versions]
-        if len(chosen) == 1:
-            return [kernel_spectra(chosen[0], size).unsqueeze(-3)]
-        return kernel_spectra(torch.stack(chosen), size).unsqueeze(-3).unbind()
+        together = torch.stack(chosen) if len(chosen) > 1 else chosen[0][None]
+        return kernel_spectra(together, size).unsqueeze(2 + leaning).unbind()
 
     def leaning_kernels(self, slice_index: int) -> Tensor:
         """The kernel of a slice, and the same times u.x and u.y: [3, M, S, S]."""
@@ -171,7 +174,13 @@ class TransformWindow:
         if missing:
             radii = self.radii[[self.slices.index(n) for n in missing]] / (1 << self.level)
             computed = kernels(
-                radii, self.margin, self.aperture, self.parts, views=self.views, leaning=leaning
+                radii,
+                self.margin,
+                self.aperture,
+                self.parts,
+                views=self.views,
+                leaning=leaning,
+                wanted=[[n in slices for n in missing] for slices in self.each],
             )
             self.kernels.update(zip(missing, sent(computed, self.like.real), strict=True))
         return [self.kernels[n] for n in slice_indices]
@@ -187,6 +196,8 @@ def windows(
     parts: list[Part],
     dtype: torch.dtype,
     device: torch.device,
+    stride: int,
+    each: tuple[range, ...] = (),
 ) -> list[TransformWindow]:
     """The window of each slice, one for each layer.
 
@@ -200,6 +211,8 @@ def windows(
         parts: M parts of the pupil.
         dtype: Type of the pictures.
         device: Device of the pictures.
+        stride: Whether every slice (1) or every other (2) is used.
+        each: The slices of each picture of a batch, if their pupils differ.
     """
     sharing: dict[int, list[int]] = {}
     for k, slice_index in enumerate(layers):
@@ -211,9 +224,12 @@ def windows(
         extent, level = max(spreads[k].coarse for k in slices), spreads[slices[0]].level
         extents = [(n >> level) + 5 for n in region] if level else side
         rows, columns = (transform_length(n + 2 * extent) for n in extents)
-        layer_radii = torch.tensor([radii[k] for k in slices], dtype=torch.float64)
+        used = [k for k in slices if k % stride == 0]
+        layer_radii = torch.tensor([radii[k] for k in used], dtype=torch.float64)
         size = rows, columns
-        window = TransformWindow(extent, size, level, slices, layer_radii, aperture, parts, like)
+        window = TransformWindow(
+            extent, size, level, used, layer_radii, aperture, parts, like, each=each
+        )
         window.prepare()
         window_of.update(dict.fromkeys(slices, window))
     return [window_of[k] for k in range(len(radii))]

@@ -15,6 +15,7 @@ from torch import Tensor
 from torch.nn.functional import grid_sample
 
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.batched import Apertures
 from defocus_core.optics.parts import Part
 from defocus_core.optics.pupil_field import View
 from defocus_core.tensors.box import Box
@@ -69,15 +70,26 @@ def fraction_in_frame(
     )
     # the frame is between two of the points u that see its corners, in x and in y
     corners = torch.stack([x[:, None].expand(-1, 2, -1), y[..., None].expand(-1, -1, 2)], -1)
-    known = aperture if aperture.requires_grad else aperture.fixed
-    area_below = _summed_area.__wrapped__ if aperture.requires_grad or views else _summed_area
-    tables = [area_below(known, part, view) for part in parts for view in views or (None,)]
-    areas = sent(torch.stack(tables)[None], r)
-    below = grid_sample(areas, corners.reshape(1, -1, 4, 2), align_corners=True)[0]  # [M, n, 4]
+    tables = [_areas_below(aperture, part, view) for part in parts for view in views or (None,)]
+    areas, corners = sent(torch.stack(tables)[None], r), corners.reshape(1, -1, 4, 2)
+    if areas.dim() > 4:  # of each picture, one behind another
+        picture = index.div(box.area, rounding_mode="floor").to(r) * (2 / (areas.shape[2] - 1)) - 1
+        behind = picture.view(1, -1, 1, 1).expand(-1, -1, 4, -1)
+        corners = torch.cat([corners, behind], -1)[:, None]
+    below = grid_sample(areas, corners, align_corners=True).view(len(tables), len(index), 4)
     within = (below[..., 0] + below[..., 3] - below[..., 1] - below[..., 2]).abs()
     fraction = signed_radius.new_ones(len(tables), *signed_radius.shape)
     fraction = fraction.flatten(1).index_copy(1, index, within.clamp(min=_MIN_FRACTION))
     return fraction.view(len(tables), 1, *signed_radius.shape)
+
+
+def _areas_below(aperture: Aperture, part: Part, view: View | None) -> Tensor:
+    """`_summed_area`, or [B, y, x] of the pupils of a batch."""
+    if isinstance(aperture, Apertures):
+        return torch.stack([_areas_below(one, part, own) for one, own in aperture.seeing(view)])
+    if aperture.requires_grad:
+        return _summed_area.__wrapped__(aperture, part, view)
+    return (_summed_area.__wrapped__ if view else _summed_area)(aperture.fixed, part, view)
 
 
 @lru_cache(maxsize=256)

@@ -15,6 +15,7 @@ from torch.nn.functional import pad
 
 from defocus_core.renderer.layers.subpixel_shifts import along_first
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import beside
 from defocus_core.tensors.source import Scalar
 
 # Least room that counts as left: it guards 0 / 0, and shows nothing, however bright.
@@ -210,7 +211,8 @@ def pair_of(
     # transforms leave ±1e-8
     left, right = ((half - minimum).clamp(min=0) for half in (left, right))
     if not _is_half(fraction):
-        left, right = left * (2 * fraction), right * (2 - 2 * fraction)
+        share = beside(fraction, centre)
+        left, right = left * (2 * share), right * (2 - 2 * share)
     total = left + right
     lit = total > 0
     of_left = torch.where(lit, left / torch.where(lit, total, 1.0), 0.5)
@@ -221,8 +223,8 @@ def pair_of(
 
 
 def _is_half(fraction: Scalar) -> bool:
-    value = fraction.detach() if isinstance(fraction, Tensor) else fraction
-    return abs(float(value) - 0.5) <= _EQUAL
+    value = torch.as_tensor(fraction, dtype=torch.float64).detach()
+    return bool(((value - 0.5).abs() <= _EQUAL).all())
 
 
 def within_alpha(pair: Tensor, fraction: Scalar) -> Tensor:

@@ -7,6 +7,7 @@ the others. Pictures whose plans would change each other are batches of their ow
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -16,11 +17,11 @@ from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repaired_each
 from defocus_core.depth.repair_options import RepairOptions
 from defocus_core.renderer.engine.frame import Content
-from defocus_core.renderer.engine.preparation import computed_in, content_of
+from defocus_core.renderer.engine.preparation import centre_parts, computed_in, content_of
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.engine.statistics import surveyed_each
-from defocus_core.renderer.layers.quality import find
+from defocus_core.renderer.layers.quality import Quality, find
 from defocus_core.tensors.device_plan import launches_cost, tile_pixels
 
 # Bytes that a pixel takes with all layers of its tile, at least.
@@ -33,10 +34,12 @@ class PictureBatch(NamedTuple):
     Attributes:
         numbers: Their numbers among those given.
         scene: What they hold together, [C, B, H, W]; or one picture that is computed alone.
+        settings: The options, with the lenses of all of them.
     """
 
     numbers: list[int]
     scene: Scene
+    settings: Settings
 
 
 def fit_together(pixels: Tensor, settings: Settings) -> bool:
@@ -51,42 +54,47 @@ def fit_together(pixels: Tensor, settings: Settings) -> bool:
     return count > 1 and fits and by_scene and by_diagnosis
 
 
-def batches(pixels: Tensor, signed_radius: Tensor, settings: Settings) -> list[PictureBatch]:
+def batches(
+    pixels: Tensor, signed_radius: Tensor, settings: Sequence[Settings]
+) -> list[PictureBatch]:
     """Pictures in batches, their depth repaired.
 
     Args:
         pixels: [B, C, H, W] that `fit_together`.
         signed_radius: [B, H, W] px.
-        settings: The options.
+        settings: The options of each, which differ in the lens alone.
 
     Raises:
         ValueError: If a value is not finite.
     """
     at_once = max(1, _most_pixels(pixels.device) // math.prod(pixels.shape[-2:]))
     if len(pixels) > at_once:
+        parts = [slice(first, first + at_once) for first in range(0, len(pixels), at_once)]
         return [
-            batch._replace(numbers=[first + number for number in batch.numbers])
-            for first in range(0, len(pixels), at_once)
-            for batch in batches(
-                pixels[first : first + at_once], signed_radius[first : first + at_once], settings
-            )
+            batch._replace(numbers=[part.start + number for number in batch.numbers])
+            for part in parts
+            for batch in batches(pixels[part], signed_radius[part], settings[part])
         ]
     pixels = pixels.movedim(0, 1).contiguous()
     repairs = [DepthRepair()] * len(signed_radius)
-    if settings.repair.on:
-        signed_radius, repairs = repaired_each(signed_radius, pixels, settings.infinity)
+    if settings[0].repair.on:
+        infinity = [one.infinity for one in settings]
+        signed_radius, repairs = repaired_each(signed_radius, pixels, infinity)
     surveys = surveyed_each(pixels, signed_radius, computed_in(pixels, signed_radius))
-    quality = find(settings.quality)
+    quality = find(settings[0].quality)
     contents = [
         content_of(survey, quality, quantised=repair.quantised, uncertain=repair.uncertain_edges)
         for survey, repair in zip(surveys, repairs, strict=True)
     ]
     alike: dict[object, list[int]] = {}
-    for number, content in enumerate(contents):
-        key = content.quantised, content.uncertain, content.double
-        alone = content.highlights or content.minimum < 0 or _is_opaque(content, settings, pixels)
+    for number, (content, own) in enumerate(zip(contents, settings, strict=True)):
+        key = content.quantised, content.uncertain, content.double, *_pupil(own, quality)
+        alone = content.highlights or content.minimum < 0 or _is_opaque(content, own, pixels)
         alike.setdefault((*key, number if alone else None), []).append(number)
-    return [_batch(numbers, pixels, signed_radius, repairs, contents) for numbers in alike.values()]
+    return [
+        _batch(numbers, pixels, signed_radius, repairs, contents, settings)
+        for numbers in alike.values()
+    ]
 
 
 def _batch(
@@ -95,18 +103,30 @@ def _batch(
     signed_radius: Tensor,
     repairs: list[DepthRepair],
     contents: list[Content],
+    settings: Sequence[Settings],
 ) -> PictureBatch:
     """Some pictures of [C, B, H, W]."""
     first = numbers[0]
     if len(numbers) == 1:
         alone = Scene(pixels[:, first], signed_radius[first], repair=repairs[first])
-        return PictureBatch(numbers, alone)
+        return PictureBatch(numbers, alone, settings[first])
     if len(numbers) < len(signed_radius):
         index = torch.tensor(numbers).to(pixels.device)
         pixels, signed_radius = pixels.index_select(1, index), signed_radius.index_select(0, index)
     content = Content.of_batch([contents[number] for number in numbers])
     scene = Scene(pixels, signed_radius, repair=repairs[first], content=content)
-    return PictureBatch(numbers, scene)
+    return PictureBatch(numbers, scene, Settings.of_batch([settings[n] for n in numbers]))
+
+
+def _pupil(settings: Settings, quality: Quality) -> tuple[object, ...]:
+    """What the pupils of pictures of a batch have in common."""
+    aperture, cat_eye = settings.aperture, settings.cat_eye
+    return (
+        aperture.psf_type if aperture.image is None else aperture,
+        cat_eye if cat_eye is None or cat_eye.vignetting else "clipped",
+        settings.dual_pixel.halves,
+        *aperture.parts(centre_parts(settings, quality)),
+    )
 
 
 def _is_opaque(content: Content, settings: Settings, pixels: Tensor) -> bool:

@@ -149,7 +149,7 @@ class Division(NamedTuple):
         if len(values) == 1:
             return values[0]
         fractions = along_first(self.weights[self.groups[0]], values)
-        return (values * fractions).sum(0) / fractions.sum()
+        return (values * fractions).sum(0) / fractions.sum(0)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import torch
 
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.batched import Apertures
 from defocus_core.optics.parts import Part
 from defocus_core.renderer.blur.fourier import reach
 from defocus_core.renderer.blur.kernel_bank import Spread, merged_layers, spreads_of, windows
@@ -48,6 +49,8 @@ _BEYOND = 64
 _ANY_PX = 1 << 30  # no picture is larger
 # Pictures that a region holds for all of its tiles.
 _COPIES_OF_REGION = 6
+# Slices beyond those of a picture of a batch that surfaces may have a share in.
+_MORE = 2
 
 
 def frame_of(
@@ -104,8 +107,16 @@ def frame_of(
     sample *= math.prod(signed_radius.shape[:-2])
     grid = _grid_of(settings, size, pixels.device, layer_indices, sample * len(division.parts))
     tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
+    own = [_slice_radii(*one, quality, settings) for one in content.each]
     slicing = partial(
-        _slicing, radii, (tile, region), settings.aperture, division.parts, dtype, pixels.device
+        _slicing,
+        radii,
+        (tile, region),
+        settings.aperture,
+        division.parts,
+        dtype,
+        pixels.device,
+        _own_slices(own, radii) if isinstance(settings.aperture, Apertures) else (),
     )
     slices = _slices(radii, layer_indices, (fine, coarse), tile, stride, slicing)
     return SharedFrame(
@@ -118,15 +129,22 @@ def frame_of(
         grid,
         margin,
         content,
-        _of_each(slices, content, quality, settings),
+        _of_each(slices, own, quality),
         division,
     )
 
 
-def _of_each(slices: Slices, content: Content, quality: Quality, settings: Settings) -> Slices:
+def _own_slices(own: list[tuple[float, ...]], radii: tuple[float, ...]) -> tuple[range, ...]:
+    """The numbers of the slices of pictures among those of their batch, and of two beyond them."""
+    return tuple(
+        range(bisect_left(radii, each[0]) - _MORE, bisect_right(radii, each[-1]) + _MORE)
+        for each in own
+    )
+
+
+def _of_each(slices: Slices, own: list[tuple[float, ...]], quality: Quality) -> Slices:
     """The slices of a batch, with the octaves that are ahead by each picture's own slices."""
-    each = (_slice_radii(*limits, quality, settings) for limits in content.each)
-    orders = (composite_order(radii, layers(radii, quality)) for radii in each)
+    orders = (composite_order(radii, layers(radii, quality)) for radii in own)
     greatest = tuple(max(map(abs, order.ahead), default=0) for order in orders)
     return slices._replace(composite_order=slices.composite_order._replace(greatest=greatest))
 
@@ -134,9 +152,14 @@ def _of_each(slices: Slices, content: Content, quality: Quality, settings: Setti
 def _division(settings: Settings, quality: Quality) -> Division:
     """The parts of the aperture."""
     pair = settings.dual_pixel if settings.left_right else None
+    return Division.of(settings.aperture, centre_parts(settings, quality), pair)
+
+
+def centre_parts(settings: Settings, quality: Quality) -> int:
+    """The number of parts of the aperture for the centre view."""
+    pair = settings.dual_pixel if settings.left_right else None
     clipped = settings.field is not None and not (pair and pair.field)
-    count = 1 if clipped else quality.parts  # a rim would clip parts away
-    return Division.of(settings.aperture, count, pair)
+    return 1 if clipped else quality.parts  # a rim would clip parts away
 
 
 def copies_of_tile(layer_of: list[int]) -> int:
@@ -282,6 +305,7 @@ def _slicing(
     parts: list[Part],
     dtype: torch.dtype,
     device: torch.device,
+    each: tuple[range, ...],
     resolution: _Resolution,
     layer_of: list[int],
     stride: int,
@@ -298,6 +322,8 @@ def _slicing(
         parts,
         dtype,
         device,
+        stride,
+        each,
     )
     reached = [spread.px for spread in spreads]
     return Slicing(stride, level, slice_windows, layer_of, reached, reaches)

@@ -190,6 +190,8 @@ def blurred_part(frame: SharedFrame, grid: Grid, signed_radius: Pixels) -> Grid 
     reached = _reached(frame, around, radii).tolist()
     if any(first > last for first, last in reached):
         return None
+    if frame.settings.field is not None:  # seen from its corners, which neighbours share
+        return grid
     spans = (Span(first // BLOCK * BLOCK, (last // BLOCK + 1) * BLOCK) for first, last in reached)
     return grid.within(Box.over(*spans))
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair_options import RepairOptions, repair_options
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.batched import Apertures, CatEyes, DualPixels
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.frame_grid import FrameGrid
@@ -89,6 +91,19 @@ class Settings:
                 raise ValueError(f"{problem}; None if not known")
         for name, value in checked.items():
             object.__setattr__(self, name, value)
+
+    @classmethod
+    def of_batch(cls, each: Sequence[Settings]) -> Settings:
+        """The settings of pictures that are rendered at once, of which the lenses may differ."""
+        first = each[0]
+        if all(one is first for one in each):
+            return first
+        return replace(
+            first,
+            aperture=Apertures.of([one.aperture for one in each]),
+            dual_pixel=DualPixels.of([one.dual_pixel for one in each]),
+            cat_eye=CatEyes.of([one.cat_eye for one in each]),
+        )
 
     @property
     def repair(self) -> RepairOptions:

@@ -1,0 +1,148 @@
+"""One lens for each picture of a batch: pupils, rims and photodiodes side by side.
+
+Numbers of theirs are [B, 1, 1], for pictures [..., B, H, W]; one number where all are the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Self
+
+import torch
+from torch import Tensor
+
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.cat_eye import CatEye, Rim
+from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.optics.parts import Part
+from defocus_core.optics.pupil_field import View
+from defocus_core.tensors.source import Scalar
+
+
+@dataclass(frozen=True)
+class Apertures(Aperture):
+    """The pupils of the pictures, of one profile and with the same parts.
+
+    Attributes:
+        each: The pupil of each picture.
+    """
+
+    each: tuple[Aperture, ...] = ()
+
+    @classmethod
+    def of(cls, each: Sequence[Aperture]) -> Aperture:
+        """The pupils of pictures; one pupil if all have the same."""
+        first = each[0]
+        if all(one == first and not one.requires_grad for one in each):
+            return first
+        return cls(psf_type=first.psf_type, each=tuple(each))
+
+    @property
+    def requires_grad(self) -> bool:
+        """Whether gradients flow to any of them."""
+        return any(one.requires_grad for one in self.each)
+
+    @property
+    def fixed(self) -> Self:
+        """The same pupils with plain numbers for tensors."""
+        return replace(self, each=tuple(one.fixed for one in self.each))
+
+    def seeing(self, view: View | None) -> Iterator[tuple[Aperture, View | None]]:
+        """Each pupil with its own view."""
+        views = view.each if isinstance(view, Rims) else [view] * len(self.each)
+        return zip(self.each, views, strict=True)
+
+    def parts(self, count: int) -> list[Part]:
+        """The parts, which are those of any of them."""
+        return self.each[0].parts(count)
+
+    def fraction(self, part: Part) -> Scalar:
+        """The share of each pupil that lies in a part."""
+        return _by_picture([one.fraction(part) for one in self.each])
+
+    def centroid(self, part: Part) -> tuple[Scalar, Scalar]:
+        """The mean lens point of a part of each."""
+        return _pairs([one.centroid(part) for one in self.each])
+
+    def first_moments(self, radius: float, part: Part) -> tuple[Scalar, Scalar]:
+        """Mean place of the kernel of a part of each, in px."""
+        return _pairs([one.first_moments(radius, part) for one in self.each])
+
+
+class Rims(NamedTuple):
+    """The rims that a point of each picture sees."""
+
+    each: tuple[Rim, ...]
+
+    @classmethod
+    def joined(cls, rims: Sequence[Rims]) -> Rims:
+        """Rims of several points as one."""
+        pictures = zip(*(one.each for one in rims), strict=True)
+        return cls(tuple(Rim.joined(points) for points in pictures))
+
+
+@dataclass(frozen=True)
+class CatEyes(CatEye):
+    """The barrels of the pictures, without vignetting.
+
+    Attributes:
+        each: The barrel of each picture.
+    """
+
+    each: tuple[CatEye, ...] = ()
+
+    @classmethod
+    def of(cls, each: Sequence[CatEye | None]) -> CatEye | None:
+        """The barrels of pictures; one if all have the same, None for none."""
+        first, barrels = each[0], tuple(one for one in each if one is not None)
+        if first is None or all(one == first and not one.requires_grad for one in barrels):
+            return first
+        return cls(each=barrels)
+
+    @property
+    def requires_grad(self) -> bool:
+        """Whether gradients flow to any of them."""
+        return any(one.requires_grad for one in self.each)
+
+    def view(self, x: Scalar, y: Scalar, frame: tuple[int, int]) -> Rims:  # type: ignore[override]
+        """The rims that points see, as `CatEye.view`."""
+        return Rims(tuple(one.view(x, y, frame) for one in self.each))
+
+
+@dataclass(frozen=True)
+class DualPixels(DualPixel):
+    """The photodiodes of the pictures, which differ in crosstalk alone.
+
+    Attributes:
+        each: The photodiodes of each picture.
+    """
+
+    each: tuple[DualPixel, ...] = ()
+
+    @classmethod
+    def of(cls, each: Sequence[DualPixel]) -> DualPixel:
+        """The photodiodes of pictures; one pair if all have the same."""
+        first = each[0]
+        if all(one == first and not isinstance(one.crosstalk, Tensor) for one in each):
+            return first
+        return cls(first.model, measured=first.measured, each=tuple(each))
+
+    @property
+    def apart(self) -> Scalar:
+        """How far left and right of each are apart."""
+        return _by_picture([one.apart for one in self.each])
+
+
+def _pairs(pairs: Sequence[tuple[Scalar, Scalar]]) -> tuple[Scalar, Scalar]:
+    x, y = map(_by_picture, zip(*pairs, strict=True))
+    return x, y
+
+
+def _by_picture(values: Sequence[Scalar]) -> Scalar:
+    """A number for each picture, [B, 1, 1] on the CPU; one number if all are the same."""
+    first = values[0]
+    if not any(isinstance(value, Tensor) or value != first for value in values):
+        return first
+    each = [torch.as_tensor(value, dtype=torch.float64, device="cpu") for value in values]
+    return torch.stack(each).view(-1, 1, 1)
