@@ -258,7 +258,8 @@ class RandomDefocus(torch.nn.Module):
         self, options: dict[str, Any], extremes: list[float], size: torch.Size
     ) -> _Drawing | str:
         """The lens of some options; or what is wrong with it for a map of such extremes."""
-        options["curvature"] *= bool(options["blades"])
+        if not options["blades"]:
+            options["curvature"] = 0.0
         if not options["foc_dist"] > options["foclen"]:
             return (
                 "depth must be farther in focus than the focal length, got "

@@ -14,6 +14,7 @@ from defocus_core import (
     Aperture,
     CatEye,
     DefocusLens,
+    Distribution,
     DualPixel,
     Frame,
     HiddenLayer,
@@ -370,6 +371,80 @@ def test_a_batch_takes_half_as_many_launches_again_as_a_picture(
         counted.append(counts)
     assert counted[1].launches <= 1.5 * counted[0].launches
     assert counted[1].waits <= 1.5 * counted[0].waits
+
+
+def random_lenses(**options: Any) -> RandomDefocus:
+    return RandomDefocus(
+        foclen=50.0,
+        fnum=Distribution("loguniform", (1.4, 4.0)),
+        sensor_width=12.0,
+        depth_repair="off",
+        **options,
+    )
+
+
+def depths_of(count: int, size: tuple[int, int]) -> Tensor:
+    floor = torch.linspace(2000, 600, size[0])[:, None].repeat(1, size[1])
+    floor[10:24, 8:30] = 500
+    return torch.stack([floor + 40 * number for number in range(count)])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {
+            "left_right": True,
+            "curvature": Distribution("uniform", (0.0, 0.8)),
+            "squeeze": Distribution("uniform", (0.7, 1.4)),
+            "spherical": Distribution("uniform", (-0.5, 0.5)),
+            "crosstalk": Distribution("uniform", (0.0, 0.3)),
+        },
+        {"rim_size": 1.2, "rim_shift": Distribution("uniform", (0.3, 0.9))},
+    ],
+    ids=lambda options: "-".join(options),
+)
+def test_a_batch_of_random_lenses_is_its_pictures(device: Device, options: dict[str, Any]) -> None:
+    size = (41, 52)
+    images, depth = torch.stack([scene("cards", size)[0]] * 4), depths_of(4, size)
+    lenses, counted = random_lenses(**options), list[Launches]()
+
+    def taken(numbers: list[int]) -> list[Tensor]:
+        with Launches(device.name) as counts:
+            views, _ = lenses(device.there(images[numbers]), device.there(depth[numbers]), numbers)
+        counted.append(counts)
+        return [device.here(x) for x in (*views.images, views.trust)]
+
+    with torch.no_grad(), device.known():
+        each = [torch.cat(x) for x in zip(*(taken([number]) for number in range(4)), strict=True)]
+        together = taken([0, 1, 2, 3])
+    for batch, alone in zip(together, each, strict=True):
+        torch.testing.assert_close(batch, alone, rtol=0, atol=device.within)
+    *ones, every = counted
+    assert every.launches <= 1.5 * max(one.launches for one in ones)
+    assert every.waits <= 1.5 * max(one.waits for one in ones)
+
+
+def test_so_are_its_gradients(device: Device) -> None:
+    size = (30, 40)
+    images, depth = torch.stack([scene("cards", size)[0]] * 3), depths_of(3, size)
+    values = {"curvature": 0.4, "squeeze": 1.2}
+    learnt = {name: torch.tensor(value, requires_grad=True) for name, value in values.items()}
+    lenses = random_lenses(left_right=True, blades=6, **learnt)
+
+    def gradients(numbers: list[int]) -> list[Tensor]:
+        given = [device.there(x[numbers].clone()).requires_grad_() for x in (images, depth)]
+        views, _ = lenses(*given, numbers)
+        loss = torch.stack([image.square().sum() for image in views.images]).sum()
+        image, radius, *of_lens = torch.autograd.grad(loss, [*given, *learnt.values()])
+        return [device.here(image), device.here(radius), torch.stack(of_lens)[None]]
+
+    with device.known():
+        each = [torch.cat(x) for x in zip(*(gradients([n]) for n in range(3)), strict=True)]
+        together = gradients([0, 1, 2])
+    each[-1] = each[-1].sum(0, keepdim=True)
+    for batch, alone in zip(together, each, strict=True):
+        torch.testing.assert_close(batch, alone, rtol=0, atol=1e-4 * float(alone.abs().max()))
 
 
 def test_little_memory_makes_more_tiles_of_the_same_picture(
