@@ -426,22 +426,22 @@ def test_a_batch_of_random_lenses_is_its_pictures(device: Device, options: dict[
 
 
 def test_so_are_its_gradients(device: Device) -> None:
-    size = (30, 40)
-    images, depth = torch.stack([scene("cards", size)[0]] * 3), depths_of(3, size)
+    size = (24, 32)
+    images, depth = torch.stack([scene("cards", size)[0]] * 2), depths_of(2, size)
     values = {"curvature": 0.4, "squeeze": 1.2}
     learnt = {name: torch.tensor(value, requires_grad=True) for name, value in values.items()}
-    lenses = random_lenses(left_right=True, blades=6, **learnt)
+    lenses = random_lenses(blades=6, **learnt)
 
     def gradients(numbers: list[int]) -> list[Tensor]:
         given = [device.there(x[numbers].clone()).requires_grad_() for x in (images, depth)]
         views, _ = lenses(*given, numbers)
-        loss = torch.stack([image.square().sum() for image in views.images]).sum()
+        loss = views.render.square().sum()
         image, radius, *of_lens = torch.autograd.grad(loss, [*given, *learnt.values()])
         return [device.here(image), device.here(radius), torch.stack(of_lens)[None]]
 
     with device.known():
-        each = [torch.cat(x) for x in zip(*(gradients([n]) for n in range(3)), strict=True)]
-        together = gradients([0, 1, 2])
+        each = [torch.cat(x) for x in zip(gradients([0]), gradients([1]), strict=True)]
+        together = gradients([0, 1])
     each[-1] = each[-1].sum(0, keepdim=True)
     for batch, alone in zip(together, each, strict=True):
         torch.testing.assert_close(batch, alone, rtol=0, atol=1e-4 * float(alone.abs().max()))

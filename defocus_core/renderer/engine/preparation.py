@@ -106,19 +106,13 @@ def frame_of(
     sample = (pixels.shape[0] + 1 + (layered is not None)) * dtype.itemsize
     sample *= math.prod(signed_radius.shape[:-2])
     grid = _grid_of(settings, size, pixels.device, layer_indices, sample * len(division.parts))
-    tile, region = grid.tiles[0][2:], largest(regions(grid, margin))
+    sizes = grid.tiles[0][2:], largest(regions(grid, margin))  # of a tile and a region
     own = [_slice_radii(*one, quality, settings) for one in content.each]
+    each = _own_slices(own, radii) if isinstance(settings.aperture, Apertures) else ()
     slicing = partial(
-        _slicing,
-        radii,
-        (tile, region),
-        settings.aperture,
-        division.parts,
-        dtype,
-        pixels.device,
-        _own_slices(own, radii) if isinstance(settings.aperture, Apertures) else (),
+        _slicing, radii, sizes, settings.aperture, division.parts, dtype, pixels.device, each
     )
-    slices = _slices(radii, layer_indices, (fine, coarse), tile, stride, slicing)
+    slices = _slices(radii, layer_indices, (fine, coarse), sizes[0], stride, slicing)
     return SharedFrame(
         size,
         settings,
