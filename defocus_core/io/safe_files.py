@@ -72,7 +72,7 @@ def read_head(path: Path, count: int = 16) -> bytes:
     except (OSError, ValueError) as error:  # ValueError: a zero byte inside the name
         if isinstance(error, OSError) and error.errno == errno.ELOOP:
             raise missing(path) from error
-        remedy = "check its permissions"
+        remedy = "check its permissions, or copy it again"
         problem = f"cannot be opened: {reason(error)}"
         raise InputError("unreadable", problem, remedy, path=path) from error
     if not head:

@@ -143,7 +143,7 @@ def read(path: Path) -> list[Record]:
     except FileNotFoundError:
         return []
     except OSError as error:
-        raise cannot_read(path, error, "check its permissions") from error
+        raise cannot_read(path, error, "check its permissions, or copy it again") from error
     lines = [(number, line) for number, line in enumerate(data.split(b"\n"), 1) if line]
     if lines and not _is_whole(lines[-1][1]):
         lines.pop()
