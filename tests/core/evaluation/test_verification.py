@@ -138,7 +138,9 @@ def test_the_renderer_passes_at_standard_quality(sound: list[list[Check]]) -> No
     assert [check for check in chain(*sound) if not check.ok] == []
 
 
-@pytest.mark.parametrize("quality", ["draft", "high", "reference"])
+@pytest.mark.parametrize(
+    "quality", ["draft", "high", pytest.param("reference", marks=pytest.mark.bench)]
+)
 def test_the_renderer_passes(quality: str) -> None:
     found = all_checks(Setting(quality=quality))
     assert [check for check in found if not check.ok] == []
