@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import torch
 from torch import Tensor
@@ -17,11 +17,29 @@ from defocus_core.optics.cat_eye import CatEye, Rim
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.parts import Part
 from defocus_core.optics.pupil_field import View
+from defocus_core.tensors.checkpointing import requires_grad
 from defocus_core.tensors.source import Scalar
 
 
 @dataclass(frozen=True)
-class Apertures(Aperture):
+class _OfEach:
+    """What each picture has one of."""
+
+    each: tuple[Any, ...] = ()
+
+    @property
+    def requires_grad(self) -> bool:
+        """Whether gradients flow to any of them."""
+        return requires_grad(self.each)
+
+
+def _are_one(each: Sequence[object]) -> bool:
+    """Whether pictures have the same, and no gradients flow to it."""
+    return all(one == each[0] for one in each) and not any(map(requires_grad, each))
+
+
+@dataclass(frozen=True)
+class Apertures(_OfEach, Aperture):
     """The pupils of the pictures, of one profile and with the same parts.
 
     Attributes:
@@ -33,15 +51,9 @@ class Apertures(Aperture):
     @classmethod
     def of(cls, each: Sequence[Aperture]) -> Aperture:
         """The pupils of pictures; one pupil if all have the same."""
-        first = each[0]
-        if all(one == first and not one.requires_grad for one in each):
-            return first
-        return cls(psf_type=first.psf_type, each=tuple(each))
-
-    @property
-    def requires_grad(self) -> bool:
-        """Whether gradients flow to any of them."""
-        return any(one.requires_grad for one in self.each)
+        if _are_one(each):
+            return each[0]
+        return cls(psf_type=each[0].psf_type, each=tuple(each))
 
     @property
     def fixed(self) -> Self:
@@ -83,7 +95,7 @@ class Rims(NamedTuple):
 
 
 @dataclass(frozen=True)
-class CatEyes(CatEye):
+class CatEyes(_OfEach, CatEye):
     """The barrels of the pictures, without vignetting.
 
     Attributes:
@@ -95,15 +107,9 @@ class CatEyes(CatEye):
     @classmethod
     def of(cls, each: Sequence[CatEye | None]) -> CatEye | None:
         """The barrels of pictures; one if all have the same, None for none."""
-        first, barrels = each[0], tuple(one for one in each if one is not None)
-        if first is None or all(one == first and not one.requires_grad for one in barrels):
-            return first
-        return cls(each=barrels)
-
-    @property
-    def requires_grad(self) -> bool:
-        """Whether gradients flow to any of them."""
-        return any(one.requires_grad for one in self.each)
+        if _are_one(each):
+            return each[0]
+        return cls(each=tuple(one for one in each if one is not None))
 
     def view(self, x: Scalar, y: Scalar, frame: tuple[int, int]) -> Rims:  # type: ignore[override]
         """The rims that points see, as `CatEye.view`."""
@@ -111,7 +117,7 @@ class CatEyes(CatEye):
 
 
 @dataclass(frozen=True)
-class DualPixels(DualPixel):
+class DualPixels(_OfEach, DualPixel):
     """The photodiodes of the pictures, which differ in crosstalk alone.
 
     Attributes:
@@ -123,10 +129,9 @@ class DualPixels(DualPixel):
     @classmethod
     def of(cls, each: Sequence[DualPixel]) -> DualPixel:
         """The photodiodes of pictures; one pair if all have the same."""
-        first = each[0]
-        if all(one == first and not isinstance(one.crosstalk, Tensor) for one in each):
-            return first
-        return cls(first.model, measured=first.measured, each=tuple(each))
+        if _are_one(each):
+            return each[0]
+        return cls(each[0].model, measured=each[0].measured, each=tuple(each))
 
     @property
     def apart(self) -> Scalar:

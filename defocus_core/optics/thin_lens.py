@@ -174,8 +174,11 @@ class ThinLens(PinholeCamera):
         radius = self._coc_per_disparity(s) / s / (2 * self.pixel_size)
         return float(radius.detach())
 
-    def law(self, dtype: torch.dtype) -> Tensor:
-        """The numbers of `signed_radius` without limits, [3] on the CPU: A v, 1/s and 2 p."""
+    def radius_terms(self, dtype: torch.dtype) -> Tensor:
+        """A v, 1/s and 2 p [3], on the CPU, of the radius A v (1/s - 1/z) / (2 p) of a depth z.
+
+        With them radii of many lenses are one operation; `d_close` and the like are left out.
+        """
         s = self._parameter("foc_dist", torch.empty(0, dtype=dtype, device="cpu")).abs()
         return torch.stack([self._coc_per_disparity(s), 1 / s, s.new_tensor(2 * self.pixel_size)])
 

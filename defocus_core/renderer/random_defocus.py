@@ -6,7 +6,6 @@ process that it is computed in. Lengths are in mm, radii in px.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from operator import index
 from typing import Any, NamedTuple
@@ -29,6 +28,7 @@ from defocus_core.renderer.random_lens import (
     rim_with,
 )
 from defocus_core.renderer.render import render_each
+from defocus_core.tensors.order_statistics import percentile_rank
 from defocus_core.tensors.torch_modes import own_modes
 from defocus_core.tensors.validation import bad_depth, depth_maps, described, positive
 from defocus_core.tensors.views import Views
@@ -240,10 +240,11 @@ class RandomDefocus(torch.nn.Module):
                 break
             options = {n: drawn(choices, seeds[n], attempt) for n in open_numbers}
             if by_percent:
-                ranks = [_rank(options[n]["foc_dist"], round(extremes[n][2])) for n in open_numbers]
-                for n, foc_dist in zip(
-                    open_numbers, _at(ascending, open_numbers, ranks), strict=True
-                ):
+                pixels = [max(round(extremes[n][2]), 1) for n in open_numbers]
+                percents = [options[n]["foc_dist"] for n in open_numbers]
+                ranks = list(map(percentile_rank, percents, pixels))
+                distances = _at(ascending, open_numbers, ranks)
+                for n, foc_dist in zip(open_numbers, distances, strict=True):
                     options[n]["foc_dist"] = foc_dist
             found |= {n: self._suited(options[n], extremes[n][:2], size) for n in open_numbers}
         for seed, drawing in zip(seeds, found.values(), strict=True):
@@ -280,15 +281,10 @@ class _Drawing(NamedTuple):
     lens: DefocusLens
 
 
-def _rank(percent: float, total: int) -> int:
-    """The rank from 0 of the distance that a share of so many pixels does not exceed."""
-    return max(min(math.ceil(total * (percent / 100)), total), 1) - 1
-
-
 def _at(ascending: Tensor, rows: list[int], ranks: list[int]) -> list[float]:
-    """The values of ranks in some rows of [B, n]."""
+    """The values of ranks, from 1, in some rows of [B, n]."""
     length = ascending.shape[1]
-    index = torch.tensor([row * length + rank for row, rank in zip(rows, ranks, strict=True)])
+    index = torch.tensor([row * length + rank - 1 for row, rank in zip(rows, ranks, strict=True)])
     index = index.to(ascending.device, non_blocking=True)
     values: list[float] = ascending.flatten().index_select(0, index).tolist()
     return values

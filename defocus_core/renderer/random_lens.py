@@ -73,9 +73,9 @@ def rim_with(options: dict[str, Any]) -> CatEye | None:
 
 def radii_of_each(lenses: Sequence[DefocusLens], depth: Tensor) -> Tensor:
     """Signed CoC radii in px of maps [B, H, W] of depth in mm, > 0, by a lens of each."""
-    laws = torch.stack([lens.law(depth.dtype) for lens in lenses], 1)
-    coc_per_disparity, focus, pixels = sent(laws[..., None, None], depth)
-    radii: Tensor = coc_per_disparity * (focus - 1 / depth) / pixels
+    terms = torch.stack([lens.radius_terms(depth.dtype) for lens in lenses], 1)
+    coc_per_disparity, focus, two_pixels = sent(terms[..., None, None], depth)
+    radii: Tensor = coc_per_disparity * (focus - 1 / depth) / two_pixels
     return radii
 
 

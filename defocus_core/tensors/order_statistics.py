@@ -106,7 +106,12 @@ def depth_percentile(
     ranks = Ranks(counts, solid, dtype)
     if not ranks.total:
         return None
-    return ranks.exactly(min(max(math.ceil(ranks.total * (percent / 100)), 1), ranks.total))
+    return ranks.exactly(percentile_rank(percent, ranks.total))
+
+
+def percentile_rank(percent: float, total: int) -> int:
+    """The rank, from 1, of the least of `total` numbers that a share of them does not exceed."""
+    return min(max(math.ceil(total * (percent / 100)), 1), total)
 
 
 def _located(counts: Tensor, rank: int) -> tuple[int, int]:
