@@ -68,7 +68,7 @@ def command(
                    edge_width_px, displaced_px, share of pixels); warnings of a depth that hardly
                    suits the lens; null if there is none
       depth_note   how the depth would be read, or why there is none
-      evidence     formats that the depth could be of, and faults that show
+      evidence     formats that the depth could be of
       maps         kind, and range_px or range, of what 'defocus render' wrote
     "shots" has of each pattern:
       pattern, frames, gaps

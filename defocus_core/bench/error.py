@@ -63,7 +63,7 @@ def measure_shot(
     try:
         unit = FftUnit(sharp)
         for method in methods:
-            picture, cost = measured(work(method, shot, there, threads), unit, repeats=1)
+            picture, cost = measured(_work(method, shot, there, threads), unit, repeats=1)
             picture = picture.cpu()
             if show is not None:
                 show(shot, pictures, method, picture)
@@ -76,24 +76,26 @@ def measure_shot(
         raise InputError("out-of-memory", problem, "use ‹device› cpu", path=shot.folder) from None
 
 
-def work(
-    method: str, shot: TruthShot, pictures: Pictures, threads: int, strength: float = 1.0
-) -> Callable[[], Tensor]:
-    """The rendering of a shot by a method, with its radii times a strength."""
+def _work(method: str, shot: TruthShot, pictures: Pictures, threads: int) -> Callable[[], Tensor]:
+    """The rendering of a shot by a method."""
     from defocus_core.evaluation import baselines
     from defocus_core.optics.aperture import Aperture
     from defocus_core.renderer.render import render
 
     aperture = Aperture(shot.lens.blades, shot.lens.blade_rotation)
-    sharp, radius = pictures.sharp, pictures.signed_radius * strength
+    sharp, radius = pictures.sharp, pictures.signed_radius
     if method == "input":
         return lambda: sharp
     if method in BASELINES:
         layered = {"sum": baselines.plain_sum, "over": baselines.over}[method]
         return lambda: layered(sharp, radius, aperture=aperture, threads=threads)
-    infinity = strength * pictures.infinity
     return lambda: (
         render(
-            sharp, radius, aperture=aperture, quality=method, threads=threads, infinity=infinity
+            sharp,
+            radius,
+            aperture=aperture,
+            quality=method,
+            threads=threads,
+            infinity=pictures.infinity,
         ).render
     )

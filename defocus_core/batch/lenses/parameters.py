@@ -91,7 +91,6 @@ class LensParam(Param):
         needs: the option without which it changes nothing.
         idle: what it does in vain without that one.
         is_optics: it decides radii, so that it is idle where a file holds them.
-        is_matched: radii of a set decide it, so that it cannot be given beside them.
         even_in: the scale of sweeps in which it goes evenly between keys of frames, as one number
             or several; empty for what holds until the next key, and is drawn by choice only.
         bare_unit: unit of a key of a frame that is a number alone, where that is another.
@@ -107,7 +106,6 @@ class LensParam(Param):
     needs: str = ""
     idle: str = ""
     is_optics: bool = False
-    is_matched: bool = False
     even_in: str = ""
     bare_unit: str = ""
     recorded_as: str = ""
@@ -184,7 +182,6 @@ _ROWS = (
         even_in="log",
         required=True,
         is_optics=True,
-        is_matched=True,
     ),
     LensParam(
         name="aperture-diameter",
@@ -198,7 +195,6 @@ _ROWS = (
         even_in="log",
         instead_of="fnumber",
         is_optics=True,
-        is_matched=True,
     ),
     LensParam(
         name="sensor-width",
@@ -226,7 +222,6 @@ _ROWS = (
         even_in="disparity",
         required=True,
         is_optics=True,
-        is_matched=True,
     ),
     LensParam(
         name="focus-at",
@@ -240,7 +235,6 @@ _ROWS = (
         even_in="steps",
         instead_of="focus",
         is_optics=True,
-        is_matched=True,
     ),
     LensParam(
         name="sharp-range",
@@ -254,7 +248,6 @@ _ROWS = (
         separator="..",
         even_in="disparity",
         is_optics=True,
-        is_matched=True,
     ),
     LensParam(
         name="blur",
@@ -268,7 +261,6 @@ _ROWS = (
         example="40px",
         unit="px",
         even_in="log",
-        is_matched=True,
     ),
     LensParam(
         name="focus-value",
@@ -438,16 +430,6 @@ _ROWS = (
         help="Share of its light that each photodiode gives to the other, like 0.15.  [default: 0]",
         tag="crosstalk",
         example="0.15",
-        even_in="steps",
-    ),
-    LensParam(
-        name="breathing",
-        parse=quantities.within(-1, 1, "a breathing", "like 0.2"),
-        metavar="-1…1",
-        help="Breathing of the focus: px by which a blur of 1 px is drawn outwards at the left and "
-        "right border, like 0.2, and less nearer to the middle.  [default: 0]",
-        tag="breath",
-        example="0.2",
         even_in="steps",
     ),
     LensParam(
