@@ -161,11 +161,7 @@ def command(
 
 
 def _refuse_others(ctx: click.Context, *, timing: bool) -> None:
-    """Refuse options that would mean nothing.
-
-    Raises:
-        UsageProblem: one is set.
-    """
+    """Refuse options that would mean nothing."""
     for name, option in (_ERRORS_ALONE if timing else _TIMES_ALONE).items():
         if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             if timing:

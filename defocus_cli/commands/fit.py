@@ -247,11 +247,7 @@ def _found(
 
 
 def _distance(focus: float | quantities.Percentile | None, foclen: float) -> float | None:
-    """The distance in focus in mm, of an option.
-
-    Raises:
-        UsageProblem: it is no distance, or nearer than a lens can focus.
-    """
+    """The distance in focus in mm, of an option."""
     if isinstance(focus, quantities.Percentile):
         problem, remedy = "is no distance", "give it like 2m"
         raise UsageProblem("malformed", problem, remedy, field="focus", value=str(focus))
@@ -265,12 +261,7 @@ def _distance(focus: float | quantities.Percentile | None, foclen: float) -> flo
 def _places(
     pairs: list[lens_fit.Pair], out: Path | None, *, many: bool, overwrite: bool
 ) -> list[Path | None]:
-    """Where the lens file of each picture goes; the folder of many is made.
-
-    Raises:
-        UsageProblem: a name is not that of a lens file.
-        InputError: a lens file is there already.
-    """
+    """Where the lens file of each picture goes; the folder of many is made."""
     places = [out and (out / f"{pair.picture.stem}.toml" if many else out) for pair in pairs]
     for named in filter(None, places):
         if named.suffix != ".toml":

@@ -23,21 +23,13 @@ BASELINES = {"input": "the sharp input", "sum": "plain sum of slices", "over": "
 
 @dataclass(frozen=True)
 class Row:
-    """One shot by one method.
+    """One shot by one method."""
 
-    Attributes:
-        scene: name of the scene.
-        shot: name of the shot.
-        method: a quality or a baseline method.
-        errors: errors against the truth.
-        cost: cost of the rendering alone.
-    """
-
-    scene: str
-    shot: str
-    method: str
-    errors: Errors
-    cost: MeasuredCost
+    scene: str  # name of the scene
+    shot: str  # name of the shot
+    method: str  # a quality or a baseline method
+    errors: Errors  # errors against the truth
+    cost: MeasuredCost  # cost of the rendering alone
 
 
 def measure_shot(
@@ -49,11 +41,7 @@ def measure_shot(
     threads: int,
     show: Callable[[TruthShot, Pictures, str, Tensor], None] | None = None,
 ) -> Iterator[Row]:
-    """One row for each method, when it is done; ``show`` is given each picture, [3, H, W].
-
-    Raises:
-        InputError: the picture does not fit into the memory of the GPU.
-    """
+    """One row for each method, when it is done; ``show`` is given each picture, [3, H, W]."""
     import torch
 
     from defocus_core.evaluation import metrics

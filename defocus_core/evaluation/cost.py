@@ -71,13 +71,7 @@ def cost(renderer: Renderer) -> float:
 
 
 def memory_bound(renderer: Renderer, threads: int, at_once: int) -> float:
-    """Upper bound of the bytes that rendering takes beside its input and output.
-
-    Args:
-        renderer: The picture, prepared.
-        threads: Number of threads that compute.
-        at_once: Most regions that are computed at once.
-    """
+    """Upper bound of the bytes that rendering takes beside its input and output."""
     frame, channels = renderer.frame, renderer.scene.image.shape[0]
     size = frame.dtype.itemsize
     sample = (channels + 1) * size

@@ -61,15 +61,7 @@ class Search:
         focus: float | None = None,
         strength: Callable[[float], float] | None = None,
     ) -> None:
-        """Keep what is to be found.
-
-        Args:
-            residual: The differences that are to be small.
-            free: The unknowns.
-            rotation: Whether pupils with blades are turned.
-            focus: The disparity in focus, if it is known.
-            strength: The strength by the disparity in focus, if it is known.
-        """
+        """Keep what is to be found."""
         self.residual = residual
         self._free, self._rotation = list(free), rotation
         self._focus, self._strength = focus, strength

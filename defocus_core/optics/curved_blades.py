@@ -18,17 +18,12 @@ _STRAIGHT = 1e-3
 
 @dataclass(frozen=True)
 class CurvedPolygon(Outline):
-    """A polygon inscribed in the unit disc, whose edges are arcs through its vertices.
-
-    Attributes:
-        sides: 3 or more.
-        rotation: Angle of one vertex in degrees, counter-clockwise from +x as seen in the image.
-        curvature: 1 / radius of the arcs, within [0, 1]; 0 is straight, and 1 is the disc.
-    """
+    """A polygon inscribed in the unit disc, whose edges are arcs through its vertices."""
 
     sides: int
+    # Angle of one vertex in degrees, counter-clockwise from +x as seen in the image
     rotation: float
-    curvature: Scalar
+    curvature: Scalar  # 1 / radius of the arcs, within [0, 1]; 0 is straight, and 1 is the disc
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
         """That within arcs; within hardly curved ones between it and that within straight edges.

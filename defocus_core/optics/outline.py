@@ -34,20 +34,14 @@ class Outline(ABC):
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
         """G(x, y), up to terms in x alone or y alone, which differences remove.
 
-        Args:
-            x: [..., 1, n], within [-1, 1].
-            y: [..., m, 1], within [-1, 1].
+        `x`: [..., 1, n], within [-1, 1]; `y`: [..., m, 1], within [-1, 1].
         """
 
     def areas(self, x: Tensor, y: Tensor) -> Tensor:
         """Areas of the pupil between consecutive x and consecutive y, all within [-1, 1].
 
-        Args:
-            x: [..., n], ascending or descending together with y.
-            y: [..., m].
-
-        Returns:
-            [..., m - 1, n - 1] in units of the lens radius squared.
+        `x`: [..., n], ascending or descending together with y; `y`: [..., m]. Returns [..., m - 1,
+        n - 1] in units of the lens radius squared.
         """
         x, y = x[..., None, :], y[..., :, None]
         areas = self.cumulative_area(x, y).diff(dim=-1).diff(dim=-2)
@@ -73,14 +67,10 @@ class Disc(Outline):
 
 @dataclass(frozen=True)
 class Polygon(Outline):
-    """A regular polygon inscribed in the unit disc.
-
-    Attributes:
-        sides: 3 or more.
-        rotation: Angle of one vertex in degrees, counter-clockwise from +x as seen in the image.
-    """
+    """A regular polygon inscribed in the unit disc."""
 
     sides: int
+    # Angle of one vertex in degrees, counter-clockwise from +x as seen in the image
     rotation: float
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
@@ -116,15 +106,10 @@ class Polygon(Outline):
 
 @dataclass(frozen=True)
 class Obstructed(Outline):
-    """An outline around an opaque disc, as the secondary mirror of a mirror lens leaves it.
-
-    Attributes:
-        outline: The outline.
-        ratio: Radius of the opaque disc in radii of the lens, within [0, 1).
-    """
+    """An outline around an opaque disc, as the secondary mirror of a mirror lens leaves it."""
 
     outline: Outline
-    ratio: Scalar
+    ratio: Scalar  # radius of the opaque disc in radii of the lens, within [0, 1)
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
         """The area of the outline without that of the disc."""
@@ -135,17 +120,11 @@ class Obstructed(Outline):
 
 @dataclass(frozen=True)
 class Squeezed(Outline):
-    """An outline that is narrower along one axis, as an anamorphic lens shows it.
-
-    Attributes:
-        outline: The outline.
-        across: How many times it is narrower along x, 1 or more.
-        down: How many times it is narrower along y, 1 or more.
-    """
+    """An outline that is narrower along one axis, as an anamorphic lens shows it."""
 
     outline: Outline
-    across: Scalar
-    down: Scalar
+    across: Scalar  # how many times it is narrower along x, 1 or more
+    down: Scalar  # how many times it is narrower along y, 1 or more
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
         """The area between the same fractions of the outline."""

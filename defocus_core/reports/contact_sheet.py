@@ -23,11 +23,7 @@ _GREY = 0.8  # of words, in sRGB
 
 
 def kind_of_sheet(jobs: Sequence[Job]) -> str:
-    """The kind of output that a sheet shows: the first that is an image.
-
-    Raises:
-        UsageProblem: none is.
-    """
+    """The kind of output that a sheet shows: the first that is an image."""
     for kind in jobs[0].outputs.rows:
         if kind.image:
             return kind.name
@@ -40,11 +36,7 @@ def kind_of_sheet(jobs: Sequence[Job]) -> str:
 def write_contact_sheet(jobs: Sequence[Job], count: int) -> Path | None:
     """Write ``count`` of the pictures of jobs, evenly spread over those that are there.
 
-    Returns:
-        The file; None if no picture is there.
-
-    Raises:
-        InputError: a picture cannot be read, or the file cannot be written.
+    Returns the file; None if no picture is there.
     """
     kind = kind_of_sheet(jobs)
     there = [job for job in jobs if job.paths[kind].exists()]

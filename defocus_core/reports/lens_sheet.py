@@ -25,11 +25,7 @@ _GREY = 0.8  # of words, in sRGB
 
 
 def write_sheet(path: Path, lenses: Sequence[ShippedLens]) -> None:
-    """Write the contact sheet of lenses, in rows from the top, as PNG.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """Write the contact sheet of lenses, in rows from the top, as PNG."""
     set_to_render()
     pictures = [_labelled(_picture(lens), lens.name) for lens in lenses]
     blank = np.zeros_like(pictures[0])

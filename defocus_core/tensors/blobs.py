@@ -13,17 +13,11 @@ from torch import Tensor
 
 
 class Runs(NamedTuple):
-    """The runs of a mask, in order of their first pixels.
+    """The runs of a mask, in order of their first pixels."""
 
-    Attributes:
-        row: [n] row of each run.
-        first: [n] column of its first pixel.
-        end: [n] column after its last pixel.
-    """
-
-    row: Tensor
-    first: Tensor
-    end: Tensor
+    row: Tensor  # [n] row of each run
+    first: Tensor  # [n] column of its first pixel
+    end: Tensor  # [n] column after its last pixel
 
     @classmethod
     def of(cls, mask: Tensor, top: int) -> Runs:

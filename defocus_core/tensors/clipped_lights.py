@@ -95,11 +95,7 @@ class ClippedLights:
         colors: int | None = None,
         signed_radius: Pixels | None = None,
     ) -> None:
-        """Find the blobs; arguments are those of `with_lights`.
-
-        Raises:
-            ValueError: If an argument is out of its range.
-        """
+        """Find the blobs; arguments are those of `with_lights`."""
         if not 0 <= (minimum := number("threshold", threshold, "in linear light")) < 1:
             raise ValueError(
                 f"threshold must be 0 or more and below 1, got {threshold}; 0.93 suits most"
@@ -117,19 +113,12 @@ class ClippedLights:
 
 
 class _BlobLevel(NamedTuple):
-    """The blobs of pixels brighter than a level.
-
-    Attributes:
-        low: The level.
-        high: The next level.
-        runs: The runs of these pixels.
-        fraction: [n] the share of the gain that each run gets.
-    """
+    """The blobs of pixels brighter than a level."""
 
     low: float
     high: float
-    runs: Runs
-    fraction: Tensor
+    runs: Runs  # the runs of these pixels
+    fraction: Tensor  # [n] the share of the gain that each run gets
 
 
 def _found(
@@ -159,7 +148,7 @@ def _found(
 
 
 def _band(
-    bright: Tensor,
+    bright: Tensor,  # [h, W] the brightest channel of the band, and of rows around it
     summed: tuple[Tensor, Tensor],
     rows: tuple[int, int],
     top: int,
@@ -168,16 +157,8 @@ def _band(
 ) -> tuple[Runs, Tensor]:
     """The runs of a band that are brighter than a level, and sums over each of them.
 
-    Args:
-        bright: [h, W] the brightest channel of the band, and of rows around it.
-        summed: [h, W] the least channel of the band, and the radius of its blur in px.
-        rows: First row of the band, and its end.
-        top: Row of the first row of `bright`.
-        level: The level.
-        around: Px to each side that are the surroundings.
-
-    Returns:
-        The runs; of each [3, n] the sums, and its surroundings times its area.
+    `summed`: [h, W] the least channel of the band, and the radius of its blur in px. Returns the
+    runs; of each [3, n] the sums, and its surroundings times its area.
     """
     runs = Runs.of(bright[rows[0] - top : rows[1] - top] > level, rows[0])
     if not len(runs.row):
@@ -213,11 +194,8 @@ def _beside(bright: Tensor, level: float, coarse_pixel: int, around: int) -> Ten
 def _fractions(runs: Runs, sums: Tensor, level: float, size: tuple[int, int]) -> Tensor:
     """The share of the gain that each run gets, by its blob.
 
-    Args:
-        runs: The runs.
-        sums: [3, n] of its least channel, of its blur, and of its surroundings.
-        level: Of the runs.
-        size: (height, width) of the frame.
+    `sums`: [3, n] of its least channel, of its blur, and of its surroundings; `size`: (height,
+    width) of the frame.
     """
     blob = runs.blobs(size[1])
     values = torch.cat([runs.area.double()[None], sums])

@@ -27,11 +27,6 @@ def element_depth(depth: Depth, color: Color, keeping: Keeping) -> Depth:
     """The depth of an element: its edges have one, and where alpha is 0 there is nothing.
 
     Light without alpha, like a flame, stays where it has a depth.
-
-    Args:
-        depth: as it was read, of the size of the colour.
-        color: the colour.
-        keeping: where what is nothing is kept.
     """
     alpha = color.alpha
     if alpha is None or not any((alpha[rows] < 1).any() for rows in bands(alpha.shape)):

@@ -26,28 +26,20 @@ _CUT_AT_ONCE = 1 << 16  # pixels
 
 @dataclass(frozen=True)
 class Layers:
-    """The layers of a deep picture, nearest first.
+    """The layers of a deep picture, nearest first."""
 
-    Attributes:
-        light: of each layer its arrays [H, W] of light, premultiplied: colours, then passes.
-        alpha: of each layer [H, W].
-        depths: of each layer.
-        colors: number of colours in `light`.
-        merged: number of pixels that had more samples than there are layers.
-        held_out: whether some layers hide others and have no alpha: then that of the picture is the
-            last plane of `light`.
-        ends: of each layer where its samples begin and end, in metres [H, W]; None of surfaces.
-        front: number of layers of the picture in front, if it is before another one.
-    """
-
+    # Of each layer its arrays [H, W] of light, premultiplied: colours, then passes
     light: tuple[tuple[Any, ...], ...]
-    alpha: tuple[Any, ...]
+    alpha: tuple[Any, ...]  # of each layer [H, W]
     depths: tuple[Depth, ...]
-    colors: int
-    merged: int = 0
+    colors: int  # number of colours in `light`
+    merged: int = 0  # number of pixels that had more samples than there are layers
+    # Whether some layers hide others and have no alpha: then that of the picture is the last
+    # plane of `light`
     held_out: bool = False
+    # Of each layer where its samples begin and end, in metres [H, W]; None of surfaces
     ends: tuple[tuple[Any, Any] | None, ...] = ()
-    front: int = 0
+    front: int = 0  # number of layers of the picture in front, if it is before another one
 
     @property
     def words(self) -> str:
@@ -120,12 +112,7 @@ class Layers:
         )
 
     def held_out_by(self, holdout: Layers, black: Any) -> Layers:
-        """These layers with others, which hide what is behind them and show nothing.
-
-        Args:
-            holdout: the others.
-            black: an array of zeros.
-        """
+        """These layers with others, which hide what is behind them and show nothing."""
         shown = tuple((*light, a) for light, a in zip(self.light, self.alpha, strict=True))
         hiding = ((black,) * len(shown[0]),) * len(holdout.alpha)
         whole = replace(self, light=shown).before(replace(holdout, light=hiding))
@@ -142,11 +129,8 @@ def flat_layer(color: Color, depth: Depth) -> Layers:
 def layered(lights: Sequence[Pixels], layers: Layers, radii: Sequence[Any], device: str) -> Layered:
     """The layers as the renderer takes them.
 
-    Args:
-        lights: of each layer its light [C, H, W].
-        layers: of a deep picture.
-        radii: of each layer the signed radii [H, W] in px.
-        device: cpu or cuda.
+    `lights`: of each layer its light [C, H, W]; `radii`: of each layer the signed radii [H, W] in
+    px.
     """
     from defocus_core.renderer.layers.stacked_samples import Layered
 

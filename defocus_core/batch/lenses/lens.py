@@ -15,21 +15,13 @@ from defocus_core.errors import CALLER, Place
 
 @dataclass(frozen=True)
 class Draw:
-    """Which of the random lenses of a picture this is.
+    """Which of the random lenses of a picture this is."""
 
-    Attributes:
-        seed: the seed of the jobs file.
-        picture: name of the picture.
-        index: number of the draw for this picture.
-        options: all options of the lens as texts, drawn or not.
-        attempt: number of draws before this one that did not suit the picture.
-    """
-
-    seed: int
-    picture: str
-    index: int
-    options: tuple[tuple[str, str], ...]
-    attempt: int = 0
+    seed: int  # the seed of the jobs file
+    picture: str  # name of the picture
+    index: int  # number of the draw for this picture
+    options: tuple[tuple[str, str], ...]  # all options of the lens as texts, drawn or not
+    attempt: int = 0  # number of draws before this one that did not suit the picture
 
 
 @dataclass(frozen=True)

@@ -52,11 +52,7 @@ class Percentile:
 
 
 def read_at(where: Place, parse: Callable[..., T], *texts: str) -> T:
-    """The value that a parser reads from a text.
-
-    Raises:
-        UsageProblem: the text makes no sense; the error names ``where`` it stands.
-    """
+    """The value that a parser reads from a text."""
     try:
         return parse(*texts)
     except QuantityError as error:

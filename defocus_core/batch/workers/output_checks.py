@@ -15,27 +15,14 @@ _NAME_BYTES = 255  # the longest name of a file on Linux
 
 
 def refuse_misplaced(jobs: Sequence[Job]) -> None:
-    """Refuse jobs that get in the way of one another or of their inputs.
-
-    Raises:
-        InputError: an output is an input or another job's output, has too long a name, or lies
-            where nothing can be written.
-    """
+    """Refuse jobs that get in the way of one another or of their inputs."""
     _refuse_clashes(jobs)
     for outputs in {job.outputs for job in jobs}:
         refuse_unwritable(outputs)
 
 
 def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
-    """Refuse to replace files that no job is known to have written.
-
-    Args:
-        jobs: what is to be done.
-        known: files that may be replaced, relative to the root of the outputs.
-
-    Raises:
-        InputError: there is another file, or a directory, where one is to be written.
-    """
+    """Refuse to replace files that no job is known to have written."""
     existing = []
     for job in jobs:
         root, overwrite = job.outputs.root, job.outputs.overwrite
@@ -58,11 +45,7 @@ def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
 
 
 def refuse_names(stems: Sequence[str], outputs: Outputs) -> None:
-    """Refuse names of samples that two have, or that are too long for a file.
-
-    Raises:
-        InputError: there is one.
-    """
+    """Refuse names of samples that two have, or that are too long for a file."""
     count = Counter(stems)
     twice = next((stem for stem, times in count.items() if times > 1), None)
     if twice is not None:
@@ -116,11 +99,7 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
 
 
 def refuse_unwritable(outputs: Outputs) -> None:
-    """Refuse a place where nothing can be written.
-
-    Raises:
-        InputError: a file is in the way, or the place is forbidden.
-    """
+    """Refuse a place where nothing can be written."""
     for folder in (outputs.root, *outputs.folders):
         if folder.is_symlink() and not folder.exists():
             raise missing(folder)

@@ -35,15 +35,7 @@ _GLANCE = 0.1  # seconds between two looks at whether all is to stop
 
 
 class Pool:
-    """Processes that do jobs.
-
-    Args:
-        processes: the number of processes.
-        chunks: jobs, in chunks of one picture.
-        done: called with number and result of each.
-        stopped: whether no further job is to be begun.
-        serve: the work of a process, at its end of the connection.
-    """
+    """Processes that do jobs."""
 
     def __init__(
         self,
@@ -62,12 +54,7 @@ class Pool:
         self.failed_starts = 0
 
     def run(self) -> None:
-        """Do all jobs, or until stopped.
-
-        Raises:
-            InputError: processes cannot be started.
-            Exception: what ``done`` raised.
-        """
+        """Do all jobs, or until stopped."""
         try:
             self._start_workers()
             while self.workers:

@@ -48,14 +48,7 @@ class SampleItem:
 def write(out: Path, path: Path, asked: Collection[str] | None, processes: int) -> int:
     """Write the report of the batch in a directory; the number of its items.
 
-    Args:
-        out: the directory.
-        path: of the HTML file.
-        asked: names of the samples, None for all.
-        processes: how many may draw.
-
-    Raises:
-        InputError: there is no journal, it is broken, or the report cannot be written.
+    `asked`: names of the samples, None for all.
     """
     require_journal(out)
     live = Ledger(out, read_all(out)).live

@@ -87,14 +87,7 @@ def _rest(item: Item) -> int:
 
 
 def _present(item: Item, *, first: bool, others: bool, values: bool) -> list[Layer]:
-    """The layers that have something to show.
-
-    Args:
-        item: the item.
-        first: whether thumbnails of A, B and their difference stay.
-        others: whether the other thumbnails stay.
-        values: whether values stay.
-    """
+    """The layers that have something to show."""
     layers = []
     for layer in item.layers:
         stays = first if _is_first(item, layer) else others

@@ -27,12 +27,7 @@ _SETTINGS = frozenset({"stem", "suffix", "lens", "reading", "outputs", *_MACHINE
 
 
 def render_command(record: Record, out: Path) -> str:
-    """The command line that does a job again; empty where no command line says its settings.
-
-    Args:
-        record: of a job that was done.
-        out: the directory of its batch.
-    """
+    """The command line that does a job again; empty where no command line says its settings."""
     try:
         picture = revived(record, out).picture
     except InputError:
