@@ -26,7 +26,7 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.plan import Execution, make_plan
 from defocus_core.errors import UsageProblem
-from defocus_core.reports.contact_sheet import kind_of_sheet, write_contact_sheet
+from defocus_core.reports.sheets import kind_of_sheet, write_contact_sheet
 
 _KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
 _HELP = f"""Defocus COLOR as a lens would that sees DEPTH, and write to OUT/<kind>/<stem>.<ext>.

@@ -213,7 +213,7 @@ _ROWS = (
     ),
     LensParam(
         name="sharp-range",
-        parse=quantities.distances,
+        parse=quantities.distance_range,
         metavar="A..B",
         help="Distances in focus besides, like 1.8m..2.4m: without blur there, unchanged "
         "elsewhere.",

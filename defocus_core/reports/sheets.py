@@ -1,4 +1,4 @@
-"""Contact sheet of a batch: some of its pictures, small, in one PNG."""
+"""Contact sheets, PNG: some pictures of a batch, or the same lights with each of some lenses."""
 
 from __future__ import annotations
 
@@ -11,13 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.jobs.lens_from_options import make_lens
+from defocus_core.batch.lenses.shipped_lenses import ShippedLens
+from defocus_core.batch.look.opening import aperture_of, cat_eye_of
 from defocus_core.errors import UsageProblem
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import linear_to_srgb, quantised
 from defocus_core.io.images.encode import write_samples
+from defocus_core.system.process import set_to_render
 
 NAME = "contact.png"
 _WIDTH = 320  # px of a picture
+_LENS_SIZE = (200, 300)  # height and width in px of a picture by a lens
+_LENS_RADIUS = 22.0  # px, its greatest CoC radius
+_LENS_FOCUS = 1e5  # mm, beyond every focal length; the radii are those of the lights
+_LENS_COLUMNS = 3
 _LINE, _LETTERS = 22, 14  # px of a line of words, and of its letters
 _GREY = 0.8  # of words, in sRGB
 
@@ -44,16 +52,38 @@ def write_contact_sheet(jobs: Sequence[Job], count: int) -> Path | None:
         return None
     count = min(count, len(there))
     places = sorted({round(k * (len(there) - 1) / max(count - 1, 1)) for k in range(count)})
-    pictures = [_labelled(_small(there[k].paths[kind]), there[k].sample_id) for k in places]
-    columns = math.ceil(math.sqrt(len(pictures)))
-    height = max(len(picture) for picture in pictures)
-    cells = [np.pad(p, ((0, height - len(p)), (0, 0), (0, 0))) for p in pictures]
+    pictures = [_labelled(_small(there[k].paths[kind]), there[k].sample_id, _WIDTH) for k in places]
+    file = jobs[0].outputs.root / NAME
+    _write(file, pictures, math.ceil(math.sqrt(len(pictures))))
+    return file
+
+
+def write_lens_sheet(path: Path, lenses: Sequence[ShippedLens]) -> None:
+    """Write pictures by lenses, in rows from the top."""
+    set_to_render()
+    _write(path, [_labelled(_lights(each), each.name) for each in lenses], _LENS_COLUMNS)
+
+
+def _write(path: Path, pictures: Sequence[NDArray[Any]], columns: int) -> None:
+    """Write sRGB pictures of one width in rows, black below the lower ones."""
+    height = max(map(len, pictures))
+    cells = [np.pad(each, ((0, height - len(each)), (0, 0), (0, 0))) for each in pictures]
     cells += [np.zeros_like(cells[0])] * (-len(cells) % columns)
     rows = [np.concatenate(cells[i : i + columns], 1) for i in range(0, len(cells), columns)]
     sheet = quantised(np.concatenate(rows), 8)
-    file = jobs[0].outputs.root / NAME
-    write_samples(file, sheet.shape[:2], iter([sheet]), "png", {})
-    return file
+    write_samples(path, sheet.shape[:2], iter([sheet]), "png", {})
+
+
+def _lights(shipped: ShippedLens) -> NDArray[Any]:
+    """Lights nearer and farther than the focus with a lens, sRGB [H, W, 3]."""
+    from defocus_core.evaluation.synthetic_scenes import scenery
+    from defocus_core.renderer.render import render
+
+    lens = make_lens({"focus": _LENS_FOCUS}, shipped.path)
+    image, radius = scenery("lights", *_LENS_SIZE, _LENS_RADIUS)[:2]
+    cat_eye = cat_eye_of(lens, _LENS_SIZE[::-1])
+    shown = render(image, radius, aperture=aperture_of(lens), cat_eye=cat_eye).render
+    return linear_to_srgb(shown.movedim(0, -1).contiguous().numpy().clip(0, 1))
 
 
 def _small(path: Path) -> NDArray[Any]:
@@ -77,13 +107,13 @@ def _small(path: Path) -> NDArray[Any]:
     return linear_to_srgb(np.clip(pixels, 0.0, 1.0).astype(np.float32))
 
 
-def _labelled(picture: NDArray[Any], words: str) -> NDArray[Any]:
-    """A picture in a cell as wide as the sheet's, with a line of words below."""
+def _labelled(picture: NDArray[Any], words: str, width: int = 0) -> NDArray[Any]:
+    """A picture in a cell of at least so many px, with a line of words below."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
-    height, width, _ = picture.shape
-    canvas = np.zeros((height + _LINE, _WIDTH, 3), np.float32)
-    canvas[:height, :width] = picture
+    height = len(picture)
+    canvas = np.zeros((height + _LINE, max(width, picture.shape[1]), 3), np.float32)
+    canvas[:height, : picture.shape[1]] = picture
     buffer = oiio.ImageBuf(canvas)
     place = (4, height + _LINE - 6)
     oiio.ImageBufAlgo.render_text(buffer, *place, words, _LETTERS, "", (_GREY, _GREY, _GREY))
