@@ -103,7 +103,7 @@ def command(
     pictures = find_pictures(color, depth, others, frames=shot.choice(lenses.animation))
     jobs = [
         Job(picture, lens, reading, outputs, machine)
-        for picture, lens in _taken(pictures, lenses, verbose=verbose)
+        for picture, lens in _with_lenses(pictures, lenses, verbose=verbose)
     ]
     every = whole_shot(color, depth, others)
     moving = "focus-at" in lenses.animation.keys
@@ -141,15 +141,15 @@ def command(
     batch_report.end(summary)
 
 
-def _taken(
+def _with_lenses(
     pictures: Sequence[Picture], lenses: ShotLenses, *, verbose: bool
 ) -> Iterator[tuple[Picture, Lens]]:
-    """Each picture and its lens; what metadata decided is told where it changes."""
-    told: object = None
+    """Each picture and its lens; what metadata decided is said where it changes."""
+    said: object = None
     for picture in pictures:
         lens, taken = lenses.of(picture)
-        if verbose and taken and taken != told:
+        if verbose and taken and taken != said:
             words = ", ".join(f"{n} {each.text} ({each.attribute})" for n, each in taken.items())
             console.stderr(f"{picture.color}: {words}")
-            told = taken
+            said = taken
         yield picture, lens

@@ -44,7 +44,7 @@ def command(machine: Machine, as_json: bool) -> int:
     job_steps.load()
     import torch
 
-    from defocus_core.evaluation.law_checks import Setting
+    from defocus_core.evaluation.law_checks import LawSetting
     from defocus_core.evaluation.lens_laws import LAWS, verify
 
     device = job_steps.choose_device(machine.device)
@@ -52,7 +52,7 @@ def command(machine: Machine, as_json: bool) -> int:
     start = time.perf_counter()
     checks: list[Check] = []
     with console.bar("law", len(LAWS)) as laws:
-        for law_checks in verify(Setting(device, machine.quality, machine.threads)):
+        for law_checks in verify(LawSetting(device, machine.quality, machine.threads)):
             checks += law_checks
             laws.update()
     seconds = time.perf_counter() - start

@@ -1,6 +1,6 @@
 """Laws of the lens, measured on renderings of small pictures.
 
-Each law is a function of a `Setting` that returns `Check`s: numbers with their bounds. Discs,
+Each law is a function of a `LawSetting` that returns `Check`s: numbers with their bounds. Discs,
 symmetries and the gradient are measured in float64, where rounding does not hide a fault; pictures
 in float32, as they are rendered for the user.
 """
@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.evaluation import law_probes as probes
-from defocus_core.evaluation.law_checks import Check, Setting, greatest, pictures, rendered
+from defocus_core.evaluation.law_checks import Check, LawSetting, greatest, pictures, rendered
 from defocus_core.evaluation.law_probes import Probe
 from defocus_core.optics.aperture import Aperture
 from defocus_core.renderer.layers.quality import find
@@ -38,9 +38,9 @@ _RIM = 1 / 16  # of the radius: width of a rim at reduced resolution
 _MIN_RIM = 7.0  # px of radius; rims of smaller discs have too few pixels
 
 
-def verify(setting: Setting | None = None) -> Iterator[list[Check]]:
+def verify(setting: LawSetting | None = None) -> Iterator[list[Check]]:
     """The checks of one law after the other; there are `len(LAWS)`."""
-    setting = setting or Setting()
+    setting = setting or LawSetting()
     in_coarse_pixels = find(setting.quality).half_size
     for law in LAWS:
         checks = law(setting)
@@ -49,7 +49,7 @@ def verify(setting: Setting | None = None) -> Iterator[list[Check]]:
         yield checks
 
 
-def discs(setting: Setting) -> list[Check]:
+def discs(setting: LawSetting) -> list[Check]:
     """An isolated point becomes a disc: its radius, rim, place, halves and energy."""
     step = find(setting.quality)
     relative: list[float] = []
@@ -90,7 +90,7 @@ def discs(setting: Setting) -> list[Check]:
     ]
 
 
-def near_focus(setting: Setting) -> list[Check]:
+def near_focus(setting: LawSetting) -> list[Check]:
     """The distance of the half discs follows the formula below 1 px of radius, too."""
     off = []
     for r in (sign * size for size in _NEAR for sign in (1, -1)):
@@ -101,7 +101,7 @@ def near_focus(setting: Setting) -> list[Check]:
     return [Check("half discs", measured, "px", greatest(off), 0.01)]
 
 
-def white(setting: Setting) -> list[Check]:
+def white(setting: LawSetting) -> list[Check]:
     """A constant picture stays constant over any depth, borders included."""
     checks = []
     for name, aperture in (("round", Aperture()), ("6 blades", Aperture(6, 10.0))):
@@ -115,7 +115,7 @@ def white(setting: Setting) -> list[Check]:
     return checks
 
 
-def left_and_right(setting: Setting) -> list[Check]:
+def left_and_right(setting: LawSetting) -> list[Check]:
     """Left and right together are twice the centre, occlusions included."""
     off = []
     for scene in probes.scenes():
@@ -125,7 +125,7 @@ def left_and_right(setting: Setting) -> list[Check]:
     return [Check("left + right", measured, "-", greatest(off), 1e-4)]
 
 
-def focus(setting: Setting) -> list[Check]:
+def focus(setting: LawSetting) -> list[Check]:
     """A picture that is all in focus stays as it is."""
     scene = Probe(probes.waves(), torch.zeros(probes.SIZE))
     views = rendered(scene, setting, torch.float32)
@@ -133,7 +133,7 @@ def focus(setting: Setting) -> list[Check]:
     return [Check("focus", "picture in focus, change", "-", greatest(off), 1e-6)]
 
 
-def occlusion(setting: Setting) -> list[Check]:
+def occlusion(setting: LawSetting) -> list[Check]:
     """Nearer covers farther, never the reverse."""
     covered, spilt = [], []
     for background_r in (3.0, 9.0):
@@ -151,7 +151,7 @@ def occlusion(setting: Setting) -> list[Check]:
     ]
 
 
-def symmetry(setting: Setting) -> list[Check]:
+def symmetry(setting: LawSetting) -> list[Check]:
     """Flips and quarter turns change nothing; a mirror swaps left and right."""
     flips, turns = [], []
     for image, radius in probes.scenes():
@@ -175,7 +175,7 @@ def symmetry(setting: Setting) -> list[Check]:
     ]
 
 
-def gradient(setting: Setting) -> list[Check]:
+def gradient(setting: LawSetting) -> list[Check]:
     """The gradient to image and radius is that of finite differences, along one direction."""
     size, generator = (9, 11), torch.Generator().manual_seed(0)
     radius = probes.slope(size) / 4 + 0.013  # off the slice radii, where slopes change
@@ -202,7 +202,7 @@ def gradient(setting: Setting) -> list[Check]:
     return [Check("gradient", "slope off a finite difference", "-", off, 1e-5)]
 
 
-def _responses(r: float, light: bool, setting: Setting) -> tuple[Tensor, ...]:
+def _responses(r: float, light: bool, setting: LawSetting) -> tuple[Tensor, ...]:
     """Responses [n, n] to a point of sum 1, in centre, left and right."""
     views = rendered(probes.spot(r, light=light), setting, torch.float64)
     return tuple(picture[0] if light else 1 - picture[0] for picture in pictures(views))
@@ -212,7 +212,7 @@ def _pc(fractions: list[float]) -> float:
     return 100 * greatest(fractions)
 
 
-def tiles(setting: Setting) -> list[Check]:
+def tiles(setting: LawSetting) -> list[Check]:
     """Tiles leave no seam: a picture is the same where it is part of a larger one.
 
     Pixels with content invented behind edges are left out: it continues all of the visible picture.
@@ -232,7 +232,7 @@ def tiles(setting: Setting) -> list[Check]:
     return [Check("tiles", "part of a larger picture, difference", "-", greatest(off), 2e-6)]
 
 
-def same_bytes(setting: Setting) -> list[Check]:
+def same_bytes(setting: LawSetting) -> list[Check]:
     """Threads, and whether left and right are rendered too, change no byte of the centre."""
     size = (200, 210)  # four tiles
     threads, outputs = 0.0, 0.0
@@ -249,7 +249,7 @@ def same_bytes(setting: Setting) -> list[Check]:
     ]
 
 
-def rounding(setting: Setting) -> list[Check]:
+def rounding(setting: LawSetting) -> list[Check]:
     """Rounding decides nothing, neither in the renderer nor in its input.
 
     The renderer compares numbers that are often equal, like depth in levels, to find the surfaces
@@ -273,10 +273,10 @@ def rounding(setting: Setting) -> list[Check]:
     ]
 
 
-def devices(setting: Setting) -> list[Check]:
+def devices(setting: LawSetting) -> list[Check]:
     """The CPU and the GPU render the same picture; without a GPU there is nothing to compare."""
     off: list[float] = []
-    host = Setting("cpu", setting.quality, setting.threads)
+    host = LawSetting("cpu", setting.quality, setting.threads)
     for scene in probes.scenes() if setting.device != "cpu" else []:
         on_device, on_cpu = (pictures(rendered(scene, s, torch.float32)) for s in (setting, host))
         off += [
@@ -286,7 +286,7 @@ def devices(setting: Setting) -> list[Check]:
     return [Check("CPU and GPU", "difference, of the local maximum", "-", value, 1e-4)]
 
 
-LAWS: tuple[Callable[[Setting], list[Check]], ...] = (
+LAWS: tuple[Callable[[LawSetting], list[Check]], ...] = (
     discs,
     near_focus,
     white,

@@ -128,25 +128,25 @@ class Mapped(Derived):
         function: Callable[[Tensor], Tensor],
         shape: Sequence[int],
         *,
-        turned: bool = False,
+        transposed: bool = False,
     ) -> None:
         """Keep the picture; nothing is read yet."""
-        self._picture, self._function, self._turned = picture, function, turned
+        self._picture, self._function, self._transposed = picture, function, transposed
         self.shape, self.dtype, self.device = tuple(shape), picture.dtype, picture.device
 
     def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
         """The window [rows, columns], each a pair of first and end."""
-        cuts = (columns, rows) if self._turned else (rows, columns)
+        cuts = (columns, rows) if self._transposed else (rows, columns)
         return self._function(self._picture[..., slice(*cuts[0]), slice(*cuts[1])])
 
 
 def _mapped(
-    picture: Pixels, function: Callable[[Tensor], Tensor], *shape: int, turned: bool = False
+    picture: Pixels, function: Callable[[Tensor], Tensor], *shape: int, transposed: bool = False
 ) -> Pixels:
     """A function of a picture: of a tensor at once, else where it is read."""
     if isinstance(picture, Tensor):
         return function(picture)
-    return Mapped(picture, function, shape, turned=turned)
+    return Mapped(picture, function, shape, transposed=transposed)
 
 
 def chosen(picture: Pixels, channels: Sequence[int]) -> Pixels:
@@ -168,4 +168,4 @@ def plus(radii: Pixels, px: Scalar) -> Pixels:
 def transposed(picture: Pixels) -> Pixels:
     """A picture [..., H, W] with rows for columns."""
     *before, height, width = picture.shape
-    return _mapped(picture, lambda x: x.mT.contiguous(), *before, width, height, turned=True)
+    return _mapped(picture, lambda x: x.mT.contiguous(), *before, width, height, transposed=True)

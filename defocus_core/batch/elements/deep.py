@@ -56,7 +56,7 @@ def layers_of_scene(
         black = keeping.new(like[1].metres.shape, np.float16)
         holdout = _holdout(picture.holdout, reading, like, keeping, lens_focal)
         layers = layers.held_out_by(holdout, black)
-    return layers.tidied(keeping)
+    return layers.tidy(keeping)
 
 
 def _layers(

@@ -82,7 +82,7 @@ def read_sampling(table: Table) -> Sampling:
         if read_at(table.place(name), distribution, name, text) is None:
             remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
             raise UsageProblem(
-                "malformed", f"'{text}' is nothing to draw from", remedy, path=table.place(name)
+                "malformed", f"'{text}' is no distribution", remedy, path=table.place(name)
             )
     if not options:
         remedy = 'write fnumber = "loguniform(1.4, 16)" below [sample]'
@@ -117,4 +117,4 @@ def distribution(name: str, text: str) -> Distribution | None:
     try:
         return Distribution(kind, values)
     except ValueError as error:
-        raise QuantityError(f"'{text}' is nothing to draw from: {reason(error)}", "") from None
+        raise QuantityError(f"'{text}' is no distribution: {reason(error)}", "") from None
