@@ -42,14 +42,23 @@ _HTML = "Write a report to look at in a browser: one file, with the pictures in 
 
 @dataclass(frozen=True)
 class ComparisonOptions:
-    """A comparison as it is asked for."""
+    """A comparison as it is asked for.
 
-    rules: Thresholds  # the thresholds, of options over those of the file
-    file: Path | None  # the file of thresholds
+    Attributes:
+        rules: the thresholds, of options over those of the file.
+        file: the file of thresholds.
+        settings: what is compared.
+        diff: directory for difference images.
+        junit: file for JUnit XML.
+        html: file for the report that people look at.
+    """
+
+    rules: Thresholds
+    file: Path | None
     settings: CompareSettings
-    diff: Path | None = None  # directory for difference images
-    junit: Path | None = None  # file for JUnit XML
-    html: Path | None = None  # file for the report that people look at
+    diff: Path | None = None
+    junit: Path | None = None
+    html: Path | None = None
 
     @property
     def task(self) -> Task:
@@ -63,7 +72,12 @@ class ComparisonOptions:
 
 
 def comparison_options(default: Rules = _NO_RULES, *, whole: bool = True) -> Decorator:
-    """Hand a command ``asked``: rules; if ``whole``, also what is compared, and reports."""
+    """Hand a command ``asked``: rules; if ``whole``, also what is compared, and reports.
+
+    Args:
+        default: rules that hold where neither options nor a file say anything.
+        whole: whether parts of pictures may be chosen, and reports be written.
+    """
 
     def make(
         *,
