@@ -26,7 +26,8 @@ _LENS_SIZE = (200, 300)  # height and width in px of a picture by a lens
 _LENS_RADIUS = 22.0  # px, its greatest CoC radius
 _LENS_FOCUS = 1e5  # mm, beyond every focal length; the radii are those of the lights
 _LENS_COLUMNS = 3
-_LINE, _LETTERS = 22, 14  # px of a line of words, and of its letters
+# Px of a line of words, of its letters, and from the left and the lower border to them.
+_LABEL, _LENS_LABEL = (22, 14, 4, 6), (26, 16, 8, 8)
 _GREY = 0.8  # of words, in sRGB
 
 
@@ -52,7 +53,9 @@ def write_contact_sheet(jobs: Sequence[Job], count: int) -> Path | None:
         return None
     count = min(count, len(there))
     places = sorted({round(k * (len(there) - 1) / max(count - 1, 1)) for k in range(count)})
-    pictures = [_labelled(_small(there[k].paths[kind]), there[k].sample_id, _WIDTH) for k in places]
+    pictures = [
+        _labelled(_small(there[k].paths[kind]), there[k].sample_id, _LABEL, _WIDTH) for k in places
+    ]
     file = jobs[0].outputs.root / NAME
     _write(file, pictures, math.ceil(math.sqrt(len(pictures))))
     return file
@@ -61,7 +64,9 @@ def write_contact_sheet(jobs: Sequence[Job], count: int) -> Path | None:
 def write_lens_sheet(path: Path, lenses: Sequence[ShippedLens]) -> None:
     """Write pictures by lenses, in rows from the top."""
     set_to_render()
-    _write(path, [_labelled(_lights(each), each.name) for each in lenses], _LENS_COLUMNS)
+    _write(
+        path, [_labelled(_lights(each), each.name, _LENS_LABEL) for each in lenses], _LENS_COLUMNS
+    )
 
 
 def _write(path: Path, pictures: Sequence[NDArray[Any]], columns: int) -> None:
@@ -107,14 +112,16 @@ def _small(path: Path) -> NDArray[Any]:
     return linear_to_srgb(np.clip(pixels, 0.0, 1.0).astype(np.float32))
 
 
-def _labelled(picture: NDArray[Any], words: str, width: int = 0) -> NDArray[Any]:
+def _labelled(
+    picture: NDArray[Any], words: str, label: tuple[int, int, int, int], width: int = 0
+) -> NDArray[Any]:
     """A picture in a cell of at least so many px, with a line of words below."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
-    height = len(picture)
-    canvas = np.zeros((height + _LINE, max(width, picture.shape[1]), 3), np.float32)
+    height, (line, letters, left, below) = len(picture), label
+    canvas = np.zeros((height + line, max(width, picture.shape[1]), 3), np.float32)
     canvas[:height, : picture.shape[1]] = picture
     buffer = oiio.ImageBuf(canvas)
-    place = (4, height + _LINE - 6)
-    oiio.ImageBufAlgo.render_text(buffer, *place, words, _LETTERS, "", (_GREY, _GREY, _GREY))
+    place = (left, height + line - below)
+    oiio.ImageBufAlgo.render_text(buffer, *place, words, letters, "", (_GREY, _GREY, _GREY))
     return np.asarray(buffer.get_pixels(oiio.FLOAT)).reshape(canvas.shape)
