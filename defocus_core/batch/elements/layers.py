@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.elements.planes import coverage
+from defocus_core.batch.elements.alpha import coverage
 from defocus_core.batch.sources import layer_windows, windows
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth import Depth

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from defocus_core.batch.elements.alpha import element_depth
+from defocus_core.batch.elements.alpha import coverage, element_depth
 from defocus_core.batch.elements.overscan import overscan_of
-from defocus_core.batch.elements.planes import coverage
 from defocus_core.batch.elements.reading import read
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.sources import layer_windows, windows
