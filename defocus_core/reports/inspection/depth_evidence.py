@@ -73,17 +73,17 @@ def evidence_of(
     path: Path, reading: DepthReading, info: FileInfo, keeping: Keeping
 ) -> tuple[str, ...]:
     """Sentences on the formats that a depth file could be of; none if its format is said."""
-    if reading.depth_format is not None:
-        return ()
-    sentences = (*_names_evidence(path, info),)
+    sentences = [] if reading.depth_format is not None else [*_names_evidence(path, info)]
     if _has_gdepth(path):
-        return sentences
+        return tuple(sentences)
     try:
         scaled = reading if reading.says_scale else replace(reading, depth_scale=1.0)
         samples = read_numbers(path, scaled, keeping, None)
     except DefocusError:  # another line of the report says why
-        return sentences
-    return (*sentences, *_numbers_evidence(path, samples, reading))
+        return tuple(sentences)
+    if reading.depth_format is None:
+        sentences += _numbers_evidence(path, samples, reading)
+    return tuple(sentences)
 
 
 def _names_evidence(path: Path, info: FileInfo) -> Iterator[str]:
