@@ -139,7 +139,8 @@ def _blades(text: str) -> tuple[int, ...]:
     "Lens",
     "--shift",
     is_flag=True,
-    help="Find by how many px, up to 16, BLURRED lies beside SHARP, too.",
+    help="Find by how many px, up to 16, BLURRED lies beside SHARP, too, and how much the lens "
+    "breathes: what is blurred lies farther outwards.",
 )
 @reading_options
 @shared.json_option
@@ -179,6 +180,7 @@ def command(
       fnumber, fnumber_error (relative), px_per_dioptre; an error is null if it is unbounded
       blades, blade_rotation_deg, gains
       gamma, gamma_error (relative), shift_px (right, down)
+      breathing, breathing_error: px outwards at the border, for a blur of 1 px
       dp_model, dp_crosstalk, dp_crosstalk_error, left_is_right, side_shading, of a pair
       explained    share of the difference of the pictures that the blur explains
       coc_mean_px, coc_p50_px, coc_p99_px, of the radii without sign

@@ -16,7 +16,7 @@ from defocus_core.batch.rendering.memory_budget import image_type, regions_at_on
 from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.batch.rendering.renderers import Renderers
 from defocus_core.batch.sources import to_array
-from defocus_core.errors import TooLarge
+from defocus_core.errors import TooLarge, UsageProblem
 from defocus_core.io.exr.writing import clamped_half
 from defocus_core.system import memory
 from defocus_core.system.process import set_to_render
@@ -54,7 +54,7 @@ def with_views(
     set_to_render()
     images, held = _Images(rendered), rendered.inputs.holding
     wall, cpu = time.perf_counter(), time.process_time()
-    renderers = Renderers(rendered, radius, seen_behind)
+    renderers = Renderers(*breathing_inputs(rendered, radius, seen_behind), seen_behind)
     renderer = _fill(images, renderers, progress)
     if rendered.device == "cuda":
         torch.cuda.synchronize()
@@ -72,6 +72,31 @@ def with_views(
         stats={**renderer.stats, "pixels_invented": images.invented, **lights, **scratch},
         warnings=(*rendered.warnings, *_clamped(renderer.stats)),
     )
+
+
+def breathing_inputs(
+    rendered: Rendered, radius: Any, seen_behind: HiddenLayer | None
+) -> tuple[Rendered, Any]:
+    """The picture and its radii as they are blurred, by a lens that breathes.
+
+    Raises:
+        UsageProblem: what lies behind the picture is known, too.
+    """
+    import torch
+
+    from defocus_core.renderer.breathing import breathed
+
+    inputs, breathing = rendered.inputs, rendered.lens.breathing
+    if not breathing:
+        return rendered, radius
+    if inputs.is_layered or inputs.hidden is not None or seen_behind is not None:
+        problem = "moves one picture with its depth, not layers"
+        raise UsageProblem("unsupported", problem, "leave it out", field="breathing")
+    planes = torch.from_numpy(np.stack([plane[:] for plane in inputs.color.planes]))
+    px = torch.from_numpy((rendered.radii.picture.px if radius is None else radius)[:])
+    image, moved = breathed(planes.float(), px, breathing)
+    color = replace(inputs.color, planes=tuple(image.numpy()))
+    return replace(rendered, inputs=replace(inputs, color=color)), moved.numpy()
 
 
 def _clamped(stats: Mapping[str, float]) -> list[str]:
