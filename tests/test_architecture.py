@@ -3,8 +3,7 @@
 import ast
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from functools import cache
+from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -60,18 +59,6 @@ LIGHT = [p for p in (*CORE, *CLI) if p not in TORCH_MODULES and name_of(p) not i
 KNOWN = {module(path) for path in (*CORE, *CLI)}
 
 
-@cache
-def tree(path: Path) -> ast.Module:
-    """The module, parsed once for all laws."""
-    return ast.parse(path.read_text())
-
-
-def broken(paths: Iterable[Path], faults: Callable[[Path], Iterable[object]]) -> dict[str, object]:
-    """The faults of each module that has some."""
-    found = {name_of(path): list(faults(path)) for path in paths}
-    return {name: each for name, each in found.items() if each}
-
-
 def names(node: ast.AST) -> Iterator[str]:
     """Full names of the modules that a statement imports."""
     if isinstance(node, ast.Import):
@@ -84,10 +71,9 @@ def names(node: ast.AST) -> Iterator[str]:
             yield full if full in KNOWN else base
 
 
-@cache
-def everywhere(path: Path) -> frozenset[str]:
+def everywhere(path: Path) -> set[str]:
     """Modules that a module imports, in functions and for type checkers, too."""
-    return frozenset(name for node in ast.walk(tree(path)) for name in names(node))
+    return {name for node in ast.walk(ast.parse(path.read_text())) for name in names(node)}
 
 
 def on_import(node: ast.AST) -> Iterator[str]:
@@ -108,33 +94,27 @@ def may_import(importer: str, imported: str) -> bool:
     return imported in ORDER and ORDER.index(importer) <= ORDER.index(imported)
 
 
-def test_arrows_of_the_library_go_one_way() -> None:
-    def wrong_way(path: Path) -> Iterator[str]:
-        importer = wing(module(path))
-        assert importer in ORDER, f"give {importer} its place in the order"
-        own = {name for name in everywhere(path) if name.split(".")[0].startswith("defocus_")}
-        # the library knows no commands
-        yield from (name for name in own if not name.startswith("defocus_core."))
-        yield from (name for name in own if not may_import(importer, wing(name)))
-
-    door = ROOT / "defocus_core" / "__init__.py"  # to all names
-    assert broken((path for path in CORE if path != door), wrong_way) == {}
+@pytest.mark.parametrize("path", CORE, ids=name_of)
+def test_arrows_of_the_library_go_one_way(path: Path) -> None:
+    if module(path) == "defocus_core":
+        return  # the door to all names
+    importer = wing(module(path))
+    assert importer in ORDER, f"give {importer} its place in the order"
+    own = {name for name in everywhere(path) if name.split(".")[0].startswith("defocus_")}
+    assert all(name.startswith("defocus_core.") for name in own), "the library knows no commands"
+    assert {name for name in own if not may_import(importer, wing(name))} == set()
 
 
-def test_arrows_of_the_command_line_go_one_way() -> None:
-    def wrong_way(path: Path) -> Iterator[str]:
-        importer = CLI_ORDER.index(wing(module(path)))
-        reached = {wing(name) for name in everywhere(path) if name.startswith("defocus_cli.")}
-        yield from (other for other in reached if CLI_ORDER.index(other) < importer)
-
-    assert broken(CLI, wrong_way) == {}
+@pytest.mark.parametrize("path", CLI, ids=name_of)
+def test_arrows_of_the_command_line_go_one_way(path: Path) -> None:
+    order, importer = CLI_ORDER, wing(module(path))
+    reached = {wing(name) for name in everywhere(path) if name.startswith("defocus_cli.")}
+    assert not {other for other in reached if order.index(other) < order.index(importer)}
 
 
-def test_the_library_does_not_parse_command_lines() -> None:
-    def of_click(path: Path) -> Iterator[str]:
-        yield from (name for name in everywhere(path) if name.split(".")[0] == "click")
-
-    assert broken(CORE, of_click) == {}
+@pytest.mark.parametrize("path", CORE, ids=name_of)
+def test_the_library_does_not_parse_command_lines(path: Path) -> None:
+    assert "click" not in {name.split(".")[0] for name in everywhere(path)}
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:
@@ -146,7 +126,7 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
 def test_no_two_classes_have_one_name() -> None:
     places: dict[str, list[str]] = {}
     for path in (*CORE, *CLI):
-        for node in ast.walk(tree(path)):
+        for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ClassDef):
                 places.setdefault(node.name, []).append(name_of(path))
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
@@ -161,48 +141,46 @@ def length(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
     )
 
 
-def test_functions_are_short() -> None:
-    def too_long(path: Path) -> Iterator[str]:
-        for node in ast.walk(tree(path)):
-            is_function = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-            if is_function and length(node) > LONGEST_FUNCTION:
-                yield f"{node.name}: {length(node)} lines"
-
-    assert broken([*CORE, *CLI], too_long) == {}
-
-
-def test_each_module_says_what_is_in_it() -> None:
-    def without_sentence(path: Path) -> Iterator[str]:
-        first = (ast.get_docstring(tree(path)) or "").partition("\n")[0]
-        if not first.endswith("."):
-            yield f"{first!r} is no sentence of its own"
-
-    assert broken([*CORE, *CLI], without_sentence) == {}
+@pytest.mark.parametrize("path", [*CORE, *CLI], ids=name_of)
+def test_functions_are_short(path: Path) -> None:
+    functions = (
+        node
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    )
+    lines = {each.name: length(each) for each in functions}
+    assert {name: count for name, count in lines.items() if count > LONGEST_FUNCTION} == {}
 
 
-def test_what_computes_is_pure_torch_without_files_or_prints() -> None:
-    def impure(path: Path) -> Iterator[str]:
-        roots = {name.split(".")[0] for name in everywhere(path)}
-        roots -= TORCH_EXCEPTIONS.get(name_of(path), set())
-        yield from (roots - TORCH_MAY_USE) | (roots & FILES_AND_WORDS)
-        calls = (node.func for node in ast.walk(tree(path)) if isinstance(node, ast.Call))
-        called = {func.id for func in calls if isinstance(func, ast.Name)}
-        yield from called & {"open", "print", "input", "exec", "eval"}
-
-    assert broken(TORCH_MODULES, impure) == {}
+@pytest.mark.parametrize("path", [*CORE, *CLI], ids=name_of)
+def test_each_module_says_what_is_in_it(path: Path) -> None:
+    text = ast.get_docstring(ast.parse(path.read_text()))
+    assert text
+    assert text.splitlines()[0].endswith("."), "the first line is a sentence of its own"
 
 
-def test_what_is_heavy_is_imported_inside_functions() -> None:
-    def heavy_of(path: Path) -> Iterator[str]:
-        reached = set(on_import(tree(path)))
-        # Pixels are held by numpy; help must not reach the modules that do, as is tested below.
-        heavy = HEAVY - ({"numpy"} if path in CORE else set())
-        ours = {name for name in reached if name.startswith("defocus_core.")}
-        ours = {name for name in ours if not name.startswith(OF_ANY_ARRAYS)}
-        yield from (name for name in reached if name.split(".")[0] in heavy)
-        yield from (name for name in ours if wing(name) in TORCH)
+@pytest.mark.parametrize("path", TORCH_MODULES, ids=name_of)
+def test_what_computes_is_pure_torch_without_files_or_prints(path: Path) -> None:
+    roots = {name.split(".")[0] for name in everywhere(path)}
+    roots -= TORCH_EXCEPTIONS.get(name_of(path), set())
+    assert roots <= TORCH_MAY_USE
+    assert not roots & FILES_AND_WORDS
+    calls = {
+        node.func.id
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+    }
+    assert not calls & {"open", "print", "input", "exec", "eval"}
 
-    assert broken(LIGHT, heavy_of) == {}
+
+@pytest.mark.parametrize("path", LIGHT, ids=name_of)
+def test_what_is_heavy_is_imported_inside_functions(path: Path) -> None:
+    reached = set(on_import(ast.parse(path.read_text())))
+    # Pixels are held by numpy; help must not reach the modules that do, as is tested below.
+    heavy = HEAVY - ({"numpy"} if path in CORE else set())
+    assert not {name.split(".")[0] for name in reached} & heavy
+    ours = {name for name in reached if name.startswith("defocus_core.")}
+    assert not {wing(name) for name in ours if not name.startswith(OF_ANY_ARRAYS)} & {*TORCH}
 
 
 @pytest.mark.parametrize(

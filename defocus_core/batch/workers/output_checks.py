@@ -15,14 +15,27 @@ _NAME_BYTES = 255  # the longest name of a file on Linux
 
 
 def refuse_misplaced(jobs: Sequence[Job]) -> None:
-    """Refuse jobs that get in the way of one another or of their inputs."""
+    """Refuse jobs that get in the way of one another or of their inputs.
+
+    Raises:
+        InputError: an output is an input or another job's output, has too long a name, or lies
+            where nothing can be written.
+    """
     _refuse_clashes(jobs)
     for outputs in {job.outputs for job in jobs}:
         refuse_unwritable(outputs)
 
 
 def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
-    """Refuse to replace files that no job is known to have written."""
+    """Refuse to replace files that no job is known to have written.
+
+    Args:
+        jobs: what is to be done.
+        known: files that may be replaced, relative to the root of the outputs.
+
+    Raises:
+        InputError: there is another file, or a directory, where one is to be written.
+    """
     existing = []
     for job in jobs:
         root, overwrite = job.outputs.root, job.outputs.overwrite
@@ -45,7 +58,11 @@ def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
 
 
 def refuse_names(stems: Sequence[str], outputs: Outputs) -> None:
-    """Refuse names of samples that two have, or that are too long for a file."""
+    """Refuse names of samples that two have, or that are too long for a file.
+
+    Raises:
+        InputError: there is one.
+    """
     count = Counter(stems)
     twice = next((stem for stem, times in count.items() if times > 1), None)
     if twice is not None:
@@ -79,7 +96,7 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
     pictures = {job.picture for job in jobs}
     pictures |= {other for picture in pictures for other in picture.others.values()}
     named = {path for one in pictures for path in (one.color, one.depth)}
-    # Path.resolve raises where a link leads in a circle; the reader says so.
+    # Path.resolve raises where a link leads in a circle; who reads it says it better.
     named |= {Path(os.path.realpath(path)) for path in named if path.is_symlink()}
     places = {folder: folder.resolve() for folder in {path.parent for path in named}}
     own = {
@@ -99,7 +116,11 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
 
 
 def refuse_unwritable(outputs: Outputs) -> None:
-    """Refuse a place where nothing can be written."""
+    """Refuse a place where nothing can be written.
+
+    Raises:
+        InputError: a file is in the way, or the place is forbidden.
+    """
     for folder in (outputs.root, *outputs.folders):
         if folder.is_symlink() and not folder.exists():
             raise missing(folder)

@@ -21,7 +21,7 @@ from defocus_core.batch.journal.journal import Journal, Record, input_path, jour
 from defocus_core.batch.journal.lock import Check, LockLost, locked
 from defocus_core.batch.journal.run_file import RunPlan
 from defocus_core.batch.rendering.memory_budget import refuse_small
-from defocus_core.batch.workers.job_result import UNRECORDED
+from defocus_core.batch.workers.job_result import BESIDE
 from defocus_core.batch.workers.output_checks import (
     refuse_misplaced,
     refuse_unknown,
@@ -37,7 +37,7 @@ from defocus_core.system.log import note
 MAX_IN_A_CHUNK = 8
 
 
-class NoSpace(InputError):  # noqa: N818 - no error of the program
+class NoSpace(InputError):  # noqa: N818 - a mistake of nobody's
     """Nothing more can be written."""
 
 
@@ -48,7 +48,7 @@ class Listener(Protocol):
         """Before the first job is done."""
 
     def ended(self, job: Job, record: Record) -> None:
-        """A job has come to its end, and the journal has it, but for what stands `UNRECORDED`."""
+        """A job has come to its end, and the journal has it, but for what stands `BESIDE`."""
 
 
 @dataclass
@@ -68,16 +68,25 @@ class Summary:
 
 
 def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener) -> Summary:
-    """Do jobs that write to OUT."""
+    """Do jobs that write to OUT.
+
+    Raises:
+        InputError: the journal, or an output that must not be touched, is in the way; or nothing
+            more can be written.
+    """
     with (
-        _out_folder({job.outputs for job in jobs}, out),
+        _made({job.outputs for job in jobs}, out),
         locked(out, execution.shard, say=note) as require_lock,
     ):
         return _carried_out(jobs, out, execution, listener, require_lock)
 
 
 def write_alone(job: Job, execute: Execute, listener: Listener) -> Summary:
-    """Do a job of one file, beside which no journal stands."""
+    """Do a job of one file, beside which no journal stands.
+
+    Raises:
+        InputError: the file, or another in its way, must not be touched.
+    """
     refuse_misplaced([job])
     refuse_unknown([job], known=())
     refuse_small(job)
@@ -86,17 +95,17 @@ def write_alone(job: Job, execute: Execute, listener: Listener) -> Summary:
     def done(_: int, record: Record) -> None:
         summary.left = 0
         summary.statuses[record["status"]] += 1
-        beside = {key: record[key] for key in UNRECORDED if key in record}
+        beside = {key: record[key] for key in BESIDE if key in record}
         listener.ended(job, {**completed(record, job, identity.recipe(job), out), **beside})
 
-    with _out_folder({job.outputs}, out), Interrupts(patient=False) as interrupts:
+    with _made({job.outputs}, out), Interrupts(patient=False) as interrupts:
         execute(iter([[(0, job)]]), done, lambda: interrupts.asked)
     summary.interrupted = interrupts.asked
     return summary
 
 
 @contextmanager
-def _out_folder(every: Collection[Outputs], out: Path) -> Iterator[None]:
+def _made(every: Collection[Outputs], out: Path) -> Iterator[None]:
     """OUT exists in the block; folders that were not there, and are empty at its end, are not."""
     for outputs in every:
         refuse_unwritable(outputs)
@@ -212,7 +221,7 @@ class _Batch:
         job, recipe = self.plan.todo[number]
         if record["reason"] == "no-space":  # no other job will find space
             raise NoSpace(*record["message"].split(": ", 1))
-        beside = {key: record[key] for key in UNRECORDED if key in record}
+        beside = {key: record[key] for key in BESIDE if key in record}
         record = completed(record, job, recipe, self.out)
         self.journal.append(record)
         if record["status"] == "ok":

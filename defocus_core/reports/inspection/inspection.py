@@ -202,7 +202,7 @@ def _why_no_depth(info: FileInfo, reading: Reading, *, grey: bool) -> str:
     if why or channels is None:
         return why
     if reading.says_scale or container_type(read_head(info.path, 32)):
-        return ""  # the decoder says why
+        return ""  # who decodes it says it better
     if len(channels) != 1 and not grey:
         return f"has {len(channels)} channels, and depth is one"
     return "has 8 bits, too few for depth" if channels[0][1] == "uint8" else ""
