@@ -213,7 +213,7 @@ _ROWS = (
     ),
     LensParam(
         name="sharp-range",
-        parse=quantities.distance_range,
+        parse=quantities.distances,
         metavar="A..B",
         help="Distances in focus besides, like 1.8m..2.4m: without blur there, unchanged "
         "elsewhere.",

@@ -68,7 +68,7 @@ def length(text: str) -> float:
     return value
 
 
-def distance_range(text: str) -> tuple[float, float]:
+def distances(text: str) -> tuple[float, float]:
     """The nearest and the farthest distance of a range in mm, from ``1.8m..2.4m``; inf may end it.
 
     They are as they are written: the range holds both.
