@@ -39,13 +39,10 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.evaluation import baselines as baselines
     from defocus_core.evaluation import metrics as metrics
     from defocus_core.evaluation.law_checks import Check as Check
-    from defocus_core.evaluation.law_checks import Setting as Setting
+    from defocus_core.evaluation.law_checks import LawSetting as LawSetting
     from defocus_core.evaluation.lens_laws import LAWS as LAWS
     from defocus_core.evaluation.lens_laws import verify as verify
     from defocus_core.evaluation.metrics import Errors as Errors
-    from defocus_core.fitting.matched_blur import MatchedBlur as MatchedBlur
-    from defocus_core.fitting.matched_blur import fnum_of_strength as fnum_of_strength
-    from defocus_core.fitting.matched_blur import matched_blur as matched_blur
     from defocus_core.fitting.pair import Fit as Fit
     from defocus_core.fitting.pair import fit as fit
     from defocus_core.io.depth_formats.depth import Depth as Depth
@@ -64,6 +61,7 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.optics.sensitivity import Sensitivity as Sensitivity
     from defocus_core.optics.sensitivity import sensitivities as sensitivities
     from defocus_core.optics.sensor_noise import with_noise as with_noise
+    from defocus_core.optics.thin_lens import fnum_of_strength as fnum_of_strength
     from defocus_core.renderer.defocus_lens import DefocusLens as DefocusLens
     from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer as HiddenLayer
     from defocus_core.renderer.random_defocus import Lenses as Lenses
@@ -108,7 +106,7 @@ _GROUPS = {
         "sequences.temporal_mean": "temporal_mean",
     },
     "fitting": {
-        "fitting.matched_blur": "MatchedBlur fnum_of_strength matched_blur",
+        "optics.thin_lens": "fnum_of_strength",
         "fitting.pair": "Fit fit",
     },
     "training": {
@@ -136,7 +134,7 @@ _GROUPS = {
     "metrics and laws": {
         "evaluation": "baselines metrics",
         "evaluation.metrics": "Errors",
-        "evaluation.law_checks": "Check Setting",
+        "evaluation.law_checks": "Check LawSetting",
         "evaluation.lens_laws": "LAWS verify",
     },
 }

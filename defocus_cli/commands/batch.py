@@ -139,9 +139,6 @@ def carry_out(
     """Do jobs, index and show the samples that are ``asked`` for, all if None, and tell.
 
     The jobs file is kept in OUT, if they are of one.
-
-    Raises:
-        ClickException: not all could be done.
     """
     report = batch_report.BatchReport(each=verbose, verbose=verbose)
     with report.bar("job"):

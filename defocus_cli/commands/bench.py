@@ -17,7 +17,6 @@ from defocus_core.batch.jobs.job import DEVICES
 from defocus_core.batch.lenses.quantities import pixel_count
 from defocus_core.bench import tables
 from defocus_core.bench.baseline import read_baseline, slower
-from defocus_core.bench.control import control_document, control_lines, measure_control
 from defocus_core.bench.error import BASELINES, Row, measure_shot
 from defocus_core.bench.timing import RADII, SIZES, Size, cases, time_case, warm_up
 from defocus_core.bench.truth_set import find_shots, read, sample_set
@@ -28,10 +27,7 @@ from defocus_core.system.process import cores
 
 _QUALITIES = ("draft", "standard", "high")
 # By the name of the parameter; options in neither go with both.
-_ERRORS_ALONE = {
-    **{"truth": "--truth", "plot_file": "--plot", "html": "--html"},
-    "control": "--control",
-}
+_ERRORS_ALONE = {"truth": "--truth", "plot_file": "--plot", "html": "--html"}
 _TIMES_ALONE = {"sizes": "--sizes", "radii": "--radii", "baseline": "--baseline"}
 _LONGEST = 1 << 15  # px on a side
 
@@ -71,11 +67,6 @@ _time_option = partial(click.option, cls=GroupedOption, heading="Time")
 )
 @comparing.html_option("Write a report to look at in a browser: each picture beside the truth.")
 @click.option(
-    "--control",
-    is_flag=True,
-    help="Render each shot at ten strengths, too: is more blur asked for more blur made?",
-)
-@click.option(
     "--threads",
     type=click.IntRange(min=1),
     default=None,
@@ -113,7 +104,6 @@ def command(
     qualities: tuple[str, ...],
     plot_file: Path | None,
     html: Path | None,
-    control: bool,
     threads: int | None,
     device: str,
     as_json: bool,
@@ -134,10 +124,6 @@ def command(
     '!' marks shots on which standard is worse than a baseline by more than 0.1 dB, 0.001 SSIM or
     1 % relative RMSE; they are listed at the end.
 
-    With --control, each shot is rendered with 0.1 to 1 times its blur by each method. The blur made
-    is the RMS gradient of linear light that is lost; shown is the rank correlation (Spearman) of
-    blur asked for and blur made, and how many of the steps made more. It takes ten times as long.
-
     With --time, synthetic scenes of several kinds are timed on one thread, as one thread makes the
     transforms: at two sizes and radii in half a minute, or at those given. --baseline compares
     FFTs with a stored run. With --json the table is on stderr.
@@ -146,7 +132,6 @@ def command(
     Examples:
       defocus bench
       defocus bench --truth ../truth --quality standard
-      defocus bench --control --quality standard
       defocus bench --plot bench.png
       defocus bench --html bench.html
       defocus bench --time --json > before.json
@@ -166,8 +151,6 @@ def command(
         rows, document = _errors(
             truth, qualities or _QUALITIES, device, threads or cores(), gallery, echo
         )
-        if control:
-            document |= _controls(truth, qualities or _QUALITIES, document, echo)
         if gallery is not None and html is not None:
             gallery.write(html, truth, rows)
         if plot_file is not None:
@@ -178,11 +161,7 @@ def command(
 
 
 def _refuse_others(ctx: click.Context, *, timing: bool) -> None:
-    """Refuse options that would mean nothing.
-
-    Raises:
-        UsageProblem: one is set.
-    """
+    """Refuse options that would mean nothing."""
     for name, option in (_ERRORS_ALONE if timing else _TIMES_ALONE).items():
         if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             if timing:
@@ -220,21 +199,6 @@ def _errors(
         echo(line)
     settings = {"truth": str(truth), "device": device, "threads": threads}
     return rows, {**settings, **tables.error_document(rows)}
-
-
-def _controls(
-    truth: Path, qualities: Sequence[str], settings: dict[str, Any], echo: Callable[[str], None]
-) -> dict[str, Any]:
-    """Measure the controllability on all shots of a set, as its errors were measured."""
-    machine = {name: settings[name] for name in ("device", "threads")}
-    rows = [
-        row
-        for shot in find_shots(truth)
-        for row in measure_control(shot, read(shot), (*BASELINES, *qualities), **machine)
-    ]
-    for line in control_lines(rows):
-        echo(line)
-    return {"controllability": control_document(rows)}
 
 
 def _times(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -10,11 +11,11 @@ from defocus_cli.options import shared
 from defocus_cli.options.reading import depth_reading_options
 from defocus_cli.options.types import FilePath, GroupedCommand, grouped_option
 from defocus_cli.words import console
-from defocus_cli.words import conversion as conversion_report
 from defocus_cli.words.endings import Failures
-from defocus_core.batch.depth.conversion import convert, places, refuse_existing
+from defocus_core.batch.depth.conversion import Converted, convert, places, refuse_existing
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.errors import DefocusError
+from defocus_core.system.text import counted
 
 
 @click.command("depth", cls=GroupedCommand)
@@ -75,11 +76,35 @@ def command(
         except DefocusError as error:
             failures.add(error)
             continue
-        records.append(conversion_report.record(converted))
+        records.append(_record(converted))
         for warning in converted.warnings:
             console.stderr(f"warning: {warning}")
         if not as_json:
-            console.stdout(conversion_report.line(converted))
+            console.stdout(_line(converted))
     if as_json and records:
         console.print_json(files=records, failed=failures.records())
     failures.end()
+
+
+def _record(converted: Converted) -> dict[str, Any]:
+    """A conversion in plain values."""
+    height, width = converted.depth.metres.shape
+    return {
+        "file": str(converted.place.file),
+        "out": str(converted.place.out),
+        "size": [width, height],
+        "range_m": converted.range_m,
+        "sky_pixels": converted.sky,
+        "replaced_pixels": converted.depth.replaced,
+        "note": converted.depth.note,
+        "warnings": list(converted.warnings),
+    }
+
+
+def _line(converted: Converted) -> str:
+    """A conversion in words."""
+    ends = converted.range_m
+    reach = "all sky" if ends is None else f"{ends[0]:.6g} m to {ends[1]:.6g} m"
+    sky = f", {counted(converted.sky, 'sky pixel')}" if converted.sky else ""
+    place = converted.place
+    return f"{place.file} → {place.out}: {reach}{sky} ({converted.depth.note})"

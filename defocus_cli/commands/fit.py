@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +13,16 @@ from defocus_cli.options.types import FilePath, GroupedCommand, Quantity, groupe
 from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
 from defocus_cli.words.endings import Failures
-from defocus_core.batch.jobs.job import Picture, Reading
+from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.jobs.pairing import find_pictures
-from defocus_core.batch.jobs.random_lenses import Sampling
 from defocus_core.batch.lenses import quantities
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.batch.lenses.quantities import QuantityError, length_text
-from defocus_core.batch.lenses.radius_set import read_radius_set
-from defocus_core.batch.rendering import lens_fit, lens_match
+from defocus_core.batch.rendering import lens_fit
 from defocus_core.errors import DefocusError, InputError, NotExplained, UsageProblem
 
 _MAX_BLADES = 99
 _OF_PAIRS = ("dual_pixel", "dp_model", "dp_crosstalk", "side_shading")  # attributes of FitOptions
-_Find = Callable[[Callable[[int, int], None]], dict[str, Any]]  # progress in, a record out
 
 
 def _blades(text: str) -> tuple[int, ...]:
@@ -41,28 +36,13 @@ def _blades(text: str) -> tuple[int, ...]:
 @click.command("fit", cls=GroupedCommand)
 @click.argument("sharp", type=FilePath(), metavar="SHARP")
 @click.argument("depth", type=FilePath(), metavar="DEPTH")
-@click.argument("blurred", type=FilePath(), required=False, metavar="[BLURRED]")
+@click.argument("blurred", type=FilePath(), metavar="BLURRED")
 @grouped_option(
     "Files",
     "--right",
     type=FilePath(),
     metavar="FILE",
     help="The right picture of a dual-pixel pair, of which BLURRED is the left one.",
-)
-@grouped_option(
-    "Files",
-    "--match",
-    type=FilePath(),
-    metavar="SET",
-    help="Instead of BLURRED: a finished batch, or a table of radii (.csv, .jsonl), whose "
-    "distribution of radii the pictures are to have.",
-)
-@grouped_option(
-    "Files",
-    "--seed",
-    type=click.IntRange(min=0),
-    metavar="N",
-    help="Other lenses for --match.  [default: 0]",
 )
 @grouped_option(
     "Output",
@@ -167,10 +147,8 @@ def _blades(text: str) -> tuple[int, ...]:
 def command(
     sharp: Path,
     depth: Path,
-    blurred: Path | None,
+    blurred: Path,
     right: Path | None,
-    match: Path | None,
-    seed: int | None,
     out: Path | None,
     overwrite: bool,
     accept: bool,
@@ -191,9 +169,6 @@ def command(
 ) -> None:
     """Find focus and f-number by which SHARP with its DEPTH looks like BLURRED; files or folders.
 
-    With --match SET, find those by which pictures are as much blurred as the pictures of SET: the
-    mean, the median and the 99th percentile of their radii are distributed as there.
-
     The radius of the blur is affine in 1/depth. So depth of unknown scale and shift will do: give
     any --depth-range, and use the lens file with the same one. Pixels that are clipped, or that a
     rendering must invent, hardly count. Errors are standard errors.
@@ -209,7 +184,6 @@ def command(
       dp_model, dp_crosstalk, dp_crosstalk_error, left_is_right, side_shading, of a pair
       explained    share of the difference of the pictures that the blur explains
       coc_mean_px, coc_p50_px, coc_p99_px, of the radii without sign
-      asked        with --match, the same of SET
       psnr         all, edges, elsewhere, in dB of compressed light
       doubts       what these pictures do not tell
       refusals     code, problem, remedy: why this is not their lens
@@ -219,7 +193,6 @@ def command(
     Examples:
       defocus fit sharp.exr depth.exr blurred.exr -o lens.toml
       defocus fit sharp.png d.png blurred.png --depth-kind disparity --depth-range 1m 20m
-      defocus fit sharp depth --match out/set -o lenses
       defocus fit sharp depth blurred -o lenses --focal-length 85mm --exposure --blades 0,7
     """  # noqa: D301  click reads the backspace
     options = lens_fit.FitOptions(
@@ -236,33 +209,34 @@ def command(
         dp_model=dp_model,
         dp_crosstalk=dp_crosstalk,
     )
-    _refuse_idle(blurred, match, seed, right, options)
-    pictures = find_pictures(sharp, depth)
-    finding = (
-        _by_pairs(pictures, blurred, right, reading, options)
-        if match is None
-        else _by_match(pictures, match, seed or 0, reading, options)
-    )
-    places = _places(pictures, out, many=sharp.is_dir(), overwrite=overwrite)
-    words = lens_match.match_words if match else lens_fit.words
+    _refuse_idle(right, options)
+    pairs = lens_fit.pairs_of(find_pictures(sharp, depth), blurred, right)
+    places = _places(pairs, out, many=sharp.is_dir(), overwrite=overwrite)
     failures, records = Failures(), []
-    for picture, find, place in zip(pictures, finding, places, strict=True):
-        record = _found(picture, find, place, failures, accept=accept or match is not None)
+    for pair, place in zip(pairs, places, strict=True):
+        record = _found(pair, reading, options, place, failures, accept=accept)
         records += [record] if record else []
         if record and not as_json:
-            click.echo("\n".join([f"{picture.color}:", *(f"  {x}" for x in words(record))]))
+            lines = [f"{pair.picture.color}:", *(f"  {x}" for x in lens_fit.words(record))]
+            click.echo("\n".join(lines))
     if as_json and records:
         console.print_json(pairs=records, failed=failures.records())
     failures.end()
 
 
 def _found(
-    picture: Picture, find: _Find, place: Path | None, failures: Failures, *, accept: bool
+    pair: lens_fit.Pair,
+    reading: Reading,
+    options: lens_fit.FitOptions,
+    place: Path | None,
+    failures: Failures,
+    *,
+    accept: bool,
 ) -> dict[str, Any] | None:
     """The record of the lens of a picture, which is written unless it explains little."""
     try:
         with tile_bar() as progress:
-            record = find(progress)
+            record = lens_fit.fit_pair(pair, reading, options, progress)
         refusals = [] if accept else record["refusals"]
         if place is not None and not refusals:
             lens_fit.write_lens(place, record)
@@ -270,16 +244,12 @@ def _found(
         failures.add(error)
         return None
     for refusal in refusals:
-        failures.add(NotExplained(**refusal, path=picture.color))
+        failures.add(NotExplained(**refusal, path=pair.picture.color))
     return {**record, "out": None if place is None or refusals else str(place)}
 
 
 def _distance(focus: float | quantities.Percentile | None, foclen: float) -> float | None:
-    """The distance in focus in mm, of an option.
-
-    Raises:
-        UsageProblem: it is no distance, or nearer than a lens can focus.
-    """
+    """The distance in focus in mm, of an option."""
     if isinstance(focus, quantities.Percentile):
         problem, remedy = "is no distance", "give it like 2m"
         raise UsageProblem("malformed", problem, remedy, field="focus", value=str(focus))
@@ -291,15 +261,10 @@ def _distance(focus: float | quantities.Percentile | None, foclen: float) -> flo
 
 
 def _places(
-    pictures: list[Picture], out: Path | None, *, many: bool, overwrite: bool
+    pairs: list[lens_fit.Pair], out: Path | None, *, many: bool, overwrite: bool
 ) -> list[Path | None]:
-    """Where the lens file of each picture goes; the folder of many is made.
-
-    Raises:
-        UsageProblem: a name is not that of a lens file.
-        InputError: a lens file is there already.
-    """
-    places = [out and (out / f"{p.stem}.toml" if many else out) for p in pictures]
+    """Where the lens file of each picture goes; the folder of many is made."""
+    places = [out and (out / f"{pair.picture.stem}.toml" if many else out) for pair in pairs]
     for named in filter(None, places):
         if named.suffix != ".toml":
             raise UsageProblem(
@@ -314,66 +279,13 @@ def _places(
     return places
 
 
-def _by_pairs(
-    pictures: list[Picture],
-    blurred: Path | None,
-    right: Path | None,
-    reading: Reading,
-    options: lens_fit.FitOptions,
-) -> list[_Find]:
-    """What finds the lens of each picture, from its blurred one."""
-    assert blurred is not None
-    pairs = lens_fit.pairs_of(pictures, blurred, right)
-    return [partial(lens_fit.fit_pair, pair, reading, options) for pair in pairs]
-
-
-def _by_match(
-    pictures: list[Picture], match: Path, seed: int, reading: Reading, options: lens_fit.FitOptions
-) -> list[_Find]:
-    """What finds the lens of each picture, from the radii of a set."""
-    sampling = Sampling(1, seed, match=read_radius_set(match))
-
-    def found(picture: Picture, _: object) -> dict[str, Any]:
-        sizes = options.foclen, options.sensor_width
-        return lens_match.match_picture(picture, reading, *sizes, sampling)
-
-    return [partial(found, picture) for picture in pictures]
-
-
-def _refuse_idle(
-    blurred: Path | None,
-    match: Path | None,
-    seed: int | None,
-    right: Path | None,
-    options: lens_fit.FitOptions,
-) -> None:
-    """Refuse what has no effect, with or without a set to match."""
-    if match is None:
-        if seed is not None:
+def _refuse_idle(right: Path | None, options: lens_fit.FitOptions) -> None:
+    """Refuse options of a dual-pixel pair without its right picture."""
+    for name in _OF_PAIRS if right is None else ():
+        if getattr(options, name) not in (None, False):
             raise UsageProblem(
-                "idle-option", "has no effect without --match", "leave it out", field="seed"
-            )
-        if blurred is None:
-            raise UsageProblem(
-                "missing-option",
-                "is missing",
-                "give the blurred picture, or --match SET",
-                path="BLURRED",
-            )
-        for name in _OF_PAIRS if right is None else ():
-            if getattr(options, name) not in (None, False):
-                raise UsageProblem(
-                    "idle-option",
-                    "has no effect without the right picture",
-                    "add ‹right› FILE, or leave it out",
-                    field=name.replace("_", "-"),
-                )
-        return
-    beside = {"BLURRED": blurred, "--right": right, "--blades": options.blades != (0,)}
-    names = ("exposure", "gamma", "shift", "focus", "fnumber", *_OF_PAIRS)
-    beside |= {f"--{name.replace('_', '-')}": getattr(options, name) for name in names}
-    for name, value in beside.items():
-        if value not in (None, False):
-            raise UsageProblem(
-                "contradiction", "stands beside --match, which needs none", "remove one", path=name
+                "idle-option",
+                "has no effect without the right picture",
+                "add ‹right› FILE, or leave it out",
+                field=name.replace("_", "-"),
             )

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -14,10 +15,9 @@ from defocus_cli.options.batch import crew_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
-from defocus_cli.words import golden as golden_report
 from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.worker_config import WorkerConfig
-from defocus_core.compare.goldens.faults import plant_all
+from defocus_core.compare.goldens.faults import Planted, plant_all
 from defocus_core.compare.goldens.fresh import FreshPictures, rendered
 from defocus_core.compare.goldens.store import Store, accept, change_words, read_store
 from defocus_core.compare.pairing import FilePair
@@ -35,6 +35,7 @@ from defocus_core.system.text import counted
 # Another processor, or another version of torch, rounds otherwise.
 _DEFAULT_RULES = Rules(fail=(rule("max>1e-4"),))
 _ROOM = 4.0  # by how much a proposed bound exceeds the noise of two renders
+Faults = Mapping[str, Sequence[Planted]]
 
 
 @click.group(
@@ -254,11 +255,50 @@ def _plant(folder: Path, asked: comparing.ComparisonOptions, *, as_json: bool) -
         picture = read_picture(path)
         planted[name] = plant_all(picture, name, asked.rules.of(name), asked.settings)
         if not as_json:
-            for line in golden_report.planted_lines(name, planted[name]):
+            for line in _planted_lines(name, planted[name]):
                 console.stdout(line)
     missed = sum(each.is_silent for faults in planted.values() for each in faults)
     if as_json:
-        console.print_json(**golden_report.planted_document(planted))
+        console.print_json(**_planted_document(planted))
     else:
-        console.stdout(golden_report.planted_summary(planted))
+        console.stdout(_planted_summary(planted))
     return 1 if missed else 0
+
+
+def _planted_lines(name: str, faults: Sequence[Planted]) -> Iterator[str]:
+    """A line for each fault that passes, and one each of those that are warned of, and noticed."""
+    yield from (f"{name}: PASSES: {fault.fault}" for fault in faults if fault.is_silent)
+    warned = [fault.fault for fault in faults if fault.warned]
+    if warned:
+        yield f"{name}: only a warning: {', '.join(warned)}"
+    weakest = [f"{fault.fault} (from {fault.weakest})" for fault in faults if fault.weakest]
+    if weakest:
+        yield f"{name}: noticed: {', '.join(weakest)}"
+
+
+def _planted_summary(planted: Faults) -> str:
+    """How many faults were planted, how many pass, and how many with a warning."""
+    every = [fault for faults in planted.values() for fault in faults]
+    missed, warned = (sum(getattr(f, kind) for f in every) for kind in ("is_silent", "warned"))
+    verdict = f"{missed} PASS" if missed else "all are noticed"
+    verdict += f", {warned} with only a warning" if warned else ""
+    return f"{counted(len(every), 'fault')} in {counted(len(planted), 'golden')}: {verdict}"
+
+
+def _planted_document(planted: Faults) -> dict[str, Any]:
+    """All faults, for JSON."""
+    return {
+        "all_noticed": not any(fault.is_silent for faults in planted.values() for fault in faults),
+        "goldens": {
+            name: [
+                {
+                    "fault": f.fault,
+                    "noticed": f.noticed,
+                    "warned": f.warned,
+                    "weakest": f.weakest or None,
+                }
+                for f in faults
+            ]
+            for name, faults in planted.items()
+        },
+    }

@@ -47,9 +47,9 @@ def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
             raise InputError(
                 "exists", "is there already", "give another name, or --overwrite", path=out
             )
-        from defocus_core.reports.lens_sheet import write_sheet
+        from defocus_core.reports.sheets import write_lens_sheet
 
-        write_sheet(out, lenses)
+        write_lens_sheet(out, lenses)
     sensors = [
         {"name": name, "subject": subject, "model": model, "crosstalk": crosstalk}
         for name, (model, crosstalk, subject) in DUAL_PIXEL_SENSORS.items()

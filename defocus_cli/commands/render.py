@@ -26,7 +26,7 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.plan import Execution, make_plan
 from defocus_core.errors import UsageProblem
-from defocus_core.reports.contact_sheet import kind_of_sheet, write_contact_sheet
+from defocus_core.reports.sheets import kind_of_sheet, write_contact_sheet
 
 _KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
 _HELP = f"""Defocus COLOR as a lens would that sees DEPTH, and write to OUT/<kind>/<stem>.<ext>.
@@ -103,7 +103,7 @@ def command(
     pictures = find_pictures(color, depth, others, frames=shot.choice(lenses.animation))
     jobs = [
         Job(picture, lens, reading, outputs, machine)
-        for picture, lens in _taken(pictures, lenses, verbose=verbose)
+        for picture, lens in _with_lenses(pictures, lenses, verbose=verbose)
     ]
     every = whole_shot(color, depth, others)
     moving = "focus-at" in lenses.animation.keys
@@ -141,15 +141,15 @@ def command(
     batch_report.end(summary)
 
 
-def _taken(
+def _with_lenses(
     pictures: Sequence[Picture], lenses: ShotLenses, *, verbose: bool
 ) -> Iterator[tuple[Picture, Lens]]:
-    """Each picture and its lens; what metadata decided is told where it changes."""
-    told: object = None
+    """Each picture and its lens; what metadata decided is said where it changes."""
+    said: object = None
     for picture in pictures:
         lens, taken = lenses.of(picture)
-        if verbose and taken and taken != told:
+        if verbose and taken and taken != said:
             words = ", ".join(f"{n} {each.text} ({each.attribute})" for n, each in taken.items())
             console.stderr(f"{picture.color}: {words}")
-            told = taken
+            said = taken
         yield picture, lens

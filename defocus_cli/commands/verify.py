@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from defocus_cli.options import shared
 from defocus_cli.options.types import GroupedCommand
 from defocus_cli.words import console
-from defocus_cli.words import verify as verify_table
 from defocus_core.batch.jobs.job import Machine
 from defocus_core.batch.rendering import job_steps
 from defocus_core.system.process import set_to_render
@@ -18,6 +19,8 @@ from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
     from defocus_core.evaluation.law_checks import Check
+
+_WORDS = {True: "ok", False: "FAILED"}
 
 
 @click.command("verify", cls=GroupedCommand)
@@ -41,7 +44,7 @@ def command(machine: Machine, as_json: bool) -> int:
     job_steps.load()
     import torch
 
-    from defocus_core.evaluation.law_checks import Setting
+    from defocus_core.evaluation.law_checks import LawSetting
     from defocus_core.evaluation.lens_laws import LAWS, verify
 
     device = job_steps.choose_device(machine.device)
@@ -49,7 +52,7 @@ def command(machine: Machine, as_json: bool) -> int:
     start = time.perf_counter()
     checks: list[Check] = []
     with console.bar("law", len(LAWS)) as laws:
-        for law_checks in verify(Setting(device, machine.quality, machine.threads)):
+        for law_checks in verify(LawSetting(device, machine.quality, machine.threads)):
             checks += law_checks
             laws.update()
     seconds = time.perf_counter() - start
@@ -62,11 +65,48 @@ def command(machine: Machine, as_json: bool) -> int:
             torch=torch.__version__,
             seconds=round(seconds, 3),
             ok=ok,
-            checks=[verify_table.record(check) for check in checks],
+            checks=[_record(check) for check in checks],
         )
     else:
-        for line in verify_table.lines(checks):
+        for line in _lines(checks):
             console.stdout(line)
         work = f"{device}, {machine.quality}, {counted(machine.threads, 'thread')}"
-        console.stdout(f"{verify_table.summary(checks, seconds)} ({work})")
+        console.stdout(f"{_summary(checks, seconds)} ({work})")
     return 0 if ok else 1
+
+
+def _lines(checks: Sequence[Check]) -> Iterator[str]:
+    """A heading, a line for each check, and how many failed."""
+    law, measured = (
+        max(len(text) for text in column)
+        for column in zip(("law", "measured"), *((c.law, c.measured) for c in checks), strict=True)
+    )
+    yield f"{'law':{law}}  {'measured':{measured}}  {'worst':>8}  {'bound':>8}  unit"
+    for check in checks:
+        worst, verdict = "-", "skipped: no GPU in use"
+        if check.value is not None:
+            worst, verdict = f"{check.value:.2g}", _WORDS[check.ok]
+        numbers = f"{worst:>8}  {check.bound:>8.2g}  {check.unit:5}"
+        yield f"{check.law:{law}}  {check.measured:{measured}}  {numbers}  {verdict}"
+
+
+def _summary(checks: Sequence[Check], seconds: float) -> str:
+    """Number of checks that failed, in words."""
+    measured = [check for check in checks if check.value is not None]
+    failed = [check for check in measured if not check.ok]
+    verdict = f"{len(failed)} of {len(measured)} FAILED" if failed else f"all {len(measured)} hold"
+    return f"{verdict}, {seconds:.1f} s"
+
+
+def _record(check: Check) -> dict[str, Any]:
+    """One check; a value that is no finite number is null, as is one that was not measured."""
+    finite = check.value is not None and math.isfinite(check.value)
+    return {
+        "law": check.law,
+        "measured": check.measured,
+        "unit": check.unit,
+        "value": check.value if finite else None,
+        "bound": check.bound,
+        "ok": check.ok,
+        "skipped": check.value is None,
+    }

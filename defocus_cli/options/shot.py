@@ -28,26 +28,15 @@ _PLACES = (CALLER.at("frames"), CALLER.at("missing"))
 
 @dataclass(frozen=True)
 class ShotOptions:
-    """The options of a shot beside its lens.
+    """The options of a shot beside its lens."""
 
-    Attributes:
-        frames: the frames wanted, as text; None for all.
-        missing: error or skip.
-        together: what the frames have in common.
-        contact: number of pictures on a contact sheet; None for no sheet.
-    """
-
-    frames: str | None
+    frames: str | None  # the frames wanted, as text; None for all
     missing: str | None
-    together: SharedDecisions
-    contact: int | None = None
+    together: SharedDecisions  # what the frames have in common
+    contact: int | None = None  # number of pictures on a contact sheet; None for no sheet
 
     def choice(self, animation: Animation) -> FrameChoice:
-        """The frames that are wanted.
-
-        Raises:
-            UsageProblem: the text names no frames, or keys where there are none.
-        """
+        """The frames that are wanted."""
         return frame_choice(self.frames, self.missing, _PLACES, animation.frames)
 
 

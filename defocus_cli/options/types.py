@@ -70,14 +70,7 @@ class Quantity(click.ParamType[Any]):
 
 
 class Listed(click.ParamType[tuple[Any, ...]]):
-    """Values separated by commas, each once, in the order given.
-
-    Args:
-        parse: makes a value of a word; raises ValueError for a word that is none.
-        name: of a value, for errors.
-        example: values as a user writes them, or the values that there are.
-        known: the words that there are, if they are known.
-    """
+    """Values separated by commas, each once, in the order given."""
 
     def __init__(
         self, parse: Callable[[str], Any], name: str, example: str, known: Sequence[str] = ()
@@ -133,13 +126,10 @@ class GroupedOption(click.Option):
 
 
 class GroupedCommand(click.Command):
-    """A command whose help shows its options under their headings, in order.
+    """A command whose help shows its options under their headings, in order."""
 
-    Attributes:
-        seconds: options whose value another may follow, and the option that this is the value of:
-            behind the first argument, ``--over A B`` is ``--over A --over-depth B``.
-    """
-
+    # Options whose value another may follow, and the option that this is the value of: behind
+    # the first argument, ``--over A B`` is ``--over A --over-depth B``
     seconds: Mapping[str, str] = {"--over": "--over-depth"}
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:

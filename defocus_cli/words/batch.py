@@ -25,14 +25,7 @@ _WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
 
 
 class BatchReport:
-    """Reports each job of a batch while it runs.
-
-    Args:
-        each: print a line for each job; else only for jobs that failed or were rejected.
-        keep: keep the JSON record of each job.
-        verbose: print more about each job.
-        stats: print what was computed and what was skipped.
-    """
+    """Reports each job of a batch while it runs."""
 
     def __init__(
         self, *, each: bool, keep: bool = False, verbose: bool = False, stats: bool = False
@@ -207,12 +200,7 @@ def progress_record(state: Progress, failures: int) -> dict[str, Any]:
 
 
 def end(summary: Summary) -> None:
-    """End a command as its batch ended.
-
-    Raises:
-        Interrupted: the user stopped it.
-        SomeFailed: not all could be done.
-    """
+    """End a command as its batch ended."""
     if summary.interrupted and summary.left:
         problem = f"interrupted, {summary.left} of {summary.jobs} jobs left"
         raise Interrupted(f"{problem}; run the same command again to go on")

@@ -73,12 +73,7 @@ def log_to_stderr() -> None:
 
 
 def stdout(line: str) -> None:
-    """One line on stdout.
-
-    Raises:
-        InputError: it cannot be written.
-        BrokenPipeError: who read it has gone.
-    """
+    """One line on stdout."""
     _print(with_dashes(printable(line)))
 
 
@@ -90,12 +85,7 @@ class Due:
 
 
 def print_json(**document: Any) -> None:
-    """One JSON document on stdout, which names the version first.
-
-    Raises:
-        InputError: it cannot be written.
-        BrokenPipeError: who read it has gone.
-    """
+    """One JSON document on stdout, which names the version first."""
     Due.json = False
     document = {"defocus": version(), **document}
     text = json.dumps(document, indent=1, allow_nan=False)

@@ -30,13 +30,7 @@ _MAP_BYTES = 2.4
 
 
 def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
-    """Report each picture: what would be read and written, and the forecasts.
-
-    Raises:
-        SomeFailed: some of several would fail; the reasons are on stderr.
-        InputError: the input of the only one cannot be used.
-        UsageProblem: the options make no sense for it or for this machine.
-    """
+    """Report each picture: what would be read and written, and the forecasts."""
     todo = [job for job, _ in plan.todo]
     done = {job for job, _ in plan.settled}
     samples, unusable = _forecasts(todo, alone=len(jobs) == 1)
@@ -67,11 +61,6 @@ def report_batch(
 
     Jobs that would fail or be rejected are named on stderr. Of a batch of more than `MAX_PLANNED`
     jobs `LOOKED_AT` stand for all, but for their names.
-
-    Raises:
-        InputError: a journal is broken, or a job would write where it must not.
-        SomeFailed: some would fail; the batch would go on without them, and end like this.
-        UsageProblem: this machine has not got the device, or a lens makes no sense.
     """
     numbers = _numbers(batch, execution.shard)
     chosen = numbers

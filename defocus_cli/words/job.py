@@ -55,13 +55,7 @@ def plan_line(job: Job) -> str:
 def outcome_record(
     job: Job, record: Mapping[str, Any], *, done_before: bool = False
 ) -> dict[str, Any]:
-    """Inputs, lens, outputs, time and warnings of a job that ended, for JSON.
-
-    Args:
-        job: the job.
-        record: its record of the journal, and ``stats`` if it was done now.
-        done_before: whether it was not done now.
-    """
+    """Inputs, lens, outputs, time and warnings of a job that ended, for JSON."""
     seconds = record["seconds"]
     return {
         **plan_record(job),

@@ -22,26 +22,15 @@ TOLERANCE = 0.25  # how much slower, in transforms, counts as slower
 
 @dataclass(frozen=True)
 class Baseline:
-    """A stored run.
-
-    Attributes:
-        path: its file.
-        threads: number of threads that it was measured with.
-        device: device that it was measured on.
-        fft_units: cost of each case, by name.
-    """
+    """A stored run."""
 
     path: Path
-    threads: int
-    device: str
-    fft_units: Mapping[str, float]
+    threads: int  # number of threads that it was measured with
+    device: str  # device that it was measured on
+    fft_units: Mapping[str, float]  # cost of each case, by name
 
     def refuse_incomparable(self, cases: Sequence[Case], *, threads: int, device: str) -> None:
-        """Refuse other numbers of threads, a GPU instead of a CPU, and other cases.
-
-        Raises:
-            InputError: there would be nothing to compare.
-        """
+        """Refuse other numbers of threads, a GPU instead of a CPU, and other cases."""
         if (self.threads, self.device) != (threads, device):
             problem = f"was measured on {self.device} with ‹threads› {self.threads}"
             remedy = f"add ‹device› {self.device} ‹threads› {self.threads}, or store a new one"
@@ -80,11 +69,7 @@ def slower(compared: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def read_baseline(path: Path) -> Baseline:
-    """Read what ``--json`` wrote.
-
-    Raises:
-        InputError: the file cannot be read, or holds no such run.
-    """
+    """Read what ``--json`` wrote."""
     try:
         document = json.loads(read_plain(path))
         fft_units = {str(row["case"]): float(row["fft_units"]) for row in document["rows"]}

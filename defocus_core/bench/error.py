@@ -23,21 +23,13 @@ BASELINES = {"input": "the sharp input", "sum": "plain sum of slices", "over": "
 
 @dataclass(frozen=True)
 class Row:
-    """One shot by one method.
+    """One shot by one method."""
 
-    Attributes:
-        scene: name of the scene.
-        shot: name of the shot.
-        method: a quality or a baseline method.
-        errors: errors against the truth.
-        cost: cost of the rendering alone.
-    """
-
-    scene: str
-    shot: str
-    method: str
-    errors: Errors
-    cost: MeasuredCost
+    scene: str  # name of the scene
+    shot: str  # name of the shot
+    method: str  # a quality or a baseline method
+    errors: Errors  # errors against the truth
+    cost: MeasuredCost  # cost of the rendering alone
 
 
 def measure_shot(
@@ -49,11 +41,7 @@ def measure_shot(
     threads: int,
     show: Callable[[TruthShot, Pictures, str, Tensor], None] | None = None,
 ) -> Iterator[Row]:
-    """One row for each method, when it is done; ``show`` is given each picture, [3, H, W].
-
-    Raises:
-        InputError: the picture does not fit into the memory of the GPU.
-    """
+    """One row for each method, when it is done; ``show`` is given each picture, [3, H, W]."""
     import torch
 
     from defocus_core.evaluation import metrics
@@ -63,7 +51,7 @@ def measure_shot(
     try:
         unit = FftUnit(sharp)
         for method in methods:
-            picture, cost = measured(work(method, shot, there, threads), unit, repeats=1)
+            picture, cost = measured(_work(method, shot, there, threads), unit, repeats=1)
             picture = picture.cpu()
             if show is not None:
                 show(shot, pictures, method, picture)
@@ -76,24 +64,26 @@ def measure_shot(
         raise InputError("out-of-memory", problem, "use ‹device› cpu", path=shot.folder) from None
 
 
-def work(
-    method: str, shot: TruthShot, pictures: Pictures, threads: int, strength: float = 1.0
-) -> Callable[[], Tensor]:
-    """The rendering of a shot by a method, with its radii times a strength."""
+def _work(method: str, shot: TruthShot, pictures: Pictures, threads: int) -> Callable[[], Tensor]:
+    """The rendering of a shot by a method."""
     from defocus_core.evaluation import baselines
     from defocus_core.optics.aperture import Aperture
     from defocus_core.renderer.render import render
 
     aperture = Aperture(shot.lens.blades, shot.lens.blade_rotation)
-    sharp, radius = pictures.sharp, pictures.signed_radius * strength
+    sharp, radius = pictures.sharp, pictures.signed_radius
     if method == "input":
         return lambda: sharp
     if method in BASELINES:
         layered = {"sum": baselines.plain_sum, "over": baselines.over}[method]
         return lambda: layered(sharp, radius, aperture=aperture, threads=threads)
-    infinity = strength * pictures.infinity
     return lambda: (
         render(
-            sharp, radius, aperture=aperture, quality=method, threads=threads, infinity=infinity
+            sharp,
+            radius,
+            aperture=aperture,
+            quality=method,
+            threads=threads,
+            infinity=pictures.infinity,
         ).render
     )

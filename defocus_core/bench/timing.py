@@ -37,40 +37,26 @@ Size = tuple[int, int]
 
 @dataclass(frozen=True)
 class MeasuredCost:
-    """Cost of a rendering.
+    """Cost of a rendering."""
 
-    Attributes:
-        seconds: median of the repetitions.
-        fft_units: median of the ratios to the unit measured beside each repetition.
-        peak_mb: peak memory of the process meanwhile, MB; None if the system does not report it.
-        launches: operations that the device is asked for; None if they were not counted.
-        waits: how often the host waits for a value; the same.
-        written_mb: what the operations write, MB; the same.
-    """
-
-    seconds: float
-    fft_units: float
+    seconds: float  # median of the repetitions
+    fft_units: float  # median of the ratios to the unit measured beside each repetition
+    # Peak memory of the process meanwhile, MB; None if the system does not report it
     peak_mb: float | None
+    # Operations that the device is asked for; None if they were not counted
     launches: int | None = None
-    waits: int | None = None
-    written_mb: float | None = None
+    waits: int | None = None  # how often the host waits for a value; the same
+    written_mb: float | None = None  # what the operations write, MB; the same
 
 
 @dataclass(frozen=True)
 class Case:
-    """A synthetic scene to time, at one size, radius and quality.
-
-    Attributes:
-        kind: kind of scene.
-        size: (width, height) in px.
-        radius: greatest |r| in px; 0 where all is in focus.
-        quality: quality of the renderer.
-    """
+    """A synthetic scene to time, at one size, radius and quality."""
 
     kind: str
-    size: Size
-    radius: float
-    quality: str
+    size: Size  # (width, height) in px
+    radius: float  # greatest |r| in px; 0 where all is in focus
+    quality: str  # quality of the renderer
 
     @property
     def name(self) -> str:
@@ -96,9 +82,6 @@ def time_case(case: Case, *, device: str, threads: int) -> MeasuredCost:
     """The cost of a case, which is rendered several times, fewer if it takes long.
 
     Before, it is rendered by one thread to count what the device is asked for.
-
-    Raises:
-        InputError: the picture does not fit into the memory of the GPU.
     """
     import torch
 
@@ -151,9 +134,6 @@ def warm_up(device: str) -> str:
     """Render a tiny picture, as what a process does once belongs to no shot; the device it is on.
 
     From here on torch uses one thread: threads work on tiles or channels.
-
-    Raises:
-        UsageProblem: there is no such device.
     """
     job_steps.load()
     import torch
@@ -173,8 +153,7 @@ class FftUnit:
     def __init__(self, image: Tensor) -> None:
         """Make a frame of noise; its transform is planned once, before anything is measured.
 
-        Args:
-            image: [..., H, W], of its size, where it is.
+        `image`: [..., H, W], of its size, where it is.
         """
         import torch
 

@@ -30,19 +30,12 @@ _HERE = Path(__file__).parents[1]
 
 @dataclass(frozen=True)
 class TruthShot:
-    """One picture of a set.
+    """One picture of a set."""
 
-    Attributes:
-        folder: folder of the scene.
-        name: name of the shot.
-        lens: lens of the shot.
-        border: px at each side that may show content from outside the frame.
-    """
-
-    folder: Path
-    name: str
-    lens: Lens
-    border: int
+    folder: Path  # folder of the scene
+    name: str  # name of the shot
+    lens: Lens  # lens of the shot
+    border: int  # px at each side that may show content from outside the frame
 
     @property
     def scene(self) -> str:
@@ -69,11 +62,7 @@ class Pictures:
 
 
 def sample_set() -> Path:
-    """The scenes of the repository this runs from.
-
-    Raises:
-        UsageProblem: it does not run from one.
-    """
+    """The scenes of the repository this runs from."""
     for root in (_HERE, Path.cwd()):
         if any((root / "sample_scenes").glob("*/camera.json")):
             return root / "sample_scenes"
@@ -84,11 +73,7 @@ def sample_set() -> Path:
 
 
 def find_shots(root: Path) -> list[TruthShot]:
-    """All shots of a set, by name of the scene.
-
-    Raises:
-        InputError: there is no set, or a file of it is missing or damaged.
-    """
+    """All shots of a set, by name of the scene."""
     if not root.is_dir():
         raise InputError(
             "not-found", "is no directory", "name one that holds <scene>/camera.json", path=root
@@ -143,11 +128,7 @@ def _shot(folder: Path, camera: dict[str, Any], shot: dict[str, Any]) -> TruthSh
 
 
 def read(shot: TruthShot) -> Pictures:
-    """Decode a shot.
-
-    Raises:
-        InputError: a file cannot be read, or they differ in size.
-    """
+    """Decode a shot."""
     import torch
 
     depth = read_depth(shot.folder / "depth.exr")

@@ -8,8 +8,6 @@ does in a second. The bound of memory holds for every picture.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import torch
 from torch import Tensor
 
@@ -48,32 +46,13 @@ _LAYERED = 3.0
 _STRIP = 1 << 20  # pixels of the radii to read at once
 
 
-class Cost(NamedTuple):
-    """The work of a rendering.
-
-    Attributes:
-        slices: Number of slices.
-        tiles: Number of tiles of the frame.
-        slice_tiles: Number of steps (slice x tile, visible and hidden) if none is skipped.
-        slice_tiles_seen: Number of steps in which the visible slice reaches the tile.
-        work: Units of work.
-    """
-
-    slices: int
-    tiles: int
-    slice_tiles: int
-    slice_tiles_seen: int
-    work: float
-
-
-def cost(renderer: Renderer) -> Cost:
-    """The work of rendering a picture; its radii are read once."""
+def cost(renderer: Renderer) -> float:
+    """Units of work of rendering a picture; its radii are read once."""
     frame, radius = renderer.frame, renderer.scene.signed_radius
     grids = _computed(renderer)
     tiles = [tile for grid in grids for tile in grid.tiles]
     blocks, edges = _visible_blocks(frame, radius)
     plan = visible_slices(blocks, frame.slices.visible.reaches, tiles) if tiles else []
-    reached = sum(map(len, plan))
     samples = renderer.scene.image.shape[0] + 1
     around = sum(_around(frame, grid).area for grid in grids)
     full_size = 1.0 if frame.quality.hidden_level else _AT_FULL_SIZE
@@ -88,18 +67,11 @@ def cost(renderer: Renderer) -> Cost:
     )
     if renderer.scene.layered is not None and renderer.scene.layered.deepest > 1:
         work *= _LAYERED
-    slices, count = len(frame.slices.radii), len(frame.grid.tiles)
-    return Cost(slices, count, 2 * slices * count, reached, _PICTURE + samples * work)
+    return _PICTURE + samples * work
 
 
 def memory_bound(renderer: Renderer, threads: int, at_once: int) -> float:
-    """Upper bound of the bytes that rendering takes beside its input and output.
-
-    Args:
-        renderer: The picture, prepared.
-        threads: Number of threads that compute.
-        at_once: Most regions that are computed at once.
-    """
+    """Upper bound of the bytes that rendering takes beside its input and output."""
     frame, channels = renderer.frame, renderer.scene.image.shape[0]
     size = frame.dtype.itemsize
     sample = (channels + 1) * size

@@ -37,11 +37,7 @@ class Launches(TorchDispatchMode):
     """
 
     def __init__(self, device: torch.device | str) -> None:
-        """Count from 0.
-
-        Args:
-            device: The device, of any index.
-        """
+        """Count from 0."""
         super().__init__()  # type: ignore[no-untyped-call]
         self._kind = torch.device(device).type
         self.launches = self.waits = self.written = 0

@@ -15,7 +15,7 @@ from defocus_core.tensors.views import Views
 
 
 @dataclass(frozen=True)
-class Setting:
+class LawSetting:
     """The setting that probes are rendered in.
 
     Attributes:
@@ -55,7 +55,7 @@ class Check:
 
 def rendered(
     scene: Probe,
-    setting: Setting,
+    setting: LawSetting,
     dtype: torch.dtype,
     *,
     aperture: Aperture | None = None,

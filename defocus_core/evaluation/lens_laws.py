@@ -1,6 +1,6 @@
 """Laws of the lens, measured on renderings of small pictures.
 
-Each law is a function of a `Setting` that returns `Check`s: numbers with their bounds. Discs,
+Each law is a function of a `LawSetting` that returns `Check`s: numbers with their bounds. Discs,
 symmetries and the gradient are measured in float64, where rounding does not hide a fault; pictures
 in float32, as they are rendered for the user.
 """
@@ -15,8 +15,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.evaluation import law_probes as probes
-from defocus_core.evaluation.invariance_laws import devices, rounding, same_bytes, tiles
-from defocus_core.evaluation.law_checks import Check, Setting, greatest, pictures, rendered
+from defocus_core.evaluation.law_checks import Check, LawSetting, greatest, pictures, rendered
 from defocus_core.evaluation.law_probes import Probe
 from defocus_core.optics.aperture import Aperture
 from defocus_core.renderer.layers.quality import find
@@ -39,9 +38,9 @@ _RIM = 1 / 16  # of the radius: width of a rim at reduced resolution
 _MIN_RIM = 7.0  # px of radius; rims of smaller discs have too few pixels
 
 
-def verify(setting: Setting | None = None) -> Iterator[list[Check]]:
+def verify(setting: LawSetting | None = None) -> Iterator[list[Check]]:
     """The checks of one law after the other; there are `len(LAWS)`."""
-    setting = setting or Setting()
+    setting = setting or LawSetting()
     in_coarse_pixels = find(setting.quality).half_size
     for law in LAWS:
         checks = law(setting)
@@ -50,7 +49,7 @@ def verify(setting: Setting | None = None) -> Iterator[list[Check]]:
         yield checks
 
 
-def discs(setting: Setting) -> list[Check]:
+def discs(setting: LawSetting) -> list[Check]:
     """An isolated point becomes a disc: its radius, rim, place, halves and energy."""
     step = find(setting.quality)
     relative: list[float] = []
@@ -91,7 +90,7 @@ def discs(setting: Setting) -> list[Check]:
     ]
 
 
-def near_focus(setting: Setting) -> list[Check]:
+def near_focus(setting: LawSetting) -> list[Check]:
     """The distance of the half discs follows the formula below 1 px of radius, too."""
     off = []
     for r in (sign * size for size in _NEAR for sign in (1, -1)):
@@ -102,7 +101,7 @@ def near_focus(setting: Setting) -> list[Check]:
     return [Check("half discs", measured, "px", greatest(off), 0.01)]
 
 
-def white(setting: Setting) -> list[Check]:
+def white(setting: LawSetting) -> list[Check]:
     """A constant picture stays constant over any depth, borders included."""
     checks = []
     for name, aperture in (("round", Aperture()), ("6 blades", Aperture(6, 10.0))):
@@ -116,7 +115,7 @@ def white(setting: Setting) -> list[Check]:
     return checks
 
 
-def left_and_right(setting: Setting) -> list[Check]:
+def left_and_right(setting: LawSetting) -> list[Check]:
     """Left and right together are twice the centre, occlusions included."""
     off = []
     for scene in probes.scenes():
@@ -126,7 +125,7 @@ def left_and_right(setting: Setting) -> list[Check]:
     return [Check("left + right", measured, "-", greatest(off), 1e-4)]
 
 
-def focus(setting: Setting) -> list[Check]:
+def focus(setting: LawSetting) -> list[Check]:
     """A picture that is all in focus stays as it is."""
     scene = Probe(probes.waves(), torch.zeros(probes.SIZE))
     views = rendered(scene, setting, torch.float32)
@@ -134,7 +133,7 @@ def focus(setting: Setting) -> list[Check]:
     return [Check("focus", "picture in focus, change", "-", greatest(off), 1e-6)]
 
 
-def occlusion(setting: Setting) -> list[Check]:
+def occlusion(setting: LawSetting) -> list[Check]:
     """Nearer covers farther, never the reverse."""
     covered, spilt = [], []
     for background_r in (3.0, 9.0):
@@ -152,7 +151,7 @@ def occlusion(setting: Setting) -> list[Check]:
     ]
 
 
-def symmetry(setting: Setting) -> list[Check]:
+def symmetry(setting: LawSetting) -> list[Check]:
     """Flips and quarter turns change nothing; a mirror swaps left and right."""
     flips, turns = [], []
     for image, radius in probes.scenes():
@@ -176,7 +175,7 @@ def symmetry(setting: Setting) -> list[Check]:
     ]
 
 
-def gradient(setting: Setting) -> list[Check]:
+def gradient(setting: LawSetting) -> list[Check]:
     """The gradient to image and radius is that of finite differences, along one direction."""
     size, generator = (9, 11), torch.Generator().manual_seed(0)
     radius = probes.slope(size) / 4 + 0.013  # off the slice radii, where slopes change
@@ -203,7 +202,91 @@ def gradient(setting: Setting) -> list[Check]:
     return [Check("gradient", "slope off a finite difference", "-", off, 1e-5)]
 
 
-LAWS: tuple[Callable[[Setting], list[Check]], ...] = (
+def _responses(r: float, light: bool, setting: LawSetting) -> tuple[Tensor, ...]:
+    """Responses [n, n] to a point of sum 1, in centre, left and right."""
+    views = rendered(probes.spot(r, light=light), setting, torch.float64)
+    return tuple(picture[0] if light else 1 - picture[0] for picture in pictures(views))
+
+
+def _pc(fractions: list[float]) -> float:
+    return 100 * greatest(fractions)
+
+
+def tiles(setting: LawSetting) -> list[Check]:
+    """Tiles leave no seam: a picture is the same where it is part of a larger one.
+
+    Pixels with content invented behind edges are left out: it continues all of the visible picture.
+    """
+    # px; the border is wider than the blur reaches
+    whole, size, (top, left), border = (320, 384), (192, 256), (64, 64), 60
+    rows, columns = slice(top, top + size[0]), slice(left, left + size[1])
+    off = []
+    for radius in (probes.slope(whole), probes.strips(whole)):
+        large = Probe(probes.waves(whole), radius)
+        part = Probe(large.image[:, rows, columns], radius[rows, columns])
+        one, other = (rendered(scene, setting, torch.float32) for scene in (part, large))
+        observed = one.trust > 1 - 1e-5
+        for a, b in zip(pictures(one), pictures(other), strict=True):
+            seam = (a - b[:, rows, columns]) * observed
+            off.append(probes.worst(seam[:, border:-border, border:-border]))
+    return [Check("tiles", "part of a larger picture, difference", "-", greatest(off), 2e-6)]
+
+
+def same_bytes(setting: LawSetting) -> list[Check]:
+    """Threads, and whether left and right are rendered too, change no byte of the centre."""
+    size = (200, 210)  # four tiles
+    threads, outputs = 0.0, 0.0
+    for scene in (Probe(probes.waves(size), probes.slope(size)), probes.card(-7.0, 5.0, size=size)):
+        one = rendered(scene, setting, torch.float32, threads=1)
+        two = rendered(scene, setting, torch.float32, threads=2)
+        alone = rendered(scene, setting, torch.float32, left_right=False)
+        for a, b in zip(pictures(one), pictures(two), strict=True):
+            threads += float((a != b).sum())
+        outputs += float((one.render != alone.render).sum())
+    return [
+        Check("same bytes", "1 and 2 threads, values that differ", "count", threads, 0.0),
+        Check("same bytes", "with and without left, right", "count", outputs, 0.0),
+    ]
+
+
+def rounding(setting: LawSetting) -> list[Check]:
+    """Rounding decides nothing, neither in the renderer nor in its input.
+
+    The renderer compares numbers that are often equal, like depth in levels, to find the surfaces
+    beside and behind a pixel. If last bits decided, other devices would render other pictures.
+    """
+    precision: list[float] = []
+    inputs: list[float] = []
+    for image, radius in probes.scenes():
+        scene = Probe(image.float(), radius.float())
+        single, changed = (
+            pictures(rendered(each, setting, torch.float32))
+            for each in (scene, Probe(*map(probes.rounded, scene)))
+        )
+        double = pictures(rendered(scene, setting, torch.float64))
+        for off, others in ((precision, double), (inputs, changed)):
+            off += [probes.worst_relative(a - b, b) for a, b in zip(single, others, strict=True)]
+    measured = "float32 off float64, of the local maximum"
+    return [
+        Check("rounding", measured, "-", greatest(precision), 2e-5),
+        Check("rounding", "last bits of the input, likewise", "-", greatest(inputs), 2e-5),
+    ]
+
+
+def devices(setting: LawSetting) -> list[Check]:
+    """The CPU and the GPU render the same picture; without a GPU there is nothing to compare."""
+    off: list[float] = []
+    host = LawSetting("cpu", setting.quality, setting.threads)
+    for scene in probes.scenes() if setting.device != "cpu" else []:
+        on_device, on_cpu = (pictures(rendered(scene, s, torch.float32)) for s in (setting, host))
+        off += [
+            probes.worst_relative(a.cpu() - b, b) for a, b in zip(on_device, on_cpu, strict=True)
+        ]
+    value = greatest(off) if off else None
+    return [Check("CPU and GPU", "difference, of the local maximum", "-", value, 1e-4)]
+
+
+LAWS: tuple[Callable[[LawSetting], list[Check]], ...] = (
     discs,
     near_focus,
     white,
@@ -217,13 +300,3 @@ LAWS: tuple[Callable[[Setting], list[Check]], ...] = (
     gradient,
     devices,
 )
-
-
-def _responses(r: float, light: bool, setting: Setting) -> tuple[Tensor, ...]:
-    """Responses [n, n] to a point of sum 1, in centre, left and right."""
-    views = rendered(probes.spot(r, light=light), setting, torch.float64)
-    return tuple(picture[0] if light else 1 - picture[0] for picture in pictures(views))
-
-
-def _pc(fractions: list[float]) -> float:
-    return 100 * greatest(fractions)

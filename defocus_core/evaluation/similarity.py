@@ -15,12 +15,8 @@ REACH, _SIGMA = 5, 1.5
 def similarity(a: Any, b: Any) -> Any:
     """The similarity of each window that lies within two pictures, with C1 = 0.01², C2 = 0.03².
 
-    Args:
-        a: [H, W] in 0…1, float64.
-        b: The same.
-
-    Returns:
-        [H - 10, W - 10], of the pixel in the middle of each window.
+    `a`: [H, W] in 0…1, float64. Returns [H - 10, W - 10], of the pixel in the middle of each
+    window.
     """
     mean_a, mean_b, square, product = (_smooth(v) for v in (a, b, a * a + b * b, a * b))
     both, squares = mean_a * mean_b, mean_a * mean_a + mean_b * mean_b

@@ -33,14 +33,8 @@ class Scenery(NamedTuple):
 def scenery(kind: str, height: int, width: int, radius: float) -> Scenery:
     """The scene of a kind, blurred by `radius` px at most.
 
-    Args:
-        kind: One of `KINDS`.
-        height: Height of the frame in px.
-        width: Width of the frame in px.
-        radius: The greatest |r| in px; a frame all in focus has none.
-
-    Raises:
-        ValueError: If there is no such kind, the frame is empty, or the radius is negative.
+    `height`: height of the frame in px; `width`: width of the frame in px; `radius`: the greatest
+    |r| in px; a frame all in focus has none.
     """
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")

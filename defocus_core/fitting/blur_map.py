@@ -29,13 +29,7 @@ class BlurMap:
     """The error of each radius at each level of disparity."""
 
     def __init__(self, residual: Residual, optics: Optics, shift: dict[str, float]) -> None:
-        """Blur the picture as a whole by each radius.
-
-        Args:
-            residual: The differences that are to be small.
-            optics: The pupil and the photodiodes; of a pair its mean counts.
-            shift: Attributes of points that shift the picture.
-        """
+        """Blur the picture as a whole by each radius."""
         scale = residual.scale(WIDTH)
         self._factor, disparity = scale.factor, scale.disparity.double()
         self.low, self.high = float(disparity.min()), float(disparity.max())

@@ -155,7 +155,7 @@ def fit(
                 "border; give a darker picture, or one that is blurred less"
             )
         sought = {"shift": shift, "exposure": exposure, "gamma": gamma}
-        return _told(search, fitted, disparity, sought)
+        return _fit_of(search, fitted, disparity, sought)
 
 
 def _one_channel(*pictures: Tensor) -> list[Tensor]:
@@ -184,7 +184,7 @@ def _check(sharp: Tensor, disparity: Tensor, observed: tuple[Tensor, ...], *, pl
         )
 
 
-def _told(search: Search, fitted: FittedLens, disparity: Tensor, sought: dict[str, bool]) -> Fit:
+def _fit_of(search: Search, fitted: FittedLens, disparity: Tensor, sought: dict[str, bool]) -> Fit:
     """What was found, with its uncertainty: blocks of the picture stand for chance.
 
     The covariance is that of clustered residuals, H⁻¹ (Σ g gᵀ) H⁻¹ (Liang & Zeger 1986).

@@ -30,17 +30,11 @@ _MINIMUM = 1e-6  # mean square of compressed light, that is no difference
 
 
 class Refusal(NamedTuple):
-    """Why a blur is not what two pictures differ by.
+    """Why a blur is not what two pictures differ by."""
 
-    Attributes:
-        code: A word of `defocus_core.errors.CODES`.
-        problem: In words, without a full stop.
-        remedy: What to do about it; options stand in angle quotes.
-    """
-
-    code: str
-    problem: str
-    remedy: str
+    code: str  # a word of `defocus_core.errors.CODES`
+    problem: str  # in words, without a full stop
+    remedy: str  # what to do about it; options stand in angle quotes
 
 
 class JudgedPair(NamedTuple):
@@ -82,12 +76,7 @@ def _unblurred(point: Candidate, scale: Scale) -> Candidate:
 
 
 def refusals_of(evidence: JudgedPair, options: dict[str, bool]) -> Iterator[Refusal]:
-    """Why a point is not the lens of two pictures, the plainest reason alone.
-
-    Args:
-        evidence: Of the point.
-        options: Whether a shift, an exposure and a gamma were sought.
-    """
+    """Why a point is not the lens of two pictures, the plainest reason alone."""
     if evidence.error(evidence.sharp) <= _MINIMUM:
         yield Refusal(
             "not-explained",

@@ -43,30 +43,18 @@ class Residual:
 
     def __init__(
         self,
-        sharp: Tensor,
-        disparity: Tensor,
+        sharp: Tensor,  # [C, H, W]
+        disparity: Tensor,  # [H, W]
         observed: tuple[Tensor, ...],
         *,
         exposure: bool,
         side_shading: bool = False,
         depth_repair: str = "auto",
-        edge_width: float | None = None,
+        edge_width: float | None = None,  # as for `render`, in px of the pictures
         threads: int = 1,
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
-        """Keep the pictures.
-
-        Args:
-            sharp: [C, H, W].
-            disparity: [H, W].
-            observed: One blurred picture, or left and right.
-            exposure: Whether each channel has a factor.
-            side_shading: Whether left and right have a factor each that is a plane over the frame.
-            depth_repair: As for `render`.
-            edge_width: As for `render`, in px of the pictures.
-            threads: As for `render`.
-            progress: Called with (renderings done, about how many in all).
-        """
+        """Keep the pictures."""
         self.width = sharp.shape[2]
         self.exposure, self.side_shading = exposure, side_shading
         self._progress, self._done = progress, 0

@@ -20,24 +20,24 @@ _COARSE = 200  # px, width of small pictures
 _STEPS = {_COARSE: 6, MIDDLE: 6, None: 4}  # most Gauss-Newton steps at a width
 _STARTS = 6  # blurs that are rendered
 _KEPT = {_COARSE: 3, MIDDLE: 2}  # of these are followed at a width
-_SAME = 0.25  # px of small pictures, by which radii of one point differ
-_CLEARLY = 4.0  # times the error of the best: nothing changes that
+_SAME_PX = 0.25  # px of small pictures, by which radii of one point differ
+_DROP_RATIO = 4.0  # times the error of the best: nothing changes that
 _CHEAP = ("across", "down", "separation")  # unknowns that take no rendering
 _TURNS = 4  # rotations tried between a blade and the next
 _BLOCKS = 6  # along each side, for the uncertainty
 _SEPARATION = 0.5  # of left and right, from which steps descend
-_ENOUGH = 2e-4  # a smaller step is none
-_NO_LESS = 0.999  # times the error before a step: not worth another
-_HARDLY_LESS = 0.5  # times the error before a step: slopes may have changed within a probe
+_LEAST_STEP = 2e-4  # a smaller step is none
+_END_RATIO = 0.999  # times the error before a step: not worth another
+_NEW_SLOPES_RATIO = 0.5  # times the error before a step: slopes may have changed within a probe
 _SHORTEST = 0.01  # of the difference that slopes are first taken over
-_SHORTER = (1.0, 0.35, 0.1)  # fractions of a step that are tried
+_STEP_FRACTIONS = (1.0, 0.35, 0.1)  # fractions of a step that are tried
 _DAMPING = 1e-4
 _ASIDE = (-1.5, -0.75, 0.0, 0.75, 1.5)  # px of radius that the focus is tried aside
 # Px by which a nearly sharp surface is moved, how much less error is worth it, and how often.
-_NEARLY_SHARP, _BETTER, _TIMES = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4), 0.9, 3
-_NOT_MUCH_WORSE = 2.0  # times the error, that the other side of the focus may have before steps
-_RARE = 0.02  # fraction of the pixels, nearer or farther than which there are hardly any
-_AS_GOOD = 1.002  # an error as small, by the rounding of the renderer
+_PIVOT_PX, _PIVOT_RATIO, _TIMES = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4), 0.9, 3
+_OTHER_SIDE_RATIO = 2.0  # times the error, that the other side of the focus may have before steps
+_TAIL = 0.02  # fraction of the pixels, nearer or farther than which there are hardly any
+_ROUNDING_RATIO = 1.002  # an error as small, by the rounding of the renderer
 
 
 @dataclass(frozen=True)
@@ -61,15 +61,7 @@ class Search:
         focus: float | None = None,
         strength: Callable[[float], float] | None = None,
     ) -> None:
-        """Keep what is to be found.
-
-        Args:
-            residual: The differences that are to be small.
-            free: The unknowns.
-            rotation: Whether pupils with blades are turned.
-            focus: The disparity in focus, if it is known.
-            strength: The strength by the disparity in focus, if it is known.
-        """
+        """Keep what is to be found."""
         self.residual = residual
         self._free, self._rotation = list(free), rotation
         self._focus, self._strength = focus, strength
@@ -149,12 +141,12 @@ class Search:
             return fitted
         scale = self.residual.scale(MIDDLE)
         blur = [unknown for unknown in self._free if unknown.name in ("strength", "focus")]
-        rare = torch.tensor([_RARE, 1 - _RARE], dtype=torch.float64)
+        rare = torch.tensor([_TAIL, 1 - _TAIL], dtype=torch.float64)
         limits = scale.disparity.flatten().double().quantile(rare).tolist()
         for _ in range(_TIMES):
             point, limits = fitted.point, sorted(limits, key=lambda d: abs(fitted.point.focus - d))
             away, sharpest = point.focus - limits[-1], point.focus - limits[0]
-            strengths = [point.strength - px / away for px in _NEARLY_SHARP if away]
+            strengths = [point.strength - px / away for px in _PIVOT_PX if away]
             if away != sharpest:  # the same blur on the other side of the focus
                 strengths.append(point.strength * (away + sharpest) / (away - sharpest))
             pivoted = (
@@ -163,10 +155,10 @@ class Search:
                 if k > 0
             )
             tried = [self._at(each, fitted.optics, scale) for each in pivoted]
-            if tried and tried[-1].error < _NOT_MUCH_WORSE * fitted.error:
+            if tried and tried[-1].error < _OTHER_SIDE_RATIO * fitted.error:
                 tried[-1] = self._descended(tried[-1], MIDDLE, blur)
             best = min(tried, key=lambda each: each.error, default=fitted)
-            if not best.error < _BETTER * fitted.error:
+            if not best.error < _PIVOT_RATIO * fitted.error:
                 return fitted
             fitted = self._descended(best, MIDDLE, blur)
         return fitted
@@ -203,7 +195,7 @@ class Search:
             residual, weight = self.residual.of(fitted.point, fitted.optics, scale)
             slopes = self._slopes(fitted, scale, free, probes, residual) if kept is None else kept
             step = _step(*_blocks(residual, weight, slopes), free)
-            for fraction in _SHORTER:
+            for fraction in _STEP_FRACTIONS:
                 point = self._moved(fitted.point, free, (fraction * step).tolist())
                 there = self._at(point, fitted.optics, scale)
                 if there.error < fitted.error:
@@ -214,14 +206,14 @@ class Search:
                 slopes = None
                 continue
             less, fitted, step = there.error / fitted.error, there, fraction * step.abs()
-            if less > _NO_LESS:
+            if less > _END_RATIO:
                 break
             shorter = torch.maximum(step, _SHORTEST * first)
             if bool((step > probes).any()):
                 slopes = None
-            elif less > _HARDLY_LESS and bool((shorter < probes / 2).all()):
+            elif less > _NEW_SLOPES_RATIO and bool((shorter < probes / 2).all()):
                 slopes, probes = None, shorter
-            elif float(step.max()) < _ENOUGH:
+            elif float(step.max()) < _LEAST_STEP:
                 break
         return fitted
 
@@ -269,7 +261,7 @@ class Search:
         if bend <= 0:
             return fitted
         there = aside(min(max(-slope / (2 * bend), -1.0), 1.0))
-        return there if there.error <= fitted.error * _AS_GOOD else fitted
+        return there if there.error <= fitted.error * _ROUNDING_RATIO else fitted
 
 
 def _best(fitted: list[FittedLens], width: int, scale: Scale) -> list[FittedLens]:
@@ -282,8 +274,8 @@ def _best(fitted: list[FittedLens], width: int, scale: Scale) -> list[FittedLens
     radii: list[Tensor] = []
     for each in fitted[: _KEPT[width]]:
         radius = each.point.strength * scale.factor * (each.point.focus - ends)
-        apart = all(float((radius - other).abs().max()) > _SAME for other in radii)
-        if apart and each.error <= _CLEARLY * fitted[0].error:
+        apart = all(float((radius - other).abs().max()) > _SAME_PX for other in radii)
+        if apart and each.error <= _DROP_RATIO * fitted[0].error:
             kept.append(each)
             radii.append(radius)
     return kept

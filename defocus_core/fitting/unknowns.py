@@ -14,28 +14,18 @@ _TURN = 30.0  # degrees
 
 @dataclass(frozen=True)
 class Candidate:
-    """A value of each unknown.
+    """A value of each unknown."""
 
-    Attributes:
-        strength: k, px of radius for a disparity of 1.
-        focus: d₀, the disparity in focus.
-        gamma: Power of the numbers of the pictures that is linear light.
-        across: Px by which the blurred picture lies to the right of the sharp one.
-        down: Px by which it lies below.
-        rotation: Degrees by which the pupil is turned.
-        separation: How far left and right are apart, in the distance of halves of the pupil that
-            share no light; below 0 they are exchanged.
-        breathing: Px by which a blur of 1 px lies outwards, half a width from the middle.
-    """
-
-    strength: float
-    focus: float
-    gamma: float = 1.0
-    across: float = 0.0
-    down: float = 0.0
-    rotation: float = 0.0
+    strength: float  # k, px of radius for a disparity of 1
+    focus: float  # d₀, the disparity in focus
+    gamma: float = 1.0  # power of the numbers of the pictures that is linear light
+    across: float = 0.0  # px by which the blurred picture lies to the right of the sharp one
+    down: float = 0.0  # px by which it lies below
+    rotation: float = 0.0  # degrees by which the pupil is turned
+    # How far left and right are apart, in the distance of halves of the pupil that share no
+    # light; below 0 they are exchanged
     separation: float = 1.0
-    breathing: float = 0.0
+    breathing: float = 0.0  # px by which a blur of 1 px lies outwards, half a width from the middle
 
     def turned(self, aperture: Aperture) -> Aperture:
         """The pupil with its rotation."""
@@ -50,22 +40,14 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Unknown:
-    """An unknown, in units of which one is a large change.
+    """An unknown, in units of which one is a large change."""
 
-    Attributes:
-        name: An attribute of `Candidate`.
-        unit: Of its value; of a ratio, of its logarithm.
-        probe: Difference that derivatives are taken over, in units.
-        maximum: Greatest step, in units.
-        is_ratio: Whether steps multiply it.
-        bound: Greatest value, with either sign; of a ratio, greatest factor either way.
-    """
-
-    name: str
-    unit: float
-    probe: float
-    maximum: float
-    is_ratio: bool = False
+    name: str  # an attribute of `Candidate`
+    unit: float  # of its value; of a ratio, of its logarithm
+    probe: float  # difference that derivatives are taken over, in units
+    maximum: float  # greatest step, in units
+    is_ratio: bool = False  # whether steps multiply it
+    # Greatest value, with either sign; of a ratio, greatest factor either way
     bound: float = math.inf
 
     def moved(self, value: float, step: float) -> float:
@@ -78,9 +60,7 @@ class Unknown:
 def unknowns(span: float, names: Iterable[str]) -> list[Unknown]:
     """The unknowns of these names.
 
-    Args:
-        span: The range of disparity.
-        names: Attributes of `Candidate`.
+    `span`: the range of disparity.
     """
     rows = [
         Unknown("strength", 1.0, 0.02, 0.5, is_ratio=True),

@@ -16,9 +16,16 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.cat_eye import Rim, fineness
-from defocus_core.optics.curved_blades import CurvedPolygon, inradius
 from defocus_core.optics.frame_grid import GridMix
-from defocus_core.optics.outline import Disc, Obstructed, Outline, Polygon, Squeezed
+from defocus_core.optics.outline import (
+    CurvedPolygon,
+    Disc,
+    Obstructed,
+    Outline,
+    Polygon,
+    Squeezed,
+    inradius,
+)
 from defocus_core.optics.parts import FULL, Part, area_of, gaussian, middles, parts_of, weight_of
 from defocus_core.optics.pupil_field import PupilField, View
 from defocus_core.optics.pupil_image import PupilImage

@@ -34,12 +34,7 @@ def color_offset(lens: ThinLens, shift: Scalar) -> Scalar:
 def apart(offsets: Sequence[Scalar] | None, channels: int) -> list[tuple[list[int], Scalar]]:
     """The channels that are rendered together, and the px to add to their radii.
 
-    Args:
-        offsets: Px of each channel; None adds none.
-        channels: Number of channels.
-
-    Raises:
-        ValueError: If there is not a number for each channel.
+    `offsets`: px of each channel; None adds none.
     """
     if offsets is None:
         return [(list(range(channels)), 0.0)]

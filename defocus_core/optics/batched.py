@@ -40,13 +40,9 @@ def _are_one(each: Sequence[object]) -> bool:
 
 @dataclass(frozen=True)
 class Apertures(_OfEach, Aperture):
-    """The pupils of the pictures, of one profile and with the same parts.
+    """The pupils of the pictures, of one profile and with the same parts."""
 
-    Attributes:
-        each: The pupil of each picture.
-    """
-
-    each: tuple[Aperture, ...] = ()
+    each: tuple[Aperture, ...] = ()  # the pupil of each picture
 
     @classmethod
     def of(cls, each: Sequence[Aperture]) -> Aperture:
@@ -96,13 +92,9 @@ class Rims(NamedTuple):
 
 @dataclass(frozen=True)
 class CatEyes(_OfEach, CatEye):
-    """The barrels of the pictures, without vignetting.
+    """The barrels of the pictures, without vignetting."""
 
-    Attributes:
-        each: The barrel of each picture.
-    """
-
-    each: tuple[CatEye, ...] = ()
+    each: tuple[CatEye, ...] = ()  # the barrel of each picture
 
     @classmethod
     def of(cls, each: Sequence[CatEye | None]) -> CatEye | None:
@@ -118,13 +110,9 @@ class CatEyes(_OfEach, CatEye):
 
 @dataclass(frozen=True)
 class DualPixels(_OfEach, DualPixel):
-    """The photodiodes of the pictures, which differ in crosstalk alone.
+    """The photodiodes of the pictures, which differ in crosstalk alone."""
 
-    Attributes:
-        each: The photodiodes of each picture.
-    """
-
-    each: tuple[DualPixel, ...] = ()
+    each: tuple[DualPixel, ...] = ()  # the photodiodes of each picture
 
     @classmethod
     def of(cls, each: Sequence[DualPixel]) -> DualPixel:

@@ -28,17 +28,11 @@ _FINE_RADIUS, _MAX_FINE = 10.0, 16
 
 
 class Rim(NamedTuple):
-    """The rim of the barrel, as a point of the frame sees it before the pupil.
+    """The rim of the barrel, as a point of the frame sees it before the pupil."""
 
-    Attributes:
-        size: Its radius in radii of the pupil.
-        x: Lens coordinate u.x of its middle, a number or [...], one for each point.
-        y: Lens coordinate u.y of its middle.
-    """
-
-    size: Scalar
-    x: Scalar
-    y: Scalar
+    size: Scalar  # its radius in radii of the pupil
+    x: Scalar  # lens coordinate u.x of its middle, a number or [...], one for each point
+    y: Scalar  # lens coordinate u.y of its middle
 
     @property
     def outline(self) -> Outline:
@@ -54,11 +48,8 @@ class Rim(NamedTuple):
         two lines through its middle do at their angle: all of the lesser part where they lie along
         each other, their product where they cross at right angles.
 
-        Args:
-            areas: [..., m - 1, n - 1] of the pupil in pixels.
-            x: [..., n] lens coordinates u.x of the corners of pixels.
-            y: [..., m] the same of u.y.
-            narrowing: How many times the pupil is narrower along x and y.
+        `areas`: [..., m - 1, n - 1] of the pupil in pixels; `x`: [..., n] lens coordinates u.x of
+        the corners of pixels; `y`: [..., m] the same of u.y.
         """
         opening = Squeezed(self.outline, *narrowing).areas(x, y)
         whole = (x.diff()[..., None, :] * y.diff()[..., :, None]).abs()
@@ -78,9 +69,7 @@ class Rim(NamedTuple):
     def _along(self, x: Tensor, y: Tensor) -> Tensor:
         """How far the borders of the pupil and of the rim lie along each other: -1 to 1.
 
-        Args:
-            x: [..., n] lens coordinates.
-            y: [..., m].
+        `x`: [..., n] lens coordinates; `y`: [..., m].
         """
         left, top = (
             middle[..., None] if isinstance(middle, Tensor) else middle

@@ -80,9 +80,7 @@ class Distribution:
 def drawn(options: Mapping[str, Any], *keys: object) -> dict[str, Any]:
     """The value of each option: drawn if it is a distribution, else as it is.
 
-    Args:
-        options: The options by name.
-        keys: They decide the draw, such as a seed, the name of a picture and a number.
+    `keys`: they decide the draw, such as a seed, the name of a picture and a number.
     """
     return {
         name: option.at(_fraction(*keys, name)) if isinstance(option, Distribution) else option

@@ -18,21 +18,15 @@ from defocus_core.tensors.source import Scalar
 
 
 class FrameGrid:
-    """One of something for each place of a grid over the frame.
+    """One of something for each place of a grid over the frame."""
 
-    Attributes:
-        grid: The rows and the columns.
-    """
-
-    grid: tuple[int, int]
+    grid: tuple[int, int]  # the rows and the columns
 
     def view(self, x: Scalar, y: Scalar, frame: tuple[int, int]) -> GridMix:
         """What points of the frame see.
 
-        Args:
-            x: Place in px from the left border of the frame, a number or [n].
-            y: Place in px from the upper border.
-            frame: (height, width) of the frame in px.
+        `x`: place in px from the left border of the frame, a number or [n]; `y`: place in px from
+        the upper border; `frame`: (height, width) of the frame in px.
         """
         down, across = (
             _tents(position, length, count)
@@ -42,15 +36,10 @@ class FrameGrid:
 
 
 class GridMix(NamedTuple):
-    """The mix that points of the frame see.
-
-    Attributes:
-        field: What is mixed.
-        weights: [G] or [n, G] the share of the light of each place.
-    """
+    """The mix that points of the frame see."""
 
     field: FrameGrid
-    weights: Tensor
+    weights: Tensor  # [G] or [n, G] the share of the light of each place
 
     @property
     def points(self) -> int:

@@ -1,4 +1,4 @@
-"""Outlines of the pupil, a disc or a polygon, obstructed or squeezed, and exact areas within them.
+"""Outlines of the pupil: disc, polygon, curved blades, obstructed, squeezed; exact areas within.
 
 An outline lies in the unit disc of lens points and gives G(x, y), its area left of x and above y;
 differences of G over corners are areas of rectangles.
@@ -10,13 +10,12 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import torch
 from torch import Tensor
 
 from defocus_core.tensors.source import Scalar
-
-# A number, or a tensor of one number that a gradient may flow to.
 
 # A flatter edge is taken as level at its mean height: 1/slope would cost more than it gains.
 _LEVEL_SLOPE = 1e-6
@@ -25,6 +24,8 @@ _LEVEL_SLOPE = 1e-6
 _ROUNDING, _MIN_FRACTION = 2e-15, 1e-2
 # Opaque discs of less than this radius hide less than rounding.
 _MIN_RATIO = 1e-7
+# Below this curvature areas are interpolated: the sagitta is below 4e-4 of the radius.
+_STRAIGHT = 1e-3
 
 
 class Outline(ABC):
@@ -34,20 +35,14 @@ class Outline(ABC):
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
         """G(x, y), up to terms in x alone or y alone, which differences remove.
 
-        Args:
-            x: [..., 1, n], within [-1, 1].
-            y: [..., m, 1], within [-1, 1].
+        `x`: [..., 1, n], within [-1, 1]; `y`: [..., m, 1], within [-1, 1].
         """
 
     def areas(self, x: Tensor, y: Tensor) -> Tensor:
         """Areas of the pupil between consecutive x and consecutive y, all within [-1, 1].
 
-        Args:
-            x: [..., n], ascending or descending together with y.
-            y: [..., m].
-
-        Returns:
-            [..., m - 1, n - 1] in units of the lens radius squared.
+        `x`: [..., n], ascending or descending together with y; `y`: [..., m]. Returns [..., m - 1,
+        n - 1] in units of the lens radius squared.
         """
         x, y = x[..., None, :], y[..., :, None]
         areas = self.cumulative_area(x, y).diff(dim=-1).diff(dim=-2)
@@ -73,14 +68,10 @@ class Disc(Outline):
 
 @dataclass(frozen=True)
 class Polygon(Outline):
-    """A regular polygon inscribed in the unit disc.
-
-    Attributes:
-        sides: 3 or more.
-        rotation: Angle of one vertex in degrees, counter-clockwise from +x as seen in the image.
-    """
+    """A regular polygon inscribed in the unit disc."""
 
     sides: int
+    # Angle of one vertex in degrees, counter-clockwise from +x as seen in the image
     rotation: float
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
@@ -116,15 +107,10 @@ class Polygon(Outline):
 
 @dataclass(frozen=True)
 class Obstructed(Outline):
-    """An outline around an opaque disc, as the secondary mirror of a mirror lens leaves it.
-
-    Attributes:
-        outline: The outline.
-        ratio: Radius of the opaque disc in radii of the lens, within [0, 1).
-    """
+    """An outline around an opaque disc, as the secondary mirror of a mirror lens leaves it."""
 
     outline: Outline
-    ratio: Scalar
+    ratio: Scalar  # radius of the opaque disc in radii of the lens, within [0, 1)
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
         """The area of the outline without that of the disc."""
@@ -135,17 +121,11 @@ class Obstructed(Outline):
 
 @dataclass(frozen=True)
 class Squeezed(Outline):
-    """An outline that is narrower along one axis, as an anamorphic lens shows it.
-
-    Attributes:
-        outline: The outline.
-        across: How many times it is narrower along x, 1 or more.
-        down: How many times it is narrower along y, 1 or more.
-    """
+    """An outline that is narrower along one axis, as an anamorphic lens shows it."""
 
     outline: Outline
-    across: Scalar
-    down: Scalar
+    across: Scalar  # how many times it is narrower along x, 1 or more
+    down: Scalar  # how many times it is narrower along y, 1 or more
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
         """The area between the same fractions of the outline."""
@@ -159,8 +139,91 @@ def _half_disc_area(x: Tensor) -> Tensor:
     return (x * h + torch.atan2(x, h) + math.pi / 2) / 2
 
 
-def _half_chord(x: Tensor) -> Tensor:
-    """sqrt(1 - x²), with gradient 0 instead of infinity at |x| = 1."""
-    squared = 1 - x * x
+def _half_chord(x: Tensor, radius: Tensor | float = 1.0) -> Tensor:
+    """sqrt(radius² - x²), with gradient 0 instead of infinity at |x| = radius."""
+    squared = radius * radius - x * x
     inside = squared > 0
     return torch.where(inside, torch.where(inside, squared, 1.0).sqrt(), 0.0)
+
+
+@dataclass(frozen=True)
+class CurvedPolygon(Outline):
+    """A polygon inscribed in the unit disc, whose edges are arcs through its vertices."""
+
+    sides: int
+    # Angle of one vertex in degrees, counter-clockwise from +x as seen in the image
+    rotation: float
+    curvature: Scalar  # 1 / radius of the arcs, within [0, 1]; 0 is straight, and 1 is the disc
+
+    def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
+        """That within arcs; within hardly curved ones between it and that within straight edges.
+
+        Areas beside arcs of very large circles lose digits, and bulge in proportion to curvature.
+        """
+        curvature = torch.as_tensor(self.curvature, dtype=x.dtype, device=x.device)
+        if self.curvature >= _STRAIGHT:
+            return self._within_arcs(x, y, 1 / curvature)
+        straight = Polygon(self.sides, self.rotation).cumulative_area(x, y)
+        bulging = self._within_arcs(x, y, torch.full_like(curvature.detach(), 1 / _STRAIGHT))
+        return torch.lerp(straight, bulging, curvature / _STRAIGHT)
+
+    def _within_arcs(self, x: Tensor, y: Tensor, radius: Tensor) -> Tensor:
+        """The sum over arcs of the integral of min(y, height of the arc) up to x.
+
+        It counts as positive for the arcs that bound the area at large y, as for `Polygon`.
+        """
+        apothem, half = math.cos(math.pi / self.sides), math.sin(math.pi / self.sides)
+        # from the middle of the pupil to the centre of an arc's circle; 0 or negative
+        distance = apothem - (radius * radius - half * half).sqrt()
+        span = float(torch.asin(half / radius.detach()))
+        total = torch.zeros((), dtype=x.dtype, device=x.device)
+        for k in range(self.sides):
+            start, middle, end = (
+                math.radians(self.rotation + 360.0 * (k + part) / self.sides)
+                for part in (0.0, 0.5, 1.0)
+            )
+            across, down = distance * math.cos(middle), -distance * math.sin(middle)
+            t, height = x - across, y - down
+            upright = _upright(middle - span, middle + span)
+            cuts = [
+                math.cos(start) - across,
+                *(radius * math.cos(angle) for angle in upright),
+                math.cos(end) - across,
+            ]
+            angles = [middle - span, *upright, middle + span]
+            for side, limits in zip(pairwise(angles), pairwise(cuts), strict=True):
+                left, right = sorted(limits, key=Tensor.item)
+                # where it ends at the cut, a gradient moves the cut
+                piece = torch.where(t < right, torch.where(t > left, t, left), right)
+                if math.sin(sum(side) / 2) < 0:  # y is downwards
+                    total = total + _up_to_arc(piece, height, radius)
+                else:
+                    total = total - height * piece - _up_to_arc(piece, -height, radius)
+        return total
+
+
+def inradius(sides: int, curvature: float) -> float:
+    """The distance from the middle of the pupil to the middle of an edge."""
+    half = math.sin(math.pi / sides)
+    sagitta = curvature * half**2 / (1 + math.sqrt(1 - (curvature * half) ** 2))
+    return math.cos(math.pi / sides) + sagitta
+
+
+def _upright(start: float, end: float) -> list[float]:
+    """Angles between two at which a circle is upright: between them a height for each x is left."""
+    first, last = math.floor(start / math.pi) + 1, math.ceil(end / math.pi) - 1
+    return [k * math.pi for k in range(first, last + 1)]
+
+
+def _up_to_arc(t: Tensor, height: Tensor, radius: Tensor) -> Tensor:
+    """The integral of min(height, sqrt(radius² - t²)) over t, up to terms in the height alone."""
+    chord = torch.where(height > 0, _half_chord(height, radius), radius)
+    area, low, high = (_area(s, radius) for s in (t, -chord, chord))
+    level = height * torch.where(t.abs() < chord, t, torch.where(t > 0, chord, -chord))
+    return level + torch.minimum(area, low) + torch.maximum(area, high)
+
+
+def _area(t: Tensor, radius: Tensor) -> Tensor:
+    """Integral of sqrt(radius² - t²) from 0 to t."""
+    h = _half_chord(t, radius)
+    return (t * h + radius * radius * torch.atan2(t, h)) / 2

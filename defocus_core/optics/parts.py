@@ -51,13 +51,7 @@ class Part:
     def counted(
         self, u: Tensor, narrowing: tuple[Scalar, Scalar], mix: GridMix | None = None
     ) -> Tensor:
-        """How often the light counts between corners u [..., n]: [..., n - 1, n - 1] or alike.
-
-        Args:
-            u: Lens points of the corners of pixels.
-            narrowing: How many times the pupil is narrower along x and y.
-            mix: What points of the frame see of a sensitivity that changes over it.
-        """
+        """How often the light counts between corners u [..., n]: [..., n - 1, n - 1] or alike."""
         if self.sensitivity is None:
             return 1 + self.lean * narrowing[0] * middles(u)[..., None, :]
         x, y = ((u * times).clamp(-1, 1) for times in narrowing)

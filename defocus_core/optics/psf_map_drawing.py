@@ -17,14 +17,8 @@ def drawn(
 ) -> tuple[Any, Any] | None:
     """Draw kernels side by side over a scale bar of 100 µm.
 
-    Args:
-        psf_map: [rows, columns, 3, ks, ks].
-        pixel_size: mm.
-        log_scale: Whether brightness is logarithmic.
-        save_name: The picture file to write; None to return (figure, axes).
-
-    Raises:
-        ImportError: If matplotlib is not installed.
+    `psf_map`: [rows, columns, 3, ks, ks]; `pixel_size`: mm; `save_name`: the picture file to write;
+    None to return (figure, axes).
     """
     try:
         from matplotlib import pyplot

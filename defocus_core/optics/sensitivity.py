@@ -68,12 +68,7 @@ class SensitivityField(Sensitivity, FrameGrid):
     """Sensitivities of a photodiode over the frame; without a place, it is their mean."""
 
     def __init__(self, positions: Sequence[Sensitivity], grid: tuple[int, int]) -> None:
-        """Keep them.
-
-        Args:
-            positions: By rows, of one photodiode.
-            grid: The rows and the columns.
-        """
+        """Keep them."""
         self.is_left, self.positions, self.grid = positions[0].is_left, tuple(positions), grid
 
     def __eq__(self, other: object) -> bool:

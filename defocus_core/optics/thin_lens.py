@@ -34,6 +34,18 @@ from defocus_core.tensors.validation import (
 _UNITS = "lengths are in mm, an f-number has no unit"
 
 
+def fnum_of_strength(strength: float, focus: float, foclen: float, pixel_size: float) -> float:
+    """The f-number of a lens: its strength k = f² / (2 p N (1 - f d₀)), solved for N.
+
+    Args:
+        strength: px of radius for a disparity of 1 per mm.
+        focus: Disparity in focus per mm, less than 1 / foclen.
+        foclen: mm.
+        pixel_size: mm.
+    """
+    return foclen**2 / (2 * pixel_size * strength * (1 - foclen * focus))
+
+
 class ThinLens(PinholeCamera):
     """A thin lens in front of a sensor of square pixels.
 

@@ -23,11 +23,7 @@ _MARKS = {"sum": "x", "over": "+"}
 
 
 def refuse_unplottable(path: Path) -> None:
-    """Find out before the work whether there can be a plot.
-
-    Raises:
-        UsageProblem: matplotlib is not installed, or it writes no such file.
-    """
+    """Find out before the work whether there can be a plot."""
     if path.suffix.lower() not in SUFFIXES:
         problem = f"{path} has no suffix of a picture"
         raise UsageProblem("malformed", problem, f"use one of {', '.join(SUFFIXES)}", field="plot")
@@ -39,11 +35,7 @@ def refuse_unplottable(path: Path) -> None:
 
 
 def draw(path: Path, rows: Sequence[Row]) -> None:
-    """Write the plot.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """Write the plot."""
     import matplotlib as mpl
 
     mpl.use("Agg")

@@ -15,11 +15,7 @@ from defocus_core.reports.replaceable import refuse_other
 
 
 def write_junit(path: Path, records: Sequence[Comparison], seconds: float) -> None:
-    """Write a suite with a failure for each pair that differs, an error for each unreadable one.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Write a suite with a failure for each pair that differs, an error for each unreadable one."""
     counts = Counter(record.status for record in records)
     failures = sum(not record.passes for record in records) - counts[UNREADABLE]
     numbers = {"tests": len(records), "failures": failures, "errors": counts[UNREADABLE]}

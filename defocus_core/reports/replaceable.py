@@ -16,15 +16,7 @@ _HEAD = 1024  # bytes
 
 
 def refuse_other(path: Path, kind: str) -> None:
-    """Refuse to write a report over what is no report: a picture, or the jobs file itself.
-
-    Args:
-        path: where the report is to be.
-        kind: html or junit.
-
-    Raises:
-        InputError: something else is there.
-    """
+    """Refuse to write a report over what is no report: a picture, or the jobs file itself."""
     try:
         with open_plain(path) as file:
             head = file.read(_HEAD)

@@ -75,12 +75,9 @@ def approached(radius: Tensor, there: Tensor) -> tuple[Tensor, Tensor]:
     median over its pixels, most of which both frames show; between the ranges it is interpolated.
     A curve through all pixels would follow the background, and lose the near surfaces.
 
-    Args:
-        radius: [n] px of the neighbour.
-        there: [n] px of the frame, where the motion leads; NaN where it leads to no such surface.
-
-    Returns:
-        [n] px, and [n] px, the median distance of pixels of such a radius from these.
+    `radius`: [n] px of the neighbour; `there`: [n] px of the frame, where the motion leads; NaN
+    where it leads to no such surface. Returns [n] px, and [n] px, the median distance of pixels of
+    such a radius from these.
     """
     whole = (radius.isfinite() & there.isfinite()).nonzero()[:, 0]
     sample = whole[:: max(1, len(whole) // _SAMPLE)]

@@ -44,13 +44,8 @@ def seen_behind(frame: Frame, neighbours: Iterable[Frame]) -> HiddenLayer:
 def _revealed(frame: Frame, neighbour: Frame, unknown: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Pixels of the frame for which a neighbour has the next surface, and its pixels.
 
-    Args:
-        frame: The frame.
-        neighbour: The neighbour, with the motion to the frame.
-        unknown: [H * W], pixels of whose hidden surface nothing is known yet.
-
-    Returns:
-        [n] numbers of pixels of the frame, [n] of the neighbour, and [n] px, the radii of these.
+    `unknown`: [H * W], pixels of whose hidden surface nothing is known yet. Returns [n] numbers of
+    pixels of the frame, [n] of the neighbour, and [n] px, the radii of these.
     """
     assert neighbour.motion is not None
     frame_radius, radius = frame.signed_radius.flatten(), neighbour.signed_radius

@@ -17,15 +17,7 @@ from defocus_core.depth.soft_edges import MINIMUM, STEEP
 
 
 def agreed_repair(repairs: Sequence[DepthRepair], scales: Sequence[float]) -> DepthRepair:
-    """The repair that most of some frames need, for a lens of scale 1.
-
-    Args:
-        repairs: From `diagnose_depth`, or of rendered pictures, one for each frame.
-        scales: The scale of the lens of each frame.
-
-    Raises:
-        ValueError: If there is no frame, or not a scale for each.
-    """
+    """The repair that most of some frames need, for a lens of scale 1."""
     if not repairs or len(repairs) != len(scales):
         raise ValueError(
             f"repairs and scales must be of as many frames, got {len(repairs)} and {len(scales)}"
@@ -52,10 +44,7 @@ def agreed_repair(repairs: Sequence[DepthRepair], scales: Sequence[float]) -> De
 def repair_through(repair: DepthRepair, scale: float, infinity: float | None) -> DepthRepair:
     """An agreed repair for the frame of another lens.
 
-    Args:
-        repair: From `agreed_repair`.
-        scale: The scale of the lens.
-        infinity: Signed radius in px of what is infinitely far; None if that is not known.
+    `infinity`: signed radius in px of what is infinitely far; None if that is not known.
     """
     soft, shifts, averaged = repair.soft_edges, repair.edge_shifts, repair.antialiased
     if averaged is not None and averaged != float("inf"):

@@ -75,11 +75,7 @@ def put_off() -> Iterator[None]:
 
 
 class Interrupts:
-    """While the block runs, the first Ctrl-C is remembered, and a second one raises.
-
-    Args:
-        patient: False if the first one raises, too.
-    """
+    """While the block runs, the first Ctrl-C is remembered, and a second one raises."""
 
     def __init__(self, *, patient: bool) -> None:
         self.asked = False

@@ -21,17 +21,7 @@ R = TypeVar("R")
 def spread(
     work: Callable[[T], R], pieces: Sequence[T], processes: int, subject: str
 ) -> Iterator[R]:
-    """The result of each piece, in their order, each when it is there.
-
-    Args:
-        work: done with each piece; can be sent to a process, as its pieces and results.
-        pieces: what to do it with.
-        processes: how many may be used.
-        subject: what the error names if a process dies.
-
-    Raises:
-        InputError: a process died.
-    """
+    """The result of each piece, in their order, each when it is there."""
     if processes < 2 or len(pieces) < _FEW:
         yield from map(work, pieces)
         return

@@ -77,11 +77,5 @@ class Span(NamedTuple):
 
 
 def min_transform(lit: Span, wanted: Span, margin: int) -> int:
-    """The least length of a circular transform that wraps around outside of the wanted samples.
-
-    Args:
-        lit: Samples that are not 0.
-        wanted: Samples to compute, none farther than the margin from `lit`.
-        margin: Reach of the kernel in samples.
-    """
+    """The least length of a circular transform that wraps around outside of the wanted samples."""
     return max(wanted.end - lit.first, lit.end - wanted.first) + margin

@@ -22,7 +22,6 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.tensors.blobs import Runs
 from defocus_core.tensors.derived import Derived
 from defocus_core.tensors.source import Pixels, Scalar, banded, bands
 from defocus_core.tensors.sparse_masks import positions_of
@@ -95,11 +94,7 @@ class ClippedLights:
         colors: int | None = None,
         signed_radius: Pixels | None = None,
     ) -> None:
-        """Find the blobs; arguments are those of `with_lights`.
-
-        Raises:
-            ValueError: If an argument is out of its range.
-        """
+        """Find the blobs; arguments are those of `with_lights`."""
         if not 0 <= (minimum := number("threshold", threshold, "in linear light")) < 1:
             raise ValueError(
                 f"threshold must be 0 or more and below 1, got {threshold}; 0.93 suits most"
@@ -117,19 +112,12 @@ class ClippedLights:
 
 
 class _BlobLevel(NamedTuple):
-    """The blobs of pixels brighter than a level.
-
-    Attributes:
-        low: The level.
-        high: The next level.
-        runs: The runs of these pixels.
-        fraction: [n] the share of the gain that each run gets.
-    """
+    """The blobs of pixels brighter than a level."""
 
     low: float
     high: float
-    runs: Runs
-    fraction: Tensor
+    runs: Runs  # the runs of these pixels
+    fraction: Tensor  # [n] the share of the gain that each run gets
 
 
 def _found(
@@ -159,7 +147,7 @@ def _found(
 
 
 def _band(
-    bright: Tensor,
+    bright: Tensor,  # [h, W] the brightest channel of the band, and of rows around it
     summed: tuple[Tensor, Tensor],
     rows: tuple[int, int],
     top: int,
@@ -168,16 +156,8 @@ def _band(
 ) -> tuple[Runs, Tensor]:
     """The runs of a band that are brighter than a level, and sums over each of them.
 
-    Args:
-        bright: [h, W] the brightest channel of the band, and of rows around it.
-        summed: [h, W] the least channel of the band, and the radius of its blur in px.
-        rows: First row of the band, and its end.
-        top: Row of the first row of `bright`.
-        level: The level.
-        around: Px to each side that are the surroundings.
-
-    Returns:
-        The runs; of each [3, n] the sums, and its surroundings times its area.
+    `summed`: [h, W] the least channel of the band, and the radius of its blur in px. Returns the
+    runs; of each [3, n] the sums, and its surroundings times its area.
     """
     runs = Runs.of(bright[rows[0] - top : rows[1] - top] > level, rows[0])
     if not len(runs.row):
@@ -213,11 +193,8 @@ def _beside(bright: Tensor, level: float, coarse_pixel: int, around: int) -> Ten
 def _fractions(runs: Runs, sums: Tensor, level: float, size: tuple[int, int]) -> Tensor:
     """The share of the gain that each run gets, by its blob.
 
-    Args:
-        runs: The runs.
-        sums: [3, n] of its least channel, of its blur, and of its surroundings.
-        level: Of the runs.
-        size: (height, width) of the frame.
+    `sums`: [3, n] of its least channel, of its blur, and of its surroundings; `size`: (height,
+    width) of the frame.
     """
     blob = runs.blobs(size[1])
     values = torch.cat([runs.area.double()[None], sums])
@@ -291,3 +268,62 @@ class _Lit(Derived):
             fraction = fraction.index_add(0, above, (upper - lower) * fractions[run].to(fraction))
         factor = torch.ones_like(bright).index_put((row, column), 1 + (self._gain - 1) * fraction)
         return torch.cat([light * factor, rest]).to(self.dtype)
+
+
+class Runs(NamedTuple):
+    """The runs of a mask, in order of their first pixels."""
+
+    row: Tensor  # [n] row of each run
+    first: Tensor  # [n] column of its first pixel
+    end: Tensor  # [n] column after its last pixel
+
+    @classmethod
+    def of(cls, mask: Tensor, top: int) -> Runs:
+        """The runs of rows [h, W] of a mask, of which the first is row `top`."""
+        steps = torch.nn.functional.pad(mask.to(torch.int8), (1, 1)).diff(dim=1)
+        row, first = torch.nonzero(steps > 0).unbind(1)
+        return cls(row + top, first, torch.nonzero(steps < 0)[:, 1])
+
+    @classmethod
+    def joined(cls, bands: list[Runs]) -> Runs:
+        """The runs of bands from the top on."""
+        return cls(*(torch.cat(part) for part in zip(*bands, strict=True)))
+
+    @property
+    def area(self) -> Tensor:
+        """The number of pixels of each run."""
+        return self.end - self.first
+
+    def holding(self, row: Tensor, column: Tensor, width: int) -> Tensor:
+        """The number of the run that holds each pixel of the mask, in a frame of some width."""
+        firsts = self.row * width + self.first
+        return torch.searchsorted(firsts, row * width + column, right=True) - 1
+
+    def blobs(self, width: int) -> Tensor:
+        """For each run the number of its blob, from 0 on, in a frame of some width."""
+        one, other = self._touching(width)
+        label = torch.arange(len(self.row), device=self.row.device)
+        while True:
+            first, second = label[one], label[other]
+            apart = first != second
+            if not bool(apart.any()):
+                number: Tensor = torch.unique(label, return_inverse=True)[1]
+                return number
+            one, other, first, second = (x[apart] for x in (one, other, first, second))
+            minimum = torch.minimum(first, second)
+            # of two trees of runs the root of one is below that of the other from now on
+            label = label.scatter_reduce(0, torch.maximum(first, second), minimum, "amin")
+            while not torch.equal(root := label[label], label):
+                label = root
+
+    def _touching(self, width: int) -> tuple[Tensor, Tensor]:
+        """Pairs of runs of neighbouring rows that share a side or a corner."""
+        stride = width + 2
+        firsts, limits = self.row * stride + self.first, self.row * stride + self.end
+        low = torch.searchsorted(limits, firsts + stride)
+        high = torch.searchsorted(firsts, limits + stride, right=True)
+        count = (high - low).clamp(min=0)
+        one = torch.arange(len(low), device=low.device).repeat_interleave(count)
+        before = (count.cumsum(0) - count).repeat_interleave(count)
+        rank = torch.arange(len(one), device=low.device) - before
+        return one, low.repeat_interleave(count) + rank

@@ -9,12 +9,7 @@ from defocus_core.tensors.box import Box
 
 
 def continue_edges(values: Tensor, given: Box) -> None:
-    """Repeat the edges of a rectangle of values [..., H, W] all around it, in place.
-
-    Args:
-        values: Changed outside of the rectangle.
-        given: The rectangle.
-    """
+    """Repeat the edges of a rectangle of values [..., H, W] all around it, in place."""
     for dim, side in zip((-2, -1), given.sides, strict=True):
         length = values.shape[dim]
         edges = ((side.first, 0, side.first), (side.end - 1, side.end, length - side.end))
@@ -26,14 +21,9 @@ def continue_edges(values: Tensor, given: Box) -> None:
 def positions_continued(at: Tensor, size: tuple[int, int], box: Box) -> tuple[Tensor, Tensor]:
     """Rows and columns of samples of which those on an edge are repeated all around.
 
-    Args:
-        at: [n, 2] rows and columns of samples; rows are counted on from one picture of a batch to
-            the next, here and in the result.
-        size: (height, width) of the values that they are of.
-        box: The rectangle to fill, counted from the first of the values.
-
-    Returns:
-        [m, 2] rows and columns in the rectangle, and the numbers [m] of the samples that are there.
+    `at`: [n, 2] rows and columns of samples; rows are counted on from one picture of a batch to the
+    next, here and in the result; `size`: (height, width) of the values that they are of. Returns
+    [m, 2] rows and columns in the rectangle, and the numbers [m] of the samples that are there.
     """
     number = torch.arange(len(at), device=at.device)
     above = at[:, 0].div(size[0], rounding_mode="floor")
@@ -55,12 +45,7 @@ def positions_continued(at: Tensor, size: tuple[int, int], box: Box) -> tuple[Te
 
 
 def level_beyond(slopes: Tensor, box: Box) -> Tensor:
-    """Slopes [2, ..., H, W], x and y, in a rectangle around them: beyond an edge only along it.
-
-    Args:
-        slopes: Of radii that are repeated there.
-        box: The rectangle, counted from the first of them.
-    """
+    """Slopes [2, ..., H, W], x and y, in a rectangle around them: beyond an edge only along it."""
     H, W = slopes.shape[-2:]
     given = Box(-box.top, -box.left, H, W)
     if box == given:

@@ -27,19 +27,12 @@ Cut = slice | EllipsisType
 
 
 class Derived(ABC):
-    """A `Source` [..., H, W] whose windows are made when they are cut.
+    """A `Source` [..., H, W] whose windows are made when they are cut."""
 
-    Attributes:
-        shape: Shape of the whole picture.
-        dtype: Type of its numbers.
-        device: Device of its windows.
-        margin: Distance in px within which pixels of the sources decide a pixel.
-    """
-
-    shape: tuple[int, ...]
-    dtype: torch.dtype
-    device: torch.device
-    margin: int = 0
+    shape: tuple[int, ...]  # shape of the whole picture
+    dtype: torch.dtype  # type of its numbers
+    device: torch.device  # device of its windows
+    margin: int = 0  # distance in px within which pixels of the sources decide a pixel
 
     @abstractmethod
     def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
@@ -73,12 +66,6 @@ def held(picture: Derived, *of: Pixels, threads: int, hold: bool) -> Pixels:
     """The picture as a tensor in memory, or the picture itself, computed at each read.
 
     A picture is held in memory if there is room, if its sources are in memory, or if it is small.
-
-    Args:
-        picture: A derived picture.
-        of: The sources of the picture.
-        threads: Number of bands computed at once.
-        hold: Whether there is room for the picture.
     """
     in_memory = all(isinstance(each, Tensor) for each in of)
     if hold or in_memory or picture.shape[-2] * picture.shape[-1] <= _HELD:
@@ -110,18 +97,14 @@ class Repaired(Derived):
 
     def __init__(
         self,
-        signed_radius: Pixels,
+        signed_radius: Pixels,  # [H, W] px
         repair: Callable[..., Tensor],
-        around: int,
+        around: int,  # distance in px within which pixels decide a repair
         *others: Pixels,
     ) -> None:
         """Keep the sources; nothing is read yet.
 
-        Args:
-            signed_radius: [H, W] px.
-            repair: The repaired radii of a window, from windows of all sources.
-            around: Distance in px within which pixels decide a repair.
-            others: Further pictures [..., H, W] of the frame that the repair needs.
+        `others`: further pictures [..., H, W] of the frame that the repair needs.
         """
         self._given, self._repair, self.margin = (signed_radius, *others), repair, around
         self.shape = tuple(signed_radius.shape)
@@ -141,36 +124,29 @@ class Mapped(Derived):
 
     def __init__(
         self,
-        picture: Pixels,
+        picture: Pixels,  # [..., H, W]
         function: Callable[[Tensor], Tensor],
         shape: Sequence[int],
         *,
-        turned: bool = False,
+        transposed: bool = False,
     ) -> None:
-        """Keep the picture; nothing is read yet.
-
-        Args:
-            picture: [..., H, W].
-            function: Of a window.
-            shape: Of the result.
-            turned: Whether rows of the result are columns of the picture.
-        """
-        self._picture, self._function, self._turned = picture, function, turned
+        """Keep the picture; nothing is read yet."""
+        self._picture, self._function, self._transposed = picture, function, transposed
         self.shape, self.dtype, self.device = tuple(shape), picture.dtype, picture.device
 
     def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
         """The window [rows, columns], each a pair of first and end."""
-        cuts = (columns, rows) if self._turned else (rows, columns)
+        cuts = (columns, rows) if self._transposed else (rows, columns)
         return self._function(self._picture[..., slice(*cuts[0]), slice(*cuts[1])])
 
 
 def _mapped(
-    picture: Pixels, function: Callable[[Tensor], Tensor], *shape: int, turned: bool = False
+    picture: Pixels, function: Callable[[Tensor], Tensor], *shape: int, transposed: bool = False
 ) -> Pixels:
     """A function of a picture: of a tensor at once, else where it is read."""
     if isinstance(picture, Tensor):
         return function(picture)
-    return Mapped(picture, function, shape, turned=turned)
+    return Mapped(picture, function, shape, transposed=transposed)
 
 
 def chosen(picture: Pixels, channels: Sequence[int]) -> Pixels:
@@ -192,4 +168,4 @@ def plus(radii: Pixels, px: Scalar) -> Pixels:
 def transposed(picture: Pixels) -> Pixels:
     """A picture [..., H, W] with rows for columns."""
     *before, height, width = picture.shape
-    return _mapped(picture, lambda x: x.mT.contiguous(), *before, width, height, turned=True)
+    return _mapped(picture, lambda x: x.mT.contiguous(), *before, width, height, transposed=True)

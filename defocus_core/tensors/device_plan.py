@@ -43,13 +43,7 @@ def beside(value: float | Tensor, like: Tensor) -> float | Tensor:
 
 
 def pieces(device: torch.device, on_cpu: int, bytes_each: int) -> int:
-    """The number of pixels, or of other items, that are computed at once.
-
-    Args:
-        device: Where they are computed.
-        on_cpu: Their number on a CPU.
-        bytes_each: What one takes, with all that is computed of it.
-    """
+    """The number of pixels, or of other items, that are computed at once."""
     if not launches_cost(device):
         return on_cpu
     return max(on_cpu, int(memory_of(device) * _PIECE) // bytes_each)

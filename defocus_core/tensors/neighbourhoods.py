@@ -20,10 +20,8 @@ def extreme_around(values: Tensor, by: int, choice: Choice) -> Tensor:
 
     Squares end at the borders. Each round joins squares side by side: 8 px take three.
 
-    Args:
-        values: [..., H, W], numbers or bool.
-        by: Distance in px from a pixel to the sides of its square.
-        choice: torch.maximum or torch.minimum.
+    `values`: [..., H, W], numbers or bool; `by`: distance in px from a pixel to the sides of its
+    square.
     """
     values = values.detach()
     for dim in (-2, -1):
@@ -50,10 +48,9 @@ def squares_around(at: Tensor, size: tuple[int, int], by: int = 1) -> Tensor:
 
     Beyond the borders of the frame the pixels at the border are repeated.
 
-    Args:
-        at: [n, 2] rows and columns; rows are counted on from one picture of a batch to the next.
-        size: (height, width) of the frame.
-        by: Distance in px from a pixel to the sides of its square.
+    `at`: [n, 2] rows and columns; rows are counted on from one picture of a batch to the next;
+    `size`: (height, width) of the frame; `by`: distance in px from a pixel to the sides of its
+    square.
     """
     offset = torch.arange(-by, by + 1, device=at.device)
     row = at[:, :1].remainder(size[0])

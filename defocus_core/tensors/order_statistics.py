@@ -22,14 +22,8 @@ _BITS = 16
 def counted(values: Tensor, prefix: int = 0, level: int = 0, *, each: bool = False) -> Tensor:
     """The count of numbers for each value of their next 16 bits, given their first bits.
 
-    Args:
-        values: Any shape.
-        prefix: The first bits.
-        level: Number of first bits, divided by 16.
-        each: Whether values are [B, ...], and those of each of B are counted apart, at level 0.
-
-    Returns:
-        [2^16], or [2^15] at level 0, where one bit is the sign; [B, 2^15] for each.
+    `each`: whether values are [B, ...], and those of each of B are counted apart, at level 0.
+    Returns [2^16], or [2^15] at level 0, where one bit is the sign; [B, 2^15] for each.
     """
     whole = values.dtype.itemsize * 8
     positive = values.clamp(min=0).abs_()  # not even -0
@@ -44,17 +38,11 @@ def counted(values: Tensor, prefix: int = 0, level: int = 0, *, each: bool = Fal
 
 @dataclass(frozen=True)
 class Ranks:
-    """Numbers by rank.
+    """Numbers by rank."""
 
-    Attributes:
-        counts: [2^15] counts of their first 16 bits, from `counted`, on the CPU.
-        again: Reads all numbers once more, part by part.
-        dtype: Type of the numbers, of 32 or 64 bits.
-    """
-
-    counts: Tensor
-    again: Callable[[], Iterable[Tensor]]
-    dtype: torch.dtype
+    counts: Tensor  # [2^15] counts of their first 16 bits, from `counted`, on the CPU
+    again: Callable[[], Iterable[Tensor]]  # reads all numbers once more, part by part
+    dtype: torch.dtype  # type of the numbers, of 32 or 64 bits
 
     @property
     def total(self) -> int:
@@ -90,13 +78,7 @@ def depth_percentile(
 
     It is the distance of a pixel: between two surfaces there is nothing to focus on.
 
-    Args:
-        parts: Reads the depth once, part by part.
-        percent: From 0 to 100.
-        dtype: Type of the depth, of 32 or 64 bits.
-
-    Returns:
-        The distance, None if no pixel has one.
+    `percent`: from 0 to 100. Returns the distance, None if no pixel has one.
     """
 
     def solid() -> Iterable[Tensor]:

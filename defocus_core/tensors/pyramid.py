@@ -17,15 +17,10 @@ _Number = TypeVar("_Number", float, Tensor)
 
 
 class Axis(NamedTuple):
-    """The middle of the frame along an axis.
+    """The middle of the frame along an axis."""
 
-    Attributes:
-        middle: The first index at or after the middle.
-        odd: Whether the middle is a pixel; else it lies between two.
-    """
-
-    middle: int
-    odd: bool
+    middle: int  # the first index at or after the middle
+    odd: bool  # whether the middle is a pixel; else it lies between two
 
 
 def positions(
@@ -33,11 +28,7 @@ def positions(
 ) -> list[Tensor]:
     """Rows and columns [n] of pixels among the coarse pixels of a reduced resolution.
 
-    Args:
-        at: [n, 2] rows and columns at full resolution, also between pixels.
-        fine: The middle of the frame at full resolution.
-        coarse: The middle of the frame among coarse pixels.
-        level: Number of times resolution is halved.
+    `at`: [n, 2] rows and columns at full resolution, also between pixels.
     """
     return [
         position_of(at[:, d], fine_axis, coarse_axis, level)
@@ -48,11 +39,7 @@ def positions(
 def position_of(pixel: _Number, fine: Axis, coarse: Axis, level: int) -> _Number:
     """The place of a pixel among coarse pixels, along one axis.
 
-    Args:
-        pixel: Row or column of the pixel, or [n] of them.
-        fine: The middle of the frame among pixels.
-        coarse: The middle of the frame among coarse pixels.
-        level: Number of times resolution is halved.
+    `pixel`: row or column of the pixel, or [n] of them.
     """
     offset = 0.0 if fine.odd else 0.5
     return coarse.middle - offset + (pixel + offset - fine.middle) / (1 << level)
@@ -67,19 +54,12 @@ def axes(size: tuple[int, int], top: int = 0, left: int = 0) -> tuple[Axis, Axis
 
 
 class AxisHalving(NamedTuple):
-    """The halving of one axis: the pixels that are missing for whole coarse px, and the coarse px.
+    """The halving of one axis: pixels missing for whole coarse px, and the coarse px."""
 
-    Attributes:
-        before: Pixels missing at the beginning.
-        after: Pixels missing at the end.
-        length: Pixels of half resolution.
-        axis: Where the middle is among them.
-    """
-
-    before: int
-    after: int
-    length: int
-    axis: Axis
+    before: int  # pixels missing at the beginning
+    after: int  # pixels missing at the end
+    length: int  # pixels of half resolution
+    axis: Axis  # where the middle is among them
 
 
 def halves(length: int, axis: Axis) -> AxisHalving:

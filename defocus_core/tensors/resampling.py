@@ -19,28 +19,15 @@ _STRIDE = 8
 
 
 class AxisWeights(NamedTuple):
-    """The shares of coarse px in pixels along an axis; all blocks of pixels have the same shares.
+    """The shares of coarse px in pixels along an axis, the same in all blocks of pixels."""
 
-    Attributes:
-        block: [P, K] shares of K coarse pixels in the P pixels of a block.
-        lead: The first coarse pixel of the first block; missing coarse pixels count as 0.
-        pixels: Number of pixels.
-    """
-
-    block: Tensor
-    lead: int
+    block: Tensor  # [P, K] shares of K coarse pixels in the P pixels of a block
+    lead: int  # the first coarse pixel of the first block; missing coarse pixels count as 0
     pixels: int
 
 
 def cubic_weights(first: float, pixels: int, step: float, like: Tensor) -> AxisWeights:
-    """The cubic of Keys 1981 with a = -1/2.
-
-    Args:
-        first: The place of the first pixel, in coarse pixels from the first coarse pixel.
-        pixels: Number of pixels.
-        step: Coarse pixels from one pixel to the next, a power of a half.
-        like: A tensor with the dtype and device of the result.
-    """
+    """The cubic of Keys 1981 with a = -1/2."""
     away, lead = _away(first, pixels, step, 2, like)
     near = (1.5 * away - 2.5) * away * away + 1
     far = ((2.5 - 0.5 * away) * away - 4) * away + 2

@@ -20,13 +20,7 @@ R = TypeVar("R")
 
 
 def threaded(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Iterator[R]:
-    """The results of work on each piece, in order, `threads` pieces at a time.
-
-    Args:
-        work: A function of one piece.
-        pieces: The arguments of the work.
-        threads: Number of pieces at once.
-    """
+    """The results of work on each piece, in order, `threads` pieces at a time."""
     if threads == 1 or len(pieces) < 2:
         yield from map(work, pieces)
         return

@@ -23,19 +23,12 @@ _MARGIN = 0.15
 
 
 class Grid(NamedTuple):
-    """Tiles in rows.
+    """Tiles in rows."""
 
-    Attributes:
-        tiles: The tiles; the first and the last of a row or column may be smaller.
-        sides: (height, width) in px of the others.
-        columns: Tiles in a row.
-        region: Least px on a side of a region, unless the frame is smaller.
-    """
-
-    tiles: list[Box]
-    sides: tuple[int, int]
-    columns: int
-    region: int = _REGION
+    tiles: list[Box]  # the tiles; the first and the last of a row or column may be smaller
+    sides: tuple[int, int]  # (height, width) in px of the others
+    columns: int  # tiles in a row
+    region: int = _REGION  # least px on a side of a region, unless the frame is smaller
 
     @property
     def box(self) -> Box:
@@ -81,9 +74,7 @@ def few_tiles(height: int, width: int, pixels: int) -> tuple[int, int]:
 def regions(grid: Grid, margin: int) -> list[list[Grid]]:
     """Rows of regions of the tiles of a frame, about equally large.
 
-    Args:
-        grid: Of the frame.
-        margin: Distance in px around a region from which its tiles take light.
+    `margin`: distance in px around a region from which its tiles take light.
     """
     rows, columns = len(grid.tiles) // grid.columns, grid.columns
     minimum = max(grid.region, round(margin / _MARGIN))

@@ -17,11 +17,7 @@ _LETTERS = 60
 
 
 def whole(name: str, value: Any, remedy: str, minimum: int = 1) -> int:
-    """A whole number of at least so much; 3.0 is one.
-
-    Raises:
-        ValueError: If it is none.
-    """
+    """A whole number of at least so much; 3.0 is one."""
     number = int(value) if isinstance(value, float) and value.is_integer() else value
     try:
         if isinstance(value, bool):
@@ -35,11 +31,7 @@ def whole(name: str, value: Any, remedy: str, minimum: int = 1) -> int:
 
 
 def number(name: str, value: Any, remedy: str = "lengths are in mm") -> float:
-    """The value of a number, or of a tensor of one number, as a float.
-
-    Raises:
-        ValueError: If it is none, or holds several.
-    """
+    """The value of a number, or of a tensor of one number, as a float."""
     dense(name, value)
     try:
         if isinstance(value, str | bytes | complex | bool):
@@ -50,11 +42,7 @@ def number(name: str, value: Any, remedy: str = "lengths are in mm") -> float:
 
 
 def positive(name: str, value: Any, remedy: str) -> float:
-    """The value of a number above 0 and finite, as a float.
-
-    Raises:
-        ValueError: If it is none.
-    """
+    """The value of a number above 0 and finite, as a float."""
     size = number(name, value, remedy)
     if not 0 < size < math.inf:
         raise ValueError(f"{name} must be positive and finite, got {size:g}; {remedy}")
@@ -68,11 +56,7 @@ def numbers(
     device: torch.device,
     remedy: str = "lengths are in mm, without a unit",
 ) -> Tensor:
-    """A tensor of at least float32; numbers that are no tensor get the dtype and the device.
-
-    Raises:
-        ValueError: If it is not of real numbers.
-    """
+    """A tensor of at least float32; numbers that are no tensor get the dtype and the device."""
     wide = dtype if dtype.itemsize >= 4 else torch.float32
     dense(name, value)
     try:
@@ -91,11 +75,7 @@ def numbers(
 
 
 def dense(name: str, value: Any) -> None:
-    """Refuse a tensor that does not hold its numbers one by one, or holds none.
-
-    Raises:
-        ValueError: If it is such a tensor.
-    """
+    """Refuse a tensor that does not hold its numbers one by one, or holds none."""
     if isinstance(value, Tensor) and (kind := _kind(value)):
         problem = f"must be a dense tensor, got a {kind} one"
         raise ValueError(f"{name} {problem}; like its to_dense, dequantize or to_padded_tensor")
@@ -113,33 +93,21 @@ def _kind(value: Tensor) -> str:
 
 
 def flag(name: str, value: Any) -> bool:
-    """True or False.
-
-    Raises:
-        ValueError: If it is neither.
-    """
+    """True or False."""
     if isinstance(value, bool):
         return value
     raise ValueError(f"{name} must be True or False, got {described(value)}; bool() makes it one")
 
 
 def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
-    """One of the choices.
-
-    Raises:
-        ValueError: If it is another.
-    """
+    """One of the choices."""
     if isinstance(value, str) and value in choices:
         return value
     raise ValueError(f"{name} must be one of {', '.join(choices)}, got {described(value)}")
 
 
 def pair(name: str, sides: tuple[T, T]) -> tuple[T, T]:
-    """A width and a height.
-
-    Raises:
-        ValueError: If it is not two.
-    """
+    """A width and a height."""
     try:
         width, height = sides
     except (TypeError, ValueError):
@@ -150,11 +118,7 @@ def pair(name: str, sides: tuple[T, T]) -> tuple[T, T]:
 
 
 def device_named(named: torch.device | str | None) -> torch.device:
-    """The device of that name; for None a CUDA device if there is one, else the CPU.
-
-    Raises:
-        ValueError: If there is none, or this machine has none.
-    """
+    """The device of that name; for None a CUDA device if there is one, else the CPU."""
     if named is None:
         named = "cuda" if torch.cuda.is_available() else "cpu"
     try:
@@ -172,11 +136,7 @@ def device_named(named: torch.device | str | None) -> torch.device:
 
 
 def floating(dtype: Any) -> torch.dtype:
-    """A floating-point type.
-
-    Raises:
-        ValueError: If it is none.
-    """
+    """A floating-point type."""
     if isinstance(dtype, torch.dtype) and dtype.is_floating_point:
         return dtype
     raise ValueError(f"dtype must be floating point, got {dtype!r}; use torch.float32")
@@ -185,12 +145,7 @@ def floating(dtype: Any) -> torch.dtype:
 def check_image(image: Any, *, alone: bool = False) -> None:
     """Refuse an image that is no batch [B, C, H, W] of floats of 16 bits or more.
 
-    Args:
-        image: The image.
-        alone: Whether one image [C, H, W] is accepted, too.
-
-    Raises:
-        ValueError: If it is something else, or holds no pixel.
+    `alone`: whether one image [C, H, W] is accepted, too.
     """
     dense("image", image)
     floats = isinstance(image, Tensor) and image.is_floating_point() and image.dtype.itemsize > 1
@@ -209,14 +164,7 @@ def check_image(image: Any, *, alone: bool = False) -> None:
 def depth_maps(image: Tensor, depth: Any, dtype: torch.dtype, device: torch.device) -> Tensor:
     """The depth [B, H, W] of a batch of images.
 
-    Args:
-        image: [B, C, H, W].
-        depth: [B, 1, H, W] or [B, H, W].
-        dtype: Type of a depth that is no tensor.
-        device: Device of a depth that is no tensor.
-
-    Raises:
-        ValueError: If shapes disagree, or numbers are not real.
+    `image`: [B, C, H, W]; `depth`: [B, 1, H, W] or [B, H, W].
     """
     check_image(image)
     count, _, height, width = image.shape
@@ -257,11 +205,7 @@ def broadcast(first: torch.Size, second: torch.Size) -> bool:
 
 
 def between(name: str, limits: Any, z: Tensor) -> Tensor:
-    """Whether distances z lie between two others, in mm, both included.
-
-    Raises:
-        ValueError: If the ends are not two positive distances, the nearest first.
-    """
+    """Whether distances z lie between two others, in mm, both included."""
     wanted = f"{name} must be (nearest, farthest) in mm, got {described(limits)}; None is no range"
     if not (isinstance(limits, Sequence) and len(limits) == 2):
         raise ValueError(wanted)

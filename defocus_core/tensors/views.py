@@ -89,11 +89,7 @@ def batch(pictures: Sequence[Views]) -> Views:
 
 
 def in_order(parts: Sequence[tuple[list[int], Views]]) -> Views:
-    """The views of pictures of one size, stacked in the order of their numbers.
-
-    Args:
-        parts: Numbers of pictures, and their views: of one, or of several, which are stacked.
-    """
+    """The views of pictures of one size, stacked in the order of their numbers."""
     if len(parts) == 1 and parts[0][1].trust.dim() > 3:
         return parts[0][1]
     each: dict[int, Views] = {}
@@ -138,9 +134,7 @@ def _joined(rows: list[list[Tensor]]) -> Tensor:
 def of_channels(colors: list[Views], offsets: list[tuple[list[int], float | Tensor]]) -> Views:
     """Views of all channels in their order; trust is the least of all of them.
 
-    Args:
-        colors: Views of some channels each.
-        offsets: For each the numbers of its channels, and the px that were added to its radii.
+    `offsets`: for each the numbers of its channels, and the px that were added to its radii.
     """
     order = torch.tensor([c for channels, _ in offsets for c in channels]).argsort().tolist()
     images = [

@@ -81,17 +81,6 @@ def test_all_methods_are_measured_and_written(tiny: Path) -> None:
     assert all(row["seconds"] > 0 for row in document["rows"])
 
 
-def test_more_blur_asked_for_is_more_blur_made(tiny: Path) -> None:
-    ran = bench("--truth", tiny, "--quality", "standard", "--control", "--json")
-    assert ran.code == 0, ran.err
-    rows = {row["method"]: row for row in ran.json["controllability"]}
-    assert list(rows) == ["input", "sum", "over", "standard"]
-    assert (rows["standard"]["rank_correlation"], rows["standard"]["rises"]) == (1, 9)
-    assert (rows["input"]["rank_correlation"], rows["input"]["rises"]) == (0, 0)
-    assert "control           standard   1.000  1.000      9/9  card r7" in ran.err
-    refused(bench("--time", "--control"), 2, "contradiction", "--control")
-
-
 def test_less_can_be_asked_for(tiny: Path) -> None:
     ran = bench("--truth", tiny, "--quality", "draft")
     assert (ran.code, ran.err) == (0, "")

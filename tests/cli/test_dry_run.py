@@ -60,9 +60,6 @@ def test_the_work_it_tells_is_the_work_that_is_done(tmp_path: Path) -> None:
     expected = told["forecast"]
     assert expected["coc_px"] == done["coc_px"]
     assert expected["size"] == done["size"]
-    seen = expected["stats"].pop("slice_tiles_seen")
-    assert 0 < seen <= done["stats"]["slice_tiles_done"]
-    assert expected["stats"].items() <= done["stats"].items()
     assert planned["forecast"]["render_seconds"] == expected["render_seconds"] > 0.01
     assert expected["peak_mb"] > 50
 
@@ -256,4 +253,4 @@ def test_colours_apart_and_up_and_down_are_counted(tmp_path: Path) -> None:
     assert 1.2 < equal["render_seconds"] / usual["render_seconds"] < 1.9
     assert 1.5 < apart["render_seconds"] / usual["render_seconds"] < 2.8
     assert 2 < quad["render_seconds"] / usual["render_seconds"] < 5
-    assert "3 renderings of" in render(*args[:-3], "--axial-color", "0.1mm:0.2mm").out
+    assert "3 renderings, about " in render(*args[:-3], "--axial-color", "0.1mm:0.2mm").out

@@ -4,7 +4,7 @@ import pytest
 from command_line import Terminal, refused, run
 
 from defocus_core.evaluation import lens_laws
-from defocus_core.evaluation.law_checks import Check, Setting
+from defocus_core.evaluation.law_checks import Check, LawSetting
 
 HOLDS = Check("white stays white", "white over a slope", "-", 3e-7, 1e-5)
 BROKEN = Check("PSF radius", "off r", "%", 2.5, 1.0)
@@ -12,11 +12,11 @@ NOT_A_NUMBER = Check("energy", "off 1", "-", float("nan"), 1e-6)
 SKIPPED = Check("CPU and GPU", "difference", "-", None, 1e-4)
 
 
-def use(monkeypatch: pytest.MonkeyPatch, *checks: Check) -> list[Setting]:
+def use(monkeypatch: pytest.MonkeyPatch, *checks: Check) -> list[LawSetting]:
     """Have these checks found; returns the settings they were asked with."""
-    asked: list[Setting] = []
+    asked: list[LawSetting] = []
 
-    def law(setting: Setting) -> list[Check]:
+    def law(setting: LawSetting) -> list[Check]:
         asked.append(setting)
         return list(checks)
 
@@ -66,7 +66,7 @@ def test_json_says_the_same(found: Check, monkeypatch: pytest.MonkeyPatch) -> No
 def test_the_options_reach_the_laws(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = use(monkeypatch, HOLDS)
     run("verify", "--device", "cpu", "--quality", "draft", "--threads", "5")
-    assert asked == [Setting("cpu", "draft", 5)]
+    assert asked == [LawSetting("cpu", "draft", 5)]
 
 
 def test_a_person_who_watches_sees_progress(monkeypatch: pytest.MonkeyPatch) -> None:

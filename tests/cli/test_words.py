@@ -23,6 +23,7 @@ fnumber = 2
 JOBS = {
     "jobs": HEAD + 'focus = "2m"\n',
     "sweep": HEAD + "[sweep]\nfnumbr = [2]\n",
+    "match": HEAD + '[sample]\nn = 2\nseed = 1\nmatch = "set"\n',
     "twice": HEAD + '[reading]\ndepth-repair = "off"\n[machine]\ndepth-repair = "auto"\n',
     "idle": HEAD + '[reading]\ndepth-repair = "off"\nedge-width = "4px"\n',
     "wide": HEAD + "[reading]\nedge-width = 101\n",
@@ -41,8 +42,6 @@ R --aperture-diameter 25mm
 contradiction --fnumber: contradicts --aperture-diameter; give one of them
 R --edge-width 4 --depth-repair off
 contradiction --edge-width: of 4px contradicts depth-repair off; leave one of them out
-fit rgb.exr z.exr --match x --exposure
-contradiction --exposure: stands beside --match, which needs none; remove one
 B twice.toml
 contradiction twice.toml: [machine] depth-repair: stands in [reading], too; keep one of them
 B idle.toml
@@ -59,8 +58,9 @@ R --format jpg --exr-type half
 idle-option --exr-type: says nothing about jpg; leave it out, or use --format exr
 R --format png --jpeg-quality 80
 idle-option --jpeg-quality: says nothing about png; leave it out, or use --format jpg
-fit rgb.exr z.exr rgb.exr --seed 1
-idle-option --seed: has no effect without --match; leave it out
+fit rgb.exr z.exr rgb.exr --side-shading
+idle-option --side-shading: has no effect without the right picture; \
+add --right FILE, or leave it out
 render rgb.exr coc.exr -o out --depth-format coc --focus-at 3,3
 idle-option --focus-at: changes nothing: with depth-format coc, the files hold the radii; …
 render rgb.exr z.exr -o out --fnumber 2 --focus 2m
@@ -70,8 +70,6 @@ missing-option --fnumber: is missing; add --fnumber 1.4 or --aperture-diameter, 
 or a --lens FILE that has it
 render rgb.exr z.exr -o out --focal-length 50mm --fnumber 2
 missing-option --focus: is missing; add --focus 2m or --focus-at, or a --lens FILE that has it
-fit rgb.exr z.exr
-missing-option BLURRED: is missing; give the blurred picture, or --match SET
 info rgb.exr z.exr --preview a.png
 missing-option --preview: needs a lens, whose blur decides the repair; \
 give --lens FILE.toml, or --focal-length, … --focus
@@ -81,6 +79,8 @@ R --lens underscored.toml
 unknown-name underscored.toml: unknown key 'Focal_Length'; did you mean focal-length?
 R --lens misspelt.toml
 unknown-name misspelt.toml: unknown key 'focal-lenght'; did you mean focal-length?
+B match.toml
+unknown-name match.toml: [sample]: unknown key 'match'; [sample] knows n, seed, max-coc, …
 B sweep.toml
 unknown-name sweep.toml: [sweep]: unknown key 'fnumbr'; did you mean fnumber?
 rendr

@@ -28,7 +28,7 @@ from defocus_core import (
     with_lights,
 )
 from defocus_core.evaluation.launches import Launches
-from defocus_core.evaluation.law_checks import Check, Setting
+from defocus_core.evaluation.law_checks import Check, LawSetting
 from defocus_core.evaluation.law_probes import levels, strips, waves
 from defocus_core.evaluation.lens_laws import LAWS, devices, gradient, near_focus, occlusion
 from defocus_core.evaluation.synthetic_scenes import scenery
@@ -467,15 +467,15 @@ def test_little_memory_makes_more_tiles_of_the_same_picture(
 def test_verify_compares_devices() -> None:
     assert devices in LAWS
     with torch.no_grad(), elsewhere():
-        (check,) = devices(Setting(NAME, "draft", 1))
+        (check,) = devices(LawSetting(NAME, "draft", 1))
     assert check.value is not None
     assert check.ok
 
 
 @pytest.mark.parametrize("law", [near_focus, occlusion, gradient])
-def test_laws_hold_there(law: Callable[[Setting], list[Check]]) -> None:
+def test_laws_hold_there(law: Callable[[LawSetting], list[Check]]) -> None:
     with elsewhere():
-        assert all(check.ok for check in law(Setting(NAME, "standard", 1)))
+        assert all(check.ok for check in law(LawSetting(NAME, "standard", 1)))
 
 
 def test_who_mixes_devices_is_caught() -> None:

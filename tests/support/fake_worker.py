@@ -14,8 +14,8 @@ from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal.identity import versions
 from defocus_core.batch.journal.plain_values import typed
 from defocus_core.batch.rendering import job_steps
-from defocus_core.batch.workers import job_result, worker
-from defocus_core.batch.workers.worker import READY
+from defocus_core.batch.workers import job_result, pool
+from defocus_core.batch.workers.pool import READY
 from defocus_core.io.safe_files import leftover
 
 
@@ -54,14 +54,14 @@ def serve_slowly(connection: Connection) -> None:
 
     job_result.Reader = lambda: SimpleNamespace(read=lambda job: "inputs")
     job_result.compute, job_steps.load = compute, lambda: None
-    worker.serve(connection)
+    pool.serve(connection)
 
 
 def serve_on(connection: Connection) -> None:
     """Import something that takes a minute."""
     connection.send(READY)
     job_steps.load = lambda: time.sleep(60)
-    worker.serve(connection)
+    pool.serve(connection)
 
 
 def serve_mask(connection: Connection) -> None:

@@ -161,7 +161,7 @@ def outcome(path: Path) -> dict[str, Any]:
     """``read``, with what info says; ``refused``, with the line; or ``wrong``, with the reason."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
-    from defocus_cli.words.inspection import lines
+    from defocus_cli.commands.info import file_lines
     from defocus_core.batch.jobs.job import Reading
     from defocus_core.errors import DefocusError
     from defocus_core.io.images.raster import read_pages
@@ -170,7 +170,7 @@ def outcome(path: Path) -> dict[str, Any]:
 
     try:
         inspection = inspect(path, Reading(), None, lone=True)
-        text = "\n".join(lines(inspection))
+        text = "\n".join(file_lines(inspection))
         if path.suffix in (".png", ".jpg", ".tif"):
             for page in read_pages(path):
                 for name, tag in page.tags.items():  # as they would be written

@@ -18,7 +18,6 @@ from typing import Any
 from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.datasets.card_tables import ENDS, WORDS, tables_of
 from defocus_core.batch.jobs.origin import Origin
-from defocus_core.batch.lenses import radius_set
 from defocus_core.errors import NoteKinds
 from defocus_core.io.safe_files import written_whole
 
@@ -75,7 +74,6 @@ def card_of(records: Sequence[Record], origin: Origin = NO_ORIGIN) -> dict[str, 
             for key in WORDS
             if (distribution := _spread(_value(key, entry) for entry in entries))
         },
-        "match": _match(done),
         "depth": {
             "read_as": NoteKinds(record["depth_note"].partition(";")[0] for record in done).counts,
             "repaired": _counts(kind for each in repairs for kind in each or ["nothing"]),
@@ -89,30 +87,6 @@ def card_of(records: Sequence[Record], origin: Origin = NO_ORIGIN) -> dict[str, 
         },
         "versions": _counts(f"defocus {e['version']}, renderer {e['renderer']}" for e in entries),
     }
-
-
-def _match(done: Iterable[Record]) -> dict[str, Any]:
-    """By measure of radii what the set matched asked for and what was reached; empty without."""
-    pairs = [(r["lens"]["radii_px"], r["measures"] or {}) for r in done if "radii_px" in r["lens"]]
-    if not pairs:
-        return {}
-    return {
-        name: {
-            "asked": _spread(asked[which] for asked, _ in pairs),
-            "reached": _spread(reached.get(name) for _, reached in pairs),
-        }
-        for which, name in enumerate(radius_set.MEASURES)
-    }
-
-
-def match_words(card: Mapping[str, Any]) -> str:
-    """How near the radii are to those of the set matched, on the mean; empty without one."""
-    words = []
-    for key, of in card["match"].items():
-        if of.get("asked") and of.get("reached"):
-            asked, reached = of["asked"]["mean"], of["reached"]["mean"]
-            words.append(f"{WORDS[key][0].rpartition(', ')[2]} {reached:.3g} px for {asked:.3g} px")
-    return ", ".join(words)
 
 
 def _value(key: str, entry: Record) -> Any:

@@ -42,7 +42,6 @@ def tables_of(card: Mapping[str, Any]) -> Iterator[CardTable]:
     every = (
         _kinds(card["kinds"]),
         _distributions(card["distributions"]),
-        _match(card["match"]),
         _counts("Splits, each scene in one", card["splits"]),
         _counts("Sizes in px", card["sizes"]),
         _counts("Depth was read as", card["depth"]["read_as"]),
@@ -64,16 +63,6 @@ def _kinds(kinds: Mapping[str, int]) -> CardTable:
 def _distributions(of: Mapping[str, Mapping[str, float]]) -> CardTable:
     rows = [(*words, *_numbers(of[key])) for key, words in WORDS.items() if key in of]
     return CardTable("Distributions over samples", ("of", "unit", *ENDS), rows)
-
-
-def _match(match: Mapping[str, Mapping[str, Any]]) -> CardTable:
-    """The radii of the set matched beside those reached."""
-    rows = [
-        (WORDS[key][0], which, *_numbers(spread))
-        for key, both in match.items()
-        for which, spread in both.items()
-    ]
-    return CardTable("Radii of the set matched, in px", ("of", "", *ENDS), rows)
 
 
 def _counts(title: str, counts: Mapping[str, int]) -> CardTable:

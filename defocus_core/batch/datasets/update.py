@@ -52,12 +52,8 @@ def index(
         _tell_of_others(out, sample_index.names(records) - sample_index.names(own))
         records = own
     origin = origin_of(out)
-    made = card.card_of(records, origin)
-    written = [sample_index.write(out, records), *card.write(out, made)]
-    table = [parquet_index.write(out)] if parquet else parquet_index.follow(out)
-    if words := card.match_words(made):
-        note(f"{written[-1]}: radii and those of the set matched: {words}")
-    written += table
+    written = [sample_index.write(out, records), *card.write(out, card.card_of(records, origin))]
+    written += [parquet_index.write(out)] if parquet else parquet_index.follow(out)
     if shards_size is None:
         return written + _followed(out, records)
     return written + tar_shards.write(out, records, shards_size)

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from defocus_core.batch.depth.matching import matched
 from defocus_core.batch.depth.radii import MM_PER_M, signed_radius
 from defocus_core.batch.jobs.job import Machine
 from defocus_core.batch.jobs.lens_from_options import refuse_near_focus
@@ -35,8 +34,7 @@ def focused(lens: Lens, depth: Depth) -> Lens:
     for attempt in range(ATTEMPTS):
         if attempt and lens.draw is not None:
             draw = dataclasses.replace(lens.draw, attempt=attempt)
-            again = drawn_lens(draw, lens.focus_source, lens.max_coc)
-            lens = dataclasses.replace(again, radii_px=lens.radii_px)
+            lens = drawn_lens(draw, lens.focus_source, lens.max_coc)
         try:
             return _within_max_coc(_focused_once(lens, depth), depth)
         except Rejected as error:
@@ -48,11 +46,9 @@ def focused(lens: Lens, depth: Depth) -> Lens:
 
 
 def _focused_once(lens: Lens, depth: Depth) -> Lens:
-    """The lens with the focus distance that the depth decides, and the f-number if it does."""
+    """The lens with the focus distance that the depth decides."""
     if lens.blur is not None:
         return lens if lens.focus_at is None else _on_number(lens, lens.focus_at, depth)
-    if lens.radii_px is not None:
-        return matched(lens, depth)
     if lens.focus_at is not None:
         return dataclasses.replace(lens, foc_dist=_at_pixel(lens, lens.focus_at, depth))
     if lens.focus_percentile is not None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.arrays import Keeping, bands, computed
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.images.color_planes import Color
 from defocus_core.system.text import counted
@@ -27,11 +27,6 @@ def element_depth(depth: Depth, color: Color, keeping: Keeping) -> Depth:
     """The depth of an element: its edges have one, and where alpha is 0 there is nothing.
 
     Light without alpha, like a flame, stays where it has a depth.
-
-    Args:
-        depth: as it was read, of the size of the colour.
-        color: the colour.
-        keeping: where what is nothing is kept.
     """
     alpha = color.alpha
     if alpha is None or not any((alpha[rows] < 1).any() for rows in bands(alpha.shape)):
@@ -106,3 +101,10 @@ def _from_beside(
         given = missing & ~known & (maximum > 0)
         filled, known = np.where(given, best, filled), known | given
     return filled
+
+
+def coverage(shape: tuple[int, int], alpha: Any) -> Any:
+    """The share of each pixel that a picture covers: its alpha within 0 … 1, or 1 without one."""
+    if alpha is None:
+        return np.broadcast_to(np.float32(1), shape)
+    return computed(lambda a: np.clip(np.asarray(a, np.float32), 0, 1), alpha, dtype=np.float32)

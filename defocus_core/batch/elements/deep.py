@@ -40,20 +40,7 @@ def layers_of_scene(
     keeping: Keeping,
     lens_focal: float | None,
 ) -> Layers | None:
-    """The layers of a picture, with its plate and its holdout; None if nothing is deep.
-
-    Args:
-        picture: where it is.
-        reading: how it is read.
-        part: the part of the colour that is asked for.
-        like: its colour and depth in focus.
-        plate: the plate behind it, of the same channels.
-        keeping: where the layers are kept.
-        lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
-
-    Raises:
-        InputError: a file cannot be used, or something else is to be behind a deep picture.
-    """
+    """The layers of a picture, with its plate and its holdout; None if nothing is deep."""
     header = deep_header(picture, reading, part)
     headers = [header, None if plate is None else deep_header(plate.picture, plate.reading, None)]
     if headers == [None, None] and picture.holdout is None:
@@ -69,7 +56,7 @@ def layers_of_scene(
         black = keeping.new(like[1].metres.shape, np.float16)
         holdout = _holdout(picture.holdout, reading, like, keeping, lens_focal)
         layers = layers.held_out_by(holdout, black)
-    return layers.tidied(keeping)
+    return layers.tidy(keeping)
 
 
 def _layers(
@@ -93,11 +80,7 @@ def _holdout(
     keeping: Keeping,
     lens_focal: float | None,
 ) -> Layers:
-    """The samples of a deep holdout, without light.
-
-    Raises:
-        InputError: the file is not deep, or of another size than the picture.
-    """
+    """The samples of a deep holdout, without light."""
     color, depth = like
     path = holdout.color
     headers = read_headers(path) if is_exr(read_head(path)) else ()
@@ -115,16 +98,7 @@ def _holdout(
 
 
 def deep_header(picture: Picture, reading: Reading, part: int | None) -> Header | None:
-    """The part of a picture's colour if it is deep.
-
-    Args:
-        picture: the picture.
-        reading: how it is read.
-        part: the part of the colour that is asked for.
-
-    Raises:
-        InputError: the file cannot be read, or has no colour.
-    """
+    """The part of a picture's colour if it is deep."""
     if not is_exr(read_head(picture.color)):
         return None
     headers = in_view(picture.color, read_headers(picture.color), reading.view)
@@ -142,19 +116,7 @@ def read_deep(
     keeping: Keeping,
     lens_focal: float | None,
 ) -> Layers:
-    """Read the samples of a deep picture.
-
-    Args:
-        picture: where it is.
-        header: of its deep part.
-        reading: how it is read.
-        like: its colour and depth in focus.
-        keeping: where the layers are kept.
-        lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
-
-    Raises:
-        InputError: the file cannot be read, or a sample has no depth.
-    """
+    """Read the samples of a deep picture."""
     color, depth = like
     if picture.depth != picture.color or depth.channel != DEPTH:
         problem = "is deep: its samples have a depth of their own, channel Z"
@@ -216,11 +178,7 @@ def _metres(
 
 
 def _depth(like: Depth, metres: Any, alpha: Any) -> Depth:
-    """The depth of one layer; infinitely far where it has no sample.
-
-    Raises:
-        InputError: a sample has no depth.
-    """
+    """The depth of one layer; infinitely far where it has no sample."""
     for rows in bands(metres.shape):
         far = np.float32(0 if like.is_radius else np.inf)
         metres[rows] = np.where(np.asarray(alpha[rows]) > 0, metres[rows], far)

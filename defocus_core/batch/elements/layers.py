@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.elements.planes import coverage
+from defocus_core.batch.elements.alpha import coverage
 from defocus_core.batch.sources import layer_windows, windows
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.deep_merging import merged as merged_samples
 from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT, Strip
-from defocus_core.io.exr.deep_volumes import tidied
+from defocus_core.io.exr.deep_volumes import tidy
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.images.color_planes import Color
 from defocus_core.system.text import counted
@@ -26,28 +26,20 @@ _CUT_AT_ONCE = 1 << 16  # pixels
 
 @dataclass(frozen=True)
 class Layers:
-    """The layers of a deep picture, nearest first.
+    """The layers of a deep picture, nearest first."""
 
-    Attributes:
-        light: of each layer its arrays [H, W] of light, premultiplied: colours, then passes.
-        alpha: of each layer [H, W].
-        depths: of each layer.
-        colors: number of colours in `light`.
-        merged: number of pixels that had more samples than there are layers.
-        held_out: whether some layers hide others and have no alpha: then that of the picture is the
-            last plane of `light`.
-        ends: of each layer where its samples begin and end, in metres [H, W]; None of surfaces.
-        front: number of layers of the picture in front, if it is before another one.
-    """
-
+    # Of each layer its arrays [H, W] of light, premultiplied: colours, then passes
     light: tuple[tuple[Any, ...], ...]
-    alpha: tuple[Any, ...]
+    alpha: tuple[Any, ...]  # of each layer [H, W]
     depths: tuple[Depth, ...]
-    colors: int
-    merged: int = 0
+    colors: int  # number of colours in `light`
+    merged: int = 0  # number of pixels that had more samples than there are layers
+    # Whether some layers hide others and have no alpha: then that of the picture is the last
+    # plane of `light`
     held_out: bool = False
+    # Of each layer where its samples begin and end, in metres [H, W]; None of surfaces
     ends: tuple[tuple[Any, Any] | None, ...] = ()
-    front: int = 0
+    front: int = 0  # number of layers of the picture in front, if it is before another one
 
     @property
     def words(self) -> str:
@@ -67,7 +59,7 @@ class Layers:
             front=len(self.alpha),
         )
 
-    def tidied(self, keeping: Keeping) -> Layers:
+    def tidy(self, keeping: Keeping) -> Layers:
         """These layers with volumes cut where other samples lie within, and mixed in one place."""
         import numpy as np
 
@@ -80,7 +72,7 @@ class Layers:
             strip = self._samples(rows, names)
             behind = strip.pixel[strip.rank >= self.front] if self.front else ()
             both = np.intersect1d(behind, strip.pixel[strip.rank < self.front])
-            strip, count = merged_samples(tidied(strip, names, both), names)
+            strip, count = merged_samples(tidy(strip, names, both), names)
             merged += count
             while len(layers) < max(1, strip.maximum):
                 layers.append({name: keeping.new(shape, "float32") for name in (*names, DEPTH)})
@@ -120,12 +112,7 @@ class Layers:
         )
 
     def held_out_by(self, holdout: Layers, black: Any) -> Layers:
-        """These layers with others, which hide what is behind them and show nothing.
-
-        Args:
-            holdout: the others.
-            black: an array of zeros.
-        """
+        """These layers with others, which hide what is behind them and show nothing."""
         shown = tuple((*light, a) for light, a in zip(self.light, self.alpha, strict=True))
         hiding = ((black,) * len(shown[0]),) * len(holdout.alpha)
         whole = replace(self, light=shown).before(replace(holdout, light=hiding))
@@ -142,11 +129,8 @@ def flat_layer(color: Color, depth: Depth) -> Layers:
 def layered(lights: Sequence[Pixels], layers: Layers, radii: Sequence[Any], device: str) -> Layered:
     """The layers as the renderer takes them.
 
-    Args:
-        lights: of each layer its light [C, H, W].
-        layers: of a deep picture.
-        radii: of each layer the signed radii [H, W] in px.
-        device: cpu or cuda.
+    `lights`: of each layer its light [C, H, W]; `radii`: of each layer the signed radii [H, W] in
+    px.
     """
     from defocus_core.renderer.layers.stacked_samples import Layered
 

@@ -29,17 +29,7 @@ def overscan_of(
     *,
     whole: bool = False,
 ) -> Overscan:
-    """The pixels beyond the display window that colour and depth of a picture both have.
-
-    Args:
-        picture: where they are.
-        reading: how they are read.
-        parts: the part of the colour and of the depth file.
-        whole: whether pixels that no blur brings into the picture shown are wanted, too.
-
-    Raises:
-        InputError: a file cannot be read.
-    """
+    """The pixels beyond the display window that colour and depth of a picture both have."""
     from dataclasses import replace
 
     color_part, depth_part = parts
@@ -69,11 +59,7 @@ def overscan_of(
 def reframed(array: Any, held: Overscan, wanted: Overscan, nothing: float | None) -> Any:
     """An array [H, W] with another overscan than its own.
 
-    Args:
-        array: the array.
-        held: its overscan.
-        wanted: that of the result.
-        nothing: what is where the array has no pixels; None for those at its edge, repeated.
+    `nothing`: what is where the array has no pixels; None for those at its edge, repeated.
     """
     if held == wanted:
         return array

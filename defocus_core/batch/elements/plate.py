@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from defocus_core.batch.elements.alpha import element_depth
+from defocus_core.batch.elements.alpha import coverage, element_depth
 from defocus_core.batch.elements.overscan import overscan_of
-from defocus_core.batch.elements.planes import coverage
 from defocus_core.batch.elements.reading import read
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.sources import layer_windows, windows
@@ -34,21 +33,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Plate:
-    """A decoded plate.
-
-    Attributes:
-        picture: where it is.
-        reading: how it was read.
-        color: its colour.
-        depth: its depth; infinitely far if it has none.
-        warnings: what was taken for granted of it, and of the element over it.
-    """
+    """A decoded plate."""
 
     picture: Picture
-    reading: Reading
+    reading: Reading  # how it was read
     color: Color
-    depth: Depth
-    warnings: tuple[str, ...] = ()
+    depth: Depth  # its depth; infinitely far if it has none
+    warnings: tuple[str, ...] = ()  # what was taken for granted of it, and of the element over it
 
 
 def read_over(
@@ -62,16 +53,6 @@ def read_over(
     """Decode an element and its plate, with the overscan that both have.
 
     Of the options those that choose among layers and parts are the element's.
-
-    Args:
-        picture: where they are.
-        reading: the options.
-        keeping: where the arrays are kept.
-        lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
-        whole: whether overscan that no blur brings into the picture shown is wanted, too.
-
-    Raises:
-        InputError: a file cannot be read, or the two make no scene.
     """
     assert picture.over is not None
     plate_reading = _reading_of_plate(picture.over, reading)
@@ -95,11 +76,7 @@ def _plate(
     lens_focal: float | None,
     overscan: Overscan,
 ) -> Plate:
-    """A plate, infinitely far if it has no depth.
-
-    Raises:
-        InputError: a file cannot be read.
-    """
+    """A plate, infinitely far if it has no depth."""
     try:
         if picture.depth != picture.color or is_exr(read_head(picture.color)):
             read_as = read(picture, reading, keeping, lens_focal, overscan, whole=True)
@@ -111,12 +88,7 @@ def _plate(
 
 
 def _checked(element: Color, plate: Plate) -> Plate:
-    """The plate with warnings of the element over it.
-
-    Raises:
-        InputError: the two are of different sizes, channels or primaries, or the element has no
-            alpha.
-    """
+    """The plate with warnings of the element over it."""
     path, alpha = plate.color.path, element.alpha
     if alpha is None:
         problem = "has no alpha, and hides the plate everywhere"
@@ -147,19 +119,12 @@ def _checked(element: Color, plate: Plate) -> Plate:
 
 
 def layers_of(
-    lights: Sequence[Pixels],
+    lights: Sequence[Pixels],  # of both their light [C, H, W]
     pictures: tuple[Color, Color],
-    radii: Sequence[Pixels],
+    radii: Sequence[Pixels],  # of both the repaired radii [H, W] in px
     device: str,
 ) -> Layered:
-    """The element before the plate, as layers with coverage.
-
-    Args:
-        lights: of both their light [C, H, W].
-        pictures: the colour of the element and of the plate.
-        radii: of both the repaired radii [H, W] in px.
-        device: where it is rendered.
-    """
+    """The element before the plate, as layers with coverage."""
     from defocus_core.renderer.layers.stacked_samples import Layered
 
     size = pictures[0].planes[0].shape
@@ -175,11 +140,7 @@ def nothing_of(element: Depth, plate: Plate) -> Any:
 
 
 def _far_away(picture: Picture, reading: Reading, keeping: Keeping, overscan: Overscan) -> Plate:
-    """A plate without depth: infinitely far.
-
-    Raises:
-        InputError: the files hold radii, which have no far.
-    """
+    """A plate without depth: infinitely far."""
     if reading.holds_radii:
         what, remedy = "radii", "give them as ‹over› PLATE RADII"
         if reading.relative:

@@ -22,11 +22,7 @@ from defocus_core.io.safe_files import read_head
 
 
 def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None]:
-    """The part to read in the colour and in the depth file; None where there is only one.
-
-    Raises:
-        InputError: neither file has such a part.
-    """
+    """The part to read in the colour and in the depth file; None where there is only one."""
     if reading.part is None:
         return None, None
     if container_type(read_head(picture.depth, 32)):  # which has frames
@@ -49,17 +45,7 @@ def read(
 ) -> tuple[Color, Depth]:
     """Colour and depth of the same size, whose pixels are all valid.
 
-    Args:
-        picture: where they are.
-        reading: options that say how to read them.
-        keeping: whether they go to memory or to scratch files.
-        lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
-        maximum: the most pixels beyond the picture shown that are read; None for no limit.
-        whole: whether those of them that no blur brings into it are wanted, too.
-
-    Raises:
-        InputError: a file cannot be used.
-        UsageProblem: the options make no sense for it.
+    `maximum`: the most pixels beyond the picture shown that are read; None for no limit.
     """
     shared = picture.color == picture.depth
     parts = parts_of(picture, reading)

@@ -31,12 +31,10 @@ from defocus_core.batch.jobs.lens_from_options import (
     shape_of,
 )
 from defocus_core.batch.jobs.random_lenses import (
-    MATCHED,
     Sampling,
     distribution,
     drawn_lens,
     read_sampling,
-    refuse_matched,
 )
 from defocus_core.batch.jobs.sweep import Point, read_sweep
 from defocus_core.batch.jobs.toml_file import Table
@@ -78,11 +76,6 @@ class LensPlan:
         return len(self.points) * max(self.sampling.count, 1)
 
     @property
-    def matched(self) -> bool:
-        """Whether the radii of a set decide focus and f-number."""
-        return self.sampling.match is not None
-
-    @property
     def suffixes(self) -> list[str]:
         """What each lens adds to the name of a sample."""
         draws = [f"_s{index:03}" for index in range(self.sampling.count)] or [""]
@@ -104,14 +97,11 @@ class LensPlan:
         source = entry.where if own else self.source
         if self.radii:
             refuse_optics(own, source)
-        if self.matched:
-            refuse_matched(own, entry.where)
-            _refuse_frame(entry)
         draws, stem = self.sampling.count, entry.picture.stem
         for which, mine in groupby(numbers, lambda number: number // max(draws, 1)):
             point = self.points[which]
             options = merged(shared, point.options)
-            _check_lens(options, source, radii=self.radii, matched=self.matched)
+            _check_lens(options, source, radii=self.radii)
             if not draws:
                 values = {name: parsed(name, text) for name, text in options.items()}
                 yield point.suffix, replace(lens_of(values, source), max_coc=self.max_coc)
@@ -119,9 +109,7 @@ class LensPlan:
             texts = tuple(options.items())
             for index in (number % draws for number in mine):
                 draw = Draw(self.sampling.seed, stem, index, texts)
-                lens = drawn_lens(draw, source, self.max_coc)
-                lens = replace(lens, radii_px=self.sampling.radii(stem, index))
-                yield f"{point.suffix}_s{index:03}", lens
+                yield f"{point.suffix}_s{index:03}", drawn_lens(draw, source, self.max_coc)
 
 
 def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) -> LensPlan:
@@ -166,9 +154,6 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
         refuse_lens_file(stored, file, lens.place("file"))
     elif radii:
         stored = shape_of(stored)
-    if sampling.match is not None:
-        _refuse_beside_match(lens, sweep, sample, points, radii=radii)
-        stored = {name: text for name, text in stored.items() if name not in MATCHED}
     return LensPlan(
         source=Place(lens.file),
         options=merged(stored, entry_options),
@@ -178,31 +163,6 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
         taken=taken,
         radii=radii,
     )
-
-
-def _refuse_beside_match(
-    lens: Table, sweep: Table, sample: Table, points: Sequence[Point], *, radii: bool
-) -> None:
-    """Refuse what decides the radii beside a set whose radii are to be had.
-
-    Raises:
-        UsageProblem: there is an option that does.
-    """
-    refuse_matched(lens.values, lens.place())
-    refuse_matched((name for point in points for name in point.options), sweep.place())
-    if radii:
-        problem = "finds a lens of depth, and with depth-format coc the files hold radii"
-        raise UsageProblem(
-            "idle-option", problem, "give depth, or leave it out", path=sample.place("match")
-        )
-
-
-def _refuse_frame(entry: Entry) -> None:
-    """Refuse to match frames, whose lens must not change from one to the next."""
-    if entry.picture.frame is not None:
-        problem = f"'{entry.picture.stem}' is a frame of a shot, which match would blur by itself"
-        remedy = "name the files by a pattern with *, or leave match out"
-        raise UsageProblem("idle-option", problem, remedy, path=entry.where)
 
 
 def lens_file_of(lens: Table) -> Path | None:
@@ -218,14 +178,13 @@ def _max_coc(lens: Table, sample: Table) -> float | None:
     return table.parsed("max-coc", pixel_count)
 
 
-def _check_lens(options: Mapping[str, str], source: Place, *, radii: bool, matched: bool) -> None:
+def _check_lens(options: Mapping[str, str], source: Place, *, radii: bool) -> None:
     """Refuse a lens without a required option, with a useless one, or that may focus too near."""
     if "blur" in options:
         refuse_optics(options, source, in_pixels=True)
         refuse_unfocused(options, source)
     elif not radii:
-        found = dict.fromkeys(("fnumber", "focus"), "") if matched else {}
-        refuse_missing({**options, **found}, source)
+        refuse_missing(options, source)
         nearest = min(_distances(options, "focus"), default=math.inf)
         longest = max(_distances(options, "focal-length"))
         refuse_near_focus(nearest, longest, source.at("focus"))

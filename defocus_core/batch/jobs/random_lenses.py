@@ -4,14 +4,13 @@
 is drawn depends on ``seed``, the picture's name and that number alone, not on other pictures or
 draws. What an option is drawn from is written ``uniform(a, b)``, ``loguniform(a, b)``,
 ``disparity(a, b)`` (a focus uniform in 1/distance), ``percentile(a, b)`` (a focus uniform in the
-percentile of the depth) or ``choice(a, b, …)``. ``match`` names a set of pictures: the depth of a
-picture decides focus and f-number, so that its radii are those at a share of that set, drawn too.
+percentile of the depth) or ``choice(a, b, …)``.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -27,15 +26,12 @@ from defocus_core.batch.lenses.quantities import (
     read_at,
     text_of,
 )
-from defocus_core.batch.lenses.radius_set import Radii, RadiusSet, read_radius_set, spread
 from defocus_core.errors import Place, UsageProblem, reason
 
 if TYPE_CHECKING:
     from defocus_core.optics.distributions import Distribution
 
-KEYS = ("n", "seed", "max-coc", "match", *LENS_OPTIONS)
-# What a lens must not have whose radii are those of a set.
-MATCHED = (*(name for name, row in LENS_OPTIONS.items() if row.is_matched), "max-coc")
+KEYS = ("n", "seed", "max-coc", *LENS_OPTIONS)
 _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
 
 
@@ -58,24 +54,11 @@ def drawn_lens(draw: Draw, source: Place, max_coc: float | None) -> Lens:
 
 @dataclass(frozen=True)
 class Sampling:
-    """How many lenses are drawn for a picture, and what each option is drawn from, as texts.
-
-    With ``match`` focus and f-number give a picture the radii of that set.
-    """
+    """How many lenses are drawn for a picture, and what each option is drawn from, as texts."""
 
     count: int = 0
     seed: int = 0
     options: Mapping[str, str] = field(default_factory=dict)
-    match: RadiusSet | None = None
-
-    def radii(self, picture: str, index: int) -> Radii | None:
-        """Mean, median and 99th percentile of the radii of a lens of a picture; None for any."""
-        if self.match is None:
-            return None
-        from defocus_core.optics.distributions import Distribution, drawn
-
-        first = drawn({"match": Distribution("uniform", (0.0, 1.0))}, self.seed, picture)["match"]
-        return self.match.at(spread(first, index))
 
 
 def read_sampling(table: Table) -> Sampling:
@@ -99,30 +82,14 @@ def read_sampling(table: Table) -> Sampling:
         if read_at(table.place(name), distribution, name, text) is None:
             remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
             raise UsageProblem(
-                "malformed", f"'{text}' is nothing to draw from", remedy, path=table.place(name)
+                "malformed", f"'{text}' is no distribution", remedy, path=table.place(name)
             )
-    match = table.text("match")
-    if not options and match is None:
+    if not options:
         remedy = 'write fnumber = "loguniform(1.4, 16)" below [sample]'
         raise UsageProblem(
             "idle-option", "draws no option of the lens", remedy, path=table.file, field="[sample]"
         )
-    if match is None:
-        return Sampling(count, seed, options)
-    refuse_matched((name for name in MATCHED if name in table.values), table.place())
-    return Sampling(count, seed, options, read_radius_set(table.file.parent / match))
-
-
-def refuse_matched(names: Iterable[str], source: Place) -> None:
-    """Refuse options that ``match`` decides.
-
-    Raises:
-        UsageProblem: there is one.
-    """
-    for name in names:
-        if name in MATCHED:
-            problem = "stands beside match in [sample], which finds focus and f-number"
-            raise UsageProblem("contradiction", problem, "remove one of them", path=source.at(name))
+    return Sampling(count, seed, options)
 
 
 @lru_cache(maxsize=4096)
@@ -150,4 +117,4 @@ def distribution(name: str, text: str) -> Distribution | None:
     try:
         return Distribution(kind, values)
     except ValueError as error:
-        raise QuantityError(f"'{text}' is nothing to draw from: {reason(error)}", "") from None
+        raise QuantityError(f"'{text}' is no distribution: {reason(error)}", "") from None

@@ -22,6 +22,7 @@ from defocus_core.batch.lenses.quantities import (
     angle,
     length,
     number,
+    one_of,
     pixel_count,
     read_at,
     text_of,
@@ -31,18 +32,6 @@ from defocus_core.io.depth_formats.reading import GEOMETRIES, INVALID, KINDS, RE
 from defocus_core.io.depth_formats.table import NAMES, UNITS
 
 _FRACTION = re.compile(r"\s*([\d.e+-]+)\s*/\s*([\d.e+-]+)\s*", re.I)
-
-
-def one_of(words: Sequence[str]) -> Callable[[str], str]:
-    """A parser that takes one of the words."""
-
-    def parse(text: str) -> str:
-        if text not in words:
-            remedy = did_you_mean(text, words, f"choose from {', '.join(words)}")
-            raise QuantityError(f"'{text}' is not known", remedy)
-        return text
-
-    return parse
 
 
 def format_name(text: str) -> str:

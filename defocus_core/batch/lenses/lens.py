@@ -15,21 +15,13 @@ from defocus_core.errors import CALLER, Place
 
 @dataclass(frozen=True)
 class Draw:
-    """Which of the random lenses of a picture this is.
+    """Which of the random lenses of a picture this is."""
 
-    Attributes:
-        seed: the seed of the jobs file.
-        picture: name of the picture.
-        index: number of the draw for this picture.
-        options: all options of the lens as texts, drawn or not.
-        attempt: number of draws before this one that did not suit the picture.
-    """
-
-    seed: int
-    picture: str
-    index: int
-    options: tuple[tuple[str, str], ...]
-    attempt: int = 0
+    seed: int  # the seed of the jobs file
+    picture: str  # name of the picture
+    index: int  # number of the draw for this picture
+    options: tuple[tuple[str, str], ...]  # all options of the lens as texts, drawn or not
+    attempt: int = 0  # number of draws before this one that did not suit the picture
 
 
 @dataclass(frozen=True)
@@ -39,8 +31,8 @@ class Lens:
     Its focus is at ``foc_dist``, at the depth of pixel ``focus_at``, or at ``focus_percentile`` of
     the depth; `batch.depth.focusing` finds the distance. Where a file holds radii
     instead of depth, only the shape of the opening is known: focal length and f-number are NaN.
-    With ``radii_px`` the depth decides f-number, too, which is NaN before. With ``blur`` there is
-    no lens but that shape, either: its radii are linear in the numbers of the depth file.
+    With ``blur`` there is no lens but that shape, either: its radii are linear in the numbers of
+    the depth file.
     """
 
     foclen: float
@@ -72,7 +64,6 @@ class Lens:
     breathing: float = 0.0  # px outwards at the side borders, of a blur of 1 px
     noise: tuple[float, float] | None = None  # electrons of a light of 1, and of read noise
     noise_seed: int = 0
-    radii_px: tuple[float, float, float] | None = None  # mean, median, 99th percentile of the blur
     draw: Draw | None = None  # of a random lens; another can be drawn from it
     # Where its focus stands, for errors.
     focus_source: Place = field(default=CALLER, compare=False)
@@ -117,8 +108,6 @@ def lens_record(lens: Lens) -> dict[str, Any]:
         record["focus_at_px"] = list(lens.focus_at)
     if lens.focus_percentile is not None:
         record["focus_percentile"] = lens.focus_percentile
-    if lens.radii_px is not None:
-        record["radii_px"] = list(lens.radii_px)
     if lens.max_coc is not None:
         record["max_coc_px"] = lens.max_coc
     if (draw := lens.draw) is not None:
@@ -143,10 +132,6 @@ def lens_record_words(lens: Mapping[str, Any]) -> str:
         return f"blur of {lens['blur']:g}px, focus {where}{shape}"
     if lens["focal_length_mm"] is None:
         return f"radii of the file{shape}"
-    if lens["fnumber"] is None:
-        radii = "radii of mean {:g} px, median {:g} px, 99th percentile {:g} px"
-        foclen, sensor = (length_text(lens[f"{k}_mm"]) for k in ("focal_length", "sensor_width"))
-        return f"{foclen} with {radii.format(*lens['radii_px'])}, sensor {sensor}{shape}"
     focus = "at {},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""
     if "focus_percentile" in lens:
         focus = f"at {Percentile(lens['focus_percentile'])}"

@@ -19,34 +19,21 @@ from defocus_core.batch.lenses.quantities import Percentile, length_text
 
 @dataclass(frozen=True, kw_only=True)
 class Param:
-    """An option: how it is named, read, written and explained.
+    """An option: how it is named, read, written and explained."""
 
-    Attributes:
-        name: of the option, and of the key of a TOML file.
-        parse: makes its value of a text; raises QuantityError.
-        help: what it does; other options are in angle quotes.
-        metavar: what help shows in the place of its value.
-        stored_as: the field that has its value, where that is not its name with underscores.
-        unit: of each number of its value, which a text must name.
-        optional_unit: a unit that a text may leave out, and that is written for people.
-        separator: what stands between the numbers or words of its value, if these are several.
-        choices: the words that it may be, where it is one of them.
-        flag: it has no value: a field has its name, if it is given.
-        min_whole: the least whole number that it may be, where it is one.
-        parse_word: makes a number of each word, where a command line has it in two words.
-    """
-
-    name: str
-    parse: Callable[[str], Any]
-    help: str
-    metavar: str = ""
-    stored_as: str = ""
-    unit: str = ""
-    optional_unit: str = ""
+    name: str  # of the option, and of the key of a TOML file
+    parse: Callable[[str], Any]  # makes its value of a text; raises QuantityError
+    help: str  # what it does; other options are in angle quotes
+    metavar: str = ""  # what help shows in the place of its value
+    stored_as: str = ""  # the field that has its value, where that is not its name with underscores
+    unit: str = ""  # of each number of its value, which a text must name
+    optional_unit: str = ""  # a unit that a text may leave out, and that is written for people
+    # What stands between the numbers or words of its value, if these are several
     separator: str = ""
-    choices: Sequence[str] = ()
-    flag: bool = False
-    min_whole: int | None = None
+    choices: Sequence[str] = ()  # the words that it may be, where it is one of them
+    flag: bool = False  # it has no value: a field has its name, if it is given
+    min_whole: int | None = None  # the least whole number that it may be, where it is one
+    # Makes a number of each word, where a command line has it in two words
     parse_word: Callable[[str], Any] | None = None
 
     @property
@@ -81,38 +68,24 @@ class Param:
 
 @dataclass(frozen=True, kw_only=True)
 class LensParam(Param):
-    """An option of a lens.
+    """An option of a lens."""
 
-    Attributes:
-        tag: what a file name calls it in a sweep.
-        example: a value as a text.
-        required: a lens cannot do without it, or without the option that is instead of it.
-        instead_of: the option that says the same in another way.
-        needs: the option without which it changes nothing.
-        idle: what it does in vain without that one.
-        is_optics: it decides radii, so that it is idle where a file holds them.
-        is_matched: radii of a set decide it, so that it cannot be given beside them.
-        even_in: the scale of sweeps in which it goes evenly between keys of frames, as one number
-            or several; empty for what holds until the next key, and is drawn by choice only.
-        bare_unit: unit of a key of a frame that is a number alone, where that is another.
-        recorded_as: its key in records of any lens; empty where its field is recorded if it is on.
-        file_field: the field that has the path, where the value may be a file.
-        never_off: it is no effect that a lens may be without.
-    """
-
-    tag: str
-    example: str
+    tag: str  # what a file name calls it in a sweep
+    example: str  # a value as a text
+    # A lens cannot do without it, or without the option that is instead of it
     required: bool = False
-    instead_of: str = ""
-    needs: str = ""
-    idle: str = ""
-    is_optics: bool = False
-    is_matched: bool = False
+    instead_of: str = ""  # the option that says the same in another way
+    needs: str = ""  # the option without which it changes nothing
+    idle: str = ""  # what it does in vain without that one
+    is_optics: bool = False  # it decides radii, so that it is idle where a file holds them
+    # The scale of sweeps in which it goes evenly between keys of frames, as one number or
+    # several; empty for what holds until the next key, and is drawn by choice only
     even_in: str = ""
-    bare_unit: str = ""
+    bare_unit: str = ""  # unit of a key of a frame that is a number alone, where that is another
+    # Its key in records of any lens; empty where its field is recorded if it is on
     recorded_as: str = ""
-    file_field: str = ""
-    never_off: bool = False
+    file_field: str = ""  # the field that has the path, where the value may be a file
+    never_off: bool = False  # it is no effect that a lens may be without
 
     @property
     def is_ranged(self) -> bool:
@@ -184,7 +157,6 @@ _ROWS = (
         even_in="log",
         required=True,
         is_optics=True,
-        is_matched=True,
     ),
     LensParam(
         name="aperture-diameter",
@@ -198,7 +170,6 @@ _ROWS = (
         even_in="log",
         instead_of="fnumber",
         is_optics=True,
-        is_matched=True,
     ),
     LensParam(
         name="sensor-width",
@@ -226,7 +197,6 @@ _ROWS = (
         even_in="disparity",
         required=True,
         is_optics=True,
-        is_matched=True,
     ),
     LensParam(
         name="focus-at",
@@ -240,7 +210,6 @@ _ROWS = (
         even_in="steps",
         instead_of="focus",
         is_optics=True,
-        is_matched=True,
     ),
     LensParam(
         name="sharp-range",
@@ -254,7 +223,6 @@ _ROWS = (
         separator="..",
         even_in="disparity",
         is_optics=True,
-        is_matched=True,
     ),
     LensParam(
         name="blur",
@@ -268,7 +236,6 @@ _ROWS = (
         example="40px",
         unit="px",
         even_in="log",
-        is_matched=True,
     ),
     LensParam(
         name="focus-value",

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from defocus_core.allowed_values import AUTO_LIGHTS
-from defocus_core.errors import Place, UsageProblem
+from defocus_core.errors import Place, UsageProblem, did_you_mean
 
 T = TypeVar("T")
 
@@ -52,11 +52,7 @@ class Percentile:
 
 
 def read_at(where: Place, parse: Callable[..., T], *texts: str) -> T:
-    """The value that a parser reads from a text.
-
-    Raises:
-        UsageProblem: the text makes no sense; the error names ``where`` it stands.
-    """
+    """The value that a parser reads from a text."""
     try:
         return parse(*texts)
     except QuantityError as error:
@@ -160,13 +156,14 @@ def within(minimum: float, maximum: float, what: str, example: str) -> Callable[
     return parse
 
 
-def one_of(words: Sequence[str], what: str) -> Callable[[str], str]:
-    """A parser of one of some words."""
+def one_of(words: Sequence[str]) -> Callable[[str], str]:
+    """A parser that takes one of the words."""
 
     def parse(text: str) -> str:
-        if (word := text.strip().lower()) not in words:
-            raise QuantityError(f"'{text}' is not {what}", f"write {' or '.join(words)}")
-        return word
+        if text not in words:
+            remedy = did_you_mean(text, words, f"choose from {', '.join(words)}")
+            raise QuantityError(f"'{text}' is not known", remedy)
+        return text
 
     return parse
 
@@ -222,7 +219,7 @@ def shifts(text: str) -> tuple[float, float]:
 
 def switch(text: str) -> bool:
     """Whether something is ``on``, or ``off``."""
-    return one_of(("on", "off"), "on or off")(text) == "on"
+    return one_of(("on", "off"))(text.strip().lower()) == "on"
 
 
 def noise(text: str) -> tuple[float, float]:

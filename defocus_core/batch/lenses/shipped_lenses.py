@@ -14,17 +14,11 @@ MARK = "@"
 
 @dataclass(frozen=True)
 class ShippedLens:
-    """A lens file that ships.
+    """A lens file that ships."""
 
-    Attributes:
-        name: as ``--lens`` takes it, with the mark.
-        path: the file.
-        subject: its first line, in words.
-    """
-
-    name: str
+    name: str  # as ``--lens`` takes it, with the mark
     path: Path
-    subject: str
+    subject: str  # its first line, in words
 
 
 @cache
@@ -38,11 +32,7 @@ def shipped_lenses() -> tuple[ShippedLens, ...]:
 
 
 def lens_path(path: Path, where: Place) -> Path:
-    """The lens file of a path, or of a name like ``@portrait-85``.
-
-    Raises:
-        UsageProblem: no lens of that name ships; the error names ``where`` it stands.
-    """
+    """The lens file of a path, or of a name like ``@portrait-85``."""
     known = {lens.name: lens.path for lens in shipped_lenses()}
     if not str(path).startswith(MARK):
         if not path.exists() and f"{MARK}{path}" in known:

@@ -25,9 +25,7 @@ _BEHIND = 0.12  # brightness behind it
 def focus_planes(color: Color, radius: Any) -> tuple[Any, ...]:
     """The red, green and blue planes [H, W], linear light, computed a few rows at a time.
 
-    Args:
-        color: the colour input.
-        radius: signed CoC radius in px, [H, W].
+    `radius`: signed CoC radius in px, [H, W].
     """
     maximum = max(largest(radius[rows]) for rows in bands(radius.shape))
     inset = _histogram(radius, maximum)

@@ -16,15 +16,9 @@ def lit(
 ) -> tuple[list[Pixels], int | None]:
     """Pictures of one scene with the light of their lamps, if the lens asks for it.
 
-    Args:
-        pictures: each [C, H, W], of linear light.
-        radii: of each [H, W] px, signed: what is in focus stays as it is.
-        colors: how many of their channels are colours, the first ones.
-        lens: the lens.
-
-    Returns:
-        The pictures, as they are if one of them has light above 1; and the number of lamps, None
-        if they are not asked for.
+    `pictures`: each [C, H, W], of linear light; `radii`: of each [H, W] px, signed: what is in
+    focus stays as it is. Returns the pictures, as they are if one of them has light above 1; and
+    the number of lamps, None if they are not asked for.
     """
     from defocus_core.tensors.clipped_lights import ClippedLights
 

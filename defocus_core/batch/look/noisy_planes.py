@@ -21,15 +21,7 @@ _SEED_BYTES = 5  # of a seed, of which rows of pictures make others
 def noisy(
     planes: Sequence[Any], channels: Sequence[str], job: Job, lens: Lens, view: str
 ) -> tuple[Any, ...]:
-    """The planes [H, W] of an image with the lens' noise, if it has any; alpha has none.
-
-    Args:
-        planes: linear light, one array for each channel.
-        channels: names of the channels.
-        job: the job, whose sample decides the random numbers.
-        lens: the lens, whose sensor has noise.
-        view: the kind of output that it is of, which decides the random numbers, too.
-    """
+    """The planes [H, W] of an image with the lens' noise, if it has any; alpha has none."""
     if lens.noise is None:
         return tuple(planes)
     electrons, read = lens.noise

@@ -45,9 +45,6 @@ def aperture_of(lens: Lens, color: int | None = None) -> Aperture:
     """The pupil of a lens, as light of a colour sees it: red is 0, green 1, blue 2.
 
     Without a colour, a coloured pupil is the mean of its colours.
-
-    Raises:
-        InputError: the picture of the pupil cannot be used.
     """
     from defocus_core.optics.aperture import Aperture
 
@@ -67,12 +64,7 @@ def aperture_of(lens: Lens, color: int | None = None) -> Aperture:
 
 
 def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
-    """The barrel that clips the opening in pictures of (width, height) px, if one does.
-
-    Raises:
-        UsageProblem: the rim would hide the middle of the opening in the corners, or all that an
-            opaque middle leaves of it, or the opening is a field of kernels.
-    """
+    """The barrel that clips the opening in pictures of (width, height) px, if one does."""
     from defocus_core.optics.cat_eye import CatEye
     from defocus_core.optics.pupil_field import PupilField
 
@@ -104,16 +96,7 @@ def aperture_in_pixels(
 
     A radius of the CoC is so many px wide; pixels that are wider than high show it higher in px.
 
-    Args:
-        lens: the lens.
-        pixel_aspect: width of a pixel by its height.
-        color: of the light, as `aperture_of` counts them.
-
-    Returns:
-        The pupil, and the longer half axis of its blur in px, in radii of the CoC.
-
-    Raises:
-        InputError: the picture of the pupil cannot be used.
+    Returns the pupil, and the longer half axis of its blur in px, in radii of the CoC.
     """
     pupil = aperture_of(lens, color)
     if pixel_aspect == 1:
@@ -124,12 +107,7 @@ def aperture_in_pixels(
 
 
 def dual_pixel_of(lens: Lens) -> DualPixel:
-    """The photodiodes of the sensor behind a lens.
-
-    Raises:
-        InputError: the file of their kernels cannot be used.
-        UsageProblem: it holds kernels over the frame, over which the opening changes, too.
-    """
+    """The photodiodes of the sensor behind a lens."""
     from defocus_core.optics.dual_pixel import DualPixel
     from defocus_core.optics.pupil_field import PupilField
 
@@ -143,11 +121,7 @@ def dual_pixel_of(lens: Lens) -> DualPixel:
 
 
 def measured_pair(path: Path) -> tuple[Sensitivity, Sensitivity]:
-    """What the left and the right photodiodes see, of a file of their kernels.
-
-    Raises:
-        InputError: the file cannot be read, or does not hold two kernels.
-    """
+    """What the left and the right photodiodes see, of a file of their kernels."""
     return _pair(path, _stamp(path))
 
 
@@ -162,11 +136,7 @@ def disparity_of(lens: Lens) -> float:
 
 
 def pupil_images(path: Path) -> tuple[PupilImage, ...]:
-    """The picture of a pupil, as light: the mean of its colours, then each if they differ.
-
-    Raises:
-        InputError: the file cannot be read, or is no picture of a pupil.
-    """
+    """The picture of a pupil, as light: the mean of its colours, then each if they differ."""
     return _pupil_images(path, _stamp(path))
 
 
@@ -178,11 +148,7 @@ def _stamp(path: Path) -> tuple[int, int] | None:
 
 @lru_cache(maxsize=16)
 def _pair(path: Path, _stamp: object) -> tuple[Sensitivity, Sensitivity]:
-    """What the left and the right photodiodes see, of a file of their kernels.
-
-    Raises:
-        InputError: the file cannot be read, or does not hold kernels of both.
-    """
+    """What the left and the right photodiodes see, of a file of their kernels."""
     import torch
 
     from defocus_core.optics.sensitivity import sensitivities
@@ -198,11 +164,7 @@ def _pair(path: Path, _stamp: object) -> tuple[Sensitivity, Sensitivity]:
 
 
 def _two_kernels(path: Path) -> tuple[NDArray[Any], ...]:
-    """The kernels of left and right: [H, W] of an NPY file, also [rows, columns, H, W] of an NPZ.
-
-    Raises:
-        InputError: the file cannot be read, or does not hold kernels of both.
-    """
+    """Kernels of left and right: [H, W] of an NPY file, also [rows, columns, H, W] of an NPZ."""
     if container_type(read_head(path)) == "NPZ":
         remedy = "save left and right, each rows × columns × height × width"
         axes: tuple[int, ...] = (2, 4)
@@ -272,11 +234,7 @@ def _refuse_wide(path: Path, shape: tuple[int, ...]) -> None:
 
 
 def _field(path: Path, values: NDArray[Any]) -> PupilField:
-    """Kernels of a grid over the frame, [rows, columns, H, W] or with a channel before H.
-
-    Raises:
-        InputError: they are no kernels, too many, or of colours.
-    """
+    """Kernels of a grid over the frame, [rows, columns, H, W] or with a channel before H."""
     import torch
 
     from defocus_core.optics.pupil_field import PupilField
@@ -300,13 +258,7 @@ def _field(path: Path, values: NDArray[Any]) -> PupilField:
 def write_aperture(path: Path, lens: Lens, radius: float) -> None:
     """Write the opening and the blur of a point to look at, PNG, or the blur to measure, EXR.
 
-    Args:
-        path: the file; its suffix decides.
-        lens: the lens.
-        radius: of the blur, in px, signed.
-
-    Raises:
-        InputError: the picture of the pupil cannot be used, or the file not be written.
+    `radius`: of the blur, in px, signed.
     """
     import torch
 

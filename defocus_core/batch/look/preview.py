@@ -23,9 +23,6 @@ def write_preview(path: Path, pixels: Any, attributes: Mapping[str, object] | No
     """Write linear, premultiplied pixels [H, W, C], C = 1…4 as Y, YA, RGB, RGBA, over black.
 
     Attributes may declare the primaries of the pixels.
-
-    Raises:
-        InputError: the file cannot be written.
     """
     channels = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[pixels.shape[2]]
     to_srgb = srgb_matrix(path, channels, attributes or {})
@@ -37,11 +34,7 @@ def write_preview(path: Path, pixels: Any, attributes: Mapping[str, object] | No
 
 
 def write_depth_preview(path: Path, metres: Any) -> None:
-    """Write depth [H, W] as disparity, from black at infinity to white at the nearest pixel.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """Write depth [H, W] as disparity, from black at infinity to white at the nearest pixel."""
     near = (float(np.min(metres[rows])) for rows in bands(metres.shape))
     nearest = min((value for value in near if np.isfinite(value)), default=1.0)
 
@@ -55,9 +48,6 @@ def write_signed_preview(path: Path, radius: Any) -> None:
     """Write signed CoC radii, or another signed map, [H, W]: orange near, white at 0, blue far.
 
     The colours are symmetric about 0; full colour is the largest finite |radius|.
-
-    Raises:
-        InputError: the file cannot be written.
     """
     maximum = max(largest(radius[rows]) for rows in bands(radius.shape))
     encoded = (quantised(diverging(radius[rows], maximum), 8) for rows in bands(radius.shape))

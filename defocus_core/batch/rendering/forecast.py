@@ -28,7 +28,6 @@ from defocus_core.system.text import duration
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
-    from defocus_core.evaluation.cost import Cost
 
 # Most pictures of a batch to decode for a forecast; the others count as their average.
 MAX_READ = 16
@@ -48,14 +47,13 @@ class Forecast:
         depth_note: how the depth is read and repaired.
         repair: of the depth; None if nothing is rendered.
         read_seconds: time to decode the inputs, measured.
-        cost: the work, and the steps of the last rendering; None if only maps are written, which
-            needs no rendering.
         prepare_seconds: time before rendering, measured: repair of depth, search of lights.
         seconds: time to render, right within a factor of two.
         write_seconds: time to write, measured on a picture of the same outputs.
         peak_mb: upper bound of the memory of the process, or of the GPU.
         scratch_mb: size of its arrays in scratch files; 0 if they are held in memory.
-        renderings: how many times it is rendered, for colours apart, and for up and down.
+        renderings: how many times it is rendered, for colours apart, and for up and down; 0 if only
+            maps are written.
     """
 
     size: tuple[int, int]
@@ -64,13 +62,12 @@ class Forecast:
     depth_note: str
     repair: DepthRepair | None
     read_seconds: float
-    cost: Cost | None
     prepare_seconds: float
     seconds: float
     write_seconds: float
     peak_mb: float
     scratch_mb: float
-    renderings: int = 1
+    renderings: int
 
 
 @cache
@@ -95,7 +92,7 @@ def work_per_second(device: str, threads: int) -> float:
         if device == "cuda":
             torch.cuda.synchronize()
         seconds.append(time.perf_counter() - start)
-    return cost(renderer).work / min(seconds[1:])
+    return cost(renderer) / min(seconds[1:])
 
 
 def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusError]]:
@@ -132,17 +129,15 @@ def _forecast(job: Job, device: str, rate: float, written: dict[Outputs, float])
     read_seconds, start = time.perf_counter() - start, time.perf_counter()
     rendered, held = job_steps.prepare(job, inputs), inputs.holding
     peak = base_mb() + held.files_mb if device == "cpu" else 0.0
-    work, maximum, renders, last = 0.0, 0.0, 1, None
+    work, maximum, renders = 0.0, 0.0, 0
     if job.outputs.need_rendering:
         renderers, colors = Renderers(rendered), renderings(rendered)
         renders = len(colors)
         for color in colors:
             renderer = renderers.of(color)
-            last = cost(renderer)
-            work += last.work
+            work += cost(renderer)
             maximum = max(maximum, regions_at_once(job, renderer, held, device)[1])
         rendered = replace(rendered, repair=renderer.repair)
-        last = last and last._replace(work=work)
     prepare_seconds = time.perf_counter() - start
     if job.outputs not in written:
         written[job.outputs] = _write_seconds(rendered) / math.prod(rendered.size)
@@ -153,7 +148,6 @@ def _forecast(job: Job, device: str, rate: float, written: dict[Outputs, float])
         depth_note=rendered.depth_words(),
         repair=rendered.repair,
         read_seconds=read_seconds,
-        cost=last,
         prepare_seconds=prepare_seconds,
         seconds=work / rate if work else 0.0,
         write_seconds=written[job.outputs] * math.prod(rendered.size),
@@ -197,10 +191,8 @@ def record(forecast: Forecast) -> dict[str, Any]:
     if forecast.scratch_mb:
         values["scratch_mb"] = forecast.scratch_mb
         values["scratch_folder"] = str(scratch_folder())
-    if (cost := forecast.cost) is not None:
-        names = ("slices", "tiles", "slice_tiles", "slice_tiles_seen")
+    if forecast.renderings:
         values["renderings"] = forecast.renderings
-        values["stats"] = {name: getattr(cost, name) for name in names}
     return values
 
 
@@ -211,19 +203,13 @@ def line(forecast: Forecast) -> str:
     scratch = ""
     if forecast.scratch_mb:
         scratch = f", and {forecast.scratch_mb:.0f} MB of scratch in {scratch_folder()}"
-    if (cost := forecast.cost) is None:
+    if not forecast.renderings:
         return f"{start}maps alone, nothing is rendered{scratch}"
-    fraction = 100 * cost.slice_tiles_seen / cost.slice_tiles
     note = repair_words(forecast.repair)
     repair_note = f"; depth: {note}" if note else ""
-    times = f"{forecast.renderings} renderings of " if forecast.renderings > 1 else ""
-    rendering = duration(forecast.prepare_seconds + forecast.seconds)
-    seconds = f"{rendering}, {duration(forecast.write_seconds)} to write"
-    return (
-        f"{start}{times}{cost.slices} slices, {cost.slice_tiles_seen} of {cost.slice_tiles} steps "
-        f"of slice x tile ({fraction:.0f} %) and what is hidden; about {seconds}, "
-        f"at most {forecast.peak_mb:.0f} MB{scratch}{repair_note}"
-    )
+    times = f"{forecast.renderings} renderings, " if forecast.renderings > 1 else ""
+    seconds = duration(forecast.prepare_seconds + forecast.seconds + forecast.write_seconds)
+    return f"{start}{times}about {seconds}, at most {forecast.peak_mb:.0f} MB{scratch}{repair_note}"
 
 
 def total(samples: Sequence[Forecast], jobs: int) -> dict[str, Any]:

@@ -88,7 +88,7 @@ class FitOptions:
 
     def _counterpart(self, number: float, focus: float, width: int) -> float:
         """The f-number of a strength, or the strength of an f-number: their product is known."""
-        from defocus_core.fitting.matched_blur import fnum_of_strength
+        from defocus_core.optics.thin_lens import fnum_of_strength
 
         pitch = self.sensor_width / width
         return fnum_of_strength(number, focus / _MM_PER_M, self.foclen, pitch)
@@ -287,7 +287,7 @@ def write_lens(path: Path, record: dict[str, Any]) -> None:
 
 def breathes(record: dict[str, Any]) -> bool:
     """Whether a breathing was found that is more than chance."""
-    error = record.get("breathing_error")  # a lens that was matched has none
+    error = record["breathing_error"]
     return error is not None and abs(record["breathing"]) > max(_CHANCE * error, _MIN_BREATHING)
 
 

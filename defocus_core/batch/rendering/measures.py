@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from defocus_core.batch.lenses.radius_set import MEASURES as RADII
 from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.io.arrays import evenly
 
 _WHITE = 0.9999  # of an integer picture, in linear light
 _FLOATS = (".exr", ".hdr")  # whose light has no end
 _PARTS = 32  # equal parts of the pixels of a frame, between quantiles of their disparity
+RADII = ("coc_mean_px", "coc_p50_px", "coc_p99_px")  # mean, median, 99th percentile, unsigned
 # Keys of the measures, in the order of the table of a card.
 MEASURES = (*RADII, "clipped_share", "invented_share")
 

@@ -27,11 +27,7 @@ _CONNECT = "30s"
 
 
 def execute_at(address: str, *, threads: int | None) -> Execute:
-    """An executor on a Dask scheduler; each job computes with ``threads``, or with one.
-
-    Raises:
-        UsageProblem: Dask is not installed, or ``address`` is no address.
-    """
+    """An executor on a Dask scheduler; each job computes with ``threads``, or with one."""
     if "://" not in address:
         problem = f"'{address}' is no scheduler"
         raise UsageProblem(

@@ -33,11 +33,7 @@ def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) ->
 
 
 def execute_alone(progress: TileCount | None) -> Execute:
-    """An executor of a lone job, which raises the error that ends the job.
-
-    Args:
-        progress: called with (tiles done, tiles in all) while it renders.
-    """
+    """An executor of a lone job, which raises the error that ends the job."""
 
     def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
         def done_or_raised(number: int, record: Record) -> None:
@@ -67,15 +63,9 @@ def run(
 ) -> None:
     """Do jobs in their order.
 
-    Args:
-        jobs: numbered; asked for the next one, on a thread of its own, before the last is done.
-        done: called with number and record of each as soon as it is durable, on another thread
-            or on this one, one at a time.
-        progress: called with (tiles done, tiles in all) of the picture that is being computed.
-        stopped: whether no further picture is to be computed; those read ahead are let go.
-
-    Raises:
-        Exception: what ``jobs`` or ``done`` raised.
+    `jobs`: numbered; asked for the next one, on a thread of its own, before the last is done.
+    `done`: called with number and record of each as soon as it is durable, on another thread or on
+    this one, one at a time. `progress`: with (tiles done, tiles in all) of the picture in work.
     """
     gate = Gate()
     ahead, behind = _Ahead(jobs, gate), _Writer(done, gate)

@@ -19,64 +19,42 @@ Execute = Callable[[Iterator[Chunk], Done, Callable[[], bool]], None]
 
 @dataclass(frozen=True)
 class Execution:
-    """The way to carry out a batch.
+    """The way to carry out a batch."""
 
-    Attributes:
-        execute: does jobs; called with chunks of them, with the function to call with the number
-            and record of each job, and with the function that tells that no further job is to be
-            begun.
-        shard: which part of the batch; None for all of it.
-        limit: at most so many jobs.
-        fail_fast: stop at the first job that fails.
-        read_inputs: compare the bytes of inputs, not only their size and time.
-        again: do jobs even if the journal has them as done.
-        keep_lenses: refuse to replace pictures of another lens or view.
-        spread: over how many workers the jobs of one picture are to be spread.
-    """
-
+    # Does jobs; called with chunks of them, with the function to call with the number and
+    # record of each job, and with the function that tells that no further job is to be begun
     execute: Execute
-    shard: Shard | None = None
-    limit: int | None = None
-    fail_fast: bool = False
-    read_inputs: bool = False
-    again: bool = False
-    keep_lenses: bool = False
-    spread: int = 1
+    shard: Shard | None = None  # which part of the batch; None for all of it
+    limit: int | None = None  # at most so many jobs
+    fail_fast: bool = False  # stop at the first job that fails
+    read_inputs: bool = False  # compare the bytes of inputs, not only their size and time
+    again: bool = False  # do jobs even if the journal has them as done
+    keep_lenses: bool = False  # refuse to replace pictures of another lens or view
+    spread: int = 1  # over how many workers the jobs of one picture are to be spread
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The jobs of a batch, sorted.
+    """The jobs of a batch, sorted."""
 
-    Attributes:
-        todo: jobs to do, and the recipe of each.
-        settled: jobs that are done, or rejected, each with its record of the journal.
-        moved: records to append anew, since their inputs lie elsewhere now, or their split changed.
-        beyond: how many jobs the limit puts off.
-        changed: how many of ``todo`` were done, but with other inputs or settings, or have outputs
-            that are no longer as they were.
-        files: the outputs of each job to do, now or later, relative to OUT.
-        previews: by number in ``todo``, path and stamp of previews of the pictures that a job
-            replaces without a preview of its own.
-        unknown: files that runs which did not end have written, and that no journal knows.
-    """
-
-    todo: list[tuple[Job, str]]
+    todo: list[tuple[Job, str]]  # jobs to do, and the recipe of each
+    # Jobs that are done, or rejected, each with its record of the journal
     settled: list[tuple[Job, Record]]
+    # Records to append anew, since their inputs lie elsewhere now, or their split changed
     moved: list[Record]
-    beyond: int
+    beyond: int  # how many jobs the limit puts off
+    # How many of ``todo`` were done, but with other inputs or settings, or have outputs that
+    # are no longer as they were
     changed: int
-    files: list[list[str]]
+    files: list[list[str]]  # the outputs of each job to do, now or later, relative to OUT
+    # By number in ``todo``, path and stamp of previews of the pictures that a job replaces
+    # without a preview of its own
     previews: dict[int, dict[str, identity.Stamp]]
-    unknown: set[str]
+    unknown: set[str]  # files that runs which did not end have written, and that no journal knows
 
 
 def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
-    """Sort the jobs of a batch into those that are done and those that are to do.
-
-    Raises:
-        InputError: a journal is broken, or a job would write where it must not.
-    """
+    """Sort the jobs of a batch into those that are done and those that are to do."""
     refuse_misplaced(jobs)
     ledger = Ledger(out, read_all(out))
     todo: list[tuple[Job, str]] = []

@@ -8,22 +8,28 @@ that has seen `STRIKES` processes die has failed.
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
+import threading
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.journal.run_file import sweep_up_after
-from defocus_core.batch.workers import worker
+from defocus_core.batch.rendering import job_steps
+from defocus_core.batch.workers import pipeline
 from defocus_core.batch.workers.job_result import failed
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
 from defocus_core.errors import InputError
 
 if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
     from multiprocessing.context import SpawnProcess
 
 Serve = Callable[[Connection], None]
@@ -32,18 +38,48 @@ AT_ONCE = 3  # fewer jobs make a process wait: one is read, one rendered and one
 _FAILED_STARTS = 3  # processes that may die before they are ready
 _GRACE = 10.0  # seconds to end in
 _GLANCE = 0.1  # seconds between two looks at whether all is to stop
+READY = "ready"
+
+
+def serve(connection: Connection) -> None:
+    """Do the jobs that come through the connection."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    stopped = threading.Event()
+    jobs = _received(connection, stopped)
+    job_steps.load()
+
+    def send(number: int, record: Record) -> None:
+        connection.send((number, {key: value for key, value in record.items() if key != "error"}))
+
+    connection.send(READY)
+    pipeline.run(jobs, send, stopped=stopped.is_set)
+    connection.close()
+    os._exit(0)  # all results are sent; PyTorch would take a second to end
+
+
+def _received(connection: Connection, stopped: threading.Event) -> Iterator[tuple[int, Job]]:
+    """The jobs that are sent; ``stopped`` is set when no further one is to be begun.
+
+    When the coordinator is gone, this process ends, whatever it is at: the next coordinator does
+    the same jobs, and writes to the same files.
+    """
+    queue: SimpleQueue[tuple[int, Job] | None] = SimpleQueue()
+
+    def listen() -> None:  # even while libraries are imported, and while a job waits to be read
+        try:
+            while (numbered := connection.recv()) is not None:
+                queue.put(numbered)
+        except (EOFError, OSError):
+            os._exit(1)
+        stopped.set()
+        queue.put(None)
+
+    threading.Thread(target=listen, name="listener", daemon=True).start()
+    return iter(queue.get, None)
 
 
 class Pool:
-    """Processes that do jobs.
-
-    Args:
-        processes: the number of processes.
-        chunks: jobs, in chunks of one picture.
-        done: called with number and result of each.
-        stopped: whether no further job is to be begun.
-        serve: the work of a process, at its end of the connection.
-    """
+    """Processes that do jobs."""
 
     def __init__(
         self,
@@ -51,7 +87,7 @@ class Pool:
         chunks: Iterator[Chunk],
         done: Done,
         stopped: Callable[[], bool],
-        serve: Serve = worker.serve,
+        serve: Serve = serve,
     ) -> None:
         self.serve = serve
         self.processes, self.chunks, self.done, self.stopped = processes, chunks, done, stopped
@@ -62,12 +98,7 @@ class Pool:
         self.failed_starts = 0
 
     def run(self) -> None:
-        """Do all jobs, or until stopped.
-
-        Raises:
-            InputError: processes cannot be started.
-            Exception: what ``done`` raised.
-        """
+        """Do all jobs, or until stopped."""
         try:
             self._start_workers()
             while self.workers:
@@ -125,7 +156,7 @@ class Pool:
                 self._replace(each)
 
     def _handle(self, each: _Worker, message: Any) -> None:
-        if message == worker.READY:
+        if message == READY:
             each.ready, self.failed_starts = True, 0
             return
         number, result = message

@@ -23,23 +23,14 @@ _GPUS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # NVIDIA, AMD, Windows' subs
 
 @dataclass(frozen=True)
 class WorkerConfig:
-    """The processes that compute.
+    """The processes that compute."""
 
-    Attributes:
-        scheduler: ``local``, or the address of a Dask scheduler.
-        processes: on this machine; None for as many as suit it.
-        threads: of each; None for what makes use of all cores.
-        device: auto, cpu or cuda.
-        memory: bytes that each process may take; None for its share of what is available.
-        tile: px on a side of a tile; None for the usual.
-    """
-
-    scheduler: str
-    processes: int | None
-    threads: int | None
-    device: str
-    memory: int | None
-    tile: int | None
+    scheduler: str  # ``local``, or the address of a Dask scheduler
+    processes: int | None  # on this machine; None for as many as suit it
+    threads: int | None  # of each; None for what makes use of all cores
+    device: str  # auto, cpu or cuda
+    memory: int | None  # bytes that each process may take; None for its share of what is available
+    tile: int | None  # px on a side of a tile; None for the usual
 
     @property
     def machine(self) -> Machine:
@@ -81,11 +72,7 @@ class WorkerConfig:
         return self.count if self.scheduler == "local" else MANY
 
     def execute(self) -> Execute:
-        """The executor of the jobs.
-
-        Raises:
-            UsageProblem: there is no such scheduler.
-        """
+        """The executor of the jobs."""
         if self.scheduler == "local":
             from defocus_core.batch.workers.pool import execute_in
 

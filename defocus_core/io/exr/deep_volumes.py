@@ -19,7 +19,7 @@ _CUT = 1 << 12  # pixels cut at once
 _OPAQUE = 1e6  # absorption of alpha 1
 
 
-def tidied(strip: Strip, light: tuple[str, ...], mixed: NDArray[Any]) -> Strip:
+def tidy(strip: Strip, light: tuple[str, ...], mixed: NDArray[Any]) -> Strip:
     """The samples in which no volume holds another one.
 
     Args:

@@ -47,24 +47,24 @@ class ByteBudget:
     def __init__(self, room: int) -> None:
         self.room = room
 
-    def buy(self, costs: Iterable[int]) -> set[int]:
+    def spend(self, costs: Iterable[int]) -> set[int]:
         """Numbers of the items that fit; one that does not lets smaller ones come after it."""
-        bought = set()
+        fitting = set()
         for number, cost in enumerate(costs):
             if 0 < cost <= self.room:
                 self.room -= cost
-                bought.add(number)
-        return bought
+                fitting.add(number)
+        return fitting
 
 
 def fitted(items: Sequence[Item]) -> list[Item]:
     """The items without the payloads that there is no room for."""
     room = ROOM - sum(map(_text, items))
     budget = ByteBudget(room // 2)
-    shown = budget.buy(_thumbnails(item, first=True) for item in items)
+    shown = budget.spend(_thumbnails(item, first=True) for item in items)
     budget.room += room - room // 2
-    valued = budget.buy(_values(item) + bool(_values(item)) * _rest(item) for item in items)
-    beside = budget.buy(0 if n in valued else _rest(item) for n, item in enumerate(items))
+    valued = budget.spend(_values(item) + bool(_values(item)) * _rest(item) for item in items)
+    beside = budget.spend(0 if n in valued else _rest(item) for n, item in enumerate(items))
     beside |= valued
 
     return [
@@ -87,14 +87,7 @@ def _rest(item: Item) -> int:
 
 
 def _present(item: Item, *, first: bool, others: bool, values: bool) -> list[Layer]:
-    """The layers that have something to show.
-
-    Args:
-        item: the item.
-        first: whether thumbnails of A, B and their difference stay.
-        others: whether the other thumbnails stay.
-        values: whether values stay.
-    """
+    """The layers that have something to show."""
     layers = []
     for layer in item.layers:
         stays = first if _is_first(item, layer) else others

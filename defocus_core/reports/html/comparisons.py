@@ -32,19 +32,12 @@ _HALF_LAYERS = 6  # halves of a pixel: three channels of A and of B
 
 @dataclass(frozen=True)
 class ReportHeader:
-    """What a comparison was made for.
+    """What a comparison was made for."""
 
-    Attributes:
-        title: heading of the report.
-        words: what was compared, a line each.
-        commands: the command lines of a pair, each with a title.
-        b: what B is, where its files do not last; empty where they do.
-    """
-
-    title: str
-    words: Sequence[str]
-    commands: Commands
-    b: str = ""
+    title: str  # heading of the report
+    words: Sequence[str]  # what was compared, a line each
+    commands: Commands  # the command lines of a pair, each with a title
+    b: str = ""  # what B is, where its files do not last; empty where they do
 
 
 def write(
@@ -54,18 +47,7 @@ def write(
     settings: CompareSettings,
     processes: int,
 ) -> None:
-    """Write the report of comparisons, those that fail first and the worst of them.
-
-    Args:
-        path: of the HTML file.
-        header: what they were made for.
-        records: of the pairs.
-        settings: how they were compared.
-        processes: how many may draw.
-
-    Raises:
-        InputError: it cannot be written, or a process died.
-    """
+    """Write the report of comparisons, those that fail first and the worst of them."""
     ranked = sorted(records, key=rank)
     subjects = list(_subjects(ranked, settings.coc))
     drawings = spread(draw_pair, subjects, processes, "the report")
@@ -152,12 +134,7 @@ def columns_of(items: Sequence[Item]) -> list[Column]:
 
 
 def compare_commands(rules: Callable[[str], Rules], settings: CompareSettings) -> Commands:
-    """The command lines of a pair of two files: compare again, and accept B.
-
-    Args:
-        rules: of a pair, by its name.
-        settings: how it was compared.
-    """
+    """The command lines of a pair of two files: compare again, and accept B."""
 
     def commands(record: Comparison) -> list[tuple[str, str]]:
         lines = []
@@ -175,14 +152,7 @@ def compare_commands(rules: Callable[[str], Rules], settings: CompareSettings) -
 def golden_commands(
     jobs: Path, folder: Path, rules: Callable[[str], Rules], default: Rules
 ) -> Commands:
-    """The command lines of a golden: check it again, and accept what is rendered.
-
-    Args:
-        jobs: the jobs file.
-        folder: of the goldens.
-        rules: of a golden, by its name.
-        default: the rules that need not be said.
-    """
+    """The command lines of a golden: check it again, and accept what is rendered."""
 
     def commands(record: Comparison) -> list[tuple[str, str]]:
         words: list[object] = [jobs, folder, "--only", escape(record.name)]

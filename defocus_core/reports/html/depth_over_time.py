@@ -13,18 +13,12 @@ _MM = 1000.0  # of a metre
 
 
 class FrameDepth(NamedTuple):
-    """The depth of a frame of a shot; disparities are in 1/m, 0 for infinitely far.
+    """The depth of a frame of a shot; disparities are in 1/m, 0 for infinitely far."""
 
-    Attributes:
-        shot: name of the sample, with # for the number of the frame.
-        frame: its number.
-        focus: disparity of the plane in focus.
-        quantiles: ascending disparities, between each two of which as many pixels lie.
-    """
-
-    shot: str
+    shot: str  # name of the sample, with # for the number of the frame
     frame: int
-    focus: float
+    focus: float  # disparity of the plane in focus
+    # Ascending disparities, between each two of which as many pixels lie
     quantiles: tuple[float, ...]
 
 

@@ -33,17 +33,7 @@ class Kept:
 
 
 def keep(folder: Path, record: Comparison, test: str, picture: Path | Mapping[str, Any]) -> None:
-    """Keep a check, with the picture of the test if it fails.
-
-    Args:
-        folder: where checks are kept.
-        record: of the check; A is the golden.
-        test: the name that pytest has for the test.
-        picture: the picture of the test, a file or channels.
-
-    Raises:
-        InputError: there is no room for it.
-    """
+    """Keep a check, with the picture of the test if it fails."""
     stem = folder / f"{os.getpid()}-{next(_numbers)}"
     if record.passes:
         record = replace(record, b=record.a)
@@ -57,11 +47,7 @@ def keep(folder: Path, record: Comparison, test: str, picture: Path | Mapping[st
 
 
 def write(folder: Path, path: Path) -> int:
-    """Write the report of the checks in a folder, if there are any; their number.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Write the report of the checks in a folder, if there are any; their number."""
     kept: Sequence[Kept] = [
         pickle.loads(file.read_bytes()) for file in sorted(folder.glob("*.pickle"))
     ]

@@ -26,12 +26,7 @@ _STEPS = frozenset(_INTEGERS.values())
 
 
 def common_scale(planes: Sequence[NDArray[Any]], kind: str) -> float:
-    """The factor from halves to the values of planes: it makes small integers whole numbers.
-
-    Args:
-        planes: of the layers that are to be compared.
-        kind: number type of their file.
-    """
+    """The factor from halves to the values of planes: it makes small integers whole numbers."""
     step = _INTEGERS.get(kind)
     if step is not None and all(_is_whole(plane / step) for plane in planes):
         return step
@@ -88,14 +83,7 @@ def pack(
     scale: float,
     base: tuple[str, NDArray[np.uint16]] | None = None,
 ) -> StoredHalves:
-    """Pack bits [C, H, W], in the shorter way if there is a base.
-
-    Args:
-        values: the bits.
-        corner: column and row of the first pixel.
-        scale: factor from a half to the value of the file.
-        base: key and bits of a layer that is much like this one.
-    """
+    """Pack bits [C, H, W], in the shorter way if there is a base."""
     _, height, width = values.shape
     first = values.copy()
     first[:, :, 1:] -= values[:, :, :-1]

@@ -16,85 +16,51 @@ HEAT = "heat"  # a difference: its thumbnail has colours already
 
 @dataclass(frozen=True)
 class StoredHalves:
-    """Values of a layer as half floats, packed.
+    """Values of a layer as half floats, packed."""
 
-    Attributes:
-        data: as `defocus_core.reports.html.halves` packs them.
-        corner: column and row of the first pixel in the layer.
-        size: width and height in px.
-        scale: factor from a half to the value of the file.
-        base: key of the layer whose bits were subtracted; empty if the left neighbour's were.
-    """
-
-    data: bytes
-    corner: tuple[int, int]
-    size: tuple[int, int]
-    scale: float = 1.0
+    data: bytes  # as `defocus_core.reports.html.halves` packs them
+    corner: tuple[int, int]  # column and row of the first pixel in the layer
+    size: tuple[int, int]  # width and height in px
+    scale: float = 1.0  # factor from a half to the value of the file
+    # Key of the layer whose bits were subtracted; empty if the left neighbour's were
     base: str = ""
 
 
 @dataclass(frozen=True)
 class Layer:
-    """A picture or a map of an item.
+    """A picture or a map of an item."""
 
-    Attributes:
-        key: name within the item, like ``a``, ``b`` or ``coc``.
-        title: as people read it.
-        kind: one of the kinds of this module.
-        channels: names of its one or three channels.
-        size: width and height in px.
-        gamma: exponent of the power law that decodes it, 1 for linear, None for sRGB.
-        value_range: the values of black and white in the thumbnail of a map.
-        type: number type of the file, like half.
-        thumbnail: the bytes of a JPEG or PNG; empty if there is none.
-        halves: None if they are not wanted.
-    """
-
-    key: str
-    title: str
-    kind: str
-    channels: tuple[str, ...]
-    size: tuple[int, int]
+    key: str  # name within the item, like ``a``, ``b`` or ``coc``
+    title: str  # as people read it
+    kind: str  # one of the kinds of this module
+    channels: tuple[str, ...]  # names of its one or three channels
+    size: tuple[int, int]  # width and height in px
+    # Exponent of the power law that decodes it, 1 for linear, None for sRGB
     gamma: float | None = 1.0
+    # The values of black and white in the thumbnail of a map
     value_range: tuple[float, float] = (0.0, 1.0)
-    type: str = ""
-    thumbnail: bytes = b""
-    halves: StoredHalves | None = None
+    type: str = ""  # number type of the file, like half
+    thumbnail: bytes = b""  # the bytes of a JPEG or PNG; empty if there is none
+    halves: StoredHalves | None = None  # none if they are not wanted
 
 
 @dataclass(frozen=True)
 class Item:
-    """A row of the report.
+    """A row of the report."""
 
-    Attributes:
-        name: of the pair, sample or shot.
-        status: a word.
-        passes: whether all is well.
-        words: what is to be said in a line.
-        facts: a term and what is to be said of it.
-        metrics: numbers by name.
-        facets: what items are grouped by, like lens.
-        commands: a title and a command line.
-        layers: the first two are shown at first, if there are two.
-        wiggle: keys of the left and the right view; empty if there are none.
-        full: the difference of the hottest colour.
-        place: column and row of the worst pixel.
-        depth: of a frame of a shot, to be drawn over time.
-    """
-
-    name: str
+    name: str  # of the pair, sample or shot
     status: str
-    passes: bool
-    words: str = ""
-    facts: Sequence[tuple[str, str]] = ()
+    passes: bool  # whether all is well
+    words: str = ""  # what is to be said in a line
+    facts: Sequence[tuple[str, str]] = ()  # a term and what is to be said of it
     metrics: Mapping[str, float] = field(default_factory=dict)
-    facets: Mapping[str, str] = field(default_factory=dict)
-    commands: Sequence[tuple[str, str]] = ()
-    layers: Sequence[Layer] = ()
-    wiggle: tuple[str, ...] = ()
-    full: float = 1.0
-    place: tuple[int, int] | None = None
-    depth: FrameDepth | None = None
+    facets: Mapping[str, str] = field(default_factory=dict)  # what items are grouped by, like lens
+    commands: Sequence[tuple[str, str]] = ()  # a title and a command line
+    layers: Sequence[Layer] = ()  # the first two are shown at first, if there are two
+    wiggle: tuple[str, ...] = ()  # keys of the left and the right view; empty if there are none
+    full: float = 1.0  # the difference of the hottest colour
+    place: tuple[int, int] | None = None  # column and row of the worst pixel
+    depth: FrameDepth | None = None  # of a frame of a shot, to be drawn over time
 
 
 @dataclass(frozen=True)
@@ -118,18 +84,11 @@ class ReportTable:
 
 @dataclass(frozen=True)
 class Report:
-    """A report.
-
-    Attributes:
-        title: its heading.
-        words: what it is of, a line each.
-        items: the most important first.
-        columns: the numbers that the table shows.
-        tables: what sums the items up: of each the title, the heading and the rows.
-    """
+    """A report."""
 
     title: str
-    words: Sequence[str]
-    items: Sequence[Item]
-    columns: Sequence[Column]
+    words: Sequence[str]  # what it is of, a line each
+    items: Sequence[Item]  # the most important first
+    columns: Sequence[Column]  # the numbers that the table shows
+    # What sums the items up: of each the title, the heading and the rows
     tables: Sequence[ReportTable] = ()

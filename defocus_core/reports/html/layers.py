@@ -48,18 +48,9 @@ def draw(
     names: Sequence[str],
     *,
     value_range: tuple[float, float] | None = None,
-    side: int = thumbnails.SIDE,
+    side: int = thumbnails.SIDE,  # longest side of the thumbnail, px
 ) -> Drawn:
-    """A layer of some channels of a picture.
-
-    Args:
-        key: of the layer.
-        title: of the layer.
-        picture: the picture.
-        names: one or three channels.
-        value_range: the values of black and white of a map, if they are known.
-        side: longest side of the thumbnail, px.
-    """
+    """A layer of some channels of a picture."""
     planes = [picture.planes[name] for name in names]
     kind = kind_of(names)
     if value_range is None:

@@ -45,11 +45,7 @@ _TONES = {"same": "good", "done": "good", "ok": "good", "warning": "fair"}
 
 
 def write_report(path: Path, report: Report) -> None:
-    """Write the HTML file of a report, whole or not at all.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Write the HTML file of a report, whole or not at all."""
     import jinja2
 
     items = fitted(report.items)

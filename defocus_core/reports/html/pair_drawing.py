@@ -35,34 +35,21 @@ from defocus_core.reports.html.layers import (
 
 @dataclass(frozen=True)
 class Subject:
-    """A pair that is to be drawn.
+    """A pair that is to be drawn."""
 
-    Attributes:
-        record: what is known of it.
-        values: whether its values are wanted, and not thumbnails alone.
-        coc: CoC maps of the pictures, if they were named.
-    """
-
-    record: Comparison
-    values: bool
-    coc: Path | None = None
+    record: Comparison  # what is known of it
+    values: bool  # whether its values are wanted, and not thumbnails alone
+    coc: Path | None = None  # CoC maps of the pictures, if they were named
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """A pair that was drawn.
-
-    Attributes:
-        layers: its layers.
-        wiggle: keys of the left and the right view; empty if there are none.
-        full: the difference of the hottest colour.
-        lens: the lens that the file names, in words; empty if it names none.
-    """
+    """A pair that was drawn."""
 
     layers: Sequence[Layer] = ()
-    wiggle: tuple[str, ...] = ()
-    full: float = 1.0
-    lens: str = ""
+    wiggle: tuple[str, ...] = ()  # keys of the left and the right view; empty if there are none
+    full: float = 1.0  # the difference of the hottest colour
+    lens: str = ""  # the lens that the file names, in words; empty if it names none
 
 
 def draw_pair(subject: Subject) -> Drawing:

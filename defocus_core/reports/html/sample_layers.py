@@ -34,12 +34,7 @@ def beside(path: Path) -> Iterator[tuple[str, Path]]:
 
 
 def drawn_files(files: Iterable[tuple[str, Path]], *, values: bool) -> Iterator[Drawn]:
-    """The layers of files, each with its kind; those too large, or not readable, are left out.
-
-    Args:
-        files: kind, or another title, and file.
-        values: whether values are kept beside, so that there is room for larger views.
-    """
+    """The layers of files, each with its kind; those too large, or not readable, are left out."""
     for title, path in files:
         with suppress(InputError):
             header = describe(path)

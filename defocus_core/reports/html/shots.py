@@ -39,11 +39,7 @@ class Gallery:
     def add(self, shot: TruthShot, pictures: Pictures, method: str, picture: Tensor) -> None:
         """Draw what a method made of a shot, its difference from the truth, and the CoC.
 
-        Args:
-            shot: the shot.
-            pictures: of the shot.
-            method: a quality or a baseline.
-            picture: [3, H, W], linear.
+        `picture`: [3, H, W], linear.
         """
         radius = pictures.signed_radius.numpy()
         drawn = [
@@ -62,11 +58,7 @@ class Gallery:
         self._drawings[shot.scene, shot.name, method] = layers, full, lens_words(shot.lens)
 
     def write(self, path: Path, truth: Path, rows: Sequence[Row]) -> None:
-        """Write the report, rows that lose to a baseline first, then by their PSNR.
-
-        Raises:
-            InputError: it cannot be written.
-        """
+        """Write the report, rows that lose to a baseline first, then by their PSNR."""
         losses = {id(row): tables.loss_words(row, rows) for row in rows}
 
         def rank(row: Row) -> tuple[bool, bool, float]:

@@ -1,19 +1,15 @@
 """Evidence of a depth file's format: numbers, names and files beside it, for people to judge.
 
-Nothing is read by it: it only names the formats that a file could be of, and faults that show.
+Nothing is read by it: it only names the formats that a file could be of.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from defocus_core.errors import DefocusError
 from defocus_core.io.array_files.containers import container_type
@@ -47,13 +43,6 @@ _BESIDE = {
     "diode": ("NPY", "{stem}_mask.npy"),
     "moge": ("EXR", "fov.json"),
 }
-# Neighbours of one pixel are the two sides of an edge if their numbers differ by this factor, and
-# by this share of the greatest. A pixel lies between them if it is this share away from both.
-_EDGE, _STEP, _BETWEEN = 1.25, 0.02, 0.15
-# Pixels at edges that are enough to judge by; share of them between near and far. A hard edge has
-# two pixels and none between, an averaged one three and one, twice enlarged ones four and two.
-_EDGES, _MIXED = 50, 0.25
-_PIXELS = 1 << 24  # that are looked at for edges, about: of larger files some bands of rows
 
 
 def may_be_depth(info: FileInfo) -> bool:
@@ -83,14 +72,7 @@ def _has_gdepth(path: Path) -> bool:
 def evidence_of(
     path: Path, reading: DepthReading, info: FileInfo, keeping: Keeping
 ) -> tuple[str, ...]:
-    """Sentences on the formats that a depth file could be of, and on faults that show.
-
-    Args:
-        path: the file.
-        reading: the options of the user; with a format, only faults are listed.
-        info: its header.
-        keeping: where its numbers are to be kept.
-    """
+    """Sentences on the formats that a depth file could be of; none if its format is said."""
     sentences = [] if reading.depth_format is not None else [*_names_evidence(path, info)]
     if _has_gdepth(path):
         return tuple(sentences)
@@ -101,7 +83,6 @@ def evidence_of(
         return tuple(sentences)
     if reading.depth_format is None:
         sentences += _numbers_evidence(path, samples, reading)
-    sentences += _faults(samples)
     return tuple(sentences)
 
 
@@ -149,42 +130,6 @@ def _numbers_evidence(path: Path, samples: DepthNumbers, reading: DepthReading) 
     has_sidecar = any(path.with_name(place).is_file() for _, place in _BESIDE.values())
     if samples.type == "PFM" and not has_sidecar and samples.values.min() < 0:
         yield f"negative numbers: disparity about a plane, {_say('hci-lightfield')}"
-
-
-def _faults(samples: DepthNumbers) -> Iterator[str]:
-    """Faults of depth that make the blur worse."""
-    if samples.type == "8-bit PNG":
-        yield "warning: 8 bits hold 256 levels, which show as steps of blur"
-    edges, mixed = _edges(samples.values)
-    if edges >= _EDGES and mixed >= _MIXED * edges:
-        yield (
-            f"warning: {percent(mixed / edges)} of the pixels at depth edges lie between near "
-            "and far: the depth looks bilinearly resampled or anti-aliased; resample it by "
-            "nearest, or leave it to ‹depth-repair› auto"
-        )
-
-
-def _edges(values: Any) -> tuple[int, int]:
-    """How many pixels lie at a depth edge along a row, and how many of these lie between."""
-    edges = mixed = 0
-    if len(values.shape) != 2 or values.shape[1] < 3:
-        return 0, 0
-    strips = bands(values.shape)[:: 1 + values.shape[0] * values.shape[1] // _PIXELS]
-    tops = [values[rows][np.isfinite(values[rows])].max(initial=0) for rows in strips]
-    step = _STEP * float(max(tops))
-    if not step:  # nothing is near
-        return 0, 0
-    for rows in strips:
-        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-            band: NDArray[np.float64] = values[rows].astype(np.float64)
-            left, middle, right = band[:, :-2], band[:, 1:-1], band[:, 2:]
-            near, far = np.minimum(left, right), np.maximum(left, right)
-            is_edge = (near > 0) & (far < math.inf) & (far > np.maximum(_EDGE * near, near + step))
-            share = (middle - near) / (far - near)
-            between = is_edge & (share > _BETWEEN) & (share < 1 - _BETWEEN)
-        edges += int(is_edge.sum())
-        mixed += int(between.sum())
-    return edges, mixed
 
 
 def _share(samples: DepthNumbers, number: int) -> float:

@@ -28,11 +28,7 @@ if TYPE_CHECKING:
 
 
 def read_picture(path: Path, reading: Reading, keeping: Keeping, overscan: Overscan) -> Color:
-    """The colour of a file.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """The colour of a file."""
     return read_color(
         path,
         layer=reading.color_layer,
@@ -63,15 +59,8 @@ def depth_figures(
 ) -> tuple[str, dict[str, Any]]:
     """How the depth would be read, and its figures; ranges are None without valid pixels.
 
-    Args:
-        path: the file.
-        reading: how it is read.
-        keeping: where its pixels are to be kept.
-        lens: what to say the blur of; None for none.
-        color: the colour of the same file; None if it has none.
-
-    Raises:
-        InputError: it cannot be read.
+    `lens`: what to say the blur of; None for none; `color`: the colour of the same file; None if it
+    has none.
     """
     depth = _read(path, reading, keeping, lens, color)
     height, width = depth.metres.shape

@@ -50,18 +50,7 @@ _BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float64": 8}
 def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> dict[str, Any]:
     """Read a file as ``defocus render`` would, and say what is in it.
 
-    Args:
-        path: the file.
-        reading: what to take from it.
-        lens: what to say the blur of; None for none.
-        lone: no other file may have the part that is asked for.
-
-    Returns:
-        What ``defocus info --json`` prints of the file.
-
-    Raises:
-        InputError: the file cannot be read, or does not have what ``reading`` names.
-        UsageProblem: the options make no sense for this file.
+    `lens`: what to say the blur of; None for none.
     """
     with put_off():
         import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
@@ -156,15 +145,8 @@ def inspect_pairs(
 ) -> list[dict[str, Any]]:
     """What is wrong between colour and depth, where the files inspected are those of one picture.
 
-    Args:
-        records: of all files, as `inspect` made them.
-        reading: how they are read.
-        lens: the lens, None if none was said.
-
-    Returns:
-        What ``defocus info --json`` prints of the picture: of two files of one size, of which one
-        holds colour and the other depth, the first colour if both hold both; or of an EXR with
-        depth beside its colour.
+    That are two files of one size, of which one holds colour and the other depth, the first colour
+    if both hold both; or an EXR with depth beside its colour.
     """
     from pathlib import Path
 
@@ -232,9 +214,6 @@ def _chosen(
     """Why nothing of a file can be chosen, empty if something can; and the channels of its page.
 
     An EXR has no pages: its channels are chosen by ``choose``.
-
-    Raises:
-        InputError: an EXR does not have the channels that the user has ``named``.
     """
     try:
         if not is_exr(read_head(info.path)):

@@ -45,18 +45,7 @@ def evidence_of_pair(
     keeping: Keeping = IN_MEMORY,
     lens_focal: float | None = None,
 ) -> tuple[str, ...]:
-    """Sentences on what is wrong between a colour and a depth file of one size; empty if nothing.
-
-    Args:
-        color: the colour file.
-        depth: the depth file, or the colour file again.
-        reading: how they are read.
-        keeping: where their pixels are to be kept.
-        lens_focal: focal length of the lens in widths of its sensor, where depth needs it.
-
-    Raises:
-        InputError: a file cannot be read.
-    """
+    """Sentences on what is wrong between colour and depth of one size; empty if nothing."""
     image = read_color(
         color, layer=reading.color_layer, part=None, view=reading.view, keeping=keeping
     )
@@ -145,9 +134,8 @@ def _best_place(
 ) -> tuple[float, tuple[int, int], float]:
     """How well depth edges lie on colour edges, in standard deviations of all shifts tried.
 
-    Returns:
-        The score without a shift (the best within a px), the best shift (right, down) in px, and
-        its score.
+    Returns the score without a shift (the best within a px), the best shift (right, down) in px,
+    and its score.
     """
     spectrum = np.conj(np.fft.rfft2(jumps)) * np.fft.rfft2(strength)
     tried = np.roll(np.fft.irfft2(spectrum, strength.shape), (reach, reach), (0, 1))

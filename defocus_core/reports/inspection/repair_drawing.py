@@ -28,11 +28,7 @@ NEAR, FAR = (1.0, 0.55, 0.0), (0.25, 0.6, 1.0)  # sRGB
 
 
 def check_preview(path: Path, files: Sequence[Path], lens: Lens | None) -> None:
-    """Refuse a drawing that cannot be made.
-
-    Raises:
-        UsageProblem: there is no lens, or the file is no PNG or an input.
-    """
+    """Refuse a drawing that cannot be made."""
     if lens is None or lens.is_shape:
         problem, remedy = "needs a lens, whose blur decides the repair", "give ‹lens› FILE.toml"
         raise UsageProblem(
@@ -53,10 +49,6 @@ def draw_repair(pairs: Sequence[dict[str, Any]], reading: Reading, lens: Lens, p
 
     Beside the picture stands what `defocus render` would do to it: orange made nearer, blue made
     farther; colour is full from 2 px of radius on.
-
-    Raises:
-        InputError: a file cannot be read, or the drawing not be written.
-        UsageProblem: the files are no picture.
     """
     if not pairs:
         problem, remedy = "needs a colour and a depth file of one size", "name the two files"

@@ -22,14 +22,7 @@ def summarise(
 ) -> list[dict[str, Any]]:
     """What ``defocus info --json`` prints of each pattern.
 
-    Args:
-        patterns: frame patterns; the metadata of the first one decide a lens, if any do.
-        reading: how to read the frames.
-        lenses: the lens of each frame; None for none.
-
-    Raises:
-        InputError: a pattern matches no file, or a frame cannot be read.
-        UsageProblem: the options make no sense for a frame.
+    `lenses`: the lens of each frame; None for none.
     """
     files = {pattern: frames_of(pattern) for pattern in patterns}
     colors = files[patterns[0]]

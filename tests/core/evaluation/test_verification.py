@@ -12,12 +12,12 @@ from torch.nn.functional import avg_pool2d
 
 from defocus_core import Views
 from defocus_core.evaluation import law_checks, law_probes, lens_laws
-from defocus_core.evaluation.law_checks import Check, Setting
+from defocus_core.evaluation.law_checks import Check, LawSetting
 from defocus_core.evaluation.law_probes import levels
 from defocus_core.renderer.render import render as true_render
 
 Render = Callable[..., Views]
-GPU_ALIKE = Setting("cpu:0", "standard")  # not "cpu": compared with it as a GPU is
+GPU_ALIKE = LawSetting("cpu:0", "standard")  # not "cpu": compared with it as a GPU is
 
 
 def on_pictures(change: Callable[[Tensor], Tensor]) -> Render:
@@ -115,7 +115,7 @@ def rows(found: list[Check], named: tuple[str, str]) -> list[Check]:
     return [c for c in found if c.law.startswith(law) and c.measured.startswith(measured)]
 
 
-def all_checks(setting: Setting) -> list[Check]:
+def all_checks(setting: LawSetting) -> list[Check]:
     return [check for found in lens_laws.verify(setting) for check in found]
 
 
@@ -142,7 +142,7 @@ def test_the_renderer_passes_at_standard_quality(sound: list[list[Check]]) -> No
     "quality", ["draft", "high", pytest.param("reference", marks=pytest.mark.bench)]
 )
 def test_the_renderer_passes(quality: str) -> None:
-    found = all_checks(Setting(quality=quality))
+    found = all_checks(LawSetting(quality=quality))
     assert [check for check in found if not check.ok] == []
     skipped = [check.law for check in found if check.value is None]
     assert skipped == ["CPU and GPU"]
@@ -176,7 +176,7 @@ def test_a_fault_of_the_pair_alone_leaves_the_centre_sound(
     monkeypatch.setattr(law_checks, "render", FAULTS[fault][0])
     centre = {"PSF radius", "sharp rim", "centroid", "energy", "gradient"}
     leave_laws(monkeypatch, sound, {(name, "") for name in (law, *centre)})
-    failed = {check.law for check in all_checks(Setting()) if not check.ok}
+    failed = {check.law for check in all_checks(LawSetting()) if not check.ok}
     assert law in failed
     assert not failed & centre
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core import Aperture, DualPixel, fit, render
+from defocus_core import Aperture, DefocusLens, DualPixel, fit, fnum_of_strength, render
 from defocus_core.fitting.pictures import shifted
 
 STRENGTH, FOCUS = 14.0, 0.45  # px for a disparity of 1; disparity
@@ -217,3 +217,11 @@ def test_what_cannot_be_told_is_said() -> None:
 def test_pictures_that_do_not_belong_together_are_refused(change, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         fit(*change(*scene(64)))
+
+
+def test_the_f_number_of_a_strength_blurs_as_strongly() -> None:
+    fnum = fnum_of_strength(9000.0, 1 / 1700, 50.0, 0.02)
+    lens = DefocusLens(50.0, fnum, (20.0, 20.0), (1000, 1000), "cpu", torch.float64)
+    lens.refocus(1700.0)
+    radius = float(lens.signed_radius(torch.tensor([900.0], dtype=torch.float64)))
+    assert radius == pytest.approx(9000.0 * (1 / 1700 - 1 / 900))

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core.tensors.blobs import Runs
+from defocus_core.tensors.clipped_lights import Runs
 
 
 def flooded(mask: Tensor) -> Tensor:

@@ -1,0 +1,127 @@
+"""Contact sheets, PNG: some pictures of a batch, or the same lights with each of some lenses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.jobs.lens_from_options import make_lens
+from defocus_core.batch.lenses.shipped_lenses import ShippedLens
+from defocus_core.batch.look.opening import aperture_of, cat_eye_of
+from defocus_core.errors import UsageProblem
+from defocus_core.io.images.color import read_color
+from defocus_core.io.images.color_space import linear_to_srgb, quantised
+from defocus_core.io.images.encode import write_samples
+from defocus_core.system.process import set_to_render
+
+NAME = "contact.png"
+_WIDTH = 320  # px of a picture
+_LENS_SIZE = (200, 300)  # height and width in px of a picture by a lens
+_LENS_RADIUS = 22.0  # px, its greatest CoC radius
+_LENS_FOCUS = 1e5  # mm, beyond every focal length; the radii are those of the lights
+_LENS_COLUMNS = 3
+# Px of a line of words, of its letters, and from the left and the lower border to them.
+_LABEL, _LENS_LABEL = (22, 14, 4, 6), (26, 16, 8, 8)
+_GREY = 0.8  # of words, in sRGB
+
+
+def kind_of_sheet(jobs: Sequence[Job]) -> str:
+    """The kind of output that a sheet shows: the first that is an image."""
+    for kind in jobs[0].outputs.rows:
+        if kind.image:
+            return kind.name
+    problem = "shows images, but maps alone are written"
+    raise UsageProblem(
+        "idle-option", problem, "add one, like ‹outputs› render,coc", field="contact"
+    )
+
+
+def write_contact_sheet(jobs: Sequence[Job], count: int) -> Path | None:
+    """Write ``count`` of the pictures of jobs, evenly spread over those that are there.
+
+    Returns the file; None if no picture is there.
+    """
+    kind = kind_of_sheet(jobs)
+    there = [job for job in jobs if job.paths[kind].exists()]
+    if not there:
+        return None
+    count = min(count, len(there))
+    places = sorted({round(k * (len(there) - 1) / max(count - 1, 1)) for k in range(count)})
+    pictures = [
+        _labelled(_small(there[k].paths[kind]), there[k].sample_id, _LABEL, _WIDTH) for k in places
+    ]
+    file = jobs[0].outputs.root / NAME
+    _write(file, pictures, math.ceil(math.sqrt(len(pictures))))
+    return file
+
+
+def write_lens_sheet(path: Path, lenses: Sequence[ShippedLens]) -> None:
+    """Write pictures by lenses, in rows from the top."""
+    set_to_render()
+    _write(
+        path, [_labelled(_lights(each), each.name, _LENS_LABEL) for each in lenses], _LENS_COLUMNS
+    )
+
+
+def _write(path: Path, pictures: Sequence[NDArray[Any]], columns: int) -> None:
+    """Write sRGB pictures of one width in rows, black below the lower ones."""
+    height = max(map(len, pictures))
+    cells = [np.pad(each, ((0, height - len(each)), (0, 0), (0, 0))) for each in pictures]
+    cells += [np.zeros_like(cells[0])] * (-len(cells) % columns)
+    rows = [np.concatenate(cells[i : i + columns], 1) for i in range(0, len(cells), columns)]
+    sheet = quantised(np.concatenate(rows), 8)
+    write_samples(path, sheet.shape[:2], iter([sheet]), "png", {})
+
+
+def _lights(shipped: ShippedLens) -> NDArray[Any]:
+    """Lights nearer and farther than the focus with a lens, sRGB [H, W, 3]."""
+    from defocus_core.evaluation.synthetic_scenes import scenery
+    from defocus_core.renderer.render import render
+
+    lens = make_lens({"focus": _LENS_FOCUS}, shipped.path)
+    image, radius = scenery("lights", *_LENS_SIZE, _LENS_RADIUS)[:2]
+    cat_eye = cat_eye_of(lens, _LENS_SIZE[::-1])
+    shown = render(image, radius, aperture=aperture_of(lens), cat_eye=cat_eye).render
+    return linear_to_srgb(shown.movedim(0, -1).contiguous().numpy().clip(0, 1))
+
+
+def _small(path: Path) -> NDArray[Any]:
+    """A picture over black, sRGB [h, w, 3], at most as wide as a cell of the sheet."""
+    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    color = read_color(path)
+    pixels = color.pixels
+    pixels = pixels[:, :, :-1] if color.channels[-1] == "A" else pixels
+    pixels = np.repeat(pixels, 3, axis=2) if pixels.shape[2] == 1 else pixels[:, :, :3]
+    height, width, _ = pixels.shape
+    scale = min(1.0, _WIDTH / width)
+    size = max(1, round(height * scale)), max(1, round(width * scale))
+    if scale < 1:
+        smaller = oiio.ImageBufAlgo.resize(
+            oiio.ImageBuf(np.ascontiguousarray(pixels, np.float32)),
+            roi=oiio.ROI(0, size[1], 0, size[0], 0, 1, 0, 3),
+            filtername="box",
+        )
+        pixels = np.asarray(smaller.get_pixels(oiio.FLOAT)).reshape(*size, 3)
+    return linear_to_srgb(np.clip(pixels, 0.0, 1.0).astype(np.float32))
+
+
+def _labelled(
+    picture: NDArray[Any], words: str, label: tuple[int, int, int, int], width: int = 0
+) -> NDArray[Any]:
+    """A picture in a cell of at least so many px, with a line of words below."""
+    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    height, (line, letters, left, below) = len(picture), label
+    canvas = np.zeros((height + line, max(width, picture.shape[1]), 3), np.float32)
+    canvas[:height, : picture.shape[1]] = picture
+    buffer = oiio.ImageBuf(canvas)
+    place = (left, height + line - below)
+    oiio.ImageBufAlgo.render_text(buffer, *place, words, letters, "", (_GREY, _GREY, _GREY))
+    return np.asarray(buffer.get_pixels(oiio.FLOAT)).reshape(canvas.shape)
