@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from batches import again, folders
-from command_line import LENS, color_exr, failed, refused, run
+from command_line import LENS, color_exr, failed, files_under, refused, run
 from jobs_files import FIXED, INPUTS, jobs_file, pictures
 from records import record
 from refusals import refuses
@@ -20,7 +20,7 @@ from defocus_core.batch.datasets import finished, sample_index, tar_shards
 from defocus_core.batch.jobs import origin
 from defocus_core.batch.journal.journal import Shard, journal_path, read_all, shards
 from defocus_core.batch.journal.run_file import plan_of, run_path, sweep_up
-from defocus_core.compare.goldens.store import read_store
+from defocus_core.compare.goldens.store import read_store, store_to_update
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain, path_fault
 from defocus_core.io.picture_files import read_depth
@@ -278,18 +278,40 @@ def test_an_index_that_was_tampered_with_is_refused(
     assert sample_index.withdraw(tmp_path, {"b"}, alone=True) == set()
 
 
-@pytest.mark.parametrize("removed", ["[" * 200_000, "7", "null", '["../home/mine"]', '["/"]'])
-def test_an_acceptance_that_was_tampered_with_removes_nothing(
-    removed: str, tmp_path: Path, mine: Path
+@pytest.mark.parametrize("name", ["../home/mine", ".git/hooks/post-checkout", "mine", "/mine", 7])
+def test_an_acceptance_that_was_tampered_with_changes_nothing(
+    name: str, tmp_path: Path, mine: Path
 ) -> None:
+    aside, hook = tmp_path / ".accepting", ".git/hooks/post-checkout"
+    for path in (aside / hook, tmp_path / "render" / "a.exr"):
+        path.parent.mkdir(parents=True)
+        path.write_text("theirs")
+    goldens = {"a": {"files": ["render/a.exr"]}}
+    (tmp_path / "golden.json").write_text(json.dumps({"samples": goldens}))
+    (aside / "golden.json").write_text(json.dumps({"samples": {"b": {"files": [name]}}}))
+    before = files_under(tmp_path)
+    for read in (read_store, store_to_update):
+        with refuses("damaged"):
+            read(tmp_path)
+        assert (mine.read_text(), files_under(tmp_path)) == ("mine", before)
+
+
+def test_an_interrupted_acceptance_is_ended_by_update_for_goldens_alone(tmp_path: Path) -> None:
     aside = tmp_path / ".accepting"
-    aside.mkdir()
-    (aside / "golden.json").write_text('{"samples": {}}')
-    (aside / "removed.json").write_text(removed)
+    for path in ("render/old.exr", "mine", ".accepting/render/new.exr", ".accepting/.git/config"):
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text(path)
+    for folder, golden in ((tmp_path, "render/old.exr"), (aside, "render/new.exr")):
+        samples = {"samples": {"a": {"files": [golden]}}}
+        (folder / "golden.json").write_text(json.dumps(samples))
+    (aside / "removed.json").write_text('["mine"]')
+    (tmp_path / "render" / "new.exr").symlink_to("old.exr")  # vetted before old.exr is removed
     with refuses("unwritable"):
-        read_store(tmp_path)
-    assert mine.read_text() == "mine"
-    assert not (tmp_path / "golden.json").exists()
+        store_to_update(tmp_path)
+    assert (tmp_path / "render" / "old.exr").exists()
+    (tmp_path / "render" / "new.exr").unlink()
+    assert store_to_update(tmp_path).files == {"render/new.exr"}
+    assert files_under(tmp_path) == {"golden.json", "mine", "render/new.exr"}
 
 
 def test_the_name_of_a_journal_cannot_make_a_merge_count_shards_for_ever(tmp_path: Path) -> None:
