@@ -104,7 +104,7 @@ def store_to_update(folder: Path) -> Store:
 
 def _read(folder: Path) -> Store | None:
     """The goldens that a golden.json lists; None if there is none. Its names are foreign."""
-    fault, samples = "", None
+    fault, samples = "", dict[str, Any]()
     try:
         with Folder(folder).open(MANIFEST) as opened:
             samples = json.loads(opened.read(_LARGEST))["samples"]
