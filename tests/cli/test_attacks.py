@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -12,7 +14,8 @@ from typing import Any
 import pytest
 from batches import again, folders
 from command_line import LENS, color_exr, failed, files_under, refused, run
-from jobs_files import FIXED, INPUTS, jobs_file, pictures
+from jobs_files import FIXED, INPUTS, jobs_file, pictures, touch
+from jobs_files import jobs as read_jobs_file
 from records import record
 from refusals import refuses
 
@@ -26,6 +29,7 @@ from defocus_core.io.below import Folder, open_plain, path_fault
 from defocus_core.io.picture_files import read_depth
 from defocus_core.io.rows import read_rows
 from defocus_core.io.safe_files import written_together, written_whole
+from defocus_core.io.wildcards import matching
 
 __all__ = ["folders"]
 FOREIGN = (
@@ -74,6 +78,20 @@ def test_every_file_that_names_others_is_refused_with_a_foreign_path(
 
 def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.fixture
+def soon() -> Iterator[None]:
+    """A test that ends within half a minute, or fails: the hangs it knows took years."""
+
+    def late(*_: object) -> None:
+        raise AssertionError("it hangs")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(30)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
 
 
 @pytest.fixture
@@ -401,6 +419,23 @@ def test_a_record_of_wrong_types_is_told(key: str, value: object, tmp_path: Path
     journal_path(tmp_path).write_text("".join(lines))
     for command in ("status", "report", "merge"):
         refused(run(command, tmp_path), 3, "damaged", "journal.jsonl")
+
+
+@pytest.mark.usefixtures("soon")
+@pytest.mark.parametrize("scene", ["^((a+)+)$", "(a|a)*b", "a*a*a*a*a*a*a*a*a*b"])
+def test_no_expression_of_a_jobs_file_hangs(scene: str, tmp_path: Path) -> None:
+    touch(tmp_path, f"{'a' * 200}!_rgb.exr", f"{'a' * 200}!_z.exr")
+    split = f"[split]\ntrain = 1\nscene = '{scene}'\n"
+    with refuses("no-scene", field="scene"):
+        read_jobs_file(tmp_path, FIXED + split, inputs=INPUTS)
+
+
+@pytest.mark.usefixtures("soon")
+def test_no_wildcards_hang(tmp_path: Path) -> None:
+    name = "a" * 15 + "X" + "a" * 200
+    (tmp_path / name).touch()
+    ((text, _),) = matching(tmp_path, "*a" * 14 + "aX*")
+    assert text == "a" * 200
 
 
 def test_a_kept_jobs_file_of_an_endless_key_takes_no_memory(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 from defocus_core.batch.jobs.inputs import Entry
 from defocus_core.batch.jobs.job import Picture
+from defocus_core.batch.jobs.scene_pattern import ScenePattern
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.errors import CALLER, Place, UsageProblem
 from defocus_core.system.log import note
@@ -30,7 +31,7 @@ class Splits:
     """The shares of the splits by name, and where the scene is in the name of a picture."""
 
     fractions: Mapping[str, float]
-    scene: re.Pattern[str] | None = None
+    scene: ScenePattern | None = None
     where: Place = CALLER
 
     def assign(self, pictures: Sequence[Picture | Entry]) -> list[str]:
@@ -72,13 +73,13 @@ class Splits:
 
     def _scene_of(self, picture: Picture | Entry) -> str:
         if self.scene is not None:
-            match = self.scene.search(picture.stem)
-            if match is None:
+            scene = self.scene.scene(picture.stem)
+            if scene is None:
                 problem = f"finds no scene in '{picture.stem}'"
                 raise UsageProblem(
                     "no-scene", problem, "make it match the name of each picture", path=self.where
                 )
-            return match[1] if self.scene.groups else match[0]
+            return scene
         if picture.frame is not None:
             return re.sub(r"\d+$", "", picture.stem)
         return picture.stem
@@ -116,9 +117,9 @@ def read_splits(section: Table) -> Splits:
             "missing-option", "stands without shares", "add train = 0.9", path=section.place(_SCENE)
         )
     try:
-        return Splits(fractions, re.compile(text), section.place(_SCENE))
-    except re.error as error:
-        problem = f"'{text}' is no regular expression: {error}"
+        return Splits(fractions, ScenePattern(text), section.place(_SCENE))
+    except ValueError as error:
+        problem = f"'{text}' is no regular expression that is read: {error}"
         raise UsageProblem(
             "malformed", problem, "write it like '^(.*)_[0-9]+$'", path=section.place(_SCENE)
         ) from None

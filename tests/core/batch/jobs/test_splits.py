@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from refusals import refuses_as
 
 from defocus_core.batch.jobs.job import Picture
+from defocus_core.batch.jobs.scene_pattern import ScenePattern
 from defocus_core.batch.jobs.splits import read_splits
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.errors import UsageProblem
@@ -44,6 +46,30 @@ def test_each_split_has_its_share_of_the_scenes(shares: list[int], count: int) -
 def test_few_scenes_are_shared_as_well() -> None:
     assert Counter(assigned("abcde", train=0.8, test=0.2).values()) == {"train": 4, "test": 1}
     assert Counter(assigned("abcde", train=0.98, test=0.02).values()) == {"train": 4, "test": 1}
+
+
+@given(
+    items=st.lists(
+        st.tuples(
+            st.sampled_from(["a", ".", "[ab]", r"\d", "^", "$", r"\b", "(a|b)", "(?:a|bb)", "|"]),
+            st.sampled_from(["", "*", "+", "?", "+?", "*?", "{2}", "{1,2}?", "{1,}"]),
+        ),
+        max_size=5,
+    ),
+    name=st.text("ab1_", max_size=8),
+)
+def test_a_scene_is_what_pythons_own_matcher_finds(items: list[Any], name: str) -> None:
+    text = "".join(atom + (repeat if atom not in "^$|\\b" else "") for atom, repeat in items)
+    expression = re.compile(text)
+    found = expression.search(name)
+    wanted = found[1 if expression.groups else 0] if found else None
+    assert ScenePattern(text).scene(name) == wanted
+
+
+@pytest.mark.parametrize("text", ["(", r"(a)\1", "(?=a)", "(?i)a", "a++", "(a{1,99}){1,99}", "[a"])
+def test_an_expression_that_could_take_for_ever_is_refused(text: str) -> None:
+    with refuses_as("malformed scene"):
+        splits(train=1, scene=text)
 
 
 def test_too_few_scenes_are_said(caplog: pytest.LogCaptureFixture) -> None:
