@@ -246,6 +246,11 @@ def first_line(path: Path, text: str) -> str:
     return one_line(lines[0]).rstrip(".")[:120]
 
 
+def kind_of(note: str) -> str:
+    """A note without its file, numbers and units: notes that differ in these are of one kind."""
+    return _FILE_OR_NUMBER.sub("N", note)
+
+
 class NoteKinds:
     """Notes of many pictures, counted by kind: alike but for their file, numbers and units."""
 
@@ -258,7 +263,7 @@ class NoteKinds:
 
     def add(self, *notes: str) -> None:
         """Count the notes of a picture, once each kind."""
-        for kind, note in {_FILE_OR_NUMBER.sub("N", note): note for note in notes}.items():
+        for kind, note in {kind_of(note): note for note in notes}.items():
             self._counts[kind] += 1
             # the first in order: the same notes make the same card, whatever ended first
             self._examples[kind] = min(self._examples.get(kind, note), note)
