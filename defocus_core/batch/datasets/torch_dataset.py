@@ -84,7 +84,8 @@ class BatchDataset(Dataset[Item]):
             for sample in self.samples:
                 self._require_room(sample, self.crop)
         # How often each was taken: processes of a loader share it, also those that stay.
-        self._taken = torch.zeros(len(self.samples), dtype=torch.int64).share_memory_()
+        self._taken = torch.zeros(len(self.samples), dtype=torch.int64)
+        self._taken.share_memory_()  # type: ignore[no-untyped-call]
 
     def set_epoch(self, epoch: int) -> None:
         """Go on with the crops of an epoch, counted from 0, as when a training is taken up again.

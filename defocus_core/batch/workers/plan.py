@@ -12,6 +12,8 @@ from defocus_core.batch.journal.journal import Record, Shard, read_all
 from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.workers.lost_records import outputs_without_record
 from defocus_core.batch.workers.output_checks import refuse_misplaced, refuse_unknown
+from defocus_core.system.log import note
+from defocus_core.system.text import counted
 
 Chunk = list[tuple[int, Job]]  # jobs of one picture, with their numbers
 Done = Callable[[int, Record], None]
@@ -95,6 +97,9 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
         todo.append((job, recipe))
         changed += not forced and any(name in ledger.files for name in job.names.values())
     moved = [record for _, record in settled if not ledger.has(record)]
+    resplit = sum(ledger.split_of(job) not in ("", job.split) for job, _ in settled)
+    if resplit:
+        note(f"{out}: {counted(resplit, 'sample')} of another split than before")
     now = todo if execution.limit is None else todo[: execution.limit]
     ledger.refuse_other_pictures(job for job, _ in todo)
     if execution.keep_lenses:
