@@ -81,6 +81,7 @@ CODES = {
     "wrong-type": "a file is not of the kind that is wanted",
 }
 
+_LONGEST_WORD = 200  # characters of a path in a message
 _OPTION = re.compile("‹([a-z][a-z-]*)›")
 # Where notes of one kind differ: a file, numbers, their units of length, one thing or several.
 _FILE_OR_NUMBER = re.compile(r"^\S+\.\w+: |\d[\d.,]*(?: ?(?:[cmk]?m\b|pixels?\b))?")
@@ -109,7 +110,8 @@ class Place:
             return f"‹{self.field}›"
         between = " " if self.table.endswith("]") else ": "
         key = between.join(filter(None, (self.table, self.field)))
-        return f"{self.path}: {key}" if key else f"{self.path}"
+        path = shortened(str(self.path))
+        return f"{path}: {key}" if key else path
 
 
 CALLER = Place()
@@ -199,8 +201,14 @@ def cannot_read(path: Path, error: OSError, remedy: str) -> InputError:
 
 
 def one_line(text: object) -> str:
-    """``text`` with line breaks, tabs and runs of blanks turned into single blanks, `printable`."""
-    return printable(" ".join(str(text).split()))
+    """``text`` with runs of blanks and breaks turned into single blanks, long words `shortened`."""
+    return printable(" ".join(map(shortened, str(text).split())))
+
+
+def shortened(text: str) -> str:
+    """A path, or another long word, whose middle is left out where it is very long."""
+    half = _LONGEST_WORD // 2
+    return text if len(text) <= _LONGEST_WORD else f"{text[:half]}…{text[1 - half :]}"
 
 
 def printable(text: str) -> str:
@@ -238,6 +246,11 @@ def first_line(path: Path, text: str) -> str:
     return one_line(lines[0]).rstrip(".")[:120]
 
 
+def kind_of(note: str) -> str:
+    """A note without its file, numbers and units: notes that differ in these are of one kind."""
+    return _FILE_OR_NUMBER.sub("N", note)
+
+
 class NoteKinds:
     """Notes of many pictures, counted by kind: alike but for their file, numbers and units."""
 
@@ -250,7 +263,7 @@ class NoteKinds:
 
     def add(self, *notes: str) -> None:
         """Count the notes of a picture, once each kind."""
-        for kind, note in {_FILE_OR_NUMBER.sub("N", note): note for note in notes}.items():
+        for kind, note in {kind_of(note): note for note in notes}.items():
             self._counts[kind] += 1
             # the first in order: the same notes make the same card, whatever ended first
             self._examples[kind] = min(self._examples.get(kind, note), note)

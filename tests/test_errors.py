@@ -96,3 +96,11 @@ def test_notes_of_one_kind_differ_in_file_numbers_and_units_and_one_is_shown() -
     ]
     wanted = {"nothing is in focus at 1.5m: 7 px": 3, "a.exr: 20 pixels lost": 2}
     assert NoteKinds(notes).counts == NoteKinds(reversed(notes)).counts == wanted
+
+
+def test_a_message_quotes_at_most_200_characters_of_a_path() -> None:
+    path = f"/{'a' * 5000}/end.exr"
+    error = InputError("not-found", f"is not {path}", f"name {path}", path=path)
+    assert max(map(len, str(error).split())) <= 201
+    assert str(error).count("end.exr") == 3
+    assert error.path == path

@@ -19,7 +19,13 @@ from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.worker_config import WorkerConfig
 from defocus_core.compare.goldens.faults import Planted, plant_all
 from defocus_core.compare.goldens.fresh import FreshPictures, rendered
-from defocus_core.compare.goldens.store import Store, accept, change_words, read_store
+from defocus_core.compare.goldens.store import (
+    Store,
+    accept,
+    change_words,
+    read_store,
+    store_to_update,
+)
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import read_picture
 from defocus_core.compare.record import EXTRA, MISSING, CompareSettings, Comparison
@@ -101,7 +107,7 @@ def update(
       defocus golden update jobs.toml goldens --accept
       defocus golden update jobs.toml goldens --only render/spheres.exr --accept
     """  # noqa: D301  click reads the backspace
-    store = read_store(folder, new=True)
+    store = store_to_update(folder)
     with _rendered(jobs_file, crew, only) as fresh:
         store = _narrowed(store, fresh, only)
         for line in store.changed_settings(fresh.jobs):

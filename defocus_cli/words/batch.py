@@ -17,10 +17,12 @@ from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.journal.progress import Progress
 from defocus_core.batch.workers.plan import Plan
 from defocus_core.batch.workers.run import Summary
+from defocus_core.errors import kind_of
 from defocus_core.io.safe_files import spoken
 from defocus_core.system.text import counted, duration
 
 _WARNINGS = 3  # kinds of which an example is shown
+_ALIKE = 5  # errors of one kind that are told
 _WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
 
 
@@ -34,6 +36,7 @@ class BatchReport:
         self._each, self._keep, self._verbose, self._stats = each, keep, verbose, stats
         self._bar: Any = None
         self._afterwards: list[str] = []
+        self._told: Counter[str] = Counter()  # jobs without outputs, by the kind of their message
 
     def planned(self, plan: Plan) -> None:
         """Say what was done before."""
@@ -67,6 +70,12 @@ class BatchReport:
         )
         if record["status"] == "ok":
             lines += self._afterwards
+        elif not self._verbose:
+            kind = kind_of(record["message"])
+            self._told[kind] += 1
+            if self._told[kind] > _ALIKE:
+                more = "others like it are counted at the end, and told by 'defocus status'"
+                lines = [more] if self._told[kind] == _ALIKE + 1 else []
         for line in lines if self._each or record["status"] != "ok" else ():
             console.stderr(line)
         if self._bar is not None:

@@ -70,18 +70,31 @@ def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, lis
         if os.path.lexists(folder / part):
             yield folder / part, []
         return
-    pieces = _WILDCARD.split(part)  # text, wildcard, text, …
-    groups = {"?": "(.)", "[": "(.)", "*": "(.*)"}
-    expression = "".join(groups[p[0]] if k % 2 else re.escape(p) for k, p in enumerate(pieces))
+    expression = _reversed_expression(part)
     for path in folder.iterdir():
         name = path.name
         if not fnmatchcase(name, part) or (name.startswith(".") and not part.startswith(".")):
             continue
-        match = re.fullmatch(expression, name, re.DOTALL)
-        end = len(path.stem) if last else len(name)
-        spans = [(start, min(stop, end)) for start, stop in match.regs[1:]] if match else []
+        match = re.fullmatch(expression, name[::-1], re.DOTALL)
+        end, size = len(path.stem) if last else len(name), len(name)
+        spans = [(size - b, min(size - a, end)) for a, b in match.regs[:0:-1]] if match else []
         text = name[: spans[-1][1]] if spans else ""
         yield path, [("_".join(name[a:b] for a, b in spans if a < b), text.lstrip("."))]
+
+
+def _reversed_expression(part: str) -> str:
+    """A regular expression of reversed names that match, with a group for each wildcard.
+
+    Each ``*`` takes all it can, the first before the others: from the end, each but the first takes
+    the least that lets the text behind it stand, and what it took need never be tried again.
+    """
+    groups = {"?": "(.)", "[": "(.)", "*": "(.*)"}
+    expression = ""
+    for place, piece in enumerate(reversed(_WILDCARD.split(part))):
+        expression += groups[piece[0]] if place % 2 else re.escape(piece[::-1])
+    first, *others = expression.split("(.*)")
+    atomic = "".join(f"(?>(.*?){text})" for text in others[:-1])
+    return first + atomic + "".join(f"(.*){text}" for text in others[-1:])
 
 
 def _refuse_circle(folder: Path) -> None:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import os
+import signal
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
 from batches import again, folders
-from command_line import LENS, color_exr, failed, refused, run
+from command_line import LENS, color_exr, failed, files_under, refused, run
 from counting import calls
-from jobs_files import FIXED, INPUTS, jobs_file, pictures
+from jobs_files import FIXED, INPUTS, jobs_file, pictures, touch
+from jobs_files import jobs as read_jobs_file
 from records import record
 from refusals import refuses
 
@@ -20,12 +23,13 @@ from defocus_core.batch.datasets import finished, sample_index, tar_shards
 from defocus_core.batch.jobs import origin
 from defocus_core.batch.journal.journal import Shard, journal_path, read_all, shards
 from defocus_core.batch.journal.run_file import plan_of, run_path, sweep_up
-from defocus_core.compare.goldens.store import read_store
+from defocus_core.compare.goldens.store import read_store, store_to_update
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain, path_fault
 from defocus_core.io.picture_files import read_depth
 from defocus_core.io.rows import read_rows
 from defocus_core.io.safe_files import written_together, written_whole
+from defocus_core.io.wildcards import matching
 
 __all__ = ["folders"]
 FOREIGN = (
@@ -74,6 +78,20 @@ def test_every_file_that_names_others_is_refused_with_a_foreign_path(
 
 def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
+
+
+@pytest.fixture
+def soon() -> Iterator[None]:
+    """A test that ends within half a minute, or fails: the hangs it knows took years."""
+
+    def late(*_: object) -> None:
+        raise AssertionError("it hangs")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(30)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
 
 
 @pytest.fixture
@@ -280,18 +298,40 @@ def test_an_index_that_was_tampered_with_is_refused(
     assert sample_index.withdraw(tmp_path, {"b"}, alone=True) == set()
 
 
-@pytest.mark.parametrize("removed", ["[" * 200_000, "7", "null", '["../home/mine"]', '["/"]'])
-def test_an_acceptance_that_was_tampered_with_removes_nothing(
-    removed: str, tmp_path: Path, mine: Path
+@pytest.mark.parametrize("name", ["../home/mine", ".git/hooks/post-checkout", "mine", "/mine", 7])
+def test_an_acceptance_that_was_tampered_with_changes_nothing(
+    name: str, tmp_path: Path, mine: Path
 ) -> None:
+    aside, hook = tmp_path / ".accepting", ".git/hooks/post-checkout"
+    for path in (aside / hook, tmp_path / "render" / "a.exr"):
+        path.parent.mkdir(parents=True)
+        path.write_text("theirs")
+    goldens = {"a": {"files": ["render/a.exr"]}}
+    (tmp_path / "golden.json").write_text(json.dumps({"samples": goldens}))
+    (aside / "golden.json").write_text(json.dumps({"samples": {"b": {"files": [name]}}}))
+    before = files_under(tmp_path)
+    for read in (read_store, store_to_update):
+        with refuses("damaged"):
+            read(tmp_path)
+        assert (mine.read_text(), files_under(tmp_path)) == ("mine", before)
+
+
+def test_an_interrupted_acceptance_is_ended_by_update_for_goldens_alone(tmp_path: Path) -> None:
     aside = tmp_path / ".accepting"
-    aside.mkdir()
-    (aside / "golden.json").write_text('{"samples": {}}')
-    (aside / "removed.json").write_text(removed)
+    for path in ("render/old.exr", "mine", ".accepting/render/new.exr", ".accepting/.git/config"):
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text(path)
+    for folder, golden in ((tmp_path, "render/old.exr"), (aside, "render/new.exr")):
+        samples = {"samples": {"a": {"files": [golden]}}}
+        (folder / "golden.json").write_text(json.dumps(samples))
+    (aside / "removed.json").write_text('["mine"]')
+    (tmp_path / "render" / "new.exr").symlink_to("old.exr")  # vetted before old.exr is removed
     with refuses("unwritable"):
-        read_store(tmp_path)
-    assert mine.read_text() == "mine"
-    assert not (tmp_path / "golden.json").exists()
+        store_to_update(tmp_path)
+    assert (tmp_path / "render" / "old.exr").exists()
+    (tmp_path / "render" / "new.exr").unlink()
+    assert store_to_update(tmp_path).files == {"render/new.exr"}
+    assert files_under(tmp_path) == {"golden.json", "mine", "render/new.exr"}
 
 
 def test_the_name_of_a_journal_cannot_make_a_merge_count_shards_for_ever(tmp_path: Path) -> None:
@@ -381,6 +421,23 @@ def test_a_record_of_wrong_types_is_told(key: str, value: object, tmp_path: Path
     journal_path(tmp_path).write_text("".join(lines))
     for command in ("status", "report", "merge"):
         refused(run(command, tmp_path), 3, "damaged", "journal.jsonl")
+
+
+@pytest.mark.usefixtures("soon")
+@pytest.mark.parametrize("scene", ["^((a+)+)$", "(a|a)*b", "a*a*a*a*a*a*a*a*a*b"])
+def test_no_expression_of_a_jobs_file_hangs(scene: str, tmp_path: Path) -> None:
+    touch(tmp_path, f"{'a' * 200}!_rgb.exr", f"{'a' * 200}!_z.exr")
+    split = f"[split]\ntrain = 1\nscene = '{scene}'\n"
+    with refuses("no-scene", field="scene"):
+        read_jobs_file(tmp_path, FIXED + split, inputs=INPUTS)
+
+
+@pytest.mark.usefixtures("soon")
+def test_no_wildcards_hang(tmp_path: Path) -> None:
+    name = "a" * 15 + "X" + "a" * 200
+    (tmp_path / name).touch()
+    ((text, _),) = matching(tmp_path, "*a" * 14 + "aX*")
+    assert text == "a" * 200
 
 
 def test_a_kept_jobs_file_of_an_endless_key_takes_no_memory(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -254,3 +255,11 @@ def test_colours_apart_and_up_and_down_are_counted(tmp_path: Path) -> None:
     assert 1.5 < apart["render_seconds"] / usual["render_seconds"] < 2.8
     assert 2 < quad["render_seconds"] / usual["render_seconds"] < 5
     assert "3 renderings, about " in render(*args[:-3], "--axial-color", "0.1mm:0.2mm").out
+
+
+def test_a_dry_run_needs_no_directory_that_can_be_written(
+    color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "access", lambda _, mode: not mode & os.W_OK)
+    assert render(color, depth, "-o", out, "--dry-run").code == 0
+    refused(render(color, depth, "-o", out), 3, "unwritable", out.parent)

@@ -24,6 +24,7 @@ from command_line import (
     texture,
 )
 
+from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.rendering import delivery, job_steps
 from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.batch.workers import pipeline
@@ -219,6 +220,28 @@ def test_a_file_that_the_journal_does_not_know_is_refused(
     assert computed == []
     assert (out / "coc" / "c.exr").read_text() == "mine"
     assert sorted(path.name for path in out.iterdir()) == ["coc"]
+
+
+@pytest.mark.parametrize("told_by", ["index", "header"])
+def test_a_journal_cut_at_any_byte_resumes_to_the_same_files(
+    told_by: str, folders: tuple[Path, Path], out: Path
+) -> None:
+    """As a power loss may cut it, when the run had long ended; a TIFF tells nothing of itself."""
+    options = ("--outputs", "render", "--format", "tif" if told_by == "index" else "png")
+    assert again(folders, out, *options).code == 0
+    journal, done = out / "journal.jsonl", records(out)
+    data = journal.read_bytes()
+    files = {name: (out / name).read_bytes() for name in files_under(out) if "/" in name}
+    ends = [at for at, byte in enumerate(data, 1) if byte == ord("\n")]
+    for cut in (0, ends[0] - 7, ends[0], ends[0] + 1, ends[1] - 1, ends[2] - 1):
+        journal.write_bytes(data[:cut] + bytes(9))
+        if told_by == "index":
+            sample_index.write(out, done)
+        ran = again(folders, out, *options)
+        assert ran.code == 0, ran.err
+        assert len(records(out)) == 3
+        assert {name: (out / name).read_bytes() for name in files} == files
+        assert "the journal no longer knows" in ran.err
 
 
 def test_a_link_that_leads_nowhere_is_a_file_that_the_journal_does_not_know(

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+import pytest
 from command_line import (
     HEIGHT,
     WIDTH,
@@ -262,3 +263,22 @@ def test_a_shot_is_summed_up(tmp_path: Path) -> None:
     assert [each["frame"] for each in bare["depth"]] == [1001, 1002, 1003, 1005]
     assert {each["focus_mm"] for each in bare["depth"]} == {None}
     assert {each["focus_mm"] for each in of_depth["depth"]} == {2000}
+
+
+@pytest.mark.parametrize(
+    "attributes",
+    [{"pinholeFocalLength": 1e38}, {"focus": 1e-38}, {"sensorPhotositePitch": 1e38}],
+    ids=lambda each: next(iter(each)),
+)
+def test_metadata_out_of_range_are_named_by_file_and_attribute(
+    attributes: dict[str, float], tmp_path: Path
+) -> None:
+    planes = {name: np.ones((8, 8), np.float32) for name in "RGBZ"}
+    rectangle = ((0, 0), (35, 23))
+    known = {"focus": 2.0, "pinholeFocalLength": 50.0, "sensorAcquisitionRectangle": rectangle}
+    known = {"sensorPhotositePitch": 1000.0, **known}
+    OpenEXR.File({**SCANLINE, **known, **attributes}, planes).write(str(tmp_path / "a.exr"))
+    ran = run("render", tmp_path / "a.exr", tmp_path / "a.exr", "-o", tmp_path / "out",
+              "--lens-from-metadata", "--fnumber", "2", "--depth-unit", "m")  # fmt: skip
+    refused(ran, 2, "malformed", next(iter(attributes)))
+    assert "a.exr" in ran.err

@@ -118,6 +118,15 @@ def test_a_disk_that_fills_up_leaves_no_half_picture(
     assert not out.exists()
 
 
+def test_a_disk_that_fills_up_during_a_batch_names_the_file(
+    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for stem in "ab":
+        color, depth = pair(tmp_path, stem)
+    fill_at_the_third_file(monkeypatch)
+    refused(render(color.parent, depth.parent, "-o", out), 3, "no-space", out / "render" / "a.exr")
+
+
 def test_a_file_that_another_worker_wrote_meanwhile_stays(
     color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -18,7 +18,7 @@ from typing import Any
 from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.datasets.card_tables import ENDS, WORDS, tables_of
 from defocus_core.batch.jobs.origin import Origin
-from defocus_core.errors import NoteKinds
+from defocus_core.errors import NoteKinds, one_line
 from defocus_core.io.safe_files import written_whole
 
 NAMES = ("card.json", "card.md")
@@ -27,7 +27,7 @@ _TITLE = "Defocused pictures"
 Record = Mapping[str, Any]
 _OF_LENS = ("focus_dioptres", "fnumber", "focal_length_mm")  # of the distributions
 _SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
-_PLAIN = re.compile(r"[^\w .,:;()/+<>=%°×–-]")  # what Markdown or YAML could take for its own
+_MARKUP = re.compile(r"[\\`*{}\[\]<>#|!~&$]")  # what Markdown takes for its own
 
 
 def write(out: Path, card: Mapping[str, Any]) -> list[Path]:
@@ -124,7 +124,7 @@ def markdown(card: Mapping[str, Any]) -> str:
         card: from `card_of`.
     """
     size = next((words for maximum, words in _SIZES if card["samples"] < maximum), "n>1M")
-    origin = {key: _safe(text) for key, text in card["origin"].items()}
+    origin = {key: one_line(text) for key, text in card["origin"].items()}
     title = origin.get("title", _TITLE)
     head = [
         "---",
@@ -163,5 +163,5 @@ def _body(card: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _safe(words: str) -> str:
-    """Words from a journal, which may come from anywhere, without signs of Markdown."""
-    return _PLAIN.sub(" ", words)
+    """Words from a journal, which may come from anywhere, with signs of Markdown escaped."""
+    return _MARKUP.sub(r"\\\g<0>", one_line(words))

@@ -34,7 +34,8 @@ class BatchDataset(Dataset[Item]):
     ``sample_id``. Of a batch beside a file of radii the numbers of the lens are NaN.
 
     Shuffling is the loader's, ``DataLoader(…, shuffle=True, generator=…)``. Crops are drawn by
-    seed, epoch and index, whatever worker draws them.
+    seed, index, and how often the sample was taken before: others in each epoch, whatever worker
+    draws them.
     """
 
     def __init__(
@@ -70,7 +71,6 @@ class BatchDataset(Dataset[Item]):
                 raise UsageProblem("unknown-name", f"{kind!r} is no kind", remedy, field="kinds")
         self.kinds, self.seed, self.transform = tuple(kinds), seed, transform
         self.crop = (crop, crop) if isinstance(crop, int) else crop
-        self.epoch = 0
         every = list(samples(out))
         self.samples = [
             sample
@@ -83,10 +83,16 @@ class BatchDataset(Dataset[Item]):
         if self.crop is not None:
             for sample in self.samples:
                 self._require_room(sample, self.crop)
+        # How often each was taken: processes of a loader share it, also those that stay.
+        self._taken = torch.zeros(len(self.samples), dtype=torch.int64)
+        self._taken.share_memory_()  # type: ignore[no-untyped-call]
 
     def set_epoch(self, epoch: int) -> None:
-        """Draw other crops from now on; call it before the loader starts its workers."""
-        self.epoch = epoch
+        """Go on with the crops of an epoch, counted from 0, as when a training is taken up again.
+
+        Without it each pass over the samples has crops of its own.
+        """
+        self._taken.fill_(epoch)
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -121,7 +127,8 @@ class BatchDataset(Dataset[Item]):
         self, index: int, size: tuple[int, int], crop: tuple[int, int]
     ) -> tuple[slice, slice]:
         """Rows and columns of a crop."""
-        draw = np.random.default_rng((self.seed, self.epoch, index))
+        draw = np.random.default_rng((self.seed, int(self._taken[index]), index))
+        self._taken[index] += 1
         starts = [
             int(draw.integers(0, room - side + 1)) for room, side in zip(size, crop, strict=True)
         ]

@@ -22,6 +22,7 @@ from defocus_core.batch.jobs.animation import (
 from defocus_core.batch.jobs.inputs import Entry
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.jobs.lens_from_options import (
+    checked,
     make_lens,
     merged,
     parsed,
@@ -118,7 +119,10 @@ class ShotLenses:
             UsageProblem: a frame has no number, or values of two keys have nothing between them.
         """
         taken = lens_of(picture.color, self.metres) if self.metadata else {}
-        of_metadata = {name: each.text for name, each in taken.items()}
+        of_metadata = {
+            name: checked(name, each.text, Place(picture.color, field=each.attribute))
+            for name, each in taken.items()
+        }
         return merged(of_metadata, self._keyed(picture)), taken
 
     def _keyed(self, picture: Picture) -> dict[str, str]:

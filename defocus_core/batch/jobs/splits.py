@@ -2,19 +2,23 @@
 
 ``[split]`` of a jobs file has a share for each split, which add up to 1, and may have ``scene``, a
 regular expression whose first group, or else whole match, is the scene in the name of a picture.
-Without it the name of a picture is its scene, and the frames of a shot are one. Each scene goes to
-the split that lacks most of its share so far, in the order of the scenes: the counts are those of
-the shares, within one, and scenes that come behind the others leave theirs where they are.
+Without it the name of a picture is its scene, and the frames of a shot are one. A hash of its name
+decides the split of a scene, so that it stays where it is whatever other scenes come and go; the
+counts are those of the shares in the long run.
 """
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import blake2b
+from itertools import accumulate
 
 from defocus_core.batch.jobs.inputs import Entry
 from defocus_core.batch.jobs.job import Picture
+from defocus_core.batch.jobs.scene_pattern import ScenePattern
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.errors import CALLER, Place, UsageProblem
 from defocus_core.system.log import note
@@ -30,55 +34,42 @@ class Splits:
     """The shares of the splits by name, and where the scene is in the name of a picture."""
 
     fractions: Mapping[str, float]
-    scene: re.Pattern[str] | None = None
+    scene: ScenePattern | None = None
     where: Place = CALLER
 
     def assign(self, pictures: Sequence[Picture | Entry]) -> list[str]:
         """The split of each picture; empty words without splits.
 
-        Where there are enough scenes each split has one; else a line says what came out.
+        A line says which splits have no scene.
 
         Raises:
             UsageProblem: the name of a picture has no scene in it.
         """
         if not self.fractions:
             return [""] * len(pictures)
-        scenes = [self._scene_of(picture) for picture in pictures]
-        split_of: dict[str, str] = {}
-        counts = dict.fromkeys(self.fractions, 0)
-        for number, scene in enumerate(dict.fromkeys(scenes), 1):
-            lacking = {
-                name: fraction * number - counts[name] for name, fraction in self.fractions.items()
-            }
-            split_of[scene] = max(lacking, key=lacking.__getitem__)
-            counts[split_of[scene]] += 1
-        self._fill_empty(split_of, counts)
-        return [split_of[scene] for scene in scenes]
+        split_of = {scene: self._split_of(scene) for scene in map(self._scene_of, pictures)}
+        empty = [name for name in self.fractions if name not in split_of.values()]
+        if empty:
+            scenes = counted(len(split_of), "scene")
+            note(f"[split]: none of {scenes} is in {', '.join(empty)}: a hash of its name decides")
+        return [split_of[self._scene_of(picture)] for picture in pictures]
 
-    def _fill_empty(self, split_of: dict[str, str], counts: dict[str, int]) -> None:
-        """Give splits without a scene the last one of the split that has most."""
-        for empty in [name for name, count in counts.items() if not count]:
-            maximum = max(counts, key=counts.__getitem__)
-            if counts[maximum] < 2:
-                came_out = ", ".join(f"{name} {count}" for name, count in counts.items())
-                counts_words = (
-                    f"{counted(len(split_of), 'scene')} for {counted(len(counts), 'split')}"
-                )
-                note(f"[split]: {counts_words}: {came_out}")
-                return
-            last = [scene for scene, name in split_of.items() if name == maximum][-1]
-            split_of[last] = empty
-            counts[maximum], counts[empty] = counts[maximum] - 1, 1
+    def _split_of(self, scene: str) -> str:
+        digest = blake2b(os.fsencode(scene), digest_size=8).digest()
+        place = int.from_bytes(digest, "big") / 2**64
+        names, ends = list(self.fractions), accumulate(self.fractions.values())
+        passed = sum(end <= place for end in ends)
+        return names[min(passed, len(names) - 1)]  # shares may add up to a little less than 1
 
     def _scene_of(self, picture: Picture | Entry) -> str:
         if self.scene is not None:
-            match = self.scene.search(picture.stem)
-            if match is None:
+            scene = self.scene.scene(picture.stem)
+            if scene is None:
                 problem = f"finds no scene in '{picture.stem}'"
                 raise UsageProblem(
                     "no-scene", problem, "make it match the name of each picture", path=self.where
                 )
-            return match[1] if self.scene.groups else match[0]
+            return scene
         if picture.frame is not None:
             return re.sub(r"\d+$", "", picture.stem)
         return picture.stem
@@ -116,9 +107,9 @@ def read_splits(section: Table) -> Splits:
             "missing-option", "stands without shares", "add train = 0.9", path=section.place(_SCENE)
         )
     try:
-        return Splits(fractions, re.compile(text), section.place(_SCENE))
-    except re.error as error:
-        problem = f"'{text}' is no regular expression: {error}"
+        return Splits(fractions, ScenePattern(text), section.place(_SCENE))
+    except ValueError as error:
+        problem = f"'{text}' is no regular expression that is read: {error}"
         raise UsageProblem(
             "malformed", problem, "write it like '^(.*)_[0-9]+$'", path=section.place(_SCENE)
         ) from None

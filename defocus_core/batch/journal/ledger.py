@@ -101,6 +101,11 @@ class Ledger:
         """Whether a record names a file that a job writes."""
         return any(name in self._last for name in job.names.values())
 
+    def split_of(self, job: Job) -> str:
+        """The split that a job's outputs were in; empty if in none."""
+        record = self._last.get(next(iter(job.names.values())), {})
+        return str(record.get("split", ""))
+
     def previews_replaced(self, job: Job) -> dict[str, identity.Stamp]:
         """Path and stamp of the previews of pictures that a job replaces, and which it leaves."""
         if job.outputs.preview or not self.knows(job):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 from defocus_core.batch.jobs.job import Job, Outputs
@@ -19,11 +19,11 @@ def refuse_misplaced(jobs: Sequence[Job]) -> None:
 
     Raises:
         InputError: an output is an input or another job's output, has too long a name, or lies
-            where nothing can be written.
+            where there can be no folder.
     """
     _refuse_clashes(jobs)
     for outputs in {job.outputs for job in jobs}:
-        refuse_unwritable(outputs)
+        list(_places_of(outputs))
 
 
 def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
@@ -121,6 +121,17 @@ def refuse_unwritable(outputs: Outputs) -> None:
     Raises:
         InputError: a file is in the way, or the place is forbidden.
     """
+    for place in _places_of(outputs):
+        if not os.access(place, os.W_OK | os.X_OK):
+            raise InputError("unwritable", "cannot be written to", "choose another -o", path=place)
+
+
+def _places_of(outputs: Outputs) -> Iterator[Path]:
+    """The folders of outputs, or the nearest above each that there is.
+
+    Raises:
+        InputError: there can be no folder: a file or a link is in the way.
+    """
     for folder in (outputs.root, *outputs.folders):
         if folder.is_symlink() and not folder.exists():
             raise missing(folder)
@@ -136,7 +147,4 @@ def refuse_unwritable(outputs: Outputs) -> None:
                 "choose another -o",
                 path=existing,
             )
-        if not os.access(existing, os.W_OK | os.X_OK):
-            raise InputError(
-                "unwritable", "cannot be written to", "choose another -o", path=existing
-            )
+        yield existing

@@ -10,7 +10,10 @@ from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity, run_file
 from defocus_core.batch.journal.journal import Record, Shard, read_all
 from defocus_core.batch.journal.ledger import Ledger
+from defocus_core.batch.workers.lost_records import outputs_without_record
 from defocus_core.batch.workers.output_checks import refuse_misplaced, refuse_unknown
+from defocus_core.system.log import note
+from defocus_core.system.text import counted
 
 Chunk = list[tuple[int, Job]]  # jobs of one picture, with their numbers
 Done = Callable[[int, Record], None]
@@ -72,11 +75,16 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
         todo.append((job, recipe))
         changed += not forced and any(name in ledger.files for name in job.names.values())
     moved = [record for _, record in settled if not ledger.has(record)]
+    resplit = sum(ledger.split_of(job) not in ("", job.split) for job, _ in settled)
+    if resplit:
+        note(f"{out}: {counted(resplit, 'sample')} of another split than before")
     now = todo if execution.limit is None else todo[: execution.limit]
     ledger.refuse_other_pictures(job for job, _ in todo)
     if execution.keep_lenses:
         ledger.refuse_other_lenses(job for job, _ in todo)
-    refuse_unknown([job for job, _ in todo], ledger.files | run_file.planned_files(out))
+    known = ledger.files | run_file.planned_files(out)
+    jobs_to_do = [job for job, _ in todo]
+    refuse_unknown(jobs_to_do, known | outputs_without_record(jobs_to_do, out, known))
     planned = run_file.planned_files(out, execution.shard) - ledger.files
     unknown = {name for name in planned if (out / name).exists()}
     previews = {

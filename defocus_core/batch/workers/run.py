@@ -220,7 +220,8 @@ class _Batch:
         self.require_lock()
         job, recipe = self.plan.todo[number]
         if record["reason"] == "no-space":  # no other job will find space
-            raise NoSpace(*record["message"].split(": ", 1))
+            path, _, problem = record["message"].partition(": ")
+            raise NoSpace("no-space", problem, path=path)
         beside = {key: record[key] for key in BESIDE if key in record}
         record = completed(record, job, recipe, self.out)
         self.journal.append(record)

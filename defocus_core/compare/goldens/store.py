@@ -21,7 +21,6 @@ from defocus_core.io.damage import MALFORMED
 from defocus_core.io.safe_files import missing, unwritable, written_whole
 
 MANIFEST = "golden.json"
-_REMOVED = "removed.json"
 _ASIDE = ".accepting"  # folder of what is being accepted; complete once it has golden.json
 _LARGEST = 2**28  # bytes of golden.json
 
@@ -76,33 +75,47 @@ class Store:
         return {file for sample in self.samples.values() for file in sample.get("files", ())}
 
 
-def read_store(folder: Path, *, new: bool = False) -> Store:
-    """Read golden.json of a folder.
-
-    Args:
-        folder: the folder of goldens.
-        new: whether there may be none yet.
+def read_store(folder: Path) -> Store:
+    """Read golden.json of a folder; nothing is changed.
 
     Raises:
-        InputError: there is none, or it is damaged.
+        InputError: there is none, or it is damaged; or an update was interrupted.
     """
-    file = folder / MANIFEST
-    restore = "restore it from your version control"
+    if (folder / _ASIDE / MANIFEST).is_file():
+        problem = "has an accepted update that was interrupted"
+        remedy = "end it with 'defocus golden update'"
+        raise InputError("damaged", problem, remedy, path=folder)
+    store = _read(folder)
+    if store is None:
+        remedy = "make goldens with 'defocus golden update ‹accept›'"
+        raise missing(folder / MANIFEST, remedy=remedy)
+    return store
+
+
+def store_to_update(folder: Path) -> Store:
+    """The goldens of a folder, or none yet; an accepted update that was interrupted is ended.
+
+    Raises:
+        InputError: golden.json is damaged, or the update cannot be ended; nothing is changed.
+    """
     _finish(folder)
+    return _read(folder) or Store(folder, {})
+
+
+def _read(folder: Path) -> Store | None:
+    """The goldens that a golden.json lists; None if there is none. Its names are foreign."""
+    fault, samples = "", dict[str, Any]()
     try:
         with Folder(folder).open(MANIFEST) as opened:
             samples = json.loads(opened.read(_LARGEST))["samples"]
-        fault = next(filter(None, map(_sample_fault, samples.values())), None)
+        fault = next(filter(None, map(_sample_fault, samples.values())), "")
     except FileNotFoundError:
-        if new:
-            return Store(folder, {})
-        remedy = "make goldens with 'defocus golden update ‹accept›'"
-        raise missing(file, remedy=remedy) from None
+        return None
     except (OSError, *MALFORMED) as error:
-        problem = f"cannot be read: {reason(error)}"
-        raise InputError("damaged", problem, restore, path=file) from None
+        fault = f"cannot be read: {reason(error)}"
     if fault:
-        raise InputError("damaged", fault, restore, path=file)
+        restore = "restore it from your version control"
+        raise InputError("damaged", fault, restore, path=folder / MANIFEST)
     return Store(folder, samples)
 
 
@@ -124,7 +137,7 @@ def accept(store: Store, jobs: Sequence[Job], root: Path, records: Sequence[Comp
     """Make new pictures goldens, and remove the goldens that no job asks for; their number.
 
     Pictures and golden.json change together: all are written aside first, golden.json last, and
-    then take their places. Where that is interrupted, `read_store` ends it, or clears it away.
+    then take their places. Where that is interrupted, `store_to_update` ends it.
 
     Args:
         store: the folder.
@@ -153,10 +166,8 @@ def accept(store: Store, jobs: Sequence[Job], root: Path, records: Sequence[Comp
             if stored is None or written & set(files) or stored["files"] != files:
                 stored = {"settings": identity.settings(job), "files": files, **_made_by()}
             samples[job.sample_id] = dict(stored)
-        gone = [r.name for r in changed if r.status == MISSING and r.name in store.files]
-        for name, document in ((_REMOVED, gone), (MANIFEST, {"samples": samples})):
-            with written_whole(aside / name) as file:
-                file.write(json.dumps(document, indent=1, sort_keys=True).encode())
+        with written_whole(aside / MANIFEST) as file:
+            file.write(json.dumps({"samples": samples}, indent=1, sort_keys=True).encode())
     except (OSError, InputError) as error:
         shutil.rmtree(aside, ignore_errors=True)
         if isinstance(error, InputError):
@@ -169,28 +180,30 @@ def accept(store: Store, jobs: Sequence[Job], root: Path, records: Sequence[Comp
 def _finish(folder: Path) -> None:
     """End an acceptance whose files are all there, and clear one away that is not.
 
+    Only goldens that one of the two lists has are moved or removed.
+
     Raises:
-        InputError: a file cannot be put into its place.
+        InputError: a file cannot be put into its place; if a name is at fault, nothing is changed.
     """
     aside = folder / _ASIDE
     if aside.is_symlink() or not aside.is_dir():
         return
-    if not (aside / MANIFEST).is_file():
-        shutil.rmtree(aside, ignore_errors=True)
-        return
-    try:
-        for name in json.loads(Folder(aside).read(_REMOVED)) if (aside / _REMOVED).exists() else ():
-            Folder(folder).remove(str(name))
-        (aside / _REMOVED).unlink(missing_ok=True)
-        files = [p for p in aside.rglob("*") if p.is_file() and not p.is_symlink()]
-        for path in sorted(files, key=lambda p: p == aside / MANIFEST):  # golden.json last
-            target = Folder(folder).path(path.relative_to(aside).as_posix())
-            target.parent.mkdir(parents=True, exist_ok=True)
-            path.replace(target)
-    except (OSError, *MALFORMED) as error:
-        problem = f"cannot be put into its place: {reason(error)}"
-        remedy = f"mend that, or remove {aside}"
-        raise InputError("unwritable", problem, remedy, path=aside) from error
+    if (accepted := _read(aside)) is not None:
+        before = _read(folder) or Store(folder, {})
+        try:
+            gone = sorted(before.files - accepted.files)
+            new = [name for name in sorted(accepted.files) if Folder(aside).path(name).exists()]
+            for name in (*gone, *new, MANIFEST):  # all are vetted before the first is touched
+                Folder(folder).path(name)
+            for name in gone:
+                Folder(folder).remove(name)
+            for name in (*new, MANIFEST):  # golden.json last
+                (folder / name).parent.mkdir(exist_ok=True)
+                (aside / name).replace(folder / name)
+        except OSError as error:
+            problem = f"cannot be put into its place: {reason(error)}"
+            remedy = f"mend that, or remove {aside}"
+            raise InputError("unwritable", problem, remedy, path=aside) from error
     shutil.rmtree(aside, ignore_errors=True)
 
 

@@ -103,7 +103,7 @@ def _along_axis(
     """
     header, names = position
     camera = header.attributes.get(_CAMERA)
-    if camera is None or camera.kind != "m44f":
+    if camera is None or camera.kind != "m44f" or len(camera.value) != 64:
         problem = f"has positions in the world, but no {_CAMERA} in its header"
         remedy = "write that attribute, or render a pass of depth"
         raise InputError("no-depth", problem, remedy, path=path)

@@ -24,6 +24,7 @@ _WHOLE_PICTURE = frozenset({"combined", "rgba", "beauty"})
 _DEPTH_NAMES = frozenset({"depth", "zdepth"})  # of channels, whatever their layer
 _DEPTH_LAYERS = ("depth", "zdepth", "worlddepth")  # how the names of layers end
 NO_DEPTH = ("coc", "disparity", "trust")  # channels of maps that defocus writes
+_SHOWN = 40  # names in a message
 _ASPECTS = 0.1, 10.0  # least and greatest width of a pixel by its height
 
 
@@ -157,7 +158,7 @@ def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str])
             problem = f"has no channel {pattern} of light beside its colour"
             if isnt:
                 problem = f"has {pattern}, which is depth or whole numbers and is never averaged"
-            known = f"it has {', '.join(light[:40])}" if light else "it has none"
+            known = f"it has {_some(light)}" if light else "it has none"
             remedy = f"check ‹blur-channels›: {known}"
             raise InputError("no-such-channel", problem, remedy, path=path)
     folded_patterns = [pattern.casefold() for pattern in patterns]
@@ -236,7 +237,7 @@ def _is_depth(candidate: ChannelGroup) -> bool:
     """Whether the name says so: Z, V, depth, or one of a layer whose name says depth."""
     layer, _, base = candidate.name.rpartition(".")
     base, own_layer = base.lower(), _last(layer).lower()
-    siblings = {channel.plain.lower() for channel in candidate.header.channels}
+    siblings = candidate.header.folded_names
     dot = f"{layer}.".lower() if layer else ""
     if base in _DEPTH_NAMES:
         return True
@@ -261,7 +262,7 @@ def _named(
         members = [c for c in groups if c.name.rpartition(".")[0].casefold() == folded]
         matches = members if len(members) == 1 else []
     if not matches:
-        known = ", ".join(_labels(groups)) or "none"
+        known = _some(_labels(groups)) or "none"
         problem = f"has no {kind} {wanted}; it has {known}"
         raise InputError("no-such-channel", problem, f"check {option}", path=path)
     return _only(path, matches, kind, option)
@@ -291,17 +292,20 @@ def _only(path: Path, candidates: Sequence[ChannelGroup], kind: str, option: str
     if len(candidates) == 1:
         return candidates[0]
     labels = _labels(candidates)
-    problem = f"has {len(candidates)} candidates for the {kind}: {', '.join(labels)}"
+    problem = f"has {len(candidates)} candidates for the {kind}: {_some(labels)}"
     remedy = f"choose one, like {option} {labels[0]}, or a part with ‹part›"
     raise InputError("ambiguous", problem, remedy, path=path)
 
 
 def _listing(headers: Sequence[Header]) -> str:
     """The channels of ``headers``, for a message."""
-    every = _each(headers)
-    shown = _labels(every[:40])
-    more = len(every) - len(shown)
-    return ", ".join(shown) + (f" and {more} more" if more else "")
+    return _some(_labels(_each(headers)))
+
+
+def _some(names: Sequence[str]) -> str:
+    """Names for a message, the first of many."""
+    more = len(names) - _SHOWN
+    return ", ".join(names[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
 def _last(name: str) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -23,8 +24,9 @@ PIXEL_TYPES = {0: "uint", 1: "half", 2: "float"}
 _BYTES = {"uint": 4, "half": 2, "float": 4}
 _LONG_NAMES, _DEEP, MULTIPART = 0x400, 0x800, 0x1000
 _SHORT_NAME, _LONGEST_NAME = 31, 255
-# The attributes read here are tens of bytes, a channel list at most some thousand names.
-_LONGEST_VALUE = 2**24
+_LONGEST_VALUE = 2**24  # bytes of an attribute
+# More than any picture has, in all parts of a file together; some users of it compare all pairs.
+_MOST = {"parts": 512, "channels": 4096, "views": 1024, "attributes": 2**16, "bytes": 2**27}
 # Attributes that describe how this one file is laid out, not the picture.
 STRUCTURAL = frozenset(
     {
@@ -109,6 +111,11 @@ class Header:
         missing = "" if data.covers(display) else f"nothing outside the data window {data}"
         return ", ".join(filter(None, (overscan, cropped, missing)))
 
+    @cached_property
+    def folded_names(self) -> frozenset[str]:
+        """The plain names of its channels in lower case."""
+        return frozenset(channel.plain.lower() for channel in self.channels)
+
     @property
     def label(self) -> str:
         """The part's name in messages, or its number if it has none."""
@@ -120,6 +127,10 @@ class Header:
         return sum(_BYTES[channel.type] for channel in self.channels)
 
 
+class _TooMany(Exception):  # noqa: N818 - it is said of a header
+    """A header has more of something than is read."""
+
+
 def is_exr(head: bytes) -> bool:
     """Whether a file that starts with ``head`` claims to be OpenEXR."""
     return head.startswith(MAGIC)
@@ -129,7 +140,8 @@ def read_headers(path: Path) -> tuple[Header, ...]:
     """Headers of all parts, sizes checked.
 
     Raises:
-        InputError: not an OpenEXR file, a damaged header, or a size that the file cannot hold.
+        InputError: not an OpenEXR file, a damaged header, a size that the file cannot hold, or more
+            channels or parts than are read.
     """
     if not is_exr(read_head(path)):
         raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
@@ -140,6 +152,9 @@ def read_headers(path: Path) -> tuple[Header, ...]:
         problem = f"has a name in its header that is not UTF-8, {error.object!r}"
         remedy = "write it again with plain names"
         raise InputError("not-utf-8", problem, remedy, path=path) from error
+    except _TooMany as error:
+        problem, remedy = f"has a header of more than {error}", "split it into several files"
+        raise InputError("too-large", problem, remedy, path=path) from None
     except (OSError, ValueError, struct.error) as error:
         raise damaged(path, str(error), "has a damaged OpenEXR header") from error
     for header in headers:
@@ -164,7 +179,15 @@ def read_attributes(file: BinaryIO) -> dict[str, Raw]:
         if len(value) < size:
             raise ValueError("it ends early")
         attributes[name] = Raw(kind, value)
+        _limit(attributes=len(attributes), bytes=file.tell())
     return attributes
+
+
+def _limit(**counts: int) -> None:
+    """Refuse a header before more of it is read than any picture has."""
+    for name, count in counts.items():
+        if count > _MOST[name]:
+            raise _TooMany(f"{_MOST[name]} {name}")
 
 
 def header_bytes(attributes: Mapping[str, Raw]) -> bytes:
@@ -197,8 +220,11 @@ def raw_headers(file: BinaryIO) -> tuple[int, list[dict[str, Raw]]]:
     if version & 0xFF != 2:
         raise ValueError(f"format version {version & 0xFF}, not 2")
     parts: list[dict[str, Raw]] = []
+    total = 0
     while attributes := read_attributes(file):
         parts.append(attributes)
+        total += len(attributes)
+        _limit(parts=len(parts), attributes=total)
         if not version & MULTIPART:
             break
     if not parts:
@@ -209,7 +235,13 @@ def raw_headers(file: BinaryIO) -> tuple[int, list[dict[str, Raw]]]:
 def _parts(file: BinaryIO) -> list[Header]:
     version, parts = raw_headers(file)
     deep = bool(version & _DEEP)
-    return [_header(index, attributes, deep=deep) for index, attributes in enumerate(parts)]
+    headers: list[Header] = []
+    total = 0
+    for index, attributes in enumerate(parts):
+        headers.append(_header(index, attributes, deep=deep))
+        total += len(headers[-1].channels)
+        _limit(channels=total)
+    return headers
 
 
 def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
@@ -239,26 +271,31 @@ def channels_of(value: bytes) -> list[Channel]:
     Raises:
         ValueError: it is damaged.
     """
-    channels = []
-    while not value.startswith(b"\0"):
-        name, end, value = value.partition(b"\0")
-        if not end:
+    channels: list[Channel] = []
+    at = 0
+    while value[at : at + 1] != b"\0":
+        end = value.find(b"\0", at)
+        if end < 0:
             raise ValueError("the channel list does not end")
-        kind, xs, ys = struct.unpack_from("<i4x2i", value)
+        kind, xs, ys = struct.unpack_from("<i4x2i", value, end + 1)
         if kind not in PIXEL_TYPES or xs < 1 or ys < 1:
             raise ValueError(f"channel type {kind}, sampling {xs}×{ys}")
-        channels.append(Channel(name.decode(), PIXEL_TYPES[kind], (xs, ys)))
-        value = value[16:]
+        channels.append(Channel(value[at:end].decode(), PIXEL_TYPES[kind], (xs, ys)))
+        _limit(channels=len(channels))
+        at = end + 17
     return channels
 
 
 def _texts(value: bytes) -> tuple[str, ...]:
     """The texts of an attribute of several, each behind its length."""
-    texts = []
-    while value:
-        (size,) = struct.unpack_from("<i", value)
-        if not 0 <= size <= len(value) - 4:
+    texts: list[str] = []
+    at = 0
+    while at < len(value):
+        (size,) = struct.unpack_from("<i", value, at)
+        at += 4
+        if not 0 <= size <= len(value) - at:
             raise ValueError("a list of texts ends early")
-        texts.append(value[4 : 4 + size].decode())
-        value = value[4 + size :]
+        texts.append(value[at : at + size].decode())
+        _limit(views=len(texts))
+        at += size
     return tuple(texts)

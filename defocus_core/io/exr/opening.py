@@ -1,4 +1,4 @@
-"""Opening of one part of an OpenEXR file for its pixels or samples."""
+"""Opening of an OpenEXR file for the pixels of its flat parts."""
 
 from __future__ import annotations
 
@@ -14,12 +14,8 @@ from defocus_core.system.interrupts import put_off
 
 
 @contextmanager
-def opened(path: Path, header: Header) -> Iterator[Any]:
-    """OpenImageIO's input at a part, whose data window is the header's.
-
-    Args:
-        path: the file.
-        header: of the part.
+def opened(path: Path) -> Iterator[Any]:
+    """OpenImageIO's input: to open a file reads the headers of all its parts.
 
     Raises:
         InputError: the file is damaged.
@@ -31,12 +27,20 @@ def opened(path: Path, header: Header) -> Iterator[Any]:
     if not file:
         raise damaged(path, first_line(path, oiio.geterror()))
     try:
-        if not file.seek_subimage(header.index, 0):
-            raise damaged(path, first_line(path, file.geterror()))
-        spec, (x0, y0, x1, y1) = file.spec(), header.data
-        if (spec.x, spec.y, spec.width, spec.height) != (x0, y0, x1 - x0 + 1, y1 - y0 + 1):
-            raise damaged(path, "two sizes in its header")
         yield file
     finally:
         file.close()
         oiio.geterror()  # or the next file would be blamed
+
+
+def seek(path: Path, file: Any, header: Header) -> None:
+    """Turn an open file to a part, whose data window is the header's.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    if not file.seek_subimage(header.index, 0):
+        raise damaged(path, first_line(path, file.geterror()))
+    spec, (x0, y0, x1, y1) = file.spec(), header.data
+    if (spec.x, spec.y, spec.width, spec.height) != (x0, y0, x1 - x0 + 1, y1 - y0 + 1):
+        raise damaged(path, "two sizes in its header")

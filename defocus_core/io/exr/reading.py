@@ -8,7 +8,7 @@ samples than the picture has pixels, OpenEXR decodes at once.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from itertools import groupby, product
 from pathlib import Path
@@ -23,7 +23,7 @@ from defocus_core.io.damage import damaged, decoding
 from defocus_core.io.exr.chroma import planes_of
 from defocus_core.io.exr.deep_layers import DeepLayers, deep_layers, flat_channels
 from defocus_core.io.exr.header import Header, read_headers
-from defocus_core.io.exr.opening import opened
+from defocus_core.io.exr.opening import opened, seek
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
 from defocus_core.io.safe_files import quiet
 from defocus_core.system.interrupts import put_off
@@ -77,7 +77,8 @@ def read_parts(
         if any(header.subsampled for header in headers):  # OpenImageIO does not open it
             planes = planes_of(path, headers, wanted, overscan)
             return tuple(ExrPart(*pair) for pair in zip(headers, planes, strict=True))
-        return tuple(_part(path, header, keeping, wanted, overscan) for header in headers)
+        with nullcontext() if all(header.deep for header in headers) else opened(path) as file:
+            return tuple(_part(path, file, header, keeping, wanted, overscan) for header in headers)
 
 
 def read_layers(
@@ -112,16 +113,17 @@ def has_equal_colors(path: Path, header: Header) -> bool:
     types = {channel.name: channel.type for channel in header.channels if channel.name in "RGB"}
     if len(types) < 3 or header.deep or header.subsampled:
         return False
-    with decoding(path), quiet(), _unlimited():
+    with decoding(path), quiet(), _unlimited(), opened(path) as file:
         return all(
             np.array_equal(piece["R"], piece[other], equal_nan=piece["R"].dtype.kind == "f")
-            for _, piece in _pieces(path, header, types, Keeping(scratch=True))
+            for _, piece in _pieces(path, file, header, types, Keeping(scratch=True))
             for other in "GB"
         )
 
 
 def _part(
     path: Path,
+    file: Any,
     header: Header,
     keeping: Keeping,
     wanted: Callable[[Header, str], bool],
@@ -138,7 +140,7 @@ def _part(
     size = (frame.height, frame.width)
     channels = {name: keeping.new(size, _DTYPES[kind]) for name, kind in types.items()}
     if channels:
-        for window, piece in _pieces(path, header, types, keeping):
+        for window, piece in _pieces(path, file, header, types, keeping):
             place, shown = frame.cut(window), window.cut(frame)
             for name, pixels in piece.items():
                 if pixels[shown].size:
@@ -146,25 +148,27 @@ def _part(
     return ExrPart(header, channels)
 
 
-def _pieces(path: Path, header: Header, types: Mapping[str, str], keeping: Keeping) -> Pieces:
+def _pieces(
+    path: Path, file: Any, header: Header, types: Mapping[str, str], keeping: Keeping
+) -> Pieces:
     """A part strip after strip of whole rows or tiles: its window, and its pixels by channel."""
-    with opened(path, header) as file:
-        spec, (x0, y0, x1, y1) = file.spec(), header.data
-        wide, high = spec.tile_width or spec.width, spec.tile_height or _ROWS
-        cell_bytes = min(wide, spec.width) * min(high, spec.height) * header.pixel_bytes
-        if spec.tile_width and keeping.scratch and cell_bytes > _LARGEST_TILE:
-            raise InputError(
-                "no-pieces",
-                "is too large to be held in ‹memory›, and its pixels cannot be had piece by piece",
-                "allow more ‹memory›, or save it in scan lines, ZIP compressed",
-                path=path,
-            )
-        cells = max(1, _STRIP_BYTES // cell_bytes)
-        across = min(cells, -(-spec.width // wide))
-        wide, high = across * wide, cells // across * high
-        for top, left in product(range(y0, y1 + 1, high), range(x0, x1 + 1, wide)):
-            window = Window(left, top, min(left + wide - 1, x1), min(top + high - 1, y1))
-            yield window, _decoded(path, file, header.index, window, types)
+    seek(path, file, header)
+    spec, (x0, y0, x1, y1) = file.spec(), header.data
+    wide, high = spec.tile_width or spec.width, spec.tile_height or _ROWS
+    cell_bytes = min(wide, spec.width) * min(high, spec.height) * header.pixel_bytes
+    if spec.tile_width and keeping.scratch and cell_bytes > _LARGEST_TILE:
+        raise InputError(
+            "no-pieces",
+            "is too large to be held in ‹memory›, and its pixels cannot be had piece by piece",
+            "allow more ‹memory›, or save it in scan lines, ZIP compressed",
+            path=path,
+        )
+    cells = max(1, _STRIP_BYTES // cell_bytes)
+    across = min(cells, -(-spec.width // wide))
+    wide, high = across * wide, cells // across * high
+    for top, left in product(range(y0, y1 + 1, high), range(x0, x1 + 1, wide)):
+        window = Window(left, top, min(left + wide - 1, x1), min(top + high - 1, y1))
+        yield window, _decoded(path, file, header.index, window, types)
 
 
 @contextmanager
@@ -198,7 +202,8 @@ def _decoded(
     ]
     for (kind, _), group in groupby(placed, key=lambda channel: channel[:2]):
         names = {index: name for _, _, index, name in group}
-        rows, channels = (window.y0, window.y1 + 1), (min(names), max(names) + 1)
+        rows, first = (window.y0, window.y1 + 1), min(names)
+        channels = first, max(names) + 1
         if spec.tile_width:
             columns = (window.x0, window.x1 + 1)
             pixels = file.read_tiles(part, 0, *columns, *rows, 0, 1, *channels, kind)
@@ -207,5 +212,5 @@ def _decoded(
         if pixels is None or file.has_error:
             raise damaged(path, first_line(path, file.geterror()))
         pixels = pixels.reshape(window.height, window.width, len(names))
-        piece |= {name: pixels[:, :, index - min(names)] for index, name in names.items()}
+        piece |= {name: pixels[:, :, index - first] for index, name in names.items()}
     return piece

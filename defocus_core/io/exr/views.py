@@ -26,7 +26,7 @@ def views_of(headers: Sequence[Header]) -> tuple[str, ...]:
     said = [header.view for header in headers] if len(headers) > 1 else []
     if len(headers) == 1:
         said = [*headers[0].multi_view] or [headers[0].view]
-    by_name = [_of_part(header) for header in headers]
+    by_name = [_of_name(header) for header in headers]
     of_channels = [_of_channel(channel.name) for h in headers for channel in h.channels]
     for names in (said, by_name, of_channels):
         view_names = tuple(dict.fromkeys(filter(None, names)))
@@ -38,12 +38,17 @@ def views_of(headers: Sequence[Header]) -> tuple[str, ...]:
 def views_of_parts(headers: Sequence[Header]) -> list[tuple[str, ...]]:
     """The views that each part of a file has channels of; none in a file without views."""
     views = views_of(headers)
-    return [
-        tuple(v for v in views if _restricted(header, views, v).channels)
-        if any(_restricted(header, views, v).channels != header.channels for v in views)
-        else ()
-        for header in headers
-    ]
+    return [_views_in(header, views) for header in headers] if views else [()] * len(headers)
+
+
+def _views_in(header: Header, views: Sequence[str]) -> tuple[str, ...]:
+    """The views that a part has channels of; none if all of them are of no view."""
+    if (of_part := _of_part(header)) in views:
+        return (of_part,) if header.channels else ()
+    named = {_split(channel, header, views)[0] for channel in header.channels}
+    if named <= {""}:
+        return ()
+    return tuple(view for view in views if "" in named or view in named)
 
 
 def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[Header, ...]:
@@ -98,21 +103,24 @@ def name_in_view(name: str, view: str) -> str:
 
 def _restricted(header: Header, views: Sequence[str], chosen: str) -> Header:
     """A part with the channels of a view and those of none."""
-    of_part = header.view or ("" if header.multi_view else _of_part(header))
-    if of_part in views:
+    if (of_part := _of_part(header)) in views:
         return replace(header, channels=header.channels if of_part == chosen else (), shown=chosen)
     channels = []
     for channel in header.channels:
-        words = channel.name.split(".")
-        if len(words) == 1 and header.multi_view:
-            view, plain = views[0], channel.name
-        elif len(words) > 1 and words[-2] in views:
-            view, plain = words[-2], ".".join([*words[:-2], words[-1]])
-        else:
-            view, plain = chosen, channel.name
-        if view == chosen:
+        view, plain = _split(channel, header, views)
+        if view in ("", chosen):
             channels.append(Channel(channel.name, channel.type, channel.sampling, plain))
     return replace(header, channels=_without_doubles(channels), shown=chosen)
+
+
+def _split(channel: Channel, header: Header, views: Sequence[str]) -> tuple[str, str]:
+    """The view of a channel, empty if it is of none, and its name without it."""
+    words = channel.name.split(".")
+    if len(words) == 1 and header.multi_view:
+        return views[0], channel.name
+    if len(words) > 1 and words[-2] in views:
+        return words[-2], ".".join([*words[:-2], words[-1]])
+    return "", channel.name
 
 
 def _without_doubles(channels: Sequence[Channel]) -> tuple[Channel, ...]:
@@ -122,6 +130,13 @@ def _without_doubles(channels: Sequence[Channel]) -> tuple[Channel, ...]:
 
 
 def _of_part(header: Header) -> str:
+    """The view of a whole part: its attribute, or what its name ends with."""
+    if header.view or header.multi_view:
+        return header.view
+    return _of_name(header)
+
+
+def _of_name(header: Header) -> str:
     """The view that the name of a part ends with, if its name tells one."""
     end = _END.search(header.name)
     return end[1] if end and end[1].lower() in _STEREO else ""

@@ -28,6 +28,7 @@ _KINDS = ("png", "jpeg", "tiff", "hdr", "webp")
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
 _TILES_BYTES = 1 << 26  # of a row of tiles, decoded
+_MOST_PAGES = 256  # that a TIFF may have: to look at one goes through those before it
 
 
 class _MayBeWhole(Protocol):
@@ -77,12 +78,18 @@ def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF, WEBP or HDR")
         wanted: the formats to propose if it is of none that can be read.
 
     Raises:
-        InputError: missing, empty, damaged, of unreasonable size, or not an image.
+        InputError: missing, empty, damaged, of unreasonable size or number, or not an image.
     """
     read_head(path)
     with decoding(path, "cannot be read"), quiet(), _opened(path, wanted) as file:
         pages = [_raster(path, file, 0)]
         while file.seek_subimage(len(pages), 0):
+            if len(pages) == _MOST_PAGES:
+                problem, remedy = (
+                    f"has more than {_MOST_PAGES} pages",
+                    "split it into several files",
+                )
+                raise InputError("too-large", problem, remedy, path=path)
             pages.append(_raster(path, file, len(pages)))
         return pages
 

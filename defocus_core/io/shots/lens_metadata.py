@@ -124,7 +124,7 @@ def _numbers(path: Path) -> dict[str, float]:
     numbers: dict[str, float] = {}
     for header in read_headers(path):
         for name, raw in header.attributes.items():
-            if name == "sensorAcquisitionRectangle" and raw.kind == "box2i":
+            if name == "sensorAcquisitionRectangle" and len(raw.value) == 16:
                 numbers.setdefault("columns", Window(*struct.unpack("<4i", raw.value)).width)
             elif (value := _number(raw)) is not None:
                 numbers.setdefault(name, value)

@@ -13,7 +13,7 @@ from jobs_files import FIXED, INPUTS, jobs_file
 from defocus_core.batch.jobs.job import Machine
 from defocus_core.batch.workers.plan import Execution
 from defocus_core.compare.goldens import fresh
-from defocus_core.compare.goldens.store import MANIFEST, accept, read_store
+from defocus_core.compare.goldens.store import MANIFEST, accept, store_to_update
 from defocus_core.compare.record import DIFFERENT, EXTRA, MISSING, Comparison
 from defocus_core.errors import InputError
 
@@ -24,7 +24,7 @@ STATUSES = {"render/a.exr": DIFFERENT, "render/b.exr": EXTRA, "render/gone.exr":
 
 def held(folder: Path) -> dict[str, bytes]:
     """Files of golden.json, with what they hold; nothing else lies in the folder."""
-    found = {name: (folder / name).read_bytes() for name in read_store(folder).files}
+    found = {name: (folder / name).read_bytes() for name in store_to_update(folder).files}
     there = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
     assert there == {*found, MANIFEST}
     return found
@@ -43,7 +43,7 @@ def test_a_kill_while_accepting_leaves_the_old_goldens_or_the_new(
     job: Any = SimpleNamespace(sample_id="a", names=dict(enumerate(sorted(NEW))))
     monkeypatch.setattr("defocus_core.batch.journal.identity.settings", lambda _: {})
     records = [Comparison(name, None, None, status) for name, status in STATUSES.items()]
-    steps, replace, store = 0, Path.replace, read_store(goldens)
+    steps, replace, store = 0, Path.replace, store_to_update(goldens)
 
     def killed(self: Path, target: Path) -> Path:
         nonlocal steps

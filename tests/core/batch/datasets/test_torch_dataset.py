@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +80,23 @@ def test_a_loader_joins_crops_alike_with_any_workers(out: Path) -> None:
     assert first.shape == (4, 6, 8, 12)
     assert torch.equal(first, batches(2))
     assert not torch.equal(first, batches(0, epoch=1))
+
+
+@pytest.mark.parametrize("options", [{}, {"num_workers": 2, "persistent_workers": True}])
+def test_each_epoch_has_crops_of_its_own_that_a_seed_repeats(
+    options: dict[str, Any], out: Path
+) -> None:
+    def epochs(seed: int, first: int = 0) -> list[torch.Tensor]:
+        data = BatchDataset(out, ["left"], crop=(8, 12), seed=seed)
+        data.set_epoch(first)
+        loader = DataLoader(data, **options)
+        return [torch.cat([batch["left"] for batch in loader]) for _ in range(3)]
+
+    seen = epochs(5)
+    assert not any(torch.equal(a, b) for a, b in itertools.combinations(seen, 2))
+    assert all(map(torch.equal, seen, epochs(5)))
+    assert torch.equal(seen[2], epochs(5, first=2)[0])
+    assert not torch.equal(seen[0], epochs(6)[0])
 
 
 def test_a_split_and_a_transform(out: Path) -> None:

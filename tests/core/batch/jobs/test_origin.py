@@ -13,7 +13,7 @@ from defocus_core import DefocusError, run_batch, samples
 from defocus_core.batch.jobs.origin import Origin, keep, origin_of
 
 ABOUT = {
-    "title": "Blurred | *cups*",
+    "title": "Blurred | *cups* <img src=x onerror=alert(1)>\n# [x](//y)",
     "licence": "CC-BY-4.0",
     "source": "cups.org",
     "citation": "C.",
@@ -53,7 +53,8 @@ def test_card_and_index_have_what_the_jobs_file_says(by: str, tmp_path: Path) ->
     (sample,) = samples(out)
     assert (sample.record["licence"], sample.record["source"]) == ("CC-BY-4.0", "cups.org")
     card = (out / "card.md").read_text()
-    for told in ("# Blurred    cups", 'license: "CC-BY-4.0"', "Source: cups.org", "\nC.\n"):
+    title = r"# Blurred \| \*cups\* \<img src=x onerror=alert(1)\> \# \[x\](//y)"
+    for told in (f"\n{title}\n", 'license: "CC-BY-4.0"', "Source: cups.org", "\nC.\n"):
         assert told in card
     assert json.loads((out / "card.json").read_text())["origin"] == ABOUT
 

@@ -1,0 +1,135 @@
+"""Headers of many parts, channels, views and attributes: work is linear in them, and they end."""
+
+from __future__ import annotations
+
+import struct
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+import pytest
+from image_files import multi_part, random_planes, save
+from refusals import refuses
+
+from defocus_core.io.exr.channel_choice import choose_color, choose_depth
+from defocus_core.io.exr.header import MAGIC, MULTIPART, read_headers
+from defocus_core.io.exr.reading import read_parts
+from defocus_core.io.images import raster
+from defocus_core.io.images.describe import describe
+from defocus_core.io.images.exr_color import _extras
+
+
+def attribute(name: str, kind: str, value: bytes) -> bytes:
+    return b"%s\0%s\0%s%s" % (name.encode(), kind.encode(), struct.pack("<i", len(value)), value)
+
+
+def part(*more: bytes, channels: int = 3) -> bytes:
+    listed = b"".join(b"c%d\0" % n + struct.pack("<i4x2i", 1, 1, 1) for n in range(channels))
+    window = struct.pack("<4i", 0, 0, 7, 7)
+    windows = (attribute(name, "box2i", window) for name in ("dataWindow", "displayWindow"))
+    return b"".join([attribute("channels", "chlist", listed + b"\0"), *windows, *more, b"\0"])
+
+
+NAMELESS = attribute("multiView", "stringvector", bytes(4 * 4_000_000))
+MANY = (attribute(f"a{n}", "int", bytes(4)) for n in range(100_000))
+
+
+@pytest.mark.parametrize(
+    ("what", "flags", "header"),
+    [
+        ("channels", 0, part(channels=80_000)),
+        ("channels", MULTIPART, part(channels=1000) * 5 + b"\0"),
+        ("parts", MULTIPART, part() * 30_000 + b"\0"),
+        ("views", 0, part(NAMELESS)),
+        ("attributes", 0, part(*MANY)),
+    ],
+    ids=["channels", "channels of all parts", "parts", "views", "attributes"],
+)
+def test_a_header_of_more_than_any_picture_has_is_refused(
+    what: str, flags: int, header: bytes, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.exr"
+    path.write_bytes(MAGIC + struct.pack("<I", 2 | flags) + header)
+    with refuses("too-large") as caught:
+        read_headers(path)
+    assert caught.value.problem.endswith(what)
+
+
+def work(done: Callable[[], Any]) -> int:
+    """How many functions are called."""
+    count = 0
+
+    def counted(*_: object) -> None:
+        nonlocal count
+        count += 1
+
+    sys.setprofile(counted)
+    try:
+        done()
+    finally:
+        sys.setprofile(None)
+    return count
+
+
+def read(path: Path) -> None:
+    headers = read_headers(path)
+    describe(path)
+    choose_color(path, headers, layer=None, part=0)
+    chosen = choose_depth(path, headers, channel="Z", part=0)
+    choose_depth(path, headers[:1], channel=None, part=None)
+    _extras(read_parts(path, headers), chosen)
+
+
+@pytest.mark.parametrize("of", ["channels", "parts"])
+def test_work_is_linear_in_the_channels_and_parts_of_a_file(of: str, tmp_path: Path) -> None:
+    """A thousand channels and 200 parts are legal."""
+    counts = []
+    for count in (500, 1000) if of == "channels" else (100, 200):
+        path, first = tmp_path / f"{count}.exr", random_planes("BGRZ", (2, 2))
+        others = [f"layer{n}" for n in range(count)]
+        if of == "channels":
+            multi_part(path, first=first | {f"{name}.Z.X": first["Z"] for name in others})
+        else:
+            multi_part(path, first=first, **dict.fromkeys(others, first))
+        counts.append(work(lambda path=path: read(path)))  # type: ignore[misc]
+    half, all_of_them = counts
+    assert all_of_them < 2.2 * half
+
+
+def test_a_file_of_many_parts_is_opened_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To open it is to read all headers."""
+    path = multi_part(tmp_path / "a.exr", **{f"p{n}": random_planes("Y") for n in range(20)})
+    opened = []
+    open_file = oiio.ImageInput.open
+
+    class Counting:
+        @staticmethod
+        def open(*arguments: Any) -> Any:
+            opened.append(arguments)
+            return open_file(*arguments)
+
+    monkeypatch.setattr(oiio, "ImageInput", Counting)
+    assert len(read_parts(path)) == 20
+    assert len(opened) == 1
+
+
+def test_a_tiff_of_more_pages_than_are_read_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = save(tmp_path / "a.tif", np.zeros((2, 2, 3), np.uint8))
+    monkeypatch.setattr(raster, "_MOST_PAGES", 1)
+    assert len(raster.read_pages(path)) == 1
+    file = oiio.ImageOutput.create(str(path))
+    specs = [oiio.ImageSpec(2, 2, 3, "uint8")] * 2
+    file.open(str(path), specs[0])
+    file.write_image(np.zeros((2, 2, 3), np.uint8))
+    file.open(str(path), specs[1], "AppendSubimage")
+    file.write_image(np.zeros((2, 2, 3), np.uint8))
+    file.close()
+    with refuses("too-large"):
+        raster.read_pages(path)
