@@ -67,9 +67,9 @@ def matlab(path: Path, name: str, values: Any, *, compressed: bool = False) -> P
     return path
 
 
-def gdepth(path: Path, depth_png: bytes, **properties: object) -> Path:
+def gdepth(path: Path, depth_png: bytes, *, turn: int = 1, **properties: object) -> Path:
     """A JPEG whose XMP has GDepth, its image in two parts of the extended XMP."""
-    save(path, np.full((2, 3, 3), 128, np.uint8))
+    save(path, np.full((2, 3, 3), 128, np.uint8), Orientation=turn)
     jpeg = path.read_bytes()
     digest = b"0123456789ABCDEF0123456789ABCDEF"
     told = " ".join(f'GDepth:{key}="{value}"' for key, value in properties.items())

@@ -83,6 +83,7 @@ def read(
         lens_focal=lens_focal,
         overscan=overscan,
         alpha=color.alpha,
+        orientation=color.orientation,
     )
     radial = (reading.geometry or reading.row.geometry) == "radial"
     if radial and color.pixel_aspect != 1:

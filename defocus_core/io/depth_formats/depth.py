@@ -23,6 +23,7 @@ from defocus_core.io.depth_formats.resolving import resolved
 from defocus_core.io.depth_formats.rules import HALF_MAX, Decoding, DepthFormat, decoded, unpacked
 from defocus_core.io.depth_formats.sidecars import marked_pixels
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.io.images.raster import SIDEWAYS, upright
 from defocus_core.system.text import counted
 
 
@@ -123,6 +124,7 @@ def read_depth(
     lens_focal: float | None = None,
     overscan: Overscan = NO_OVERSCAN,
     alpha: Any = None,
+    orientation: int = 1,
 ) -> Depth:
     """Decode a depth map; holes are marked, not refused, unless they are to be replaced.
 
@@ -135,13 +137,17 @@ def read_depth(
         lens_focal: focal length of the lens in widths of its sensor, None if there is none.
         overscan: pixels of the colour beyond the picture shown.
         alpha: [H, W] of the colour, None if it has none.
+        orientation: of the colour as its file stores it, by which a depth stored alike is turned.
 
     Raises:
         InputError: the file cannot be read, or what its depth is stays open.
         UsageProblem: an option is missing or makes no sense for this file.
     """
-    row = reading.row
-    samples = read_numbers(path, reading, keeping, size, overscan)
+    row, stored = reading.row, size
+    orientation = orientation if reading.turn_depth is not None else 1
+    if size is not None and orientation in SIDEWAYS:
+        stored = size[::-1]
+    samples = read_numbers(path, reading, keeping, stored, overscan)
     if row.weights or row.bits:
         samples = DepthNumbers(
             unpacked(samples.values[:], row), samples.type, samples.words, metadata=samples.metadata
@@ -153,6 +159,9 @@ def read_depth(
     decoding = resolved(path, reading, samples, picture_width=width, lens_focal=lens_focal)
     metres, half_sky = _decode(replace(samples, values=values), decoding, keeping, overscan)
     marks = _apply_marks(path, row, samples, metres)
+    if orientation != 1:
+        metres, turned = upright(metres[:], orientation), "turned as its colour"
+        marks = (*marks, turned)
     by_custom = samples.type == "16-bit PNG" and not reading.says_scale
     words = (samples.words, division, decoding.words, *marks)
     note = f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}"

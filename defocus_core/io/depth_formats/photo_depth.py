@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
-from defocus_core.io.images.raster import read_pages, read_samples
+from defocus_core.io.images.raster import read_pages, read_samples, upright
 from defocus_core.io.safe_files import quiet, read_head
 
 _XMP, _EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
@@ -34,7 +34,7 @@ class PhotoDepth:
     """A depth image inside a photograph.
 
     Attributes:
-        values: integers [H, W] as they are stored.
+        values: integers [H, W], upright.
         metadata: what the file says of them: near, far, format, units, measure of GDepth; d_min,
             d_max, representation_type of HEIC.
     """
@@ -81,7 +81,7 @@ def read_heic(path: Path) -> PhotoDepth:
 
 
 def read_gdepth(path: Path) -> PhotoDepth:
-    """The depth image of a JPEG photograph that holds GDepth.
+    """The depth image of a JPEG photograph that holds GDepth, turned upright with it.
 
     Raises:
         InputError: it has none, or one that is damaged.
@@ -105,7 +105,7 @@ def read_gdepth(path: Path) -> PhotoDepth:
         name.decode("ascii", "replace"): text.decode("utf-8", "replace")
         for name, text in metadata.items()
     }
-    return PhotoDepth(values, words)
+    return PhotoDepth(upright(values, read_pages(path)[0].orientation), words)
 
 
 def _xmp(data: bytes) -> Iterator[bytes]:

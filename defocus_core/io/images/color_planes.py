@@ -31,6 +31,7 @@ class Color:
         note: how the samples were read, in words.
         warnings: what of the file was not applied, in words.
         left_out: parts of the EXR file that no output can carry, in words.
+        orientation: by which the picture was turned upright, as Exif counts them; 1 is not.
     """
 
     planes: tuple[Any, ...]
@@ -45,6 +46,7 @@ class Color:
     note: str = ""
     warnings: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    orientation: int = 1
 
     @property
     def shape(self) -> tuple[int, int, int]:

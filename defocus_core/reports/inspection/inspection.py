@@ -169,7 +169,7 @@ def inspect_pairs(
     from pathlib import Path
 
     orders = [records, records[::-1]] if len(records) == 2 else [[*records, *records]]
-    resized = reading.resize_depth is not None
+    resized = reading.resize_depth is not None or reading.turn_depth is not None
     pairs = [pair for pair in orders if len(pair) == 2 and _is_picture(*pair, resized=resized)]
     if not pairs:
         return []

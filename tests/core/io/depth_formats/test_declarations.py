@@ -13,12 +13,14 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 from command_line import write_exr
-from depth_files import matlab, npy, pfm, png
+from depth_files import gdepth, matlab, npy, pfm, png
 from elements import write
 from image_files import save
 from optional_libraries import HDF5_MAGIC, HEIC_MAGIC, with_heic
 from refusals import refuses
 
+from defocus_core.batch.elements.reading import read as read_both
+from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.reading import DepthReading
@@ -338,3 +340,36 @@ def test_positions_in_the_world_are_depth_by_the_camera_of_the_header(
         read(path)
     with refuses("no-depth", "worldToCamera"):
         read(write(tmp_path / "b.exr", planes), depth_channel="P")
+
+
+TURNS = {3: RAMP[::-1, ::-1], 6: np.rot90(RAMP, -1), 8: np.rot90(RAMP, 1)}
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_depth_in_a_photograph_is_turned_with_it(turn: int, tmp_path: Path) -> None:
+    image = png(tmp_path / "a.png", RAMP, np.uint8).read_bytes()
+    said = {"Format": "RangeLinear", "Near": 1, "Far": 2, "Units": "m"}
+    path = gdepth(tmp_path / "a.jpg", image, turn=turn, **said)
+    found = read(path, depth_format="android-gdepth").metres
+    np.testing.assert_allclose(found, 1 + TURNS[turn] / 255, rtol=1e-5)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_depth_beside_a_photograph_is_turned_with_it_if_that_is_said(
+    turn: int, tmp_path: Path
+) -> None:
+    photo = save(tmp_path / "a.jpg", np.zeros((*RAMP.shape, 3), np.uint8), Orientation=turn)
+    picture = Picture("a", photo, png(tmp_path / "a.png", RAMP + 1, np.uint16))
+    if turn != 3:
+        with refuses("wrong-size", "turn-depth", path=picture.depth):
+            read_both(picture, Reading())
+    _, depth = read_both(picture, Reading(turn_depth="turn-depth"))
+    np.testing.assert_allclose(depth.metres, (TURNS[turn] + 1) / 1000, rtol=1e-6)
+
+
+def test_a_pointer_of_git_lfs_is_named_as_that(tmp_path: Path) -> None:
+    pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"
+    for name in ("a.exr", "a.png", "a.npy", "a.heic"):
+        (tmp_path / name).write_text(pointer)
+        with refuses("wrong-type", "Git LFS pointer", "git lfs pull", path=tmp_path / name):
+            read(tmp_path / name)
