@@ -28,9 +28,11 @@ from defocus_core.allowed_values import MIN_TILE, QUALITIES
 from defocus_core.batch.jobs.job import DEVICES, Machine, Outputs
 from defocus_core.batch.jobs.naming import FIELDS
 from defocus_core.batch.jobs.output_kinds import (
+    COMPRESSIONS,
     KINDS,
     MAP_FORMATS,
     MAPS,
+    compression,
     format_of_file,
     in_one_file,
     is_picture_name,
@@ -157,6 +159,13 @@ def _encoding_options() -> list[Decorator]:
             help=f"Number type of the images' EXR.  [default: {Outputs.exr_type}]",
         ),
         option(
+            "--compression",
+            type=Quantity(compression, "CODEC"),
+            metavar="CODEC",
+            help=f"Codec of EXR: {', '.join(COMPRESSIONS)} (that of the colour). dwaa:45 has a "
+            f"level, and loses detail.  [default: {Outputs.compression}]",
+        ),
+        option(
             "--jpeg-quality",
             type=click.IntRange(1, 100),
             metavar="1…100",
@@ -202,6 +211,9 @@ def _outputs(
             raise UsageProblem(
                 "idle-option", problem, f"leave it out, or use --format {kind}", field=option
             )
+    if others["compression"] is not None and not outputs.writes_exr:
+        problem = "is of EXR, and none is written"
+        raise UsageProblem("idle-option", problem, "leave it out", field="compression")
     return replace(outputs, **_given({"exr_type": exr_type, "jpeg_quality": jpeg_quality}))
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError
 from defocus_core.io.array_files.float_maps import is_float_map, read_float_map
 from defocus_core.io.exr.channel_choice import NO_DEPTH
+from defocus_core.io.exr.compression import CODECS
 from defocus_core.io.exr.deep_samples import strips
 from defocus_core.io.exr.header import Header, Raw, is_exr, read_attributes, read_headers
 from defocus_core.io.exr.reading import read_parts
@@ -32,8 +33,7 @@ SUFFIXES = frozenset(
     {".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pfm", ".npy"},
 )
 _KNOWN = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
-# Codecs of OpenEXR by the number in the header.
-_CODECS = ("none", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB", "HTJ2K")
+_CODECS = ("none", *(name.upper() for name in CODECS if name != "none"))
 _LINE_ORDERS = ("increasing", "decreasing", "random")
 _PNG = b"\x89PNG\r\n\x1a\n"
 _MULTIPART = 0x1000

@@ -17,6 +17,7 @@ from defocus_core.batch.rendering.contents import contents_of
 from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.errors import InputError, with_dashes
 from defocus_core.io.arrays import LazyArray, stacked
+from defocus_core.io.exr.compression import codec_of
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.encode import write_image, write_map
 from defocus_core.io.safe_files import written_together
@@ -45,6 +46,9 @@ def _write_kind(rendered: Rendered, kind: Kind) -> list[str]:
     job, contents = rendered.job, contents_of(rendered, kind)
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
     attributes, warnings = _attributes(rendered, kind), []
+    compression = job.outputs.compression
+    if compression == "input":
+        compression = rendered.inputs.color.compression
     if kind.image:
         carried = {
             k: v
@@ -56,6 +60,7 @@ def _write_kind(rendered: Rendered, kind: Kind) -> list[str]:
             contents.planes,
             contents.names,
             exr_type=job.outputs.exr_type,
+            compression=compression,
             bits=16 if job.outputs.format == "png16" else 8,
             jpeg_quality=job.outputs.jpeg_quality,
             attributes={**carried, **attributes},
@@ -68,7 +73,8 @@ def _write_kind(rendered: Rendered, kind: Kind) -> list[str]:
         write_map(path, contents.planes[0])
     else:
         channel = kind.channel or kind.name
-        write_exr(path, {channel: contents.planes[0]}, attributes, contents.layout)
+        exact = "zip" if codec_of(compression)[0].lossy else compression
+        write_exr(path, {channel: contents.planes[0]}, attributes, contents.layout, exact)
     if preview is not None and kind.of_radius:
         write_signed_preview(preview, contents.planes[0])
     elif preview is not None and kind.source == "depth":

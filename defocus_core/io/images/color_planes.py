@@ -31,6 +31,7 @@ class Color:
         note: how the samples were read, in words.
         warnings: what of the file was not applied, in words.
         left_out: parts of the EXR file that no output can carry, in words.
+        compression: the codec of an EXR file, like zip.
         orientation: by which the picture was turned upright, as Exif counts them; 1 is not.
     """
 
@@ -46,6 +47,7 @@ class Color:
     note: str = ""
     warnings: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    compression: str = "zip"
     orientation: int = 1
 
     @property

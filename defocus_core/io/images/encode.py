@@ -47,6 +47,7 @@ def write_image(
     channels: Sequence[str],
     *,
     exr_type: str = "half",
+    compression: str = "zip",
     bits: int = 8,
     jpeg_quality: int = 95,
     attributes: Mapping[str, object],
@@ -62,6 +63,7 @@ def write_image(
             for an EXR of half. An array, or a tuple of its C arrays [H, W]; read in strips of rows.
         channels: names of the C channels, as `defocus_core.io.images.color.Color`.
         exr_type: half or float, of the EXR's image channels.
+        compression: codec of an EXR.
         bits: 8 or 16, of a PNG.
         jpeg_quality: 1 to 100.
         attributes: metadata; an EXR keeps all but `Tag`, other formats `Tag` and ``defocus:*``.
@@ -85,7 +87,7 @@ def write_image(
             clamped, planes = _beyond_half(pixels), [as_half(plane) for plane in planes]
         named = dict(zip(channels, planes, strict=True))
         kept = {k: v for k, v in attributes.items() if not isinstance(v, Tag)}
-        write_exr(path, {**(extras or {}), **named}, kept, layout or Layout())
+        write_exr(path, {**(extras or {}), **named}, kept, layout or Layout(), compression)
         warning = f"{counted(clamped, 'pixel')} beyond ±65504 clamped to half; float keeps them"
         return [warning] if clamped else []
     if path.suffix.lower() not in FORMATS:

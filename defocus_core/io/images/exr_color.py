@@ -67,6 +67,7 @@ def read_exr_color(
         note=_exr_note(chosen, overscan),
         warnings=tuple(filter(None, [default_warning(every, view)])),
         left_out=left_out,
+        compression=chosen.header.compression,
     )
 
 
