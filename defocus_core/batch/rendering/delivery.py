@@ -13,7 +13,7 @@ from defocus_core.batch.jobs.output_kinds import Kind
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import RECORDED
 from defocus_core.batch.look.preview import write_depth_preview, write_preview, write_signed_preview
-from defocus_core.batch.rendering.contents import contents_of
+from defocus_core.batch.rendering.contents import contents_of, without_empty_border
 from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.errors import InputError, with_dashes
 from defocus_core.io.arrays import LazyArray, stacked
@@ -55,6 +55,8 @@ def _write_kind(rendered: Rendered, kind: Kind) -> list[str]:
             for k, v in rendered.inputs.color.attributes.items()
             if not kind.views or k != "view"
         }
+        if job.outputs.format == "exr":
+            contents = without_empty_border(rendered, kind, contents)
         lost = write_image(
             path,
             contents.planes,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class Color:
         extras: the EXR file's other channels [H, W], native types, for the output to carry.
         pixel_aspect: width of a pixel by its height.
         corner: x and y of the first pixel shown, for an EXR output to be where the input is.
+        data: the pixels that an EXR file has, of all its parts; None of other files.
         overscan: pixels of the planes and the extras beyond the picture shown.
         note: how the samples were read, in words.
         warnings: what of the file was not applied, in words.
@@ -42,6 +43,7 @@ class Color:
     extras: dict[str, Any] = field(default_factory=dict)
     pixel_aspect: float = 1.0
     corner: tuple[int, int] = (0, 0)
+    data: Window | None = None
     overscan: Overscan = NO_OVERSCAN
     passes: tuple[str, ...] = ()
     note: str = ""
