@@ -82,7 +82,7 @@ def test_a_smaller_data_window_is_grown_by_nothing(tmp_path: Path) -> None:
     whole = picture(write(tmp_path / "a.exr", planes), tmp_path / "o")
     cut = write_within(tmp_path / "b" / "a.exr", planes, (16, 6, 43, 33))
     picture(cut, tmp_path / "p")
-    np.testing.assert_allclose(shown(tmp_path / "p" / "render" / "a.exr"), rgba(whole), atol=1e-7)
+    np.testing.assert_allclose(shown(tmp_path / "p" / "render" / "a.exr"), rgba(whole), atol=1e-6)
 
 
 def test_alpha_is_added_where_a_picture_without_it_has_pixels(tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_alpha_is_added_where_a_picture_without_it_has_pixels(tmp_path: Path) ->
     card[9:29, 20:40] = 1
     made = write(tmp_path / "b.exr", element(card, (0.5, 0.5, 0.5)))
     grown = shown(tmp_path / "o" / "render" / "a.exr")
-    np.testing.assert_allclose(grown, rgba(picture(made, tmp_path / "p")), atol=1e-7)
+    np.testing.assert_allclose(grown, rgba(picture(made, tmp_path / "p")), atol=1e-6)
 
 
 def test_overscan_takes_part_in_the_blur_and_is_cropped_after_it(tmp_path: Path) -> None:
