@@ -28,6 +28,7 @@ from defocus_core.allowed_values import MIN_TILE, QUALITIES
 from defocus_core.batch.jobs.job import DEVICES, Machine, Outputs
 from defocus_core.batch.jobs.naming import FIELDS
 from defocus_core.batch.jobs.output_kinds import (
+    COLOR_SPACES,
     COMPRESSIONS,
     KINDS,
     MAP_FORMATS,
@@ -159,6 +160,11 @@ def _encoding_options() -> list[Decorator]:
             help=f"Number type of the images' EXR.  [default: {Outputs.exr_type}]",
         ),
         option(
+            "--color-space",
+            type=click.Choice(COLOR_SPACES),
+            help="Convert PNG, TIFF and JPEG to sRGB.  [default: the profile that the colour has]",
+        ),
+        option(
             "--compression",
             type=Quantity(compression, "CODEC"),
             metavar="CODEC",
@@ -211,6 +217,9 @@ def _outputs(
             raise UsageProblem(
                 "idle-option", problem, f"leave it out, or use --format {kind}", field=option
             )
+    if others["color_space"] is not None and outputs.format == "exr":
+        problem = "says nothing about exr, which is linear"
+        raise UsageProblem("idle-option", problem, "leave it out", field="color-space")
     if others["compression"] is not None and not outputs.writes_exr:
         problem = "is of EXR, and none is written"
         raise UsageProblem("idle-option", problem, "leave it out", field="compression")

@@ -39,6 +39,7 @@ from defocus_core.batch.jobs.lens_plan import KEYS as LENS_KEYS
 from defocus_core.batch.jobs.lens_plan import LensPlan, lens_file_of, read_plan
 from defocus_core.batch.jobs.origin import read_origin
 from defocus_core.batch.jobs.output_kinds import (
+    COLOR_SPACES,
     FORMAT_ALIASES,
     INPUTS,
     KINDS,
@@ -68,7 +69,7 @@ TABLES = (
 MAX_JOBS = 10_000_000
 _OUTPUTS = (
     *("kinds", "format", "exr-type", "jpeg-quality", "preview", "multiview", "keep-overscan"),
-    *("map-format", "inputs", "compression"),
+    *("map-format", "inputs", "compression", "color-space"),
 )
 _MACHINE = ("quality", "tolerance", "depth-repair")
 # The keys of tables that are options of a single picture, too.
@@ -234,6 +235,7 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
         "preview": section.flag("preview"),
         "keep_overscan": section.flag("keep-overscan"),
         "map_format": section.choice("map-format", MAP_FORMATS),
+        "color_space": section.choice("color-space", COLOR_SPACES),
         "compression": section.parsed("compression", compression),
     }
     outputs = dataclasses.replace(outputs, **_present(values))
@@ -247,6 +249,9 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
         raise UsageProblem(
             "idle-option", "is of EXR, and none is written", "leave it out", path=place
         )
+    if values["color_space"] is not None and outputs.format == "exr":
+        problem, place = "says nothing about exr, which is linear", section.place("color-space")
+        raise UsageProblem("idle-option", problem, "leave it out", path=place)
     for field, kind in (("exr_type", "exr"), ("jpeg_quality", "jpg")):
         if values[field] is not None and outputs.format != kind:
             problem = f"says nothing about {outputs.format}"

@@ -140,6 +140,7 @@ PREVIEW = ".preview"  # follows the name of a kind where a preview of it is mean
 # Types of image files, and the suffix of each.
 SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif", "jpg": ".jpg"}
 MAP_FORMATS = ("exr", "tiff")
+COLOR_SPACES = ("srgb",)
 COMPRESSIONS = ("none", "zips", "zip", "piz", "dwaa", "input")
 _MAX_LEVEL = 1e6  # of dwaa; 45 is its own
 FORMAT_ALIASES = {"jpeg": "jpg", "tif": "tiff"}

@@ -19,9 +19,13 @@ from defocus_core.errors import InputError, with_dashes
 from defocus_core.io.arrays import LazyArray, stacked
 from defocus_core.io.exr.compression import codec_of
 from defocus_core.io.exr.writing import write_exr
+from defocus_core.io.images.color_space import PROFILE
 from defocus_core.io.images.encode import write_image, write_map
+from defocus_core.io.images.primaries import PRIMARIES
 from defocus_core.io.safe_files import written_together
 from defocus_core.system.text import version
+
+_OF_COLORS = {PRIMARIES, PROFILE}
 
 
 def write(rendered: Rendered) -> Rendered:
@@ -50,11 +54,11 @@ def _write_kind(rendered: Rendered, kind: Kind) -> list[str]:
     if compression == "input":
         compression = rendered.inputs.color.compression
     if kind.image:
-        carried = {
-            k: v
-            for k, v in rendered.inputs.color.attributes.items()
-            if not kind.views or k != "view"
-        }
+        left_out = {"view"} if kind.views else _OF_COLORS if kind.source == "focus" else set()
+        if job.outputs.color_space == "srgb":
+            left_out = {*left_out, PROFILE}
+        every = rendered.inputs.color.attributes
+        carried = {name: value for name, value in every.items() if name not in left_out}
         if job.outputs.format == "exr":
             contents = without_empty_border(rendered, kind, contents)
         lost = write_image(
@@ -69,6 +73,7 @@ def _write_kind(rendered: Rendered, kind: Kind) -> list[str]:
             extras=contents.extras,
             layout=contents.layout,
             clamped=rendered.clamped.get(kind.name, 0),
+            has_clipped=not rendered.inputs.color.within_white,
         )
         warnings = [f"{kind.name}: {warning}" for warning in lost]
     elif job.outputs.map_format == "tiff":

@@ -135,12 +135,20 @@ def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
         parts = pixels if alpha is None else np.concatenate([pixels, alpha], axis=2)
         for index, plane in enumerate(planes):
             plane[window] = parts[:, :, index]
-    note, unheeded, turn = raster.space.note, raster.space.unheeded, raster.orientation
-    attributes = {**raster.tags, **primaries_attribute(raster.space.primaries)}
-    if not unheeded:
-        return Color(planes, channels, path, attributes, note=note, orientation=turn)
-    warning = f"its {unheeded} is not applied; convert it to sRGB, or to linear EXR"
-    note = f"{note}, its {unheeded} not applied"
+    note, unheeded = raster.space.note, raster.space.unheeded
+    space = raster.space
+    attributes = {**raster.tags, **space.attributes, **primaries_attribute(space.primaries)}
+    warnings = []
+    if unheeded:
+        warnings.append(f"its {unheeded} is not applied; convert it to sRGB, or to linear EXR")
+        note = f"{note}, its {unheeded} not applied"
     return Color(
-        planes, channels, path, attributes, note=note, warnings=(warning,), orientation=turn
+        planes,
+        channels,
+        path,
+        attributes,
+        note=note,
+        warnings=tuple(warnings),
+        within_white=raster.type.startswith("uint"),
+        orientation=raster.orientation,
     )

@@ -33,6 +33,7 @@ class Color:
         warnings: what of the file was not applied, in words.
         left_out: parts of the EXR file that no output can carry, in words.
         compression: the codec of an EXR file, like zip.
+        within_white: whether its samples are integers, which hold no light beyond white.
         orientation: by which the picture was turned upright, as Exif counts them; 1 is not.
     """
 
@@ -50,6 +51,7 @@ class Color:
     warnings: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     compression: str = "zip"
+    within_white: bool = False
     orientation: int = 1
 
     @property

@@ -53,6 +53,8 @@ _EDGE, _STEP, _BETWEEN = 1.25, 0.02, 0.15
 # Pixels at edges that are enough to judge by; share of them between near and far. A hard edge has
 # two pixels and none between, an averaged one three and one, twice enlarged ones four and two.
 _EDGES, _MIXED = 50, 0.25
+# Relative depth is inverted if the top tenth of a picture is nearer by more of the range than this.
+_STRIPS, _MOST = 10, 0.6
 _PIXELS = 1 << 24  # that are looked at for edges, about: of larger files some bands of rows
 
 
@@ -102,6 +104,8 @@ def evidence_of(
     if reading.depth_format is None:
         sentences += _numbers_evidence(path, samples, reading)
     sentences += _faults(samples)
+    if reading.relative or samples.type == "8-bit PNG":
+        sentences += _inverted(samples.values, black_is_near=reading.invert is not None)
     return tuple(sentences)
 
 
@@ -162,6 +166,23 @@ def _faults(samples: DepthNumbers) -> Iterator[str]:
             "and far: the depth looks bilinearly resampled or anti-aliased; resample it by "
             "nearest, or leave it to ‹depth-repair› auto"
         )
+
+
+def _inverted(values: Any, *, black_is_near: bool) -> Iterator[str]:
+    """A hint if relative depth is nearer at the top of the picture than at its bottom."""
+    height = values.shape[0]
+    strips = slice(0, -(-height // _STRIPS)), slice(height - -(-height // _STRIPS), height)
+    above, below = (float(np.median(values[rows])) for rows in strips)
+    ends = [end for rows in bands(values.shape) for end in _ends_of(values[rows])]
+    if (below - above if black_is_near else above - below) > _MOST * (max(ends) - min(ends)) > 0:
+        near = "white" if black_is_near else "black"
+        remedy = "leave ‹invert› out" if black_is_near else "say ‹invert›"
+        yield f"the top of the picture is nearer than its bottom: if {near} is near, {remedy}"
+
+
+def _ends_of(band: NDArray[Any]) -> list[float]:
+    finite = band[np.isfinite(band)]
+    return [float(end) for end in (finite.min(), finite.max())] if finite.size else []
 
 
 def _edges(values: Any) -> tuple[int, int]:
