@@ -22,11 +22,13 @@ from defocus_core.io.shots.frame_patterns import ALL, FrameChoice, chosen, frame
 from defocus_core.io.wildcards import has_wildcard, matching, texts_before
 from defocus_core.system.log import note
 
-COLOR_SUFFIXES = frozenset({".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp"})
+COLOR_SUFFIXES = frozenset(
+    {".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".ppm", ".pgm"}
+)
 PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg"})
 DEPTH_SUFFIXES = PHOTO_SUFFIXES | {
     *(".exr", ".pfm", ".npy", ".npz", ".png", ".tif", ".tiff", ".dpt", ".bin", ".h5", ".hdf5"),
-    *(".dsp5", ".mat", ".heic", ".heif"),
+    *(".dsp5", ".mat", ".heic", ".heif", ".pgm", ".ppm"),
 }
 SCENE_SUFFIXES = frozenset({".exr"})  # of files that hold colour and depth
 

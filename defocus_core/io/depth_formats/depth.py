@@ -26,6 +26,8 @@ from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.raster import SIDEWAYS, upright
 from defocus_core.system.text import counted
 
+_TOP = 65535  # of 16 bits
+
 
 @dataclass(frozen=True)
 class Depth:
@@ -163,6 +165,8 @@ def read_depth(
         metres, turned = upright(metres[:], orientation), "turned as its colour"
         marks = (*marks, turned)
     by_custom = samples.type == "16-bit PNG" and not reading.says_scale
+    if by_custom:
+        _refuse_scaled(path, values)
     words = (samples.words, division, decoding.words, *marks)
     note = f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}"
     is_radius = decoding.rule == "radius"
@@ -181,6 +185,21 @@ def read_depth(
         inverted=reading.invert is not None,
     )
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
+
+
+def _refuse_scaled(path: Path, values: Any) -> None:
+    """Refuse 16 bits as millimetres that have both ends: they are scaled to the file.
+
+    Raises:
+        InputError: they have.
+    """
+    ends = [end for rows in bands(values.shape) for end in (values[rows].min(), values[rows].max())]
+    if min(ends) == 0 and max(ends) == _TOP:
+        problem = f"has numbers from 0 to {_TOP}, as depth has that is scaled file by file"
+        remedy = (
+            "say ‹depth-range› NEAR FAR and ‹depth-kind›; or ‹depth-unit› mm, or ‹depth-format›"
+        )
+        raise InputError("unknown-unit", problem, remedy, path=path)
 
 
 def require_valid(depth: Depth) -> None:

@@ -74,7 +74,7 @@ def _declared(spec: Any) -> tuple[bool, float | None]:
     space = _name(spec)
     if space.startswith("lin") or space == "scene_linear":
         return True, 1.0
-    if space.startswith("srgb"):
+    if space.startswith("srgb") or space == "rec709":  # which OpenImageIO says of every PPM
         return True, None
     power = spec.get_float_attribute("oiio:Gamma", 0.0)
     return power > 0, float(power)

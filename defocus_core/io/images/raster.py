@@ -1,4 +1,4 @@
-"""PNG, JPEG, TIFF, WEBP and HDR files, decoded by OpenImageIO.
+"""PNG, JPEG, TIFF, WEBP, HDR, PGM and PPM files, decoded by OpenImageIO.
 
 Samples come back as they are in the file: no colour conversion, and alpha not multiplied in (left
 to itself, OpenImageIO multiplies it into sRGB integers, which loses precision and is not linear).
@@ -6,6 +6,7 @@ to itself, OpenImageIO multiplies it into sRGB integers, which loses precision a
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -24,7 +25,9 @@ from defocus_core.io.safe_files import check_size, quiet, read_head
 from defocus_core.system.interrupts import put_off
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
-_KINDS = ("png", "jpeg", "tiff", "hdr", "webp")
+_KINDS = ("png", "jpeg", "tiff", "hdr", "webp", "pnm")
+_PNM = re.compile(rb"P[2356]\s+(?:#[^\n]*\s+)*\d+\s+(?:#[^\n]*\s+)*\d+\s+(?:#[^\n]*\s+)*(\d+)\s")
+_PNM_HEAD = 1024  # bytes
 # Of orientations, those that swap rows and columns, and those that reverse them after that.
 SIDEWAYS, _BOTTOM_UP, _RIGHT_TO_LEFT = (5, 6, 7, 8), (3, 4, 7, 8), (2, 3, 6, 7)
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
@@ -89,6 +92,13 @@ def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF, WEBP or HDR")
         while file.seek_subimage(len(pages), 0):
             pages.append(_raster(path, file, len(pages)))
         return pages
+
+
+def pnm_top(path: Path) -> int | None:
+    """The greatest number of a PGM or PPM by its header, if the decoder scales it to its type's."""
+    match = _PNM.match(read_head(path, _PNM_HEAD))
+    top = int(match[1]) if match else 255
+    return None if top in (255, 65535) else top
 
 
 def choose_page(path: Path, pages: Sequence[_Page], part: int | None) -> _Page:

@@ -112,7 +112,7 @@ def test_a_grey_picture_in_three_channels_is_told_what_one_channel_is(tmp_path: 
     assert evidence(three) == evidence(one) != ""
     notes = [run("info", "--json", path).json["files"][0]["depth_note"] for path in (one, three)]
     assert notes[0] == notes[1]
-    grey[-1, -1, 2] += 1
+    grey[-1, -1] = (250, 0, 0)
     assert evidence(png(tmp_path / "colored.png", grey, np.uint8)) == ""
 
 
