@@ -13,6 +13,7 @@ from defocus_core.io.array_files.containers import container_type
 from defocus_core.io.arrays import IN_MEMORY, Keeping
 from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
 from defocus_core.io.exr.channel_choice import require_part
+from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.views import require_view
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images.color import read_color, require_finite
@@ -62,6 +63,8 @@ def read(
         UsageProblem: the options make no sense for it.
     """
     shared = picture.color == picture.depth
+    if shared and reading.resize_depth is None and not is_exr(read_head(picture.color)):
+        reading = replace(reading, resize_depth="guided")  # depth in a photograph is smaller
     parts = parts_of(picture, reading)
     require_view((picture.color, picture.depth), reading.view)
     overscan = overscan_of(picture, reading, parts, whole=whole)
@@ -74,6 +77,7 @@ def read(
         keeping=keeping,
         overscan=overscan,
         blur_channels=reading.blur_channels,
+        original=shared,
     )
     depth = read_depth(
         picture.depth,
@@ -91,7 +95,7 @@ def read(
         raise InputError(
             "not-square", problem, "convert it to depth along the axis", path=picture.depth
         )
-    if shared and len(color.channels) == 1 and not color.extras:
+    if shared and len(color.channels) == 1 and not color.extras and depth.channel:
         problem = f"has {depth.channel} alone, which is not both colour and depth"
         raise InputError(
             "no-depth", problem, "give the depth file as a second argument", path=picture.color

@@ -18,6 +18,7 @@ from defocus_core.io.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
 from defocus_core.io.depth_formats.depth_numbers import DepthNumbers, divided
 from defocus_core.io.depth_formats.file_types import read_numbers
 from defocus_core.io.depth_formats.holes import fill_from_farther, set_far, set_outside
+from defocus_core.io.depth_formats.photo_depth import own_format
 from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading
 from defocus_core.io.depth_formats.resolving import resolved
 from defocus_core.io.depth_formats.rules import HALF_MAX, Decoding, DepthFormat, decoded, unpacked
@@ -145,6 +146,8 @@ def read_depth(
         InputError: the file cannot be read, or what its depth is stays open.
         UsageProblem: an option is missing or makes no sense for this file.
     """
+    if not reading.says_scale and (own := own_format(path)):
+        reading = replace(reading, depth_format=own)
     row, stored = reading.row, size
     orientation = orientation if reading.turn_depth is not None else 1
     if size is not None and orientation in SIDEWAYS:

@@ -21,6 +21,7 @@ from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
 from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
 from defocus_core.io.depth_formats.photo_depth import (
     PhotoDepth,
+    holds_gdepth,
     is_heic,
     is_jpeg,
     read_gdepth,
@@ -28,6 +29,7 @@ from defocus_core.io.depth_formats.photo_depth import (
 )
 from defocus_core.io.depth_formats.reading import DepthReading, require_size
 from defocus_core.io.depth_formats.rules import DepthFormat
+from defocus_core.io.depth_formats.sidecars import facts_of
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
@@ -79,9 +81,9 @@ def read_numbers(
     elif bare_type(head):
         samples = DepthNumbers(read_bare(path), bare_type(head), bare_type(head))
     elif is_heic(head):
-        samples = _from_photo(read_heic(path), "HEIC")
-    elif is_jpeg(head) and "GDepth" in row.files:
-        samples = _from_photo(read_gdepth(path), "GDepth")
+        samples = _from_photo(path, read_heic(path), "HEIC", reading)
+    elif is_jpeg(head) and ("GDepth" in row.files or _is_own(path, reading)):
+        samples = _from_photo(path, read_gdepth(path), "GDepth", reading)
     else:
         samples = _from_raster(path, reading, keeping, size)
     require_size(path, reading, samples.values.shape, size)
@@ -103,10 +105,24 @@ def _article(kind: str) -> str:
     return f"{'an' if kind[0] in 'aeiouEHN8' else 'a'} {kind}"
 
 
-def _from_photo(photo: PhotoDepth, file_type: str) -> DepthNumbers:
-    """Numbers of a depth image in a photograph, of unsigned integers."""
+def _is_own(path: Path, reading: DepthReading) -> bool:
+    """Whether the depth inside a photograph is meant: no format is named."""
+    return reading.depth_format is None and holds_gdepth(path)
+
+
+def _from_photo(
+    path: Path, photo: PhotoDepth, file_type: str, reading: DepthReading
+) -> DepthNumbers:
+    """Numbers of a depth image in a photograph, of unsigned integers; relative ones as 1 / z."""
     metadata = {**photo.metadata, "top": 2.0 ** (8 * photo.values.itemsize) - 1}
-    return DepthNumbers(photo.values, file_type, f"{file_type} depth image", metadata=metadata)
+    words = f"{file_type} depth image"
+    if not reading.relative:
+        return DepthNumbers(photo.values, file_type, words, metadata=metadata)
+    facts = facts_of(file_type.lower(), path, {"Units": "m", **metadata})
+    assert facts is not None
+    numbers = photo.values.astype(np.float32) * (facts.scale or 0.0) + (facts.shift or 0.0)
+    near = np.float32(1) / numbers if facts.rule == "scale" else numbers
+    return DepthNumbers(near.astype(np.float32), file_type, words, metadata=metadata)
 
 
 def _from_map(path: Path, reading: DepthReading) -> DepthNumbers:

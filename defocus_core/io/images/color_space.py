@@ -69,6 +69,15 @@ def color_space(spec: Any) -> ColorSpace:
     return ColorSpace(gamma, note, _unheeded(spec, declared=declared), data=data)
 
 
+def profiled_space(data: bytes) -> ColorSpace:
+    """How 8 bits with a profile are understood, as sRGB where it has no curve or is missing."""
+    profile = read_profile(data) if data else None
+    name = (
+        "sRGB" if profile is None else f"its profile, primaries {primaries_name(profile.primaries)}"
+    )
+    return ColorSpace(None, f"8-bit, decoded by {name}", "", profile, data)
+
+
 def _declared(spec: Any) -> tuple[bool, float | None]:
     """Whether the file declares a curve that is known, and its exponent."""
     space = _name(spec)

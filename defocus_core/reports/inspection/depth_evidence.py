@@ -20,7 +20,7 @@ from defocus_core.io.array_files.containers import container_type
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
 from defocus_core.io.depth_formats.file_types import read_numbers
-from defocus_core.io.depth_formats.photo_depth import is_heic, is_jpeg
+from defocus_core.io.depth_formats.photo_depth import holds_depth, holds_gdepth, is_heic
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.table import ROWS
 from defocus_core.io.exr.header import is_exr
@@ -31,7 +31,6 @@ from defocus_core.system.text import percent
 
 _TOP = 65535
 _SEVERAL = 0.001  # share of pixels
-_XMP_BYTES = 1 << 17  # of a JPEG, which begins with it
 # Names of channels and arrays that only one format has.
 _TELLING_NAMES = {
     "unreal-mrq": ("FinalImage*WorldDepth*", "ImageDepth*"),
@@ -62,7 +61,7 @@ def may_be_depth(info: FileInfo) -> bool:
     """Whether a file is an EXR, arrays, one channel, or a photograph that holds depth."""
     head = read_head(info.path, 32)
     arrays = len(info.parts[0].channels) == 1 or container_type(head) != ""
-    return is_exr(head) or arrays or _has_gdepth(info.path)
+    return is_exr(head) or arrays or holds_depth(info.path)
 
 
 def is_grey_in_color(info: FileInfo, reading: DepthReading, keeping: Keeping) -> bool:
@@ -77,11 +76,6 @@ def is_grey_in_color(info: FileInfo, reading: DepthReading, keeping: Keeping) ->
     return True
 
 
-def _has_gdepth(path: Path) -> bool:
-    head = read_head(path, _XMP_BYTES)
-    return is_jpeg(head) and b"GDepth:" in head
-
-
 def evidence_of(
     path: Path, reading: DepthReading, info: FileInfo, keeping: Keeping
 ) -> tuple[str, ...]:
@@ -94,7 +88,7 @@ def evidence_of(
         keeping: where its numbers are to be kept.
     """
     sentences = [] if reading.depth_format is not None else [*_names_evidence(path, info)]
-    if _has_gdepth(path):
+    if holds_gdepth(path):
         return tuple(sentences)
     try:
         scaled = reading if reading.says_scale else replace(reading, depth_scale=1.0)
@@ -116,7 +110,7 @@ def _names_evidence(path: Path, info: FileInfo) -> Iterator[str]:
         hits = [n for n in names if any(fnmatchcase(n, pattern) for pattern in patterns)]
         if hits:
             yield f"{hits[-1]}: {_say(name)}"
-    if _has_gdepth(path):
+    if holds_gdepth(path):
         yield f"GDepth in its XMP: {_say('android-gdepth')}"
     if is_heic(read_head(path)):
         yield f"a depth image beside the picture: {_say('apple-heic')}"
