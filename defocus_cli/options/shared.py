@@ -113,7 +113,7 @@ def output_options(command: Command) -> Command:
                 required=True,
                 metavar="OUT",
                 help="Directory to write to; or a file like picture.png, for one picture of one "
-                "kind alone, without a journal.",
+                "kind alone, without a journal; one that defocus wrote is replaced.",
             ),
             option(
                 "--outputs",

@@ -108,3 +108,20 @@ def test_a_heic_is_rendered_of_its_own_depth(
         made = pixels(tmp_path / f"{name}.png")
         assert contrast(made[:, :32]) > 4 * contrast(made[:, 32:])
     assert "colour: R, G, B" in run("info", file, *BLUR).out
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png", "tif", "exr"])
+def test_a_file_that_defocus_wrote_is_replaced_and_no_other(suffix: str, tmp_path: Path) -> None:
+    file, out = photo(tmp_path, **INVERSE), tmp_path / f"out.{suffix}"
+    args = ("render", file, "--focus-at", "5,5", "-o", out, "--blur")
+    assert run(*args, "8px").code == 0
+    first = out.read_bytes()
+    assert run(*args, "3px").code == 0
+    assert out.read_bytes() != first
+    other = save(tmp_path / f"mine.{suffix}", detail())
+    for path in (other, tmp_path / f"link.{suffix}"):
+        if path != other:
+            path.symlink_to(out)
+        before = path.read_bytes()
+        refused(run(*args[:4], "-o", path, "--blur", "3px"), 3, "exists", path)
+        assert path.read_bytes() == before

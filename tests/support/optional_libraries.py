@@ -85,7 +85,7 @@ def with_heic(monkeypatch: pytest.MonkeyPatch, depth: Any, **metadata: float) ->
     picture = np.full((*depth.shape, 3), 128, np.uint8)
     file = SimpleNamespace(info={"depth_images": [image]}, size=depth.shape[::-1])
     file.__array_interface__ = picture.__array_interface__
-    file.picture = picture  # which the interface does not keep
+    file.kept = picture, depth  # which the interfaces do not keep
     module.open_heif = lambda _: file
     monkeypatch.setitem(sys.modules, "pillow_heif", module)
 

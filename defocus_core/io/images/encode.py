@@ -23,16 +23,19 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem, one_line
 from defocus_core.io.arrays import bands, stacked
+from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.windows import Layout
 from defocus_core.io.exr.writing import as_half, clamped_half, write_exr
 from defocus_core.io.images.color_space import PROFILE, linear_to_srgb, quantised
 from defocus_core.io.images.icc import Embedded, Profile
 from defocus_core.io.images.primaries import between_primaries, converted, declared_primaries
 from defocus_core.io.images.tags import Tag, set_tag
-from defocus_core.io.safe_files import quiet, unwritable, written_whole
+from defocus_core.io.safe_files import quiet, read_head, unwritable, written_whole
 from defocus_core.system.text import counted
 
 FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}
+_SOFTWARE = "defocus"
+OWN = "defocus:"  # begins the names of attributes that say how a file was made
 _BLOCK = 1 << 20  # bytes copied at once
 _CLIPPED = ("shown as white", "shown as black")  # ends of warnings
 _ROUNDING = 1e-5  # blurred white exceeds 1 by less, and it is below half a step of 16 bits
@@ -101,8 +104,7 @@ def write_image(
     metadata = {
         name: value
         for name, value in attributes.items()
-        if isinstance(value, Tag | Embedded)
-        or (name.startswith("defocus:") and isinstance(value, str))
+        if isinstance(value, Tag | Embedded) or (name.startswith(OWN) and isinstance(value, str))
     }
     if codec == "jpeg":
         metadata["Compression"] = f"jpeg:{jpeg_quality}"
@@ -264,6 +266,24 @@ def encoded_samples(
         yield memory
 
 
+def is_own(path: Path) -> bool:
+    """Whether a file is a picture or a map that says that this program wrote it."""
+    import OpenImageIO as oiio  # noqa: N813
+
+    if path.is_symlink() or not path.is_file():
+        return False
+    try:
+        if is_exr(read_head(path)):
+            return any(f"{OWN}version" in header.attributes for header in read_headers(path))
+    except InputError:
+        return False
+    with quiet():
+        file = oiio.ImageInput.open(str(path))
+        found = file and file.spec().get_string_attribute("Software") == _SOFTWARE
+        oiio.geterror()
+        return bool(found)
+
+
 def _beyond_half(pixels: Any) -> int:
     """Number of pixels [H, W, C] with a value beyond the range of half."""
     return sum(
@@ -312,7 +332,7 @@ def _spec(
     # An empty DateTime keeps OpenImageIO from writing the current one.
     space = "lin_rec709" if samples.dtype.kind == "f" else "sRGB"
     settings = {"DateTime": "", **attributes, **_OPTIONS[codec], "oiio:ColorSpace": space}
-    for name, value in {**settings, "Software": "defocus"}.items():
+    for name, value in {**settings, "Software": _SOFTWARE}.items():
         if isinstance(value, Tag):
             set_tag(spec, name, value)
         elif isinstance(value, Embedded):

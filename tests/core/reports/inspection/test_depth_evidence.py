@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import ramp, refused, run, write_exr
+from command_line import ramp, run, write_exr
 from depth_files import gdepth, npy, pfm, png, with_text
 from image_files import save
 from optional_libraries import HEIC_MAGIC, with_hdf5, with_heic, write_hdf5
@@ -144,9 +144,7 @@ def test_the_depth_image_of_a_heic_file(tmp_path: Path, monkeypatch: pytest.Monk
     with_heic(monkeypatch, np.array([[0, 255]], np.uint8), d_min=0.1, d_max=2.0)
     (tmp_path / "a.heic").write_bytes(HEIC_MAGIC)
     assert "say --depth-format apple-heic" in evidence(tmp_path / "a.heic")
-    refused(
-        run("depth", tmp_path / "a.heic", "-o", tmp_path / "z.exr"), 3, "unknown-unit", "a.heic"
-    )
+    assert run("depth", tmp_path / "a.heic", "-o", tmp_path / "z.exr").code == 0
     ran = run("info", tmp_path / "a.heic", "--depth-format", "apple-heic")
     assert "depth: 0.5 m to 10 m" in ran.out
 
