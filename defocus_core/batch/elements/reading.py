@@ -16,10 +16,11 @@ from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.views import require_view
 from defocus_core.io.exr.windows import Overscan
-from defocus_core.io.images.color import read_color, require_finite
+from defocus_core.io.images.color import SHARP_INSIDE, read_color, require_finite
 from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
+from defocus_core.system.log import note
 
 
 def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None]:
@@ -79,6 +80,8 @@ def read(
         blur_channels=reading.blur_channels,
         original=shared,
     )
+    if color.note.endswith(SHARP_INSIDE):
+        note(f"defocus: {picture.color}: {SHARP_INSIDE} is rendered")
     depth = read_depth(
         picture.depth,
         replace(reading, part=parts[1]),

@@ -27,6 +27,7 @@ from defocus_core.io.images.raster import Raster, choose_page, read_pages, read_
 from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
 
+SHARP_INSIDE = "the sharp picture inside it"  # ends the note of a photograph of which that is read
 BRIGHTEST = 1e30  # light beyond it overflows in `defocus_core`, which refuses it too
 LARGEST_FLOAT = float.fromhex("0x1.fffffep+127")  # of 32 bits
 
@@ -96,7 +97,7 @@ def read_color(
         planes=tuple(upright(plane[:], turn) for plane in color.planes),
         path=path,
         attributes={**page.tags, **color.attributes},
-        note=f"{color.note}, the sharp picture inside it",
+        note=f"{color.note}, {SHARP_INSIDE}",
     )
 
 
