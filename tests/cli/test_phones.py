@@ -66,8 +66,8 @@ def test_a_portrait_is_rendered_of_its_sharp_original(
 def test_depth_without_units_is_no_depth_in_metres(tmp_path: Path) -> None:
     lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", "5,5")
     ran = run("render", photo(tmp_path, **LINEAR), *lens, "-o", tmp_path / "out.jpg")
-    refused(ran, 3, "malformed")
-    assert "no Units" in ran.err
+    refused(ran, 3, "unknown-unit")
+    assert "GDepth without Units, which is relative; say --blur" in ran.err
     file = photo(tmp_path, **LINEAR, Units="m")
     assert run("render", file, *lens, "-o", tmp_path / "out.jpg").code == 0
 

@@ -116,6 +116,12 @@ def _from_photo(
     """Numbers of a depth image in a photograph, of unsigned integers; relative ones as 1 / z."""
     metadata = {**photo.metadata, "top": 2.0 ** (8 * photo.values.itemsize) - 1}
     words = f"{file_type} depth image"
+    if not reading.relative and file_type == "GDepth" and "Units" not in metadata:
+        problem, remedy = (
+            "has GDepth without Units, which is relative",
+            "say ‹blur› 20px ‹focus-at› X,Y",
+        )
+        raise InputError("unknown-unit", problem, f"{remedy} instead of a lens", path=path)
     if not reading.relative:
         return DepthNumbers(photo.values, file_type, words, metadata=metadata)
     facts = facts_of(file_type.lower(), path, {"Units": "m", **metadata})

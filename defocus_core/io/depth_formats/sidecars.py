@@ -178,8 +178,6 @@ def _heic(metadata: Mapping[str, Any]) -> Facts:
 
 def _gdepth(metadata: Mapping[str, Any]) -> Facts:
     """GDepth: RangeInverse is linear in 1/z, RangeLinear in z; Near and Far in m or mm."""
-    if "Units" not in metadata:
-        raise ValueError("it has no Units, and is relative: say ‹blur› 20px ‹focus-at› X,Y")
     unit = {"m": 1.0, "mm": 1e-3}[str(metadata["Units"])]
     near, far = (_positive(float(metadata[key]) * unit) for key in ("Near", "Far"))
     radial = metadata.get("MeasureType") == "OpticRay"
