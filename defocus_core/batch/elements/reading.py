@@ -80,8 +80,6 @@ def read(
         blur_channels=reading.blur_channels,
         original=shared,
     )
-    if color.note.endswith(SHARP_INSIDE):
-        note(f"defocus: {picture.color}: {SHARP_INSIDE} is rendered")
     depth = read_depth(
         picture.depth,
         replace(reading, part=parts[1]),
@@ -106,4 +104,6 @@ def read(
     depth = element_depth(of_size(depth, color, reading, keeping), color, keeping)
     require_valid(depth)
     require_finite(color)
+    if color.note.endswith(SHARP_INSIDE):
+        note(f"defocus: {picture.color}: {SHARP_INSIDE} is rendered")
     return color, depth
