@@ -31,7 +31,7 @@ EXTRA_PINS := PyYAML==6.0.4 anyio==4.16.0 cloudpickle==3.1.3 contourpy==1.3.3 cy
   hf-xet==1.8.0 httpcore2==2.16.2 httpx2==2.16.2 huggingface_hub==2.4.0 idna==3.20 \
   importlib_metadata==10.2.0 kiwisolver==1.5.1 lazy-importer==0.1.0 locket==1.0.0 \
   matplotlib==3.11.2 msgpack==1.2.4 multiprocess==0.70.19 pandas==3.1.1 partd==1.4.2 \
-  pillow==13.0.0 psutil==7.2.2 pyarrow==26.0.1 pyparsing==3.3.3 \
+  pillow==13.0.0 pillow-heif==1.8.1 psutil==7.2.2 pyarrow==26.0.1 pyparsing==3.3.3 \
   python-dateutil==4.0.0 scipy==1.17.1 tblib==3.2.2 toolz==1.2.0 tornado==6.6.1 truststore==0.10.5 \
   tzdata==2026.6 xxhash==4.1.0 zict==3.0.0 zipp==4.1.2
 

@@ -123,6 +123,7 @@ class Golden:
         """
         from defocus_core.compare.record import EXTRA, Comparison
         from defocus_core.compare.two_images import planes_of
+        from defocus_core.errors import InputError
         from defocus_core.reports.comparison_words import line
 
         __tracebackhide__ = True
@@ -138,7 +139,10 @@ class Golden:
         if not golden.exists():
             self._keep(Comparison(name, None, None, EXTRA), golden, picture)
             pytest.fail(f"{golden}: there is no such golden; make it with pytest --golden-update")
-        record = _compared(golden, picture, name, rules)
+        try:
+            record = _compared(golden, picture, name, rules)
+        except InputError as error:
+            pytest.fail(str(error), pytrace=False)
         self._keep(record, golden, picture)
         if not record.passes:
             told = [line(replace(record, proposal=""))]

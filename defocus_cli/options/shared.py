@@ -28,9 +28,12 @@ from defocus_core.allowed_values import MIN_TILE, QUALITIES
 from defocus_core.batch.jobs.job import DEVICES, Machine, Outputs
 from defocus_core.batch.jobs.naming import FIELDS
 from defocus_core.batch.jobs.output_kinds import (
+    COLOR_SPACES,
+    COMPRESSIONS,
     KINDS,
     MAP_FORMATS,
     MAPS,
+    compression,
     format_of_file,
     in_one_file,
     is_picture_name,
@@ -110,7 +113,7 @@ def output_options(command: Command) -> Command:
                 required=True,
                 metavar="OUT",
                 help="Directory to write to; or a file like picture.png, for one picture of one "
-                "kind alone, without a journal.",
+                "kind alone, without a journal; one that defocus wrote is replaced.",
             ),
             option(
                 "--outputs",
@@ -155,6 +158,18 @@ def _encoding_options() -> list[Decorator]:
             "--exr-type",
             type=click.Choice(["half", "float"]),
             help=f"Number type of the images' EXR.  [default: {Outputs.exr_type}]",
+        ),
+        option(
+            "--color-space",
+            type=click.Choice(COLOR_SPACES),
+            help="Convert PNG, TIFF and JPEG to sRGB.  [default: the profile that the colour has]",
+        ),
+        option(
+            "--compression",
+            type=Quantity(compression, "CODEC"),
+            metavar="CODEC",
+            help=f"Codec of EXR: {', '.join(COMPRESSIONS)} (that of the colour). dwaa:45 has a "
+            f"level, and loses detail.  [default: {Outputs.compression}]",
         ),
         option(
             "--jpeg-quality",
@@ -202,6 +217,12 @@ def _outputs(
             raise UsageProblem(
                 "idle-option", problem, f"leave it out, or use --format {kind}", field=option
             )
+    if others["color_space"] is not None and outputs.format == "exr":
+        problem = "says nothing about exr, which is linear"
+        raise UsageProblem("idle-option", problem, "leave it out", field="color-space")
+    if others["compression"] is not None and not outputs.writes_exr:
+        problem = "is of EXR, and none is written"
+        raise UsageProblem("idle-option", problem, "leave it out", field="compression")
     return replace(outputs, **_given({"exr_type": exr_type, "jpeg_quality": jpeg_quality}))
 
 

@@ -34,7 +34,7 @@ from defocus_core.compare.record import (
     Worst,
 )
 from defocus_core.compare.selection import coc_file, near_edges, read_mask, within_neighbours
-from defocus_core.compare.structure import compare_samples, compare_structure
+from defocus_core.compare.structure import compare_primaries, compare_samples, compare_structure
 from defocus_core.compare.thresholds import Rule, Rules
 from defocus_core.errors import InputError
 
@@ -44,7 +44,11 @@ if TYPE_CHECKING:
 
     from defocus_core.compare.pairing import FilePair
 
-_NEVER_SILENT = ("clipped", "deep samples")  # findings that are a warning if no rule fails
+_NEVER_SILENT = (
+    "clipped",
+    "deep samples",
+    "other primaries declared",
+)  # findings that are a warning if no rule fails
 _SEEN = 0.5 / 255  # half a step of 8 bits, on the scale of hdr
 
 
@@ -103,6 +107,8 @@ def _compared(
     if apart:
         text = f"other values in {', '.join(apart)}, which is of another size than the picture"
         record, strict = replace(record, findings=(*record.findings, Finding("apart", text))), True
+    if (primaries := compare_primaries(a, b, settings.ignore_metadata)) is not None:
+        record = replace(record, findings=(*record.findings, primaries))
     samples = compare_samples(a, b)
     if samples is not None:
         record = replace(record, findings=(*record.findings, samples))

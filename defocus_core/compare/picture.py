@@ -20,10 +20,12 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError
 from defocus_core.io.array_files.float_maps import is_float_map, read_float_map
 from defocus_core.io.exr.channel_choice import NO_DEPTH
+from defocus_core.io.exr.compression import CODECS
 from defocus_core.io.exr.deep_samples import strips
 from defocus_core.io.exr.header import Header, Raw, is_exr, read_attributes, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.images.color_space import linear_light, unit
+from defocus_core.io.images.primaries import REC_709, Chromaticities, declared_primaries
 from defocus_core.io.images.raster import Raster, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
 
@@ -31,8 +33,7 @@ SUFFIXES = frozenset(
     {".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pfm", ".npy"},
 )
 _KNOWN = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
-# Codecs of OpenEXR by the number in the header.
-_CODECS = ("none", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "B44A", "DWAA", "DWAB", "HTJ2K")
+_CODECS = ("none", *(name.upper() for name in CODECS if name != "none"))
 _LINE_ORDERS = ("increasing", "decreasing", "random")
 _PNG = b"\x89PNG\r\n\x1a\n"
 _MULTIPART = 0x1000
@@ -58,6 +59,7 @@ class DecodedPicture:
         types: name of each channel to its number type in the file.
         gamma: exponent of the power law that decodes the colour, 1 for linear, None for sRGB.
         associated: whether colour is multiplied by alpha.
+        primaries: of the colour, as the file declares them.
         metadata: attributes that describe the picture, as text.
         layout: how the file is laid out, as text; it changes no pixel.
         samples: of deep parts, whose planes are the picture in focus: the places y · 2^32 + x [N]
@@ -71,6 +73,7 @@ class DecodedPicture:
     types: Mapping[str, str]
     gamma: float | None = 1.0
     associated: bool = True
+    primaries: Chromaticities = REC_709
     metadata: Mapping[str, str] = field(default_factory=dict)
     layout: Mapping[str, str] = field(default_factory=dict)
     samples: Mapping[str, NDArray[Any]] = field(default_factory=dict)
@@ -196,6 +199,7 @@ def _from_exr(path: Path) -> DecodedPicture:
     ordered = {name: planes[name] for name in sorted(planes, key=_place)}
     return DecodedPicture(
         *(path, display.width, display.height, ordered, types),
+        primaries=declared_primaries(headers[0].attributes),
         metadata=metadata,
         layout=layout,
         samples=_deep_samples(path, headers),
@@ -280,6 +284,7 @@ def _from_raster(path: Path, pages: Sequence[Raster]) -> DecodedPicture:
         *(path, first.width, first.height, planes, types),
         gamma=first.space.gamma,
         associated=first.associated or not any(name.endswith("A") for name in planes),
+        primaries=first.space.primaries,
         metadata=metadata,
         layout={"format": path.suffix.lower().lstrip(".").upper()},
     )

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.picture import color_layers
+from defocus_core.io.images.primaries import primaries_name, same_primaries
 from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
@@ -83,6 +85,18 @@ def compare_structure(
         common=tuple(name for name in same if a.planes[name].shape == shown),
         apart=tuple(name for name in same if a.planes[name].shape != shown),
     )
+
+
+def compare_primaries(
+    a: DecodedPicture, b: DecodedPicture, ignored: Sequence[str] = ()
+) -> Finding | None:
+    """Whether two pictures declare other primaries, by which equal numbers are other colours."""
+    counts = _heeded({"chromaticities": ""}, ignored)
+    if not counts or same_primaries(a.primaries, b.primaries) or not any(color_layers([*a.planes])):
+        return None
+    old, new = (primaries_name(each.primaries) for each in (a, b))
+    text = f"other primaries declared: {new} instead of {old}"
+    return Finding("other primaries declared", text, {"a": old, "b": new})
 
 
 def compare_samples(a: DecodedPicture, b: DecodedPicture) -> Finding | None:

@@ -28,6 +28,8 @@ MAX_PIXELS = 2**30
 MAX_RATIO = 10_000
 UNASKED_BYTES = 2**28
 
+_LFS_POINTER = b"version https://git-lfs.github.com/spec/"  # git-lfs, docs/spec.md
+
 _quiet_lock = threading.RLock()
 _serial = itertools.count()
 # The files of the innermost `written_together`; None outside.
@@ -66,7 +68,7 @@ def read_head(path: Path, count: int = 16) -> bytes:
             remedy = "copy what it holds to one"
             raise InputError("wrong-type", "is not a regular file", remedy, path=path)
         with open_plain(path) as file:
-            head = file.read(count)
+            head = file.read(max(count, len(_LFS_POINTER)))
     except FileNotFoundError as error:
         raise missing(path) from error
     except (OSError, ValueError) as error:  # ValueError: a zero byte inside the name
@@ -77,7 +79,10 @@ def read_head(path: Path, count: int = 16) -> bytes:
         raise InputError("unreadable", problem, remedy, path=path) from error
     if not head:
         raise InputError("empty", "is empty (zero bytes)", "write or copy it again", path=path)
-    return head
+    if head.startswith(_LFS_POINTER):
+        problem = "is a Git LFS pointer, not the file that it stands for"
+        raise InputError("wrong-type", problem, "run: git lfs pull", path=path)
+    return head[:count]
 
 
 def missing(path: Path, what: str = "file", remedy: str = "check the name") -> InputError:

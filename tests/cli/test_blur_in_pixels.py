@@ -8,7 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from command_line import LENS, color_exr, pair, ramp, read_exr, refused, run, texture, write_exr
+from command_line import (
+    LENS,
+    color_exr,
+    depth_exr,
+    pair,
+    ramp,
+    read_exr,
+    refused,
+    run,
+    texture,
+    write_exr,
+)
 from image_files import save
 
 from defocus_core import radius_from_relative_disparity, run_batch, samples
@@ -192,3 +203,25 @@ def test_a_depth_that_is_in_focus_everywhere_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["blur", "clamp-blur", "focus-value"])
 def test_an_opening_has_no_blur_of_a_picture(name: str, tmp_path: Path) -> None:
     refused(run("aperture", f"--{name}", "4", "-o", tmp_path / "a.png"), 2, None)
+
+
+def test_a_range_of_the_numbers_of_the_file_stays_sharp(tmp_path: Path) -> None:
+    low, high = np.percentile(NUMBERS, (30, 60))
+    text = f"{low:g}..{high:g}"
+    found = radius(tmp_path, NUMBERS, "--blur", "8px", "--sharp-range", text)
+    within = (low <= NUMBERS) & (high >= NUMBERS)
+    assert (found[within] == 0).all()
+    assert (np.sign(found[~within]) == np.sign(low - NUMBERS[~within])).all()
+    assert np.abs(found).max() == pytest.approx(8, rel=1e-3)
+    focus = f"{(float(f'{low:g}') + float(f'{high:g}')) / 2:.9g}"
+    other = radius(tmp_path, NUMBERS, "--blur", "8px", "--focus-value", focus)
+    np.testing.assert_allclose(found[~within], other[~within], rtol=1e-4)
+
+
+@pytest.mark.parametrize(("lens", "text"), [("blur", "1m..2m"), ("blur", "3..1"), ("", "1..2")])
+def test_a_sharp_range_is_of_numbers_or_of_distances(lens: str, text: str, tmp_path: Path) -> None:
+    files = color_exr(tmp_path / "c.exr"), depth_exr(tmp_path / "z.exr")
+    metric = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m")
+    words = ("--blur", "8px", "--focus-value", "2") if lens else metric
+    ran = run("render", *files, *words, "--sharp-range", text, "-o", tmp_path / "out")
+    refused(ran, 2, "malformed", "sharp-range")

@@ -14,6 +14,8 @@ from image_files import SCANLINE, box
 
 from defocus_core.batch.rendering import memory_budget
 from defocus_core.io import arrays
+from defocus_core.io.exr.header import read_headers
+from defocus_core.io.exr.reading import read_parts
 
 LENS = ("--focal-length", "120mm", "--fnumber", "1.2", "--focus")
 FLOATS = ("--exr-type", "float")
@@ -32,6 +34,11 @@ def picture(file: Path, out: Path, *args: str | Path, focus: str = "1m") -> dict
 
 def rgba(planes: dict[str, Any]) -> Any:
     return np.stack([planes[name] for name in "RGBA"])
+
+
+def shown(file: Path) -> Any:
+    """R, G, B and A over the display window."""
+    return rgba(read_parts(file)[0].channels)
 
 
 @pytest.mark.parametrize("said", [np.nan, np.inf, -np.inf, -3.0, 1e10, 0.4], ids=str)
@@ -74,17 +81,19 @@ def test_a_smaller_data_window_is_grown_by_nothing(tmp_path: Path) -> None:
     planes = element(disc())
     whole = picture(write(tmp_path / "a.exr", planes), tmp_path / "o")
     cut = write_within(tmp_path / "b" / "a.exr", planes, (16, 6, 43, 33))
-    np.testing.assert_array_equal(rgba(picture(cut, tmp_path / "p")), rgba(whole))
+    picture(cut, tmp_path / "p")
+    np.testing.assert_allclose(shown(tmp_path / "p" / "render" / "a.exr"), rgba(whole), atol=1e-6)
 
 
 def test_alpha_is_added_where_a_picture_without_it_has_pixels(tmp_path: Path) -> None:
     planes = {name: np.full(SIZE, 0.5, np.float32) for name in "RGB"}
     planes["Z"] = np.full(SIZE, METRES, np.float32)
-    grown = picture(write_within(tmp_path / "a.exr", planes, (20, 9, 39, 28)), tmp_path / "o")
+    picture(write_within(tmp_path / "a.exr", planes, (20, 9, 39, 28)), tmp_path / "o")
     card = np.zeros(SIZE, np.float32)
     card[9:29, 20:40] = 1
     made = write(tmp_path / "b.exr", element(card, (0.5, 0.5, 0.5)))
-    np.testing.assert_array_equal(rgba(grown), rgba(picture(made, tmp_path / "p")))
+    grown = shown(tmp_path / "o" / "render" / "a.exr")
+    np.testing.assert_allclose(grown, rgba(picture(made, tmp_path / "p")), atol=1e-6)
 
 
 def test_overscan_takes_part_in_the_blur_and_is_cropped_after_it(tmp_path: Path) -> None:
@@ -384,3 +393,24 @@ def test_distances_to_the_point_need_square_pixels(tmp_path: Path) -> None:
     planes = element(np.ones(SIZE, np.float32))
     made = write(tmp_path / "a.exr", planes, pixelAspectRatio=2.0)
     refused(render(made, tmp_path / "o", "--radial"), 3, "not-square", made)
+
+
+@pytest.mark.parametrize("options", [(), ("--quality", "draft"), ("--squeeze", "2")], ids=str)
+def test_the_output_has_the_window_of_the_input_grown_by_the_blur(
+    options: tuple[str, ...], tmp_path: Path
+) -> None:
+    whole = {name: np.pad(plane, 40) for name, plane in element(disc()).items()}
+    file = write_within(tmp_path / "a.exr", whole, (56, 46, 83, 73))
+    lens = ("--focal-length", "50mm", "--fnumber", "1.4", "--focus", "2m", *options)
+    full = write(tmp_path / "b" / "a.exr", whole)
+    for path, out in ((file, "o"), (full, "p")):
+        ran = run("render", path, "-o", tmp_path / out, *lens, *FLOATS, "--outputs", "render,left")
+        assert ran.code == 0, ran.err
+    for kind in ("render", "left"):
+        found = tmp_path / "o" / kind / "a.exr"
+        data, display = read_headers(found)[0].data, read_headers(found)[0].display
+        assert (display.width, display.height) == (140, 120)
+        assert 56 - 12 <= data.x0 < 56
+        assert 83 < data.x1 <= 83 + 12
+        assert (56 - data.x0, 46 - data.y0) == (data.x1 - 83, data.y1 - 73)
+        np.testing.assert_allclose(shown(found), shown(tmp_path / "p" / kind / "a.exr"), atol=1e-5)

@@ -42,7 +42,7 @@ def test_every_reading_option_is_a_flag_of_every_command_that_reads_depth(
     flags = {name for param in command.params for name in param.opts}
     of_color = {
         *("--color-layer", "--blur-channels", "--resize-depth", "--unpremultiply-depth"),
-        *("--depth-repair", "--edge-width", "--invert"),
+        *("--depth-repair", "--edge-width", "--invert", "--turn-depth"),
     }
     of_color = of_color if command is depth_command else set()
     assert {f"--{name}" for name in READING_OPTIONS} - of_color <= flags

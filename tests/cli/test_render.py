@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import pytest
 from command_line import (
     HEIGHT,
@@ -31,6 +32,7 @@ from image_files import box, multi_part, save, write_window
 
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.rendering import job_steps
+from defocus_core.io.exr.header import read_headers
 from defocus_core.renderer.engine import renderer
 
 EVERYTHING = ",".join(KINDS)
@@ -220,6 +222,28 @@ def test_image_exrs_are_half_unless_float_is_asked_for(tmp_path: Path) -> None:
     for name, dtype in (("half", np.float16), ("float", np.float32)):
         render(*pair(tmp_path), "-o", tmp_path / name, "--exr-type", name)
         assert read_exr(tmp_path / name / "render" / "a.exr")["R"].dtype == dtype
+
+
+def codec(path: Path) -> str:
+    return read_headers(path)[0].compression
+
+
+def test_the_codec_of_exr_is_zip_unless_another_is_asked_for(tmp_path: Path) -> None:
+    color, depth = pair(tmp_path)
+    header = {"compression": OpenEXR.B44_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, read_exr(color)).write(str(color))
+    for asked, image, exact in (
+        *(((), "zip", "zip"), ("piz", "piz", "piz"), ("dwaa:100", "dwaa:100", "dwaa:100")),
+        *(("ZIPS", "zips", "zips"), ("none", "none", "none"), ("input", "b44", "zip")),
+    ):
+        out = tmp_path / f"out{len(asked)}{image[:4]}"
+        options = ("--compression", asked) * bool(asked)
+        assert render(color, depth, "-o", out, "--outputs", "render,coc", *options).code == 0
+        found = [codec(out / kind / "a.exr") for kind in ("render", "coc")]
+        assert found == [image, exact], asked
+    png = ("--outputs", "render", "--format", "png", "--compression", "piz")
+    refused(render(color, depth, "-o", out, *png), 2, "idle-option", "compression")
+    refused(render(color, depth, "-o", out, "--compression", "b44"), 2, "malformed", "compression")
 
 
 def test_the_same_input_and_settings_give_the_same_bytes(tmp_path: Path) -> None:

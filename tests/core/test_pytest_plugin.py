@@ -113,3 +113,12 @@ def test_a_picture_without_a_golden_is_in_the_report(project: Path) -> None:
 def test_an_image_of_no_known_shape_is_refused(project: Path) -> None:
     said = str(passes(project, expression="np.zeros((2, 3, 4, 5))"))
     assert "image must be [H, W], [H, W, C] or" in said
+
+
+def test_a_golden_that_is_a_pointer_of_git_lfs_is_named_as_that(project: Path) -> None:
+    golden = project / "goldens" / "test_it" / "noise" / "a.exr"
+    golden.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n")
+    said = str(passes(project))
+    assert "is a Git LFS pointer, not the file that it stands for; run: git lfs pull" in said
+    assert "Traceback" not in said
+    assert "InputError" not in said

@@ -67,14 +67,25 @@ def matlab(path: Path, name: str, values: Any, *, compressed: bool = False) -> P
     return path
 
 
-def gdepth(path: Path, depth_png: bytes, **properties: object) -> Path:
+def gdepth(
+    path: Path,
+    depth_png: bytes,
+    *,
+    turn: int = 1,
+    picture: Any = None,
+    sharp: bytes = b"",
+    **properties: object,
+) -> Path:
     """A JPEG whose XMP has GDepth, its image in two parts of the extended XMP."""
-    save(path, np.full((2, 3, 3), 128, np.uint8))
+    picture = np.full((2, 3, 3), 128, np.uint8) if picture is None else picture
+    save(path, picture, Orientation=turn)
     jpeg = path.read_bytes()
     digest = b"0123456789ABCDEF0123456789ABCDEF"
     told = " ".join(f'GDepth:{key}="{value}"' for key, value in properties.items())
     main = f"<x:xmpmeta><rdf:Description {told}/></x:xmpmeta>".encode()
-    more = f'<rdf:Description GDepth:Data="{base64.b64encode(depth_png).decode()}"/>'.encode()
+    original = f' GImage:Data="{base64.b64encode(sharp).decode()}"' if sharp else ""
+    data = base64.b64encode(depth_png).decode()
+    more = f'<rdf:Description GDepth:Data="{data}"{original}/>'.encode()
     half = len(more) // 2
     bodies = [b"http://ns.adobe.com/xap/1.0/\0" + main]
     for offset, part in ((half, more[half:]), (0, more[:half])):  # in any order

@@ -82,7 +82,11 @@ def with_heic(monkeypatch: pytest.MonkeyPatch, depth: Any, **metadata: float) ->
     module: Any = ModuleType("pillow_heif")
     image = SimpleNamespace(info={"metadata": metadata})
     image.__array_interface__ = depth.__array_interface__
-    module.open_heif = lambda _: SimpleNamespace(info={"depth_images": [image]})
+    picture = np.full((*depth.shape, 3), 128, np.uint8)
+    file = SimpleNamespace(info={"depth_images": [image]}, size=depth.shape[::-1])
+    file.__array_interface__ = picture.__array_interface__
+    file.kept = picture, depth  # which the interfaces do not keep
+    module.open_heif = lambda _: file
     monkeypatch.setitem(sys.modules, "pillow_heif", module)
 
 

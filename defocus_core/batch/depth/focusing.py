@@ -7,6 +7,7 @@ A random lens whose blur exceeds ``max_coc``, or which cannot focus on the pictu
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -68,13 +69,15 @@ def scaled(lens: Lens, depths: Sequence[Depth]) -> Lens:
     """
     if lens.blur is None or lens.focus_value is None:
         return lens
-    numbers = [end for depth in depths for end in depth.ends or ()]
-    reach = max((abs(lens.focus_value - end) for end in numbers), default=1.0)
-    if not reach:
+    low, high = lens.sharp_range or (math.inf, -math.inf)
+    ends = (end for depth in depths for end in depth.ends or ())
+    numbers = [end for end in ends if not low <= end <= high]
+    reach = max((abs(lens.focus_value - end) for end in numbers), default=0.0)
+    if not reach and any(depth.ends for depth in depths):
         problem = f"has the number {lens.focus_value:g} everywhere, which is in focus"
         remedy = "give the depth of the picture, or another ‹focus-value›"
         raise InputError("no-valid-depth", problem, remedy, path=depths[0].path)
-    return dataclasses.replace(lens, blur_reach=reach)
+    return dataclasses.replace(lens, blur_reach=reach or 1.0)
 
 
 def _on_number(lens: Lens, pixel: tuple[int, int], depth: Depth) -> Lens:

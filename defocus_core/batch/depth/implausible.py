@@ -62,11 +62,12 @@ def _of_radii(
 ) -> Iterator[str]:
     greatest = max(abs(end) for end in limits)
     if depth.is_relative and lens.focus_value is not None:
-        ends = depth.ends
-        if ends and (unsharp := _least_blur(radius, greatest)):
+        number, ends = lens.focus_value, depth.ends
+        unsharp = _least_blur(radius, greatest)
+        if ends and (unsharp or not ends[0] <= number <= ends[1]):
             numbers = f"numbers go from {ends[0]:.6g} to {ends[1]:.6g}"
-            nothing = f"nothing is in focus at the number {lens.focus_value:g}: {numbers}"
-            yield f"{nothing}, {unsharp}; check ‹focus-value›"
+            nothing = f"nothing is in focus at the number {number:g}: {numbers}"
+            yield f"{', '.join(filter(None, (nothing, unsharp)))}; check ‹focus-value›"
         return
     if lens.foc_dist is None:
         return

@@ -154,6 +154,9 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
     for rows in bands(depth.metres.shape):
         disparity = torch.from_numpy(depth.metres[rows].astype("float64"))
         radius = radius_from_relative_disparity(disparity, lens.focus_value, largest, reach)
+        if lens.sharp_range is not None:
+            low, high = lens.sharp_range
+            radius[(disparity >= low) & (disparity <= high)] = 0.0
         whole[rows] = radius.float().numpy()
     ends = depth.ends or (lens.focus_value, lens.focus_value)
     limits = sorted(largest * (lens.focus_value - number) / reach for number in ends)

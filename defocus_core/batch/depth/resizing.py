@@ -34,9 +34,10 @@ def of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> D
         raise InputError("radii", problem, "give radii of the size of the colour", path=depth.path)
     if abs(width * rows - height * columns) > max(width, height, rows, columns):
         problem = f"is {columns}x{rows} px, of another aspect than the colour, {width}x{height} px"
-        raise InputError(
-            "wrong-size", problem, "cut depth and colour to one aspect", path=depth.path
-        )
+        remedy = "cut depth and colour to one aspect"
+        if abs(width * columns - height * rows) <= max(width, height, rows, columns):
+            remedy = "turn one of them; or say ‹turn-depth› if Exif turned the colour alone"
+        raise InputError("wrong-size", problem, remedy, path=depth.path)
     metres = keeping.new((height, width), np.float32)
     if reading.resize_depth == "guided":
         require_valid(depth)

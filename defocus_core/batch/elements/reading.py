@@ -13,12 +13,14 @@ from defocus_core.io.array_files.containers import container_type
 from defocus_core.io.arrays import IN_MEMORY, Keeping
 from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
 from defocus_core.io.exr.channel_choice import require_part
+from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.views import require_view
 from defocus_core.io.exr.windows import Overscan
-from defocus_core.io.images.color import read_color, require_finite
+from defocus_core.io.images.color import SHARP_INSIDE, read_color, require_finite
 from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
+from defocus_core.system.log import note
 
 
 def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None]:
@@ -48,6 +50,8 @@ def read(
     `maximum`: the most pixels beyond the picture shown that are read; None for no limit.
     """
     shared = picture.color == picture.depth
+    if shared and reading.resize_depth is None and not is_exr(read_head(picture.color)):
+        reading = replace(reading, resize_depth="guided")  # depth in a photograph is smaller
     parts = parts_of(picture, reading)
     require_view((picture.color, picture.depth), reading.view)
     overscan = overscan_of(picture, reading, parts, whole=whole)
@@ -60,6 +64,7 @@ def read(
         keeping=keeping,
         overscan=overscan,
         blur_channels=reading.blur_channels,
+        original=shared,
     )
     depth = read_depth(
         picture.depth,
@@ -69,6 +74,7 @@ def read(
         lens_focal=lens_focal,
         overscan=overscan,
         alpha=color.alpha,
+        orientation=color.orientation,
     )
     radial = (reading.geometry or reading.row.geometry) == "radial"
     if radial and color.pixel_aspect != 1:
@@ -76,7 +82,7 @@ def read(
         raise InputError(
             "not-square", problem, "convert it to depth along the axis", path=picture.depth
         )
-    if shared and len(color.channels) == 1 and not color.extras:
+    if shared and len(color.channels) == 1 and not color.extras and depth.channel:
         problem = f"has {depth.channel} alone, which is not both colour and depth"
         raise InputError(
             "no-depth", problem, "give the depth file as a second argument", path=picture.color
@@ -84,4 +90,6 @@ def read(
     depth = element_depth(of_size(depth, color, reading, keeping), color, keeping)
     require_valid(depth)
     require_finite(color)
+    if color.note.endswith(SHARP_INSIDE):
+        note(f"defocus: {picture.color}: {SHARP_INSIDE} is rendered")
     return color, depth

@@ -241,7 +241,7 @@ def _entry(row: Mapping[str, Any], where: Place) -> Entry:
             )
     if depth is None and Path(color).suffix.lower() not in SCENE_SUFFIXES:
         raise InputError(
-            "empty", "names no depth, which only EXR holds beside colour", "give depth", path=where
+            "empty", "names no depth, and no EXR that holds both", "give depth", path=where
         )
     stem = _stem(row["stem"], where) if "stem" in row else Path(color).stem
     return Entry(stem, files, where, tuple(chain.from_iterable(options.items())))

@@ -81,6 +81,8 @@ class Outputs:
     kinds: tuple[str, ...] = ("render",)
     format: str = "exr"
     exr_type: str = "half"
+    compression: str = "zip"  # codec of the EXR files, or input for that of the colour
+    color_space: str | None = None  # srgb: PNG, TIFF and JPEG are that, whatever profile came
     jpeg_quality: int = 95  # 1 to 100
     preview: bool = False
     overwrite: bool = False
@@ -97,6 +99,11 @@ class Outputs:
     def need_rendering(self) -> bool:
         """Whether a kind needs more than the signed radii."""
         return any(kind.rendered for kind in self.rows)
+
+    @property
+    def writes_exr(self) -> bool:
+        """Whether a file that is written is an EXR."""
+        return any(Path(name).suffix.lower() == ".exr" for name in self.names("a").values())
 
     @property
     def folders(self) -> tuple[Path, ...]:

@@ -13,8 +13,8 @@ A TOML file with the tables
               "40px", bounds the radius of the blur: a lens beyond it is drawn again, and where no
               draw suits, or none was drawn, the picture is rejected
   [reading]   depth-format and the other options of reading, see `reading_options`
-  [outputs]   kinds, format, map-format, exr-type, jpeg-quality, preview; inputs = "copy" adds the
-              sharp picture and its depth, kinds image and depth
+  [outputs]   kinds, format, map-format, exr-type, compression, jpeg-quality, preview;
+              inputs = "copy" adds the sharp picture and its depth, kinds image and depth
   [machine]   quality, or tolerance, like "1px"; depth-repair may stand here instead
 
 All that decides what the outputs look like stands in it; where they go and who computes them does
@@ -39,11 +39,13 @@ from defocus_core.batch.jobs.lens_plan import KEYS as LENS_KEYS
 from defocus_core.batch.jobs.lens_plan import LensPlan, lens_file_of, read_plan
 from defocus_core.batch.jobs.origin import read_origin
 from defocus_core.batch.jobs.output_kinds import (
+    COLOR_SPACES,
     FORMAT_ALIASES,
     INPUTS,
     KINDS,
     MAP_FORMATS,
     SUFFIXES,
+    compression,
     in_one_file,
 )
 from defocus_core.batch.jobs.reading_options import (
@@ -67,7 +69,7 @@ TABLES = (
 MAX_JOBS = 10_000_000
 _OUTPUTS = (
     *("kinds", "format", "exr-type", "jpeg-quality", "preview", "multiview", "keep-overscan"),
-    *("map-format", "inputs"),
+    *("map-format", "inputs", "compression", "color-space"),
 )
 _MACHINE = ("quality", "tolerance", "depth-repair")
 # The keys of tables that are options of a single picture, too.
@@ -233,6 +235,8 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
         "preview": section.flag("preview"),
         "keep_overscan": section.flag("keep-overscan"),
         "map_format": section.choice("map-format", MAP_FORMATS),
+        "color_space": section.choice("color-space", COLOR_SPACES),
+        "compression": section.parsed("compression", compression),
     }
     outputs = dataclasses.replace(outputs, **_present(values))
     if section.choice("inputs", ("copy",)) is not None:
@@ -240,6 +244,14 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
     if section.flag("multiview"):
         kinds = in_one_file(outputs.kinds, section.place("multiview"))
         outputs = dataclasses.replace(outputs, kinds=kinds)
+    if values["compression"] is not None and not outputs.writes_exr:
+        place = section.place("compression")
+        raise UsageProblem(
+            "idle-option", "is of EXR, and none is written", "leave it out", path=place
+        )
+    if values["color_space"] is not None and outputs.format == "exr":
+        problem, place = "says nothing about exr, which is linear", section.place("color-space")
+        raise UsageProblem("idle-option", problem, "leave it out", path=place)
     for field, kind in (("exr_type", "exr"), ("jpeg_quality", "jpg")):
         if values[field] is not None and outputs.format != kind:
             problem = f"says nothing about {outputs.format}"

@@ -31,7 +31,13 @@ from defocus_core.batch.lenses.parameters import (
     SHAPES,
     LensParam,
 )
-from defocus_core.batch.lenses.quantities import Percentile, length_text, read_at, text_of
+from defocus_core.batch.lenses.quantities import (
+    FileNumbers,
+    Percentile,
+    length_text,
+    read_at,
+    text_of,
+)
 from defocus_core.errors import CALLER, Place, UsageProblem
 
 
@@ -122,6 +128,15 @@ def lens_of(values: Mapping[str, Any], source: Place = CALLER) -> Lens:
     """
     fields: dict[str, Any] = {"foclen": math.nan, "fnum": math.nan, "foc_dist": None}
     fields |= {LENS_OPTIONS[name].field_of(value): value for name, value in values.items()}
+    if (sharp := fields.get("sharp_range")) is not None:
+        if isinstance(sharp, FileNumbers) != ("blur" in fields):
+            problem = (
+                "is in numbers of the depth file beside ‹blur›, and in distances beside a lens"
+            )
+            remedy = "write it like 100..200, or like 1.8m..2.4m"
+            raise UsageProblem("malformed", problem, remedy, path=source.at("sharp-range"))
+        if "blur" in fields and not fields.keys() & {"focus_at", "focus_value"}:
+            fields["focus_value"] = sum(sharp) / 2
     if (diameter := fields.pop("aperture_diameter", None)) is not None:
         fields["fnum"] = fields["foclen"] / diameter
     if isinstance(fields["foc_dist"], Percentile):
@@ -179,7 +194,7 @@ def refuse_missing(values: Mapping[str, Any], source: Place, lacking: Path | Non
 
 def refuse_unfocused(values: Mapping[str, Any], source: Place) -> None:
     """Raise UsageProblem if nothing says what is in focus beside a blur in pixels."""
-    if not values.keys() & {"focus-at", "focus-value"}:
+    if not values.keys() & {"focus-at", "focus-value", "sharp-range"}:
         problem, remedy = "says not what is in focus", "add ‹focus-at› X,Y or ‹focus-value› NUMBER"
         raise UsageProblem("missing-option", problem, remedy, path=source.at("blur"))
 

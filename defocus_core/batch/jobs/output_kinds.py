@@ -14,7 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.errors import Place, UsageProblem
+from defocus_core.batch.lenses.quantities import QuantityError, within
+from defocus_core.errors import Place, UsageProblem, did_you_mean
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -139,7 +140,22 @@ PREVIEW = ".preview"  # follows the name of a kind where a preview of it is mean
 # Types of image files, and the suffix of each.
 SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif", "jpg": ".jpg"}
 MAP_FORMATS = ("exr", "tiff")
+COLOR_SPACES = ("srgb",)
+COMPRESSIONS = ("none", "zips", "zip", "piz", "dwaa", "input")
+_MAX_LEVEL = 1e6  # of dwaa; 45 is its own
 FORMAT_ALIASES = {"jpeg": "jpg", "tif": "tiff"}
+
+
+def compression(text: str) -> str:
+    """A codec of EXR files like ``zip`` or ``dwaa:100``, or ``input``."""
+    name, colon, level = text.strip().lower().partition(":")
+    if name not in COMPRESSIONS or (colon and name != "dwaa"):
+        remedy = f"choose from {', '.join(COMPRESSIONS)}; or dwaa:LEVEL"
+        raise QuantityError(f"'{text}' is no codec", did_you_mean(name, COMPRESSIONS, remedy))
+    if not colon:
+        return name
+    value = within(0, _MAX_LEVEL, "a level of dwaa", "like dwaa:45")(level)
+    return f"dwaa:{value:g}"
 
 
 def format_of_file(kind: Kind, suffix: str, given: str | None) -> str | None:

@@ -17,16 +17,23 @@ from typing import Any, Self
 from defocus_core.batch.jobs.job import OTHERS, Picture
 from defocus_core.batch.jobs.output_kinds import PREVIEW
 from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.depth_formats.photo_depth import holds_depth
 from defocus_core.io.safe_files import missing
 from defocus_core.io.shots.frame_patterns import ALL, FrameChoice, chosen, frames_of, is_pattern
 from defocus_core.io.wildcards import has_wildcard, matching, texts_before
 from defocus_core.system.log import note
 
-COLOR_SUFFIXES = frozenset({".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp"})
+COLOR_SUFFIXES = frozenset(
+    {
+        *(".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".ppm", ".pgm"),
+        *(".heic", ".heif"),
+    }
+)
 PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg"})
+OWN_DEPTH_SUFFIXES = PHOTO_SUFFIXES | {".heic", ".heif"}  # of photographs that may hold their depth
 DEPTH_SUFFIXES = PHOTO_SUFFIXES | {
     *(".exr", ".pfm", ".npy", ".npz", ".png", ".tif", ".tiff", ".dpt", ".bin", ".h5", ".hdf5"),
-    *(".dsp5", ".mat", ".heic", ".heif"),
+    *(".dsp5", ".mat", ".heic", ".heif", ".pgm", ".ppm"),
 }
 SCENE_SUFFIXES = frozenset({".exr"})  # of files that hold colour and depth
 
@@ -169,10 +176,9 @@ def _numbered(
         return frames_of(root / path)
 
     if depth is None and color.suffix.lower() not in SCENE_SUFFIXES:
-        problem = "has no depth, which only EXR holds beside colour"
         raise InputError(
             "missing-frames",
-            problem,
+            "holds no depth beside its colour",
             "give the depth frames as a second argument",
             path=root / color,
         )
@@ -190,16 +196,22 @@ def _frame(files: Mapping[str, Mapping[int, Path]], number: int, prefix: str = "
     return Picture(files["color"][number].stem, color, depth, **others, frame=number)
 
 
+def holds_both(path: Path) -> bool:
+    """Whether a file is of a kind that holds colour and depth: an EXR, or a phone's photograph."""
+    suffix = path.suffix.lower()
+    return suffix in SCENE_SUFFIXES or (suffix in OWN_DEPTH_SUFFIXES and holds_depth(path))
+
+
 def _paired(
     color: Path, depth: Path | None, root: Path | None, with_text: bool
 ) -> tuple[_Files, dict[str, Picture]]:
     """The files of a colour path, and the picture of each name."""
     if depth is None:
         colors = depths = _files(color, SCENE_SUFFIXES, root, with_text)
-        if colors.kind == "file" and color.suffix.lower() not in SCENE_SUFFIXES:
-            problem = "has no depth, which only EXR holds beside colour"
+        if colors.kind == "file" and not holds_both(colors.path):
+            remedy = "give the depth file as a second argument"
             raise InputError(
-                "no-depth", problem, "give the depth file as a second argument", path=colors.path
+                "no-depth", "holds no depth beside its colour", remedy, path=colors.path
             )
     else:
         colors = _files(color, COLOR_SUFFIXES, root, with_text)

@@ -238,6 +238,14 @@ _ROWS = (
         of_pictures=True,
     ),
     ReadingParam(
+        name="turn-depth",
+        flag=True,
+        parse=str,
+        help="The depth file is stored as its photograph is: turn it by the Exif orientation of "
+        "that.",
+        of_pictures=True,
+    ),
+    ReadingParam(
         name="depth-repair",
         parse=depth_repair,
         metavar="auto|off|soft-edges=SLOPE",

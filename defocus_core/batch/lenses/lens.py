@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.batch.lenses.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
-from defocus_core.batch.lenses.quantities import Percentile, length_text
+from defocus_core.batch.lenses.quantities import FileNumbers, Percentile, length_text
 from defocus_core.errors import CALLER, Place
 
 
@@ -48,7 +48,7 @@ class Lens:
     focus_value: float | None = None  # number of the depth file in focus, with ``blur``
     blur_reach: float | None = None  # by how much numbers differ from it that get ``blur``
     clamp_blur: float | None = None  # px that no radius exceeds
-    sharp_range: tuple[float, float] | None = None  # nearest and farthest of what is in focus, too
+    sharp_range: tuple[float, float] | None = None  # mm of what is in focus, too; numbers of `blur`
     cat_eye: tuple[float, float] | None = None  # radius and distance of the rim, in pupil radii
     vignetting: bool = False
     axial_color: tuple[float, float] | None = None  # mm by which red and blue focus farther behind
@@ -67,6 +67,11 @@ class Lens:
     draw: Draw | None = None  # of a random lens; another can be drawn from it
     # Where its focus stands, for errors.
     focus_source: Place = field(default=CALLER, compare=False)
+
+    def __post_init__(self) -> None:
+        """Beside a blur in pixels the sharp range is of numbers of the file."""
+        if self.blur is not None and self.sharp_range is not None:
+            object.__setattr__(self, "sharp_range", FileNumbers(self.sharp_range))
 
     @property
     def effects(self) -> dict[str, Any]:

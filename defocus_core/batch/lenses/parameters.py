@@ -14,7 +14,7 @@ from typing import Any
 
 from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
 from defocus_core.batch.lenses import quantities
-from defocus_core.batch.lenses.quantities import Percentile, length_text
+from defocus_core.batch.lenses.quantities import FileNumbers, Percentile, length_text
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +57,8 @@ class Param:
         return self.text(value, digits)
 
     def _joined(self, value: object, write: Callable[[float], str]) -> str:
+        if isinstance(value, FileNumbers):
+            return str(value)
         if isinstance(value, tuple | list):
             return self.separator.join(self._joined(each, write) for each in value)
         if value is None or isinstance(value, bool):
@@ -213,10 +215,10 @@ _ROWS = (
     ),
     LensParam(
         name="sharp-range",
-        parse=quantities.distances,
+        parse=quantities.sharp_range,
         metavar="A..B",
         help="Distances in focus besides, like 1.8m..2.4m: without blur there, unchanged "
-        "elsewhere.",
+        "elsewhere. Beside ‹blur›, numbers of the depth file, like 100..200.",
         tag="sharp",
         example="1.8m..2.4m",
         unit="mm",
@@ -446,7 +448,9 @@ SHAPES = tuple(row.name for row in _ROWS if not row.is_optics)
 _OF_A_POINT = ("blade", "obstruction", "spherical", "squeeze", "aperture-image", "dp-")
 # What the opening and the blur of a point show.
 OPENING = tuple(name for name in SHAPES if name.startswith(_OF_A_POINT))
-BESIDE_BLUR = frozenset({*SHAPES, "focus-at"})  # what has an effect where the blur is in pixels
+BESIDE_BLUR = frozenset(
+    {*SHAPES, "focus-at", "sharp-range"}
+)  # what has an effect where the blur is in pixels
 # The options by their keys in records: those of any lens, and those of effects that are on.
 RECORDED = {row.recorded_as: row for row in _ROWS if row.recorded_as and not row.instead_of}
 EFFECT_OPTIONS = {

@@ -82,6 +82,25 @@ def distances(text: str) -> tuple[float, float]:
     return near, far
 
 
+class FileNumbers(tuple[float, float]):
+    """The ends of a range of the numbers of a depth file, which have no unit."""
+
+    def __str__(self) -> str:
+        return "{:.9g}..{:.9g}".format(*self)
+
+
+def sharp_range(text: str) -> tuple[float, float]:
+    """The ends of `distances`, or `FileNumbers` from ``100..200``, which have no unit."""
+    ends = text.split("..")
+    try:
+        low, high = (number(end) for end in ends)
+    except (QuantityError, ValueError):
+        return distances(text)
+    if math.isinf(high) or low > high:
+        raise QuantityError(f"'{text}' ends before it begins", "write the smaller number first")
+    return FileNumbers((low, high))
+
+
 def focus(text: str) -> float | Percentile:
     """The distance in focus in mm, ``inf`` for infinity; or ``percentile(50)`` of the depth."""
     if text.strip().lower() in ("inf", "infinity"):

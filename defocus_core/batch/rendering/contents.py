@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -14,7 +14,7 @@ from defocus_core.batch.look.opening import disparity_of
 from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.io.arrays import LazyArray, computed
 from defocus_core.io.exr.views import name_in_view
-from defocus_core.io.exr.windows import Layout, Window
+from defocus_core.io.exr.windows import Layout, Overscan, Window
 from defocus_core.io.exr.writing import as_half
 from defocus_core.io.images.color_planes import Color
 
@@ -69,6 +69,25 @@ def _framed(rendered: Rendered, whole: Contents) -> Contents:
     return whole._replace(planes=_shown(color, whole.planes), extras=extras)
 
 
+def without_empty_border(rendered: Rendered, kind: Kind, whole: Contents) -> Contents:
+    """A rendered picture cut to the pixels that its file has, grown by the blur of them."""
+    inputs, lens = rendered.inputs, rendered.lens
+    data = inputs.color.data
+    if not kind.rendered or data is None or inputs.plate or inputs.hidden:
+        return whole
+    if lens.noise is not None or lens.breathing:  # which leave nothing empty, or move it
+        return whole
+    (height, width), (x, y) = whole.planes[0].shape, whole.layout.corner
+    frame = Window(x, y, x + width - 1, y + height - 1)
+    drawn = data.grown(Overscan(*[rendered.reach] * 4)).within(frame)
+    if drawn == frame or drawn.width < 1 or drawn.height < 1:
+        return whole
+    rows, columns = frame.cut(drawn)
+    extras = dict(zip(whole.extras, _cut(whole.extras.values(), rows, columns), strict=True))
+    layout = Layout((drawn.x0, drawn.y0), whole.layout.display or frame, whole.layout.views)
+    return whole._replace(planes=_cut(whole.planes, rows, columns), extras=extras, layout=layout)
+
+
 def _focus(rendered: Rendered) -> Contents:
     """The picture shown in false colour."""
     color = rendered.inputs.color
@@ -97,8 +116,11 @@ def _shown(color: Color, planes: Sequence[Any]) -> tuple[Any, ...]:
     """Arrays [H, W] without the pixels beyond the picture shown."""
     if not any(color.overscan):
         return tuple(planes)
-    window = color.overscan.shown(*color.shape[:2])
-    rows, columns = window
+    return _cut(planes, *color.overscan.shown(*color.shape[:2]))
+
+
+def _cut(planes: Iterable[Any], rows: slice, columns: slice) -> tuple[Any, ...]:
+    """Rows and columns of arrays [H, W]."""
     shape = rows.stop - rows.start, columns.stop - columns.start
 
     def read(plane: Any, within: slice) -> Any:

@@ -13,14 +13,19 @@ from defocus_core.batch.jobs.output_kinds import Kind
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import RECORDED
 from defocus_core.batch.look.preview import write_depth_preview, write_preview, write_signed_preview
-from defocus_core.batch.rendering.contents import contents_of
+from defocus_core.batch.rendering.contents import contents_of, without_empty_border
 from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.errors import InputError, with_dashes
 from defocus_core.io.arrays import LazyArray, stacked
+from defocus_core.io.exr.compression import codec_of
 from defocus_core.io.exr.writing import write_exr
+from defocus_core.io.images.color_space import PROFILE
 from defocus_core.io.images.encode import write_image, write_map
+from defocus_core.io.images.primaries import PRIMARIES
 from defocus_core.io.safe_files import written_together
 from defocus_core.system.text import version
+
+_OF_COLORS = {PRIMARIES, PROFILE}
 
 
 def write(rendered: Rendered) -> Rendered:
@@ -45,30 +50,38 @@ def _write_kind(rendered: Rendered, kind: Kind) -> list[str]:
     job, contents = rendered.job, contents_of(rendered, kind)
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
     attributes, warnings = _attributes(rendered, kind), []
+    compression = job.outputs.compression
+    if compression == "input":
+        compression = rendered.inputs.color.compression
     if kind.image:
-        carried = {
-            k: v
-            for k, v in rendered.inputs.color.attributes.items()
-            if not kind.views or k != "view"
-        }
+        left_out = {"view"} if kind.views else _OF_COLORS if kind.source == "focus" else set()
+        if job.outputs.color_space == "srgb":
+            left_out = {*left_out, PROFILE}
+        every = rendered.inputs.color.attributes
+        carried = {name: value for name, value in every.items() if name not in left_out}
+        if job.outputs.format == "exr":
+            contents = without_empty_border(rendered, kind, contents)
         lost = write_image(
             path,
             contents.planes,
             contents.names,
             exr_type=job.outputs.exr_type,
+            compression=compression,
             bits=16 if job.outputs.format == "png16" else 8,
             jpeg_quality=job.outputs.jpeg_quality,
             attributes={**carried, **attributes},
             extras=contents.extras,
             layout=contents.layout,
             clamped=rendered.clamped.get(kind.name, 0),
+            has_clipped=not rendered.inputs.color.within_white,
         )
         warnings = [f"{kind.name}: {warning}" for warning in lost]
     elif job.outputs.map_format == "tiff":
         write_map(path, contents.planes[0])
     else:
         channel = kind.channel or kind.name
-        write_exr(path, {channel: contents.planes[0]}, attributes, contents.layout)
+        exact = "zip" if codec_of(compression)[0].lossy else compression
+        write_exr(path, {channel: contents.planes[0]}, attributes, contents.layout, exact)
     if preview is not None and kind.of_radius:
         write_signed_preview(preview, contents.planes[0])
     elif preview is not None and kind.source == "depth":

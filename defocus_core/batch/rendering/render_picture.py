@@ -65,6 +65,7 @@ def with_views(
         rendered,
         images=images.planes,
         clamped=images.clamped,
+        reach=images.reach,
         lights=renderers.lights,
         repair=renderer.repair,
         seconds=wall,
@@ -119,6 +120,7 @@ def _fill(images: _Images, renderers: Renderers, progress: Progress | None) -> R
         try:
             for number, color in enumerate(colors):
                 renderer = renderers.of(color)
+                images.reach = max(images.reach, renderer.reach)
                 at_once = (
                     maximum
                     or regions_at_once(job, renderer, rendered.inputs.holding, rendered.device)[0]
@@ -152,6 +154,7 @@ class _Images:
     Attributes:
         planes: each rendered kind's arrays [H, W]: C of each view of an image, one of a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
+        reach: px that light reaches at most.
         invented: number of pixels of which less than `_TRUSTED` of the lens saw what is there.
     """
 
@@ -160,7 +163,7 @@ class _Images:
         keeping = rendered.inputs.holding.keeping
         self.planes: dict[str, tuple[Any, ...]] = {}
         self.clamped: dict[str, int] = {}
-        self.invented = 0
+        self.reach = self.invented = 0
         for kind in job.outputs.rows:
             if not kind.rendered:
                 continue

@@ -30,6 +30,7 @@ class Rendered:
         images: each rendered kind's arrays [H, W]: C of each view of an image, in linear light;
             one of a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
+        reach: px that light of the picture reaches at most.
         lights: number of clipped lights that were made brighter; None if this is not asked for.
         seconds: that rendering took.
         cpu_seconds: that it took of processors.
@@ -48,6 +49,7 @@ class Rendered:
     quality: str
     images: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
     clamped: Mapping[str, int] = field(default_factory=dict)
+    reach: int = 0
     lights: int | None = None
     seconds: float = 0.0
     cpu_seconds: float = 0.0

@@ -82,13 +82,16 @@ def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Li
 
 
 def write_alone(job: Job, execute: Execute, listener: Listener) -> Summary:
-    """Do a job of one file, beside which no journal stands.
+    """Do a job of one file, beside which no journal stands; it may replace one of the same kind.
 
     Raises:
         InputError: the file, or another in its way, must not be touched.
     """
     refuse_misplaced([job])
-    refuse_unknown([job], known=())
+    from defocus_core.io.images.encode import is_own
+
+    own = [name for name in job.names.values() if is_own(job.outputs.root / name)]
+    refuse_unknown([job], known=own)
     refuse_small(job)
     out, summary = job.outputs.root, Summary(1, 0, 1)
 

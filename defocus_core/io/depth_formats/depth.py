@@ -18,12 +18,16 @@ from defocus_core.io.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
 from defocus_core.io.depth_formats.depth_numbers import DepthNumbers, divided
 from defocus_core.io.depth_formats.file_types import read_numbers
 from defocus_core.io.depth_formats.holes import fill_from_farther, set_far, set_outside
+from defocus_core.io.depth_formats.photo_depth import own_format
 from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading
 from defocus_core.io.depth_formats.resolving import resolved
 from defocus_core.io.depth_formats.rules import HALF_MAX, Decoding, DepthFormat, decoded, unpacked
 from defocus_core.io.depth_formats.sidecars import marked_pixels
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.io.images.raster import SIDEWAYS, upright
 from defocus_core.system.text import counted
+
+_TOP = 65535  # of 16 bits
 
 
 @dataclass(frozen=True)
@@ -123,6 +127,7 @@ def read_depth(
     lens_focal: float | None = None,
     overscan: Overscan = NO_OVERSCAN,
     alpha: Any = None,
+    orientation: int = 1,
 ) -> Depth:
     """Decode a depth map; holes are marked, not refused, unless they are to be replaced.
 
@@ -135,13 +140,19 @@ def read_depth(
         lens_focal: focal length of the lens in widths of its sensor, None if there is none.
         overscan: pixels of the colour beyond the picture shown.
         alpha: [H, W] of the colour, None if it has none.
+        orientation: of the colour as its file stores it, by which a depth stored alike is turned.
 
     Raises:
         InputError: the file cannot be read, or what its depth is stays open.
         UsageProblem: an option is missing or makes no sense for this file.
     """
-    row = reading.row
-    samples = read_numbers(path, reading, keeping, size, overscan)
+    if not reading.says_scale and (own := own_format(path)):
+        reading = replace(reading, depth_format=own)
+    row, stored = reading.row, size
+    orientation = orientation if reading.turn_depth is not None else 1
+    if size is not None and orientation in SIDEWAYS:
+        stored = size[::-1]
+    samples = read_numbers(path, reading, keeping, stored, overscan)
     if row.weights or row.bits:
         samples = DepthNumbers(
             unpacked(samples.values[:], row), samples.type, samples.words, metadata=samples.metadata
@@ -153,7 +164,12 @@ def read_depth(
     decoding = resolved(path, reading, samples, picture_width=width, lens_focal=lens_focal)
     metres, half_sky = _decode(replace(samples, values=values), decoding, keeping, overscan)
     marks = _apply_marks(path, row, samples, metres)
+    if orientation != 1:
+        metres, turned = upright(metres[:], orientation), "turned as its colour"
+        marks = (*marks, turned)
     by_custom = samples.type == "16-bit PNG" and not reading.says_scale
+    if by_custom:
+        _refuse_scaled(path, values)
     words = (samples.words, division, decoding.words, *marks)
     note = f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}"
     is_radius = decoding.rule == "radius"
@@ -172,6 +188,21 @@ def read_depth(
         inverted=reading.invert is not None,
     )
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
+
+
+def _refuse_scaled(path: Path, values: Any) -> None:
+    """Refuse 16 bits as millimetres that have both ends: they are scaled to the file.
+
+    Raises:
+        InputError: they have.
+    """
+    ends = [end for rows in bands(values.shape) for end in (values[rows].min(), values[rows].max())]
+    if min(ends) == 0 and max(ends) == _TOP:
+        problem = f"has numbers from 0 to {_TOP}, as depth has that is scaled file by file"
+        remedy = (
+            "say ‹depth-range› NEAR FAR and ‹depth-kind›; or ‹depth-unit› mm, or ‹depth-format›"
+        )
+        raise InputError("unknown-unit", problem, remedy, path=path)
 
 
 def require_valid(depth: Depth) -> None:

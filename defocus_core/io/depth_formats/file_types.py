@@ -16,10 +16,12 @@ from defocus_core.io.array_files.containers import ArrayEntry, container_type, r
 from defocus_core.io.array_files.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.damage import decoding
+from defocus_core.io.depth_formats.color_maps import color_map_of
 from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
 from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
 from defocus_core.io.depth_formats.photo_depth import (
     PhotoDepth,
+    holds_gdepth,
     is_heic,
     is_jpeg,
     read_gdepth,
@@ -27,13 +29,17 @@ from defocus_core.io.depth_formats.photo_depth import (
 )
 from defocus_core.io.depth_formats.reading import DepthReading, require_size
 from defocus_core.io.depth_formats.rules import DepthFormat
+from defocus_core.io.depth_formats.sidecars import facts_of
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.png_text import png_text
-from defocus_core.io.images.raster import Raster, choose_page, read_pages, read_samples
+from defocus_core.io.images.raster import Raster, choose_page, pnm_top, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
 
+# Levels of 8 bits by which channels of grey differ after JPEG; weights of its luma; pixels of a
+# strip that are looked at for a map of colours.
+_CHROMA_NOISE, _LUMA, _LOOKED_AT = 24, (0.299, 0.587, 0.114), 500
 WANTED = "EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres"
 
 
@@ -75,9 +81,9 @@ def read_numbers(
     elif bare_type(head):
         samples = DepthNumbers(read_bare(path), bare_type(head), bare_type(head))
     elif is_heic(head):
-        samples = _from_photo(read_heic(path), "HEIC")
-    elif is_jpeg(head) and "GDepth" in row.files:
-        samples = _from_photo(read_gdepth(path), "GDepth")
+        samples = _from_photo(path, read_heic(path), "HEIC", reading)
+    elif is_jpeg(head) and ("GDepth" in row.files or _is_own(path, reading)):
+        samples = _from_photo(path, read_gdepth(path), "GDepth", reading)
     else:
         samples = _from_raster(path, reading, keeping, size)
     require_size(path, reading, samples.values.shape, size)
@@ -99,10 +105,30 @@ def _article(kind: str) -> str:
     return f"{'an' if kind[0] in 'aeiouEHN8' else 'a'} {kind}"
 
 
-def _from_photo(photo: PhotoDepth, file_type: str) -> DepthNumbers:
-    """Numbers of a depth image in a photograph, of unsigned integers."""
+def _is_own(path: Path, reading: DepthReading) -> bool:
+    """Whether the depth inside a photograph is meant: no format is named."""
+    return reading.depth_format is None and holds_gdepth(path)
+
+
+def _from_photo(
+    path: Path, photo: PhotoDepth, file_type: str, reading: DepthReading
+) -> DepthNumbers:
+    """Numbers of a depth image in a photograph, of unsigned integers; relative ones as 1 / z."""
     metadata = {**photo.metadata, "top": 2.0 ** (8 * photo.values.itemsize) - 1}
-    return DepthNumbers(photo.values, file_type, f"{file_type} depth image", metadata=metadata)
+    words = f"{file_type} depth image"
+    if not reading.relative and file_type == "GDepth" and "Units" not in metadata:
+        problem, remedy = (
+            "has GDepth without Units, which is relative",
+            "say ‹blur› 20px ‹focus-at› X,Y",
+        )
+        raise InputError("unknown-unit", problem, f"{remedy} instead of a lens", path=path)
+    if not reading.relative:
+        return DepthNumbers(photo.values, file_type, words, metadata=metadata)
+    facts = facts_of(file_type.lower(), path, {"Units": "m", **metadata})
+    assert facts is not None
+    numbers = photo.values.astype(np.float32) * (facts.scale or 0.0) + (facts.shift or 0.0)
+    near = np.float32(1) / numbers if facts.rule == "scale" else numbers
+    return DepthNumbers(near.astype(np.float32), file_type, words, metadata=metadata)
 
 
 def _from_map(path: Path, reading: DepthReading) -> DepthNumbers:
@@ -213,21 +239,50 @@ def _from_raster(
         return DepthNumbers(packed, file_type, kind)
     _refuse_unsuited(path, raster, reading)
     values = keeping.new(size, dtype)
-    others = (1, 2) if len(raster.channels) >= 3 else ()
     for window, samples in read_samples(path, raster.page):
-        first = samples[:, :, 0]
-        if any((first != samples[:, :, other]).any() for other in others):
-            problem = f"has channels {', '.join(raster.channels)}; depth is one channel"
-            remedy = "save the depth as a single grey channel"
-            raise InputError("not-one-channel", problem, remedy, path=path)
-        values[window] = first
+        values[window] = samples[:, :, 0] if len(raster.channels) < 3 else _grey(path, samples)
+    if (top := pnm_top(path)) is not None:
+        values = np.rint(values[:] * (top / (255 if raster.type == "uint8" else 65535))).astype(
+            dtype
+        )
     file_type = {"uint16": "16-bit PNG", "uint8": "8-bit PNG"}.get(raster.type, "float TIFF")
     return DepthNumbers(values, file_type, kind, metadata=metadata)
+
+
+def _grey(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
+    """The luma of samples [h, w, 3…] of equal channels, or of 8 bits but for the noise of a codec.
+
+    Raises:
+        InputError: they have colours.
+    """
+    colors = samples[:, :, :3]
+    spread = colors.max(axis=2) - colors.min(axis=2)
+    if not spread.any():
+        return colors[:, :, 0]
+    if spread.max() > _CHROMA_NOISE or samples.dtype != np.uint8:
+        raise _colored(path)
+    return np.rint(colors @ _LUMA).astype(samples.dtype)
+
+
+def _colored(path: Path) -> InputError:
+    """The error for depth of several channels, by the name of the map that it is drawn in."""
+    page = choose_page(path, read_pages(path), None)
+    pieces = (np.ravel(s[:, :, :3]).reshape(-1, 3) for _, s in read_samples(path, page.page))
+    pixels = np.concatenate([piece[:: 1 + len(piece) // _LOOKED_AT] for piece in pieces])
+    name = color_map_of(pixels) if pixels.dtype == np.uint8 else ""
+    if name:
+        problem = f"is depth drawn in the colours of {name}, whose numbers are lost"
+        return InputError("not-one-channel", problem, "save the depth itself, in grey", path=path)
+    problem = f"has channels {', '.join(page.channels)} of other values; depth is one channel"
+    remedy = "save the depth as a single grey channel"
+    return InputError("not-one-channel", problem, remedy, path=path)
 
 
 def _refuse_unsuited(path: Path, raster: Raster, reading: DepthReading) -> None:
     """Refuse pictures of 8 bits, and of several channels, unless options declare them as depth."""
     if raster.type == "uint8" and not reading.says_scale:
+        if len(raster.channels) >= 3 and "drawn" in (error := _colored(path)).problem:
+            raise error
         problem = "has 8 bits, too few for depth and without a metric scale"
         remedy = f"save depth as {WANTED}; or say ‹depth-range› NEAR FAR and ‹depth-kind›"
         raise InputError("unknown-unit", problem, remedy, path=path)

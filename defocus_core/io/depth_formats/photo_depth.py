@@ -1,7 +1,8 @@
 """Depth images inside photographs of phones: HEIC auxiliary depth, and GDepth in JPEG.
 
 GDepth (Google, "Depthmap metadata"): XMP properties, the depth map itself in base64 in the extended
-XMP, which is spread over segments APP1 of at most 64 kB (Adobe, "XMP Specification Part 3").
+XMP, which is spread over segments APP1 of at most 64 kB (Adobe, "XMP Specification Part 3"). There
+GImage:Data may be the sharp picture, of which the photograph itself is blurred already.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import re
 import struct
 import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,13 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
-from defocus_core.io.images.raster import read_pages, read_samples
+from defocus_core.io.images.raster import read_pages, read_samples, upright
 from defocus_core.io.safe_files import quiet, read_head
 
 _XMP, _EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _EXTENSION_HEAD = 32 + 8  # digest, length of all, offset of this part
-_PROPERTY = re.compile(rb"""GDepth:(\w+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
-_ELEMENT = re.compile(rb"<GDepth:(\w+)>([^<]*)</GDepth:")
+_PROPERTY = re.compile(rb"""(G(?:Depth|Image):\w+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+_ELEMENT = re.compile(rb"<(G(?:Depth|Image):\w+)>([^<]*)</G")
+_XMP_BYTES = 1 << 17  # of a JPEG, which begins with it
 _START_OF_SCAN = 0xDA
 
 
@@ -34,7 +37,7 @@ class PhotoDepth:
     """A depth image inside a photograph.
 
     Attributes:
-        values: integers [H, W] as they are stored.
+        values: integers [H, W], upright.
         metadata: what the file says of them: near, far, format, units, measure of GDepth; d_min,
             d_max, representation_type of HEIC.
     """
@@ -53,11 +56,48 @@ def is_jpeg(head: bytes) -> bool:
     return head.startswith(b"\xff\xd8\xff")
 
 
-def read_heic(path: Path) -> PhotoDepth:
-    """The depth image of a HEIC photograph.
+def holds_gdepth(path: Path) -> bool:
+    """Whether a file is a JPEG whose XMP has GDepth."""
+    head = read_head(path, _XMP_BYTES)
+    return is_jpeg(head) and b"GDepth:" in head
+
+
+def holds_depth(path: Path) -> bool:
+    """Whether a file is a photograph of a kind that has depth inside it."""
+    return is_heic(read_head(path)) or holds_gdepth(path)
+
+
+def own_format(path: Path) -> str:
+    """The format of the depth inside a photograph; empty if it has none."""
+    if holds_gdepth(path):
+        return "android-gdepth"
+    return "apple-heic" if is_heic(read_head(path)) else ""
+
+
+@contextmanager
+def sharp_original(path: Path) -> Iterator[Path]:
+    """A file with the sharp picture inside a photograph; itself if it has none of its own.
 
     Raises:
-        InputError: it is damaged or has none, or pillow-heif is missing.
+        InputError: it is damaged.
+    """
+    data = _properties(path).get(b"GImage:Data") if holds_gdepth(path) else None
+    if data is None:
+        yield path
+        return
+    try:
+        with _unpacked(base64.b64decode(data, validate=False)) as image:
+            yield image
+    except ValueError as error:
+        problem = f"has a damaged picture in GImage:Data ({reason(error)})"
+        raise InputError("damaged", problem, "copy the photograph again", path=path) from error
+
+
+def open_heic(path: Path) -> Any:
+    """A HEIC file as pillow-heif opens it; its pixels are decoded where they are asked for.
+
+    Raises:
+        InputError: it is damaged, or pillow-heif is missing.
     """
     try:
         import pillow_heif
@@ -67,11 +107,45 @@ def read_heic(path: Path) -> PhotoDepth:
         raise InputError("needs-extra", problem, remedy, path=path) from None
     try:
         with quiet():
-            images = pillow_heif.open_heif(str(path)).info.get("depth_images") or []
+            return pillow_heif.open_heif(str(path))
+    except Exception as error:
+        raise _damaged_heic(path, error) from error
+
+
+def heic_pixels(path: Path) -> tuple[NDArray[Any], bytes]:
+    """The picture of a HEIC photograph, upright: integers [H, W, C], and its ICC profile.
+
+    Raises:
+        InputError: it is damaged, or pillow-heif is missing.
+    """
+    file = open_heic(path)
+    try:
+        with quiet():
+            pixels = np.asarray(file)
+    except Exception as error:
+        raise _damaged_heic(path, error) from error
+    pixels = pixels[:, :, None] if pixels.ndim == 2 else pixels
+    return pixels, bytes(file.info.get("icc_profile") or b"")
+
+
+def _damaged_heic(path: Path, error: Exception) -> InputError:
+    problem = f"is a damaged HEIC file ({reason(error)})"
+    return InputError("damaged", problem, "copy it again", path=path)
+
+
+def read_heic(path: Path) -> PhotoDepth:
+    """The depth image of a HEIC photograph.
+
+    Raises:
+        InputError: it is damaged or has none, or pillow-heif is missing.
+    """
+    file = open_heic(path)
+    try:
+        with quiet():
+            images = file.info.get("depth_images") or []
             values = np.asarray(images[0]) if images else None
     except Exception as error:
-        problem = f"is a damaged HEIC file ({reason(error)})"
-        raise InputError("damaged", problem, "copy it again", path=path) from error
+        raise _damaged_heic(path, error) from error
     if values is None:
         remedy = "take the photograph in portrait mode"
         raise InputError("no-depth", "has no depth image", remedy, path=path)
@@ -81,16 +155,16 @@ def read_heic(path: Path) -> PhotoDepth:
 
 
 def read_gdepth(path: Path) -> PhotoDepth:
-    """The depth image of a JPEG photograph that holds GDepth.
+    """The depth image of a JPEG photograph that holds GDepth, turned upright with it.
 
     Raises:
         InputError: it has none, or one that is damaged.
     """
-    read_head(path)
-    with path.open("rb") as file:
-        packet = b"".join(_xmp(file.read()))
-    metadata = {name: one or other for name, one, other in _PROPERTY.findall(packet)}
-    metadata |= dict(_ELEMENT.findall(packet))
+    metadata = {
+        name.removeprefix(b"GDepth:"): text
+        for name, text in _properties(path).items()
+        if name.startswith(b"GDepth:")
+    }
     if b"Data" not in metadata:
         remedy = "check what took or edited it"
         raise InputError("no-depth", "has no GDepth in its XMP", remedy, path=path)
@@ -105,7 +179,16 @@ def read_gdepth(path: Path) -> PhotoDepth:
         name.decode("ascii", "replace"): text.decode("utf-8", "replace")
         for name, text in metadata.items()
     }
-    return PhotoDepth(values, words)
+    return PhotoDepth(upright(values, read_pages(path)[0].orientation), words)
+
+
+def _properties(path: Path) -> dict[bytes, bytes]:
+    """The properties GDepth:… and GImage:… of the XMP of a JPEG."""
+    read_head(path)
+    with path.open("rb") as file:
+        packet = b"".join(_xmp(file.read()))
+    attributes = {name: one or other for name, one, other in _PROPERTY.findall(packet)}
+    return attributes | dict(_ELEMENT.findall(packet))
 
 
 def _xmp(data: bytes) -> Iterator[bytes]:
@@ -125,13 +208,19 @@ def _xmp(data: bytes) -> Iterator[bytes]:
         yield parts[offset]
 
 
-def _decoded(data: bytes) -> NDArray[Any]:
-    """First channel [H, W] of an encoded image, 8 or 16 bit."""
+@contextmanager
+def _unpacked(data: bytes) -> Iterator[Path]:
+    """A file of an encoded image: OpenImageIO reads files alone."""
     suffix = ".png" if data.startswith(b"\x89PNG") else ".jpg"
-    with tempfile.NamedTemporaryFile(suffix=suffix) as file:  # OpenImageIO reads files alone
+    with tempfile.NamedTemporaryFile(suffix=suffix) as file:
         file.write(data)
         file.flush()
-        image = Path(file.name)
+        yield Path(file.name)
+
+
+def _decoded(data: bytes) -> NDArray[Any]:
+    """First channel [H, W] of an encoded image, 8 or 16 bit."""
+    with _unpacked(data) as image:
         page = read_pages(image)[0]
         dtype = np.uint16 if page.type == "uint16" else np.uint8
         values = np.empty((page.height, page.width), dtype)

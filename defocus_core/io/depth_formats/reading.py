@@ -43,6 +43,7 @@ class DepthReading:
             show that they are multiplied by it.
         resize_depth: nearest or guided (by the colours), where depth of another size than the
             colour is to be resampled.
+        turn_depth: whether depth beside its colour is turned by the orientation of the colour.
         relative: the numbers are disparity of unknown scale and offset, white near.
         invert: whether black is near; of relative disparity.
     """
@@ -64,6 +65,7 @@ class DepthReading:
     invalid: str = "error"
     unpremultiply_depth: str = "auto"
     resize_depth: str | None = None
+    turn_depth: str | None = None
     relative: bool = False
     invert: str | None = None
 
@@ -149,5 +151,8 @@ def require_size(
 def wrong_size(path: Path, shape: tuple[int, int], size: tuple[int, int]) -> InputError:
     """The error for depth of rows and columns beside a colour of a width and a height."""
     problem = f"is {shape[1]}x{shape[0]} px but its colour is {size[0]}x{size[1]} px"
+    if shape == size:
+        remedy = "turn one of them; or say ‹turn-depth› if Exif turned the colour alone"
+        return InputError("wrong-size", f"{problem}, turned", remedy, path=path)
     remedy = "give depth of the size of the colour, or say ‹resize-depth› guided, or nearest"
     return InputError("wrong-size", problem, remedy, path=path)

@@ -161,17 +161,24 @@ def _text_chunks(metadata: Mapping[str, Any]) -> Facts | None:
 
 
 def _heic(metadata: Mapping[str, Any]) -> Facts:
-    """HEIC: uniform disparity in 1/m from d_min to d_max over the 255 steps of 8 bits."""
+    """HEIC: steps of 1/z from far to near (0), of disparity in 1/m (1), or of z (2)."""
     kind = int(metadata.get("representation_type", 1))
+    if kind in (0, 2):
+        near, far = (_positive(float(metadata[key])) for key in ("z_near", "z_far"))
+        if kind == 2:
+            scale = (far - near) / metadata["top"]
+            return Facts("z_near and z_far", scale=scale, shift=near, rule="scale")
+        scale = (1 / near - 1 / far) / metadata["top"]
+        return Facts("z_near and z_far", scale=scale, shift=1 / far, rule="inverse")
     if kind != 1:
-        raise ValueError(f"representation_type {kind}, not the 1 of uniform disparity")
+        raise ValueError(f"representation_type {kind}, which is none of 0, 1 and 2")
     minimum, maximum = float(metadata["d_min"]), float(metadata["d_max"])
     return Facts("d_min and d_max", scale=(maximum - minimum) / metadata["top"], shift=minimum)
 
 
 def _gdepth(metadata: Mapping[str, Any]) -> Facts:
     """GDepth: RangeInverse is linear in 1/z, RangeLinear in z; Near and Far in m or mm."""
-    unit = {"m": 1.0, "mm": 1e-3}[str(metadata.get("Units", "m"))]
+    unit = {"m": 1.0, "mm": 1e-3}[str(metadata["Units"])]
     near, far = (_positive(float(metadata[key]) * unit) for key in ("Near", "Far"))
     radial = metadata.get("MeasureType") == "OpticRay"
     source, top = f"GDepth {metadata['Format']}", float(metadata["top"])

@@ -16,6 +16,7 @@ from typing import BinaryIO, NamedTuple
 
 from defocus_core.errors import InputError
 from defocus_core.io.damage import damaged
+from defocus_core.io.exr.compression import codec_name
 from defocus_core.io.exr.windows import Overscan, Window
 from defocus_core.io.safe_files import check_size, read_head
 
@@ -77,6 +78,7 @@ class Header:
     Attributes:
         multi_view: the views whose channels are in one part, the default one first.
         shown: the view that the channels are restricted to; empty if to none.
+        compression: the codec of its pixels, as `compression` names it.
         subsampled: whether a channel of the part, of any view, has fewer samples than pixels.
     """
 
@@ -89,6 +91,7 @@ class Header:
     pixel_aspect: float = 1.0  # width of a pixel by its height
     multi_view: tuple[str, ...] = ()
     shown: str = ""
+    compression: str = "zip"
     subsampled: bool = False
     attributes: Mapping[str, Raw] = field(default_factory=dict, compare=False)
 
@@ -259,6 +262,7 @@ def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
         display=Window(*struct.unpack("<4i", values["displayWindow"])),
         deep=values["type"].startswith(b"deep") if "type" in values else deep,
         pixel_aspect=aspect,
+        compression=codec_name(values),
         subsampled=any(channel.subsampled for channel in channels),
         multi_view=_texts(values.get("multiView", b"")),
         attributes={name: raw for name, raw in attributes.items() if name not in STRUCTURAL},

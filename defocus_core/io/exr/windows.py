@@ -70,6 +70,16 @@ class Window(NamedTuple):
         sides = Overscan(*(max(0, side) for side in (left, top, right, bottom)))
         return sides if whole else sides.within(Overscan(*[maximum] * 4))
 
+    def united(self, other: Window) -> Window:
+        """The smallest window that covers this one and another."""
+        (x0, y0), (x1, y1) = map(min, self[:2], other[:2]), map(max, self[2:], other[2:])
+        return Window(x0, y0, x1, y1)
+
+    def within(self, other: Window) -> Window:
+        """The part of this window that lies in another, which it meets."""
+        (x0, y0), (x1, y1) = map(max, self[:2], other[:2]), map(min, self[2:], other[2:])
+        return Window(x0, y0, x1, y1)
+
     def grown(self, overscan: Overscan) -> Window:
         """This window with an overscan."""
         left, top, right, bottom = overscan

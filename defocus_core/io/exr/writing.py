@@ -1,6 +1,7 @@
-"""OpenEXR pixels, out: one scan-line part, ZIP compressed, the same bytes for the same arrays.
+"""OpenEXR pixels, out: one scan-line part, the same bytes for the same arrays.
 
-ZIP is the codec whose corruption is noticed on reading. No date is written.
+ZIP is the codec whose corruption is noticed on reading, unless another is asked for. No date is
+written.
 """
 
 from __future__ import annotations
@@ -15,14 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.io.arrays import computed
+from defocus_core.io.exr.compression import LARGEST_CHUNK, Codec, codec_of
 from defocus_core.io.exr.header import STRUCTURAL, Raw, header_bytes, read_attributes
 from defocus_core.io.exr.windows import Layout, Window
 from defocus_core.io.safe_files import quiet, written_whole
 from defocus_core.system.interrupts import put_off
 
 _STRIP_BYTES = 1 << 25  # of pixels, encoded at once
-_ROWS = 32  # a strip is a multiple of them
-_ZIP_ROWS = 16
 
 
 def write_exr(
@@ -30,6 +30,7 @@ def write_exr(
     channels: Mapping[str, Any],
     attributes: Mapping[str, object],
     layout: Layout = Layout(),  # noqa: B008 - a constant
+    compression: str = "zip",
 ) -> None:
     """Write one part whose pixel types are those of the arrays.
 
@@ -42,13 +43,15 @@ def write_exr(
             rows.
         attributes: header metadata, `Raw` or as OpenEXR takes it; `STRUCTURAL` names are ignored.
         layout: where the pixels lie.
+        compression: the codec, as `compression` names it.
 
     Raises:
         InputError: the file cannot be written.
     """
     kept = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
     carried = {name: value for name, value in kept.items() if isinstance(value, Raw)}
-    plain = {name: value for name, value in kept.items() if name not in carried}
+    codec, level = codec_of(compression)
+    plain = {name: value for name, value in kept.items() if name not in carried} | level
     height, width = next(iter(channels.values())).shape
     (x, y), offsets = layout.corner, b""
     whole = Window(x, y, x + width - 1, y + height - 1)
@@ -60,11 +63,11 @@ def write_exr(
         texts = (struct.pack("<i", len(view)) + view.encode() for view in layout.views)
         carried["multiView"] = Raw("stringvector", b"".join(texts))
     with written_whole(path) as file, quiet():
-        for strip_attributes, starts, chunks in _encoded_strips(channels, plain, whole):
+        for strip_attributes, starts, chunks in _encoded_strips(channels, plain, whole, codec):
             if not offsets:
                 file.write(header_bytes(strip_attributes | carried | windows))
                 table = file.tell()
-                file.write(bytes(8 * -(-height // _ZIP_ROWS)))
+                file.write(bytes(8 * -(-height // codec.rows)))
             offsets += (starts + file.tell()).astype("<u8").tobytes()
             file.write(chunks)
         file.seek(table)
@@ -73,15 +76,15 @@ def write_exr(
 
 
 def _encoded_strips(
-    channels: Mapping[str, Any], attributes: Mapping[str, object], whole: Window
+    channels: Mapping[str, Any], attributes: Mapping[str, object], whole: Window, codec: Codec
 ) -> Iterator[tuple[dict[str, Raw], NDArray[np.uint64], bytes]]:
     """Each strip of rows as OpenEXR encodes it: attributes, offsets of the chunks, the chunks."""
     with put_off():
         import OpenEXR
 
-    kind = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    kind = {"compression": OpenEXR.Compression(codec.number), "type": OpenEXR.scanlineimage}
     row_bytes = whole.width * sum(array.dtype.itemsize for array in channels.values())
-    rows = max(1, _STRIP_BYTES // row_bytes // _ROWS) * _ROWS
+    rows = max(1, _STRIP_BYTES // row_bytes // LARGEST_CHUNK) * LARGEST_CHUNK
     for top in range(0, whole.height, rows):
         strip = {n: np.ascontiguousarray(a[top : top + rows]) for n, a in channels.items()}
         first, last = whole.y0 + top, min(whole.y0 + top + rows - 1, whole.y1)
@@ -90,7 +93,7 @@ def _encoded_strips(
         OpenEXR.File({**attributes, **kind, "dataWindow": corners}, strip).write(encoded)
         encoded.seek(8)
         strip_attributes = read_attributes(encoded)
-        count = -(-(last - first + 1) // _ZIP_ROWS)
+        count = -(-(last - first + 1) // codec.rows)
         starts = np.frombuffer(encoded.read(8 * count), "<u8")
         yield strip_attributes, starts - np.uint64(encoded.tell()), encoded.read()
 

@@ -8,6 +8,7 @@ premultiplied by definition; other files' is multiplied in here, in linear light
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +16,18 @@ import numpy as np
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.array_files.float_maps import is_float_map
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands, count_of
+from defocus_core.io.depth_formats.photo_depth import heic_pixels, is_heic, sharp_original
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.color_planes import Color
-from defocus_core.io.images.color_space import linear_light, unit
+from defocus_core.io.images.color_space import linear_light, profiled_space, unit
 from defocus_core.io.images.exr_color import read_exr_color
 from defocus_core.io.images.primaries import primaries_attribute
-from defocus_core.io.images.raster import Raster, choose_page, read_pages, read_samples
+from defocus_core.io.images.raster import Raster, choose_page, read_pages, read_samples, upright
 from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
 
+SHARP_INSIDE = "the sharp picture inside it"  # ends the note of a photograph of which that is read
 BRIGHTEST = 1e30  # light beyond it overflows in `defocus_core`, which refuses it too
 LARGEST_FLOAT = float.fromhex("0x1.fffffep+127")  # of 32 bits
 
@@ -38,6 +41,7 @@ def read_color(
     keeping: Keeping = IN_MEMORY,
     overscan: Overscan = NO_OVERSCAN,
     blur_channels: Sequence[str] = (),
+    original: bool = False,
 ) -> Color:
     """Decode a colour image.
 
@@ -49,6 +53,7 @@ def read_color(
         keeping: where the pixels are to be kept.
         overscan: pixels of an EXR file beyond its display window that are read, too.
         blur_channels: names or patterns of the further channels of an EXR file that are light.
+        original: whether the sharp picture inside a photograph is taken, where there is one.
 
     Raises:
         InputError: the file cannot be read, or has no colour or several to choose from.
@@ -77,7 +82,47 @@ def read_color(
     if blur_channels:
         problem = f"{path} has no further channels"
         raise UsageProblem("idle-option", problem, "leave it out", field="blur-channels")
-    return _from_raster(path, choose_page(path, read_pages(path), part), keeping)
+    if is_heic(read_head(path)):
+        return _from_heic(path)
+    page = choose_page(path, read_pages(path), part)
+    if not original:
+        return _from_raster(path, page, keeping)
+    with sharp_original(path) as sharp:
+        if sharp == path:
+            return _from_raster(path, page, keeping)
+        color = _from_raster(sharp, read_pages(sharp)[0], keeping)
+    turn = page.orientation if color.orientation == 1 else 1
+    return replace(
+        color,
+        planes=tuple(upright(plane[:], turn) for plane in color.planes),
+        path=path,
+        attributes={**page.tags, **color.attributes},
+        note=f"{color.note}, {SHARP_INSIDE}",
+    )
+
+
+def _from_heic(path: Path) -> Color:
+    """The picture of a HEIC photograph, which libheif has turned upright."""
+    samples, data = heic_pixels(path)
+    space = profiled_space(data)
+    channels = ("R", "G", "B", "A")[: samples.shape[2]] if samples.shape[2] > 2 else ("Y",)
+    alpha = unit(samples[:, :, 3:]) if len(channels) == 4 else None
+    light = linear_light(
+        samples[:, :, :3] if len(channels) > 1 else samples[:, :, :1],
+        alpha,
+        gamma=None,
+        associated=False,
+        profile=space.profile,
+    )
+    planes = light if alpha is None else np.concatenate([light, alpha], axis=2)
+    return Color(
+        tuple(np.ascontiguousarray(plane) for plane in np.moveaxis(planes, 2, 0)),
+        channels,
+        path,
+        {**space.attributes, **primaries_attribute(space.primaries)},
+        note=f"HEIC, {space.note}",
+        within_white=True,
+    )
 
 
 def count_beyond(color: Color, maximum: float) -> tuple[int, str]:
@@ -136,9 +181,19 @@ def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
         for index, plane in enumerate(planes):
             plane[window] = parts[:, :, index]
     note, unheeded = raster.space.note, raster.space.unheeded
-    attributes = {**raster.tags, **primaries_attribute(raster.space.primaries)}
-    if not unheeded:
-        return Color(planes, channels, path, attributes, note=note)
-    warning = f"its {unheeded} is not applied; convert it to sRGB, or to linear EXR"
-    note = f"{note}, its {unheeded} not applied"
-    return Color(planes, channels, path, attributes, note=note, warnings=(warning,))
+    space = raster.space
+    attributes = {**raster.tags, **space.attributes, **primaries_attribute(space.primaries)}
+    warnings = []
+    if unheeded:
+        warnings.append(f"its {unheeded} is not applied; convert it to sRGB, or to linear EXR")
+        note = f"{note}, its {unheeded} not applied"
+    return Color(
+        planes,
+        channels,
+        path,
+        attributes,
+        note=note,
+        warnings=tuple(warnings),
+        within_white=raster.type.startswith("uint"),
+        orientation=raster.orientation,
+    )

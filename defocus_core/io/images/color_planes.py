@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
 
 
 @dataclass(frozen=True)
@@ -27,10 +27,14 @@ class Color:
         extras: the EXR file's other channels [H, W], native types, for the output to carry.
         pixel_aspect: width of a pixel by its height.
         corner: x and y of the first pixel shown, for an EXR output to be where the input is.
+        data: the pixels that an EXR file has, of all its parts; None of other files.
         overscan: pixels of the planes and the extras beyond the picture shown.
         note: how the samples were read, in words.
         warnings: what of the file was not applied, in words.
         left_out: parts of the EXR file that no output can carry, in words.
+        compression: the codec of an EXR file, like zip.
+        within_white: whether its samples are integers, which hold no light beyond white.
+        orientation: by which the picture was turned upright, as Exif counts them; 1 is not.
     """
 
     planes: tuple[Any, ...]
@@ -40,11 +44,15 @@ class Color:
     extras: dict[str, Any] = field(default_factory=dict)
     pixel_aspect: float = 1.0
     corner: tuple[int, int] = (0, 0)
+    data: Window | None = None
     overscan: Overscan = NO_OVERSCAN
     passes: tuple[str, ...] = ()
     note: str = ""
     warnings: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    compression: str = "zip"
+    within_white: bool = False
+    orientation: int = 1
 
     @property
     def shape(self) -> tuple[int, int, int]:

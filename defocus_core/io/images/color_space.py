@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.io.images.icc import Profile, read_profile
+from defocus_core.io.images.icc import Embedded, Profile, read_profile
 from defocus_core.io.images.primaries import REC_709, Chromaticities, primaries_name
 
+PROFILE = "ICCProfile"  # OpenImageIO's name of it
 _SAMPLES = {"uint8": "8-bit", "uint16": "16-bit"}
 _CURVES = {None: "sRGB", 1.0: "linear"}
 _FLOATS = frozenset({"half", "float", "double"})
@@ -31,34 +32,50 @@ class ColorSpace:
         note: the same in words.
         unheeded: what the file declares that is not applied; empty if nothing.
         profile: the ICC profile that decodes them instead; None if there is none.
+        data: the bytes of the profile that the file has, whether it decodes them or not.
     """
 
     gamma: float | None
     note: str
     unheeded: str
     profile: Profile | None = None
+    data: bytes = b""
 
     @property
     def primaries(self) -> Chromaticities:
         """Those of the decoded light."""
         return REC_709 if self.profile is None else self.profile.primaries
 
+    @property
+    def attributes(self) -> dict[str, Embedded]:
+        """The attribute by which another file has the profile; none if there is none."""
+        return {PROFILE: Embedded(self.data, self.profile)} if self.data else {}
+
 
 def color_space(spec: Any) -> ColorSpace:
     """How the samples of an OpenImageIO ``spec`` are understood."""
     declared, gamma = _declared(spec)
     kind = str(spec.format)
-    named, profile = _profile(spec)
+    named, profile, data = _profile(spec)
     if profile is not None:
         primaries = primaries_name(profile.primaries)
         curve = f"profile '{named}'" if named else "its profile"
         note = f"{_SAMPLES.get(kind, kind)}, decoded by {curve}, primaries {primaries}"
-        return ColorSpace(None, note, "", profile)
+        return ColorSpace(None, note, "", profile, data)
     if not declared:
         gamma = 1.0 if kind in _FLOATS else None
     curve = _CURVES.get(gamma) or f"the power {gamma:g}"
     note = f"{_SAMPLES.get(kind, kind)}, taken as {curve}"
-    return ColorSpace(gamma, note, _unheeded(spec, declared=declared))
+    return ColorSpace(gamma, note, _unheeded(spec, declared=declared), data=data)
+
+
+def profiled_space(data: bytes) -> ColorSpace:
+    """How 8 bits with a profile are understood, as sRGB where it has no curve or is missing."""
+    profile = read_profile(data) if data else None
+    name = (
+        "sRGB" if profile is None else f"its profile, primaries {primaries_name(profile.primaries)}"
+    )
+    return ColorSpace(None, f"8-bit, decoded by {name}", "", profile, data)
 
 
 def _declared(spec: Any) -> tuple[bool, float | None]:
@@ -66,23 +83,24 @@ def _declared(spec: Any) -> tuple[bool, float | None]:
     space = _name(spec)
     if space.startswith("lin") or space == "scene_linear":
         return True, 1.0
-    if space.startswith("srgb"):
+    if space.startswith("srgb") or space == "rec709":  # which OpenImageIO says of every PPM
         return True, None
     power = spec.get_float_attribute("oiio:Gamma", 0.0)
     return power > 0, float(power)
 
 
-def _profile(spec: Any) -> tuple[str, Profile | None]:
-    """The name of the embedded profile, and what it says of R, G and B where it is not sRGB."""
+def _profile(spec: Any) -> tuple[str, Profile | None, bytes]:
+    """The name of the embedded profile, what it says of light where it is not sRGB, its bytes."""
     name = str(spec.get_string_attribute("ICCProfile:profile_description"))
-    data = spec.getattribute("ICCProfile")
-    if data is None or "srgb" in name.lower() or spec.nchannels < 3:
-        return name, None
-    return name, read_profile(bytes(data))
+    stored = spec.getattribute(PROFILE)
+    data = b"" if stored is None else bytes(stored)
+    profile = None if not data or "srgb" in name.lower() else read_profile(data)
+    colors = spec.nchannels - (spec.alpha_channel >= 0)
+    return name, profile if profile is None or len(profile.curves) == colors else None, data
 
 
 def _unheeded(spec: Any, *, declared: bool) -> str:
-    if spec.getattribute("ICCProfile") is not None:
+    if spec.getattribute(PROFILE) is not None:
         profile = spec.get_string_attribute("ICCProfile:profile_description")
         if "srgb" not in profile.lower():
             return f"colour profile '{profile}'" if profile else "colour profile without a name"

@@ -9,7 +9,7 @@ from pathlib import Path
 from defocus_core.io.array_files.bare_arrays import bare_type, read_bare
 from defocus_core.io.array_files.containers import container_type, read_entries
 from defocus_core.io.array_files.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
-from defocus_core.io.depth_formats.photo_depth import is_heic, read_heic
+from defocus_core.io.depth_formats.photo_depth import is_heic, open_heic
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import views_of_parts
 from defocus_core.io.images.raster import read_pages
@@ -121,8 +121,9 @@ def describe(path: Path) -> FileInfo:
         entries = read_entries(path).items()
         return _arrays(path, {name: (e.shape, e.dtype) for name, e in entries}, at_once=True)
     if is_heic(head):
-        values = read_heic(path).values
-        return _arrays(path, {"depth": (values.shape, values.dtype.name)}, at_once=True)
+        width, height = open_heic(path).size
+        part = PartInfo(0, "", tuple((name, "uint8") for name in "RGB"), deep=False)
+        return FileInfo(path, width, height, (part,), at_once=True)
     known = "EXR, PNG, JPEG, TIFF, WEBP, HDR, PFM or NPY"
     pages = read_pages(path, wanted=known)
     parts = tuple(

@@ -3,8 +3,8 @@
 EXR: scene-linear half or float, with all channels and metadata. PNG (8 or 16 bit), TIFF (16 bit)
 and JPEG (8 bit): sRGB, converted from the primaries that the attributes declare, clipped to 0…1,
 alpha unassociated; JPEG has no alpha, its colour is what shows over black. PNG, TIFF and JPEG keep
-the `Tag` attributes of such an input. The same pixels and attributes make the same bytes: no date
-is added.
+the `Tag` attributes of such an input, and with an `Embedded` profile its curves and primaries. The
+same pixels and attributes make the same bytes: no date is added.
 """
 
 from __future__ import annotations
@@ -23,16 +23,21 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem, one_line
 from defocus_core.io.arrays import bands, stacked
+from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.windows import Layout
 from defocus_core.io.exr.writing import as_half, clamped_half, write_exr
-from defocus_core.io.images.color_space import linear_to_srgb, quantised
+from defocus_core.io.images.color_space import PROFILE, linear_to_srgb, quantised
+from defocus_core.io.images.icc import Embedded, Profile
 from defocus_core.io.images.primaries import between_primaries, converted, declared_primaries
 from defocus_core.io.images.tags import Tag, set_tag
-from defocus_core.io.safe_files import quiet, unwritable, written_whole
+from defocus_core.io.safe_files import quiet, read_head, unwritable, written_whole
 from defocus_core.system.text import counted
 
 FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}
+_SOFTWARE = "defocus"
+OWN = "defocus:"  # begins the names of attributes that say how a file was made
 _BLOCK = 1 << 20  # bytes copied at once
+_CLIPPED = ("shown as white", "shown as black")  # ends of warnings
 _ROUNDING = 1e-5  # blurred white exceeds 1 by less, and it is below half a step of 16 bits
 _OPTIONS: dict[str, dict[str, str | int]] = {
     "png": {"oiio:UnassociatedAlpha": 1, "png:compressionLevel": 4},
@@ -47,12 +52,14 @@ def write_image(
     channels: Sequence[str],
     *,
     exr_type: str = "half",
+    compression: str = "zip",
     bits: int = 8,
     jpeg_quality: int = 95,
     attributes: Mapping[str, object],
     extras: Mapping[str, Any] | None = None,
     layout: Layout | None = None,
     clamped: int = 0,
+    has_clipped: bool = True,
 ) -> list[str]:
     """Write an image.
 
@@ -62,12 +69,14 @@ def write_image(
             for an EXR of half. An array, or a tuple of its C arrays [H, W]; read in strips of rows.
         channels: names of the C channels, as `defocus_core.io.images.color.Color`.
         exr_type: half or float, of the EXR's image channels.
+        compression: codec of an EXR.
         bits: 8 or 16, of a PNG.
         jpeg_quality: 1 to 100.
         attributes: metadata; an EXR keeps all but `Tag`, other formats `Tag` and ``defocus:*``.
         extras: further EXR channels, written with their own types; other formats drop them.
         layout: where the pixels of an EXR lie.
         clamped: pixels that had to be clamped to be half.
+        has_clipped: whether light beyond black and white is a loss, and no overshoot of a blur.
 
     Returns:
         Warnings of what the file cannot hold, one clause each.
@@ -84,8 +93,8 @@ def write_image(
         if exr_type == "half" and pixels.dtype == "f4":
             clamped, planes = _beyond_half(pixels), [as_half(plane) for plane in planes]
         named = dict(zip(channels, planes, strict=True))
-        kept = {k: v for k, v in attributes.items() if not isinstance(v, Tag)}
-        write_exr(path, {**(extras or {}), **named}, kept, layout or Layout())
+        kept = {k: v for k, v in attributes.items() if not isinstance(v, Tag | Embedded)}
+        write_exr(path, {**(extras or {}), **named}, kept, layout or Layout(), compression)
         warning = f"{counted(clamped, 'pixel')} beyond ±65504 clamped to half; float keeps them"
         return [warning] if clamped else []
     if path.suffix.lower() not in FORMATS:
@@ -95,12 +104,17 @@ def write_image(
     metadata = {
         name: value
         for name, value in attributes.items()
-        if isinstance(value, Tag) or (name.startswith("defocus:") and isinstance(value, str))
+        if isinstance(value, Tag | Embedded) or (name.startswith(OWN) and isinstance(value, str))
     }
     if codec == "jpeg":
         metadata["Compression"] = f"jpeg:{jpeg_quality}"
-    to_srgb = srgb_matrix(path, channels, attributes)
-    return _write_display(path, pixels, channels, codec, bits, metadata, to_srgb)
+    to_srgb = None if PROFILE in attributes else srgb_matrix(path, channels, attributes)
+    warnings = _write_display(path, pixels, channels, codec, bits, metadata, to_srgb)
+    return (
+        warnings
+        if has_clipped or to_srgb is not None
+        else [each for each in warnings if not each.endswith(_CLIPPED)]
+    )
 
 
 def srgb_matrix(
@@ -126,19 +140,23 @@ def _write_display(
     channels: Sequence[str],
     codec: str,
     bits: int,
-    metadata: Mapping[str, str | Tag],
+    metadata: Mapping[str, str | Tag | Embedded],
     to_srgb: NDArray[np.float32] | None,
 ) -> list[str]:
     """Write an image of sRGB integers; the arguments and what is returned as in `write_image`."""
     depth = {"png": bits, "tiff": 16, "jpeg": 8}[codec]
-    keep_alpha = codec != "jpeg"
+    keep_alpha, embedded = codec != "jpeg", metadata.get(PROFILE)
+    profile = embedded.profile if isinstance(embedded, Embedded) else None
     above = below = 0
 
     def encoded() -> Iterator[NDArray[Any]]:
         nonlocal above, below
         for rows in bands(pixels.shape):
             strip = display_encoded(
-                pixels[rows], channels, depth, keep_alpha=keep_alpha, to_srgb=to_srgb
+                *(pixels[rows], channels, depth),
+                keep_alpha=keep_alpha,
+                to_srgb=to_srgb,
+                profile=profile,
             )
             samples, above, below = strip[0], above + strip[1], below + strip[2]
             yield samples
@@ -148,9 +166,9 @@ def _write_display(
     if channels[-1] == "A" and not keep_alpha:
         warnings.append("alpha left out, colour shown over black")
     if above:
-        warnings.append(f"{counted(above, 'pixel')} brighter than white shown as white")
+        warnings.append(f"{counted(above, 'pixel')} brighter than white {_CLIPPED[0]}")
     if below:
-        warnings.append(f"{counted(below, 'pixel')} below black shown as black")
+        warnings.append(f"{counted(below, 'pixel')} below black {_CLIPPED[1]}")
     return warnings
 
 
@@ -161,6 +179,7 @@ def display_encoded(
     *,
     keep_alpha: bool,
     to_srgb: NDArray[np.float32] | None = None,
+    profile: Profile | None = None,
 ) -> tuple[NDArray[Any], int, int]:
     """Linear, premultiplied pixels as sRGB integers, and the counts clipped at white and black.
 
@@ -170,6 +189,7 @@ def display_encoded(
         bits: 8 or 16.
         keep_alpha: divide the colour by alpha and keep it, instead of leaving it over black.
         to_srgb: matrix [3, 3] to the primaries of sRGB; None if they are that already.
+        profile: whose curves encode the colours; None for those of sRGB.
 
     Returns:
         uint8 or uint16 [H, W, C'], and the two counts.
@@ -186,7 +206,8 @@ def display_encoded(
     below = int(np.count_nonzero((colour < -_ROUNDING).any(axis=2)))
     if alpha is not None and keep_alpha:
         colour = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
-    encoded = quantised(linear_to_srgb(colour), bits)
+    samples = linear_to_srgb(colour) if profile is None else profile.samples(colour)
+    encoded = quantised(samples, bits)
     if alpha is not None and keep_alpha:
         encoded = np.concatenate([encoded, quantised(alpha, bits)], axis=2)
     return encoded, above, below
@@ -207,7 +228,7 @@ def write_samples(
     size: tuple[int, int],
     samples: Iterable[NDArray[Any]],
     codec: str,
-    attributes: Mapping[str, str | Tag],
+    attributes: Mapping[str, str | Tag | Embedded],
 ) -> None:
     """Write uint8, uint16 or float32 samples as they are.
 
@@ -235,7 +256,7 @@ def encoded_samples(
     size: tuple[int, int],
     samples: Iterable[NDArray[Any]],
     codec: str,
-    attributes: Mapping[str, str | Tag],
+    attributes: Mapping[str, str | Tag | Embedded],
 ) -> Iterator[Path]:
     """A file in memory with what `write_samples` writes to ``path``."""
     with _memory(path) as memory:
@@ -243,6 +264,24 @@ def encoded_samples(
             problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
             raise InputError("unwritable", problem, "write EXR instead", path=path)
         yield memory
+
+
+def is_own(path: Path) -> bool:
+    """Whether a file is a picture or a map that says that this program wrote it."""
+    import OpenImageIO as oiio  # noqa: N813
+
+    if path.is_symlink() or not path.is_file():
+        return False
+    try:
+        if is_exr(read_head(path)):
+            return any(f"{OWN}version" in header.attributes for header in read_headers(path))
+    except InputError:
+        return False
+    with quiet():
+        file = oiio.ImageInput.open(str(path))
+        found = file and file.spec().get_string_attribute("Software") == _SOFTWARE
+        oiio.geterror()
+        return bool(found)
 
 
 def _beyond_half(pixels: Any) -> int:
@@ -258,7 +297,7 @@ def _encoder_error(
     size: tuple[int, int],
     samples: Iterator[NDArray[Any]],
     codec: str,
-    attributes: Mapping[str, str | Tag],
+    attributes: Mapping[str, str | Tag | Embedded],
 ) -> str:
     """Encode samples to a file in memory; what the encoder complains about, empty if nothing."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
@@ -278,7 +317,10 @@ def _encoder_error(
 
 
 def _spec(
-    size: tuple[int, int], samples: NDArray[Any], codec: str, attributes: Mapping[str, str | Tag]
+    size: tuple[int, int],
+    samples: NDArray[Any],
+    codec: str,
+    attributes: Mapping[str, str | Tag | Embedded],
 ) -> Any:
     import OpenImageIO as oiio  # noqa: N813
 
@@ -290,9 +332,12 @@ def _spec(
     # An empty DateTime keeps OpenImageIO from writing the current one.
     space = "lin_rec709" if samples.dtype.kind == "f" else "sRGB"
     settings = {"DateTime": "", **attributes, **_OPTIONS[codec], "oiio:ColorSpace": space}
-    for name, value in {**settings, "Software": "defocus"}.items():
+    for name, value in {**settings, "Software": _SOFTWARE}.items():
         if isinstance(value, Tag):
             set_tag(spec, name, value)
+        elif isinstance(value, Embedded):
+            data = np.frombuffer(value.data, np.uint8)
+            spec.attribute(name, oiio.TypeDesc(f"uint8[{len(data)}]"), data)
         else:
             spec.attribute(name, value)
     return spec

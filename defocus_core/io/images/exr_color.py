@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from defocus_core.io.exr.chroma import rgb_of, weights_of
 from defocus_core.io.exr.header import Header, Raw, read_headers
 from defocus_core.io.exr.reading import ExrPart, read_parts
 from defocus_core.io.exr.views import default_warning, in_view
-from defocus_core.io.exr.windows import Overscan
+from defocus_core.io.exr.windows import Overscan, Window
 from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.primaries import (
     REC_709,
@@ -63,10 +64,12 @@ def read_exr_color(
         extras=extras,
         pixel_aspect=_aspect(chosen.header),
         corner=(chosen.header.display.x0, chosen.header.display.y0),
+        data=reduce(Window.united, (header.data for header in headers)),
         overscan=overscan,
         note=_exr_note(chosen, overscan),
         warnings=tuple(filter(None, [default_warning(every, view)])),
         left_out=left_out,
+        compression=chosen.header.compression,
     )
 
 

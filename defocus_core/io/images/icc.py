@@ -1,7 +1,9 @@
 """ICC profiles of three curves and a matrix, as cameras, phones and displays have them.
 
 ICC.1:2022, 8.3.4, "three-component matrix-based": R, G and B become light by curves, and light X, Y
-and Z relative to the white D50 by a matrix. Profiles of tables are not read.
+and Z relative to the white D50 by a matrix; 8.3.5, "monochrome", has the curve alone. Profiles of
+tables are not read. A blur is linear in light, so that the curves are all it needs: pictures keep
+the profile that they came with.
 """
 
 from __future__ import annotations
@@ -9,12 +11,12 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.io.images.primaries import Chromaticities, adaptation, chromaticities_of
+from defocus_core.io.images.primaries import REC_709, Chromaticities, adaptation, chromaticities_of
 
 _D50 = (0.9642, 1.0, 0.8249)  # of all profiles
 _HEAD = 128  # bytes
@@ -25,10 +27,10 @@ _SAMPLES = 4096  # of a curve: floats between them are interpolated
 
 @dataclass(frozen=True)
 class Profile:
-    """How R, G and B of a file become light.
+    """How R, G and B of a file, or its grey, become light.
 
     Attributes:
-        curves: light of R, G and B of 0…1 at even steps, `_SAMPLES` numbers each.
+        curves: light of each channel of 0…1 at even steps, `_SAMPLES` numbers each.
         primaries: of the light.
     """
 
@@ -48,6 +50,22 @@ class Profile:
             ]
         return np.stack(light, axis=-1)
 
+    def samples(self, light: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The samples 0…1 of linear light [H, W, 3], whose curves never fall."""
+        steps = np.linspace(0, 1, _SAMPLES)
+        return np.stack(
+            [np.interp(light[..., c], curve, steps) for c, curve in enumerate(self.curves)],
+            axis=-1,
+            dtype=np.float32,
+        )
+
+
+class Embedded(NamedTuple):
+    """The profile of a file, for others made of it to have: its bytes, and its curves if known."""
+
+    data: bytes
+    profile: Profile | None
+
 
 @cache
 def _tables(profile: Profile, bits: int) -> list[NDArray[np.float32]]:
@@ -64,9 +82,13 @@ def read_profile(data: bytes) -> Profile | None:
 
 
 def _profile(data: bytes) -> Profile | None:
-    if data[16:24] != b"RGB XYZ " or data[36:40] != b"acsp":
+    if data[36:40] != b"acsp":
         return None
     tags = _tags(data)
+    if data[16:20] == b"GRAY":
+        return _rising((_curve(tags["kTRC"]),), REC_709)
+    if data[16:24] != b"RGB XYZ ":
+        return None
     curves = tuple(_curve(tags[f"{c}TRC"]) for c in "rgb")
     relative = np.array([_fixed(tags[f"{c}XYZ"][8:20]) for c in "rgb"]).T
     if "chad" in tags:
@@ -74,10 +96,13 @@ def _profile(data: bytes) -> Profile | None:
     else:
         white = np.array(_fixed(tags["wtpt"][8:20])) if "wtpt" in tags else np.array(_D50)
         adapted = adaptation(white, np.array(_D50))
-    primaries = chromaticities_of(np.linalg.inv(adapted) @ relative)
-    if not np.isfinite([*primaries, *np.ravel(curves)]).all():
-        return None
-    return Profile(curves, primaries)
+    return _rising(curves, chromaticities_of(np.linalg.inv(adapted) @ relative))
+
+
+def _rising(curves: tuple[tuple[float, ...], ...], primaries: Chromaticities) -> Profile | None:
+    """A profile of finite numbers whose curves rise, as they must to be undone."""
+    is_finite = np.isfinite([*primaries, *np.ravel(curves)]).all()
+    return Profile(curves, primaries) if is_finite and (np.diff(curves) >= 0).all() else None
 
 
 def _tags(data: bytes) -> dict[str, bytes]:

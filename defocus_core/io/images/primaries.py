@@ -36,13 +36,13 @@ _BRADFORD = (
     (-0.7502, 1.7135, 0.0367),
     (0.0389, -0.0685, 1.0296),
 )
-_ATTRIBUTE = "chromaticities"  # of an EXR header
+PRIMARIES = "chromaticities"  # of an EXR header
 
 
 def declared_primaries(attributes: Mapping[str, object]) -> Chromaticities:
     """The primaries that attributes of an EXR header declare; Rec. 709 where they declare none."""
-    said = attributes.get(_ATTRIBUTE)
-    if isinstance(said, Raw) and said.kind == _ATTRIBUTE and len(said.value) == 32:
+    said = attributes.get(PRIMARIES)
+    if isinstance(said, Raw) and said.kind == PRIMARIES and len(said.value) == 32:
         return struct.unpack("<8f", said.value)
     return REC_709
 
@@ -51,7 +51,7 @@ def primaries_attribute(primaries: Chromaticities) -> dict[str, Raw]:
     """The attribute of an EXR header that declares primaries; none for Rec. 709, its default."""
     if same_primaries(primaries, REC_709):
         return {}
-    return {_ATTRIBUTE: Raw(_ATTRIBUTE, struct.pack("<8f", *primaries))}
+    return {PRIMARIES: Raw(PRIMARIES, struct.pack("<8f", *primaries))}
 
 
 def same_primaries(a: Chromaticities, b: Chromaticities) -> bool:

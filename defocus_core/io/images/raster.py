@@ -1,4 +1,4 @@
-"""PNG, JPEG, TIFF, WEBP and HDR files, decoded by OpenImageIO.
+"""PNG, JPEG, TIFF, WEBP, HDR, PGM and PPM files, decoded by OpenImageIO.
 
 Samples come back as they are in the file: no colour conversion, and alpha not multiplied in (left
 to itself, OpenImageIO multiplies it into sRGB integers, which loses precision and is not linear).
@@ -6,6 +6,7 @@ to itself, OpenImageIO multiplies it into sRGB integers, which loses precision a
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -24,7 +25,11 @@ from defocus_core.io.safe_files import check_size, quiet, read_head
 from defocus_core.system.interrupts import put_off
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
-_KINDS = ("png", "jpeg", "tiff", "hdr", "webp")
+_KINDS = ("png", "jpeg", "tiff", "hdr", "webp", "pnm")
+_PNM = re.compile(rb"P[2356]\s+(?:#[^\n]*\s+)*\d+\s+(?:#[^\n]*\s+)*\d+\s+(?:#[^\n]*\s+)*(\d+)\s")
+_PNM_HEAD = 1024  # bytes
+# Of orientations, those that swap rows and columns, and those that reverse them after that.
+SIDEWAYS, _BOTTOM_UP, _RIGHT_TO_LEFT = (5, 6, 7, 8), (3, 4, 7, 8), (2, 3, 6, 7)
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
 _TILES_BYTES = 1 << 26  # of a row of tiles, decoded
@@ -52,6 +57,7 @@ class Raster:
         associated: whether colour is already multiplied by alpha.
         deep: whether it holds deep data, which has no samples.
         at_once: whether its decoder may hold all of it.
+        orientation: by which it was turned, as Exif counts them: 1 is upright, 2 to 8.
         page: which image of the file it is, from 0: a TIFF may have several.
         whole: whether it is no thumbnail or mask of another one.
         tags: its metadata on camera and author.
@@ -65,6 +71,7 @@ class Raster:
     associated: bool
     deep: bool
     at_once: bool
+    orientation: int
     page: int
     whole: bool
     tags: Mapping[str, Tag]
@@ -92,6 +99,13 @@ def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF, WEBP or HDR")
                 raise InputError("too-large", problem, remedy, path=path)
             pages.append(_raster(path, file, len(pages)))
         return pages
+
+
+def pnm_top(path: Path) -> int | None:
+    """The greatest number of a PGM or PPM by its header, if the decoder scales it to its type's."""
+    match = _PNM.match(read_head(path, _PNM_HEAD))
+    top = int(match[1]) if match else 255
+    return None if top in (255, 65535) else top
 
 
 def choose_page(path: Path, pages: Sequence[_Page], part: int | None) -> _Page:
@@ -143,7 +157,7 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
                 # A truncated JPEG comes back filled with grey, and only the error flag says so.
                 if samples is None or file.has_error:
                     raise damaged(path, first_line(path, file.geterror()))
-            yield _upright(spec, rows, samples)
+            yield _place(spec, rows), upright(samples, spec.get_int_attribute("Orientation", 1))
 
 
 @contextmanager
@@ -190,20 +204,24 @@ def _decoded(file: Any, page: int, spec: Any, rows: slice, kind: str) -> NDArray
     return samples if samples is None else samples.reshape(-1, spec.width, channels)
 
 
-def _upright(
-    spec: Any, rows: slice, samples: NDArray[Any]
-) -> tuple[tuple[slice, slice], NDArray[Any]]:
-    """Rows, columns and samples of a strip, turned by its Orientation (EXIF 1 to 8)."""
+def upright(stored: Any, orientation: int) -> Any:
+    """An array [H, W, …] as it is stored, turned by its orientation (EXIF 1 to 8)."""
+    turned = stored.swapaxes(0, 1) if orientation in SIDEWAYS else stored
+    turned = turned[::-1] if orientation in _BOTTOM_UP else turned
+    return turned[:, ::-1] if orientation in _RIGHT_TO_LEFT else turned
+
+
+def _place(spec: Any, rows: slice) -> tuple[slice, slice]:
+    """Rows and columns of the upright picture that rows of the stored one become."""
     turn = spec.get_int_attribute("Orientation", 1)
     places, sizes = [rows, slice(0, spec.width)], [spec.height, spec.width]
-    if turn in (5, 6, 7, 8):
-        samples, places, sizes = samples.swapaxes(0, 1), places[::-1], sizes[::-1]
-    for axis, turns in enumerate(((3, 4, 7, 8), (2, 3, 6, 7))):
+    if turn in SIDEWAYS:
+        places, sizes = places[::-1], sizes[::-1]
+    for axis, turns in enumerate((_BOTTOM_UP, _RIGHT_TO_LEFT)):
         if turn in turns:
-            samples = samples[::-1] if axis == 0 else samples[:, ::-1]
             place, size = places[axis], sizes[axis]
             places[axis] = slice(size - place.stop, size - place.start)
-    return (places[0], places[1]), samples
+    return places[0], places[1]
 
 
 def _raster(path: Path, file: Any, page: int) -> Raster:
@@ -213,7 +231,8 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
     if spec.get_int_attribute("tiff:PhotometricInterpretation", 1) == 0 and spec.format != "uint8":
         problem = f"stores white as 0 in {spec.format}, which is decoded as its negative"
         raise InputError("unsupported", problem, "save it with black as 0", path=path)
-    if spec.get_int_attribute("Orientation", 1) in (5, 6, 7, 8):
+    orientation = spec.get_int_attribute("Orientation", 1)
+    if orientation in SIDEWAYS:
         width, height = height, width
     return Raster(
         width=width,
@@ -224,6 +243,7 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
         associated=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
         deep=bool(spec.deep),
         at_once=_is_at_once(path, spec, file.format_name()),
+        orientation=orientation,
         page=page,
         whole=not spec.get_int_attribute("tiff:subfiletype") & _PART_OF_ANOTHER,
         tags=tags_of(spec),

@@ -17,12 +17,14 @@ from typing import NamedTuple
 from defocus_core.errors import InputError
 from defocus_core.io.exr.header import Raw, is_exr, read_headers
 from defocus_core.io.exr.windows import Window
+from defocus_core.io.images.raster import SIDEWAYS
 from defocus_core.io.images.tags import tags_of
 from defocus_core.io.safe_files import read_head
 from defocus_core.system.interrupts import put_off
 
 _FORMATS = {"float": "<f", "double": "<d", "int": "<i"}
 _NO_TARGET = 1e9  # of V-Ray's distances: there is no target
+_FILM_DIAGONAL = math.hypot(36, 24)  # mm, by which CIPA DCG-001 counts equivalents
 _INFINITE = 4e9  # m, of Exif: 2³² − 1 is infinity, rounded to float
 
 
@@ -66,9 +68,11 @@ def _subject(value: float, _: Numbers) -> str | None:
 
 
 def _equivalent(value: float, numbers: Numbers) -> str | None:
-    """The width of the sensor, from the focal length that has the same view at 36 mm."""
-    foclen = numbers.get("Exif:FocalLength", 0.0)
-    return f"{36 * foclen / value:.6g}mm" if foclen > 0 and value > 0 else None
+    """The width of the sensor as the picture is shown, from its diagonal by that of 35 mm film."""
+    foclen, width, height = (numbers.get(n, 0.0) for n in ("Exif:FocalLength", "width", "height"))
+    if not (foclen > 0 and value > 0 and width > 0):
+        return None
+    return f"{_FILM_DIAGONAL * foclen / value * width / math.hypot(width, height):.6g}mm"
 
 
 # The attributes of each option, the first that there is wins.
@@ -155,8 +159,10 @@ def _exif_numbers(path: Path) -> dict[str, float]:
         oiio.geterror()
         remedy = "check what wrote it"
         raise InputError("unreadable", "cannot be read as a picture", remedy, path=path)
-    tags = tags_of(file.spec())
+    spec = file.spec()
     file.close()
-    return {
-        name: float(tag.value) for name, tag in tags.items() if isinstance(tag.value, int | float)
-    }
+    sides = [spec.width, spec.height]
+    if spec.get_int_attribute("Orientation", 1) in SIDEWAYS:
+        sides = sides[::-1]
+    tags = {n: tag.value for n, tag in tags_of(spec).items() if isinstance(tag.value, int | float)}
+    return {**tags, "width": float(sides[0]), "height": float(sides[1])}

@@ -152,6 +152,11 @@ class Renderer:
             all_ranges=limits,
         )
 
+    @property
+    def reach(self) -> int:
+        """The px of the picture that its light reaches at most."""
+        return 2 * self.frame.farthest + 2 if self.at_half_size else self.frame.farthest
+
     def tiles(
         self,
         at_once: int | None = None,

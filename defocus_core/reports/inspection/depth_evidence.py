@@ -11,12 +11,15 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from defocus_core.errors import DefocusError
 from defocus_core.io.array_files.containers import container_type
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
 from defocus_core.io.depth_formats.file_types import read_numbers
-from defocus_core.io.depth_formats.photo_depth import is_heic, is_jpeg
+from defocus_core.io.depth_formats.photo_depth import holds_depth, holds_gdepth, is_heic
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.table import ROWS
 from defocus_core.io.exr.header import is_exr
@@ -27,7 +30,6 @@ from defocus_core.system.text import percent
 
 _TOP = 65535
 _SEVERAL = 0.001  # share of pixels
-_XMP_BYTES = 1 << 17  # of a JPEG, which begins with it
 # Names of channels and arrays that only one format has.
 _TELLING_NAMES = {
     "unreal-mrq": ("FinalImage*WorldDepth*", "ImageDepth*"),
@@ -43,13 +45,15 @@ _BESIDE = {
     "diode": ("NPY", "{stem}_mask.npy"),
     "moge": ("EXR", "fov.json"),
 }
+# Relative depth is inverted if the top tenth of a picture is nearer by more of the range than this.
+_STRIPS, _MOST = 10, 0.6
 
 
 def may_be_depth(info: FileInfo) -> bool:
     """Whether a file is an EXR, arrays, one channel, or a photograph that holds depth."""
     head = read_head(info.path, 32)
     arrays = len(info.parts[0].channels) == 1 or container_type(head) != ""
-    return is_exr(head) or arrays or _has_gdepth(info.path)
+    return is_exr(head) or arrays or holds_depth(info.path)
 
 
 def is_grey_in_color(info: FileInfo, reading: DepthReading, keeping: Keeping) -> bool:
@@ -64,17 +68,12 @@ def is_grey_in_color(info: FileInfo, reading: DepthReading, keeping: Keeping) ->
     return True
 
 
-def _has_gdepth(path: Path) -> bool:
-    head = read_head(path, _XMP_BYTES)
-    return is_jpeg(head) and b"GDepth:" in head
-
-
 def evidence_of(
     path: Path, reading: DepthReading, info: FileInfo, keeping: Keeping
 ) -> tuple[str, ...]:
-    """Sentences on the formats that a depth file could be of; none if its format is said."""
+    """Sentences on the formats that a depth file could be of, and on one that seems inverted."""
     sentences = [] if reading.depth_format is not None else [*_names_evidence(path, info)]
-    if _has_gdepth(path):
+    if holds_gdepth(path):
         return tuple(sentences)
     try:
         scaled = reading if reading.says_scale else replace(reading, depth_scale=1.0)
@@ -83,6 +82,8 @@ def evidence_of(
         return tuple(sentences)
     if reading.depth_format is None:
         sentences += _numbers_evidence(path, samples, reading)
+    if reading.relative or samples.type == "8-bit PNG":
+        sentences += _inverted(samples.values, black_is_near=reading.invert is not None)
     return tuple(sentences)
 
 
@@ -93,7 +94,7 @@ def _names_evidence(path: Path, info: FileInfo) -> Iterator[str]:
         hits = [n for n in names if any(fnmatchcase(n, pattern) for pattern in patterns)]
         if hits:
             yield f"{hits[-1]}: {_say(name)}"
-    if _has_gdepth(path):
+    if holds_gdepth(path):
         yield f"GDepth in its XMP: {_say('android-gdepth')}"
     if is_heic(read_head(path)):
         yield f"a depth image beside the picture: {_say('apple-heic')}"
@@ -130,6 +131,23 @@ def _numbers_evidence(path: Path, samples: DepthNumbers, reading: DepthReading) 
     has_sidecar = any(path.with_name(place).is_file() for _, place in _BESIDE.values())
     if samples.type == "PFM" and not has_sidecar and samples.values.min() < 0:
         yield f"negative numbers: disparity about a plane, {_say('hci-lightfield')}"
+
+
+def _inverted(values: Any, *, black_is_near: bool) -> Iterator[str]:
+    """A hint if relative depth is nearer at the top of the picture than at its bottom."""
+    height = values.shape[0]
+    strips = slice(0, -(-height // _STRIPS)), slice(height - -(-height // _STRIPS), height)
+    above, below = (float(np.median(values[rows])) for rows in strips)
+    ends = [end for rows in bands(values.shape) for end in _ends_of(values[rows])]
+    if (below - above if black_is_near else above - below) > _MOST * (max(ends) - min(ends)) > 0:
+        near = "white" if black_is_near else "black"
+        remedy = "leave ‹invert› out" if black_is_near else "say ‹invert›"
+        yield f"the top of the picture is nearer than its bottom: if {near} is near, {remedy}"
+
+
+def _ends_of(band: NDArray[Any]) -> list[float]:
+    finite = band[np.isfinite(band)]
+    return [float(end) for end in (finite.min(), finite.max())] if finite.size else []
 
 
 def _share(samples: DepthNumbers, number: int) -> float:

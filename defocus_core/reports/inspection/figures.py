@@ -36,6 +36,7 @@ def read_picture(path: Path, reading: Reading, keeping: Keeping, overscan: Overs
         view=reading.view,
         keeping=keeping,
         overscan=overscan,
+        original=True,
     )
 
 

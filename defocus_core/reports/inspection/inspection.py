@@ -16,6 +16,7 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import DefocusError, InputError
 from defocus_core.io.array_files.containers import container_type
 from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.depth_formats.photo_depth import holds_depth
 from defocus_core.io.exr.channel_choice import NO_DEPTH, choose_color, choose_depth, require_part
 from defocus_core.io.exr.deep_samples import summary
 from defocus_core.io.exr.header import is_exr, read_headers
@@ -151,7 +152,7 @@ def inspect_pairs(
     from pathlib import Path
 
     orders = [records, records[::-1]] if len(records) == 2 else [[*records, *records]]
-    resized = reading.resize_depth is not None
+    resized = reading.resize_depth is not None or reading.turn_depth is not None
     pairs = [pair for pair in orders if len(pair) == 2 and _is_picture(*pair, resized=resized)]
     if not pairs:
         return []
@@ -201,7 +202,7 @@ def _why_no_depth(info: FileInfo, reading: Reading, *, grey: bool) -> str:
     why, channels = _chosen(info, reading, partial(choose_depth, channel=channel), named=channel)
     if why or channels is None:
         return why
-    if reading.says_scale or container_type(read_head(info.path, 32)):
+    if reading.says_scale or holds_depth(info.path) or container_type(read_head(info.path, 32)):
         return ""  # who decodes it says it better
     if len(channels) != 1 and not grey:
         return f"has {len(channels)} channels, and depth is one"

@@ -57,6 +57,7 @@ def evidence_of_pair(
         size=(width, height),
         lens_focal=lens_focal,
         alpha=image.alpha,
+        orientation=image.orientation,
     )
     if beside.metres.shape != (height, width):
         return ()

@@ -30,6 +30,8 @@ from defocus_core.compare.thresholds import Rules
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 from defocus_core.reports.comparison_words import line
 
+P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)
+
 
 def compared(
     a: Path, b: Path, rules: Rules | None = None, settings: CompareSettings | None = None
@@ -219,6 +221,18 @@ def test_metadata_counts_only_if_asked_for(a: Path, tmp_path: Path) -> None:
     ran = run("compare", a, b, "--metadata")
     assert ran.code == 1
     assert "DIFFERENT" in ran.out
+
+
+def test_the_same_numbers_in_other_primaries_are_a_warning(tmp_path: Path) -> None:
+    for folder, more in (("A", {}), ("B", {"chromaticities": P3})):
+        write_planes(tmp_path / folder / "a.exr", planes(scene()), **more)
+    a, b = tmp_path / "A", tmp_path / "B"
+    said = "a.exr: warning: other primaries declared: Display P3 instead of Rec. 709"
+    ran = run("compare", a, b)
+    assert (ran.code, ran.out.startswith(said)) == (0, True), ran.out
+    assert run("compare", a, b, "--fail", "found:other primaries").code == 1
+    assert run("compare", a / "a.exr", b / "a.exr").out.startswith(said)
+    assert "primaries" not in run("compare", a, b, "--ignore-metadata", "chromaticities").out
 
 
 @pytest.mark.parametrize(

@@ -13,12 +13,14 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 from command_line import write_exr
-from depth_files import matlab, npy, pfm, png
+from depth_files import gdepth, matlab, npy, pfm, png
 from elements import write
 from image_files import save
 from optional_libraries import HDF5_MAGIC, HEIC_MAGIC, with_heic
 from refusals import refuses
 
+from defocus_core.batch.elements.reading import read as read_both
+from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.reading import DepthReading
@@ -64,7 +66,7 @@ def test_grey_pictures_of_three_channels_are_depth_if_a_range_says_so(tmp_path: 
     grey = np.repeat(RAMP[:, :, None], 3, axis=2).astype(np.uint8)
     said = {"depth_format": "depth-anything", "depth_range": (1000.0, 9000.0)}
     assert read(save(tmp_path / "a.png", grey), **said).metres[1, 2] == 1
-    grey[0, 0, 2] = 9
+    grey[0, 0, 2] = 90
     with refuses("not-one-channel", "R, G, B"):
         read(save(tmp_path / "b.png", grey), **said)
 
@@ -338,3 +340,87 @@ def test_positions_in_the_world_are_depth_by_the_camera_of_the_header(
         read(path)
     with refuses("no-depth", "worldToCamera"):
         read(write(tmp_path / "b.exr", planes), depth_channel="P")
+
+
+TURNS = {3: RAMP[::-1, ::-1], 6: np.rot90(RAMP, -1), 8: np.rot90(RAMP, 1)}
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_depth_in_a_photograph_is_turned_with_it(turn: int, tmp_path: Path) -> None:
+    image = png(tmp_path / "a.png", RAMP, np.uint8).read_bytes()
+    said = {"Format": "RangeLinear", "Near": 1, "Far": 2, "Units": "m"}
+    path = gdepth(tmp_path / "a.jpg", image, turn=turn, **said)
+    found = read(path, depth_format="android-gdepth").metres
+    np.testing.assert_allclose(found, 1 + TURNS[turn] / 255, rtol=1e-5)
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_depth_beside_a_photograph_is_turned_with_it_if_that_is_said(
+    turn: int, tmp_path: Path
+) -> None:
+    photo = save(tmp_path / "a.jpg", np.zeros((*RAMP.shape, 3), np.uint8), Orientation=turn)
+    picture = Picture("a", photo, png(tmp_path / "a.png", RAMP + 1, np.uint16))
+    if turn != 3:
+        with refuses("wrong-size", "turn-depth", path=picture.depth):
+            read_both(picture, Reading())
+    _, depth = read_both(picture, Reading(turn_depth="turn-depth"))
+    np.testing.assert_allclose(depth.metres, (TURNS[turn] + 1) / 1000, rtol=1e-6)
+
+
+def test_a_pointer_of_git_lfs_is_named_as_that(tmp_path: Path) -> None:
+    pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"
+    for name in ("a.exr", "a.png", "a.npy", "a.heic"):
+        (tmp_path / name).write_text(pointer)
+        with refuses("wrong-type", "Git LFS pointer", "git lfs pull", path=tmp_path / name):
+            read(tmp_path / name)
+
+
+def grey_ramp(height: int = 64, width: int = 96) -> Any:
+    return np.broadcast_to(np.linspace(10, 245, width), (height, width))
+
+
+def test_grey_of_a_jpeg_of_three_channels_is_grey(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(-5, 6, (64, 96, 3))
+    noisy = np.clip(grey_ramp()[..., None] + noise, 0, 255).astype(np.uint8)
+    path = save(tmp_path / "a.jpg", noisy)
+    found = read(path, relative=True).metres
+    assert np.abs(found - grey_ramp()).max() < 12
+    with refuses("unknown-unit", "8 bits", path=path):
+        read(path)
+
+
+@pytest.mark.parametrize("name", ["inferno", "viridis", "turbo", "jet", "plasma", "Spectral"])
+@pytest.mark.parametrize("suffix", ["png", "jpg"])
+def test_depth_drawn_in_colours_is_refused_by_name(name: str, suffix: str, tmp_path: Path) -> None:
+    colormaps = pytest.importorskip("matplotlib").colormaps
+    drawn = (colormaps[name](grey_ramp() / 255)[..., :3] * 255).astype(np.uint8)
+    path = save(tmp_path / f"a.{suffix}", drawn)
+    for said in ({}, {"relative": True}):
+        with refuses("not-one-channel", f"the colours of {name}", path=path):
+            read(path, **said)
+
+
+def test_a_photograph_is_no_depth(tmp_path: Path) -> None:
+    photo = np.random.default_rng(0).integers(0, 255, (64, 96, 3)).astype(np.uint8)
+    with refuses("not-one-channel", "R, G, B"):
+        read(save(tmp_path / "a.png", photo), relative=True)
+
+
+@pytest.mark.parametrize("top", [255, 2047, 65535])
+def test_pgm_is_depth(top: int, tmp_path: Path) -> None:
+    numbers = np.arange(1, 13).reshape(3, 4) * 20
+    data = numbers.astype("u1" if top == 255 else ">u2").tobytes()
+    (tmp_path / "a.pgm").write_bytes(b"P5\n# made by hand\n4 3\n%d\n" % top + data)
+    found = read(tmp_path / "a.pgm", depth_unit="mm").metres
+    np.testing.assert_allclose(found, numbers / 1000, rtol=1e-6)
+    (tmp_path / "cut.pgm").write_bytes(b"P5\n4 3\n%d\n" % top + data[:5])
+    with refuses("damaged", path=tmp_path / "cut.pgm"):
+        read(tmp_path / "cut.pgm", depth_unit="mm")
+
+
+def test_16_bits_from_end_to_end_are_scaled_file_by_file(tmp_path: Path) -> None:
+    path = png(tmp_path / "a.png", np.linspace(0, 65535, 48).reshape(6, 8), np.uint16)
+    with refuses("unknown-unit", "scaled file by file", "‹depth-range› NEAR FAR", path=path):
+        read(path)
+    assert read(path, depth_kind="depth", depth_range=(1000.0, 9000.0)).metres[5, 7] == 9
+    assert read(path, depth_unit="mm").metres[5, 7] == pytest.approx(65.535)

@@ -285,10 +285,10 @@ def test_a_bad_npy_is_refused(tmp_path: Path) -> None:
 
 
 def test_16_bit_integers_are_millimetres_and_0_is_a_hole(tmp_path: Path) -> None:
-    values = np.array([[0, 1, 1000, 65535]], np.uint16)
+    values = np.array([[0, 1, 1000, 65534]], np.uint16)
     for name, said in (("a.png", "16-bit PNG"), ("a.tif", "16-bit TIF")):
         read = read_depth(save(tmp_path / name, values[:, :, None]))
-        np.testing.assert_array_equal(read.metres, np.array([[0, 0.001, 1, 65.535]], "f"))
+        np.testing.assert_array_equal(read.metres, np.array([[0, 0.001, 1, 65.534]], "f"))
         assert read.invalid.tolist() == [[True, False, False, False]]
         assert read.note == f"{said}, millimetres"
         assert read_depth(tmp_path / name, unit="cm").metres[0, 2] == 10

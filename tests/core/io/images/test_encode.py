@@ -21,6 +21,7 @@ from defocus_core.errors import UsageProblem
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.images.encode import FORMATS, display_encoded, write_image
+from defocus_core.io.images.primaries import primaries_attribute
 from defocus_core.io.safe_files import written_whole
 
 SUFFIXES = (".exr", *FORMATS)
@@ -241,3 +242,13 @@ def test_rounding_where_nothing_is_seen_is_not_clipped() -> None:
     encoded, clipped, _ = display_encoded(nearly_clear, "RGBA", 8, keep_alpha=True)
     assert clipped == 1, "the second one alone"
     assert encoded[0, :, 3].tolist() == [0, 26]
+
+
+def test_overshoot_of_a_picture_within_white_is_no_loss(tmp_path: Path) -> None:
+    over = np.array([[[1.05, 0.5, -0.02]]], np.float32)
+    for name in ("a.png", "a.jpg", "a.tif"):
+        assert write_image(tmp_path / name, over, "RGB", attributes={}, has_clipped=False) == []
+    p3 = primaries_attribute((0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290))
+    green = np.array([[[0.0, 1.0, 0.0]]], np.float32)
+    lost = write_image(tmp_path / "a.png", green, "RGB", attributes=p3, has_clipped=False)
+    assert len(lost) == 2, "sRGB has no such green"

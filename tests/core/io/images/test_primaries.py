@@ -10,7 +10,7 @@ import numpy as np
 import OpenEXR
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
-from command_line import refused, render
+from command_line import refused, render, run
 from image_files import SCANLINE, save
 
 from defocus_core.errors import InputError
@@ -166,11 +166,12 @@ def test_a_profile_is_decoded(tmp_path: Path, suffix: str, chad: bool) -> None:
     color = read_color(with_profile(tmp_path / f"a.{suffix}", samples, data))
     assert color.warnings == ()
     assert "primaries Display P3" in color.note
-    write_image(tmp_path / "b.png", color.pixels, "RGB", bits=16, attributes=color.attributes)
+    declared = {k: v for k, v in color.attributes.items() if k != "ICCProfile"}
+    write_image(tmp_path / "b.png", color.pixels, "RGB", bits=16, attributes=declared)
     assert np.abs(png16(tmp_path / "b.png") - linear_to_srgb(rgb)).max() < 0.002
     write_image(tmp_path / "b.exr", color.pixels, "RGB", attributes=color.attributes)
-    declared = declared_primaries(read_headers(tmp_path / "b.exr")[0].attributes)
-    assert declared == pytest.approx(WIDE["Display P3"], abs=1e-3)
+    found = declared_primaries(read_headers(tmp_path / "b.exr")[0].attributes)
+    assert found == pytest.approx(WIDE["Display P3"], abs=1e-3)
 
 
 X = np.linspace(0, 1, 4096)
@@ -216,3 +217,59 @@ def test_webp_is_read(tmp_path: Path) -> None:
     smooth = np.broadcast_to(np.linspace(40, 200, 64), (48, 64))[..., None].astype(np.uint8)
     path = save(tmp_path / "a.webp", np.repeat(smooth, 3, 2))
     assert read_color(path).pixels.shape == (48, 64, 3)
+
+
+PARA = parametric(3, *SRGB_CURVE)
+PROFILES = {
+    "Display P3": profile(WIDE["Display P3"], PARA),
+    "Adobe RGB": profile(WIDE["Adobe RGB"], parametric(0, 563 / 256)),
+    "ProPhoto": profile((0.7347, 0.2653, 0.1596, 0.8404, 0.0366, 0.0001, 0.3457, 0.3585), PARA),
+}
+
+
+def embedded(path: Path) -> bytes:
+    data = oiio.ImageBuf(str(path)).spec().getattribute("ICCProfile")
+    return b"" if data is None else bytes(data)
+
+
+@pytest.mark.parametrize("kind", ["png", "png16", "tiff", "jpg"])
+@pytest.mark.parametrize(
+    ("name", "suffix"),
+    [("Display P3", "png"), ("Adobe RGB", "jpg"), ("ProPhoto", "tif"), ("Display P3", "webp")],
+)
+def test_a_picture_keeps_its_profile_and_in_focus_its_numbers(
+    name: str, suffix: str, kind: str, tmp_path: Path
+) -> None:
+    ramp = np.linspace(0, 255, 24 * 32).reshape(24, 32, 1)
+    samples = np.rint(ramp * (1.0, 0.8, 0.6)).astype(np.uint8)
+    photo = with_profile(tmp_path / f"a.{suffix}", samples, PROFILES[name])
+    lens = ("--focal-length", "50mm", "--fnumber", "4", "--focus", "3m", "--format", kind)
+    ran = run("render", photo, depth(tmp_path), "-o", tmp_path / "out", *lens)
+    assert (ran.code, "warning" in ran.err) == (0, False), ran.err
+    (made,) = (tmp_path / "out" / "render").iterdir()
+    assert embedded(made) == PROFILES[name]
+    assert np.abs(png16(made) - png16(photo)).max() < (0.02 if kind == "jpg" else 1e-4)
+
+
+def test_a_picture_is_made_srgb_only_if_that_is_asked_for(tmp_path: Path) -> None:
+    rgb = patches()
+    samples = np.rint(linear_to_srgb(in_primaries(rgb, "Display P3")) * 65535).astype(np.uint16)
+    photo = with_profile(tmp_path / "a.png", samples, PROFILES["Display P3"])
+    options = ("--format", "png16", "--color-space", "srgb")
+    assert render(photo, depth(tmp_path), "-o", tmp_path / "out", *options).code == 0
+    made = tmp_path / "out" / "render" / "a.png"
+    assert embedded(made) == b""
+    twin = exr(tmp_path / "twin.exr", rgb)
+    render(twin, depth(tmp_path), "-o", tmp_path / "out", "--format", "png16")
+    assert np.abs(png16(made) - png16(tmp_path / "out" / "render" / "twin.png")).max() < 0.002
+    linear = render(photo, depth(tmp_path), "-o", tmp_path / "exr", "--color-space", "srgb")
+    refused(linear, 2, "idle-option", "color-space")
+
+
+def test_the_picture_in_false_colour_is_srgb(tmp_path: Path) -> None:
+    samples = np.full((24, 32, 3), 200, np.uint8)
+    photo = with_profile(tmp_path / "a.png", samples, PROFILES["Display P3"])
+    options = ("--outputs", "focus", "--format", "png")
+    ran = render(photo, depth(tmp_path), "-o", tmp_path / "out", *options)
+    assert (ran.code, "black" in ran.err) == (0, False), ran.err
+    assert embedded(tmp_path / "out" / "focus" / "a.png") == b""

@@ -66,7 +66,7 @@ def test_numbers_that_are_texts_are_read_and_other_texts_are_not(tmp_path: Path)
     ("distance", "focus"), [(3.5, "3.5m"), (float(0xFFFFFFFF), "inf"), (0.0, None)]
 )
 def test_a_photograph_has_exif(tmp_path: Path, distance: float, focus: str | None) -> None:
-    pixels = np.full((8, 8, 3), 128, np.uint8)
+    pixels = np.full((8, 12, 3), 128, np.uint8)
     file = save(
         tmp_path / "a.jpg",
         pixels,
@@ -79,6 +79,18 @@ def test_a_photograph_has_exif(tmp_path: Path, distance: float, focus: str | Non
     taken = {name: text for name, (text, _) in texts(file).items()}
     assert taken.pop("focus", None) == focus
     assert taken == {"focal-length": "26mm", "fnumber": "1.8", "sensor-width": "18mm"}
+
+
+@pytest.mark.parametrize(
+    ("size", "turn", "millimetres"),
+    [((24, 36), 1, 18), ((24, 36), 6, 12), ((36, 24), 1, 12), ((24, 32), 3, 17.3066)],
+)
+def test_the_sensor_has_the_diagonal_of_the_equivalent_and_the_shape_of_the_upright_frame(
+    size: tuple[int, int], turn: int, millimetres: float, tmp_path: Path
+) -> None:
+    exif = {"Exif__FocalLength": 26.0, "Exif__FocalLengthIn35mmFilm": 52, "Orientation": turn}
+    file = save(tmp_path / "a.jpg", np.full((*size, 3), 128, np.uint8), **exif)
+    assert texts(file)["sensor-width"][0] == f"{millimetres:g}mm"
 
 
 def test_a_damaged_attribute_is_no_number(tmp_path: Path) -> None:

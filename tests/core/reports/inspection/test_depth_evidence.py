@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import ramp, refused, run, write_exr
+from command_line import ramp, run, write_exr
 from depth_files import gdepth, npy, pfm, png, with_text
+from image_files import save
 from optional_libraries import HEIC_MAGIC, with_hdf5, with_heic, write_hdf5
 
 from defocus_core.io.depth_formats.table import FORMATS
@@ -110,7 +111,7 @@ def test_a_grey_picture_in_three_channels_is_told_what_one_channel_is(tmp_path: 
     assert evidence(three) == evidence(one) != ""
     notes = [run("info", "--json", path).json["files"][0]["depth_note"] for path in (one, three)]
     assert notes[0] == notes[1]
-    grey[-1, -1, 2] += 1
+    grey[-1, -1] = (250, 0, 0)
     assert evidence(png(tmp_path / "colored.png", grey, np.uint8)) == ""
 
 
@@ -132,8 +133,21 @@ def test_the_depth_image_of_a_heic_file(tmp_path: Path, monkeypatch: pytest.Monk
     with_heic(monkeypatch, np.array([[0, 255]], np.uint8), d_min=0.1, d_max=2.0)
     (tmp_path / "a.heic").write_bytes(HEIC_MAGIC)
     assert "say --depth-format apple-heic" in evidence(tmp_path / "a.heic")
-    refused(
-        run("depth", tmp_path / "a.heic", "-o", tmp_path / "z.exr"), 3, "unknown-unit", "a.heic"
-    )
+    assert run("depth", tmp_path / "a.heic", "-o", tmp_path / "z.exr").code == 0
     ran = run("info", tmp_path / "a.heic", "--depth-format", "apple-heic")
     assert "depth: 0.5 m to 10 m" in ran.out
+
+
+def test_relative_depth_that_is_nearer_at_the_top_may_be_inverted(tmp_path: Path) -> None:
+    floor = np.repeat(np.linspace(10, 240, 60)[:, None], 40, 1)
+    path = png(tmp_path / "z.png", floor, np.uint8)
+    blur = ("--blur", "20px", "--focus-value", "100")
+    assert "--invert" not in run("info", path, *blur).out
+    upside = png(tmp_path / "y.png", floor[::-1], np.uint8)
+    hint = "the top of the picture is nearer than its bottom: if black is near, say --invert"
+    assert hint in run("info", upside).out
+    assert hint in run("info", upside, *blur).out
+    assert "leave --invert out" in run("info", path, *blur, "--invert").out
+    color = save(tmp_path / "c.png", np.full((60, 40, 3), 90, np.uint8))
+    ran = run("render", color, upside, *blur, "-o", tmp_path / "out")
+    assert (ran.code, "invert" in ran.err) == (0, False)
