@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from defocus_core.compare.findings.cause import diagnose, of_another_size
+from defocus_core.compare.findings.cause import diagnose
 from defocus_core.compare.findings.clipping import clipped, may_be_cut_below
 from defocus_core.compare.findings.finding import Finding, is_place
 from defocus_core.compare.flip import measure_flip
@@ -34,7 +34,7 @@ from defocus_core.compare.record import (
     Worst,
 )
 from defocus_core.compare.selection import coc_file, near_edges, read_mask, within_neighbours
-from defocus_core.compare.structure import compare_samples, compare_structure
+from defocus_core.compare.structure import compare_samples, compare_structure, of_another_size
 from defocus_core.compare.thresholds import ROUNDING, Rule, Rules
 from defocus_core.errors import InputError
 

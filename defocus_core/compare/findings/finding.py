@@ -53,6 +53,7 @@ FINDINGS = (
         "seams",
         "halo",
     ),
+    *("softened", "noise removed", "monochrome", "too small to name"),
     *("multiplied", "offset", "fireflies", "dropped pixels", "compressed with losses", "noise"),
     *_PLACES,
 )
