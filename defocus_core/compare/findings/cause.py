@@ -17,7 +17,7 @@ from defocus_core.compare.findings.evidence import Evidence, Explanation
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.findings.geometry import GEOMETRY
 from defocus_core.compare.findings.places import LocatedPair, place_of
-from defocus_core.compare.findings.softness import SOFTNESS
+from defocus_core.compare.findings.softness import SOFTNESS, SPREAD
 from defocus_core.compare.findings.tone import TONE
 from defocus_core.compare.findings.traces import TRACES
 from defocus_core.compare.pairing import partners
@@ -51,7 +51,7 @@ _DEPTHS = ("Z", "depth.Z", "depth")  # channels
 # Of a difference, and of the cost: two causes of few pixels that are closer are not told apart.
 _NEARLY, _AS_SIMPLE = 0.02, 0.005
 # Families of causes, the cheapest first: a later one is tried where the earlier leave something.
-FAMILIES = (TONE, (*GEOMETRY, *TRACES), SOFTNESS)
+FAMILIES = (TONE, (*GEOMETRY, *TRACES), SOFTNESS, SPREAD)
 _RIVAL = 0.8  # greatest share that a cause leaves of what each of its rivals leaves
 _FLOOR = 0.02  # left by causes that both explain all
 _CERTAIN = 0.03  # left of a difference, below which nothing else is tried
@@ -89,6 +89,8 @@ def diagnose(
         finding = _by_metadata(_by_channels(chosen.finding, evidence), a.metadata, b.metadata)
         share = round(max(0.0, 1 - chosen.fit.left), 4)
         findings = [Finding(finding.name, finding.text, finding.values, share)]
+    if evidence.is_slight and (not findings or findings[0].name == _PLACED_TOO):
+        return [Finding("too small to name", "too small to name")]
     if not findings or findings[0].name == _PLACED_TOO:
         place = place_of(_shown(evidence, (a, b), corner, coc))
         findings += [] if place is None else [place]
@@ -100,7 +102,7 @@ def _chosen(evidence: Evidence) -> Explanation | None:
     tried: list[Explanation] = []
     chosen = None
     for family in FAMILIES:
-        if chosen is None or chosen.rank > _CERTAIN:
+        if chosen is None or (chosen.rank > _CERTAIN and family is not SPREAD):
             tried += [each for cause in family for each in cause.explanations(evidence)]
             good = [each for each in tried if each.is_good]
             chosen = min(good, key=lambda each: each.rank, default=None)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from defocus_core.compare.pixels import Pixels
 
-_SAMPLES = 8_000  # pixels that are looked at, each with its neighbour on the right
+_SAMPLES = 5_000  # pixels that are looked at, each with its neighbour on the right
 _FEW = 2048  # pixels of a picture below which a finding must hold in both turns of the blocks
 _FRAME = 320  # px of a side of the part that is looked at as a whole
 _LARGE = 0.5  # difference beyond which a pixel does not count more
@@ -190,8 +190,17 @@ class Evidence:
     def at(self, side: str, rows: Any, columns: Any, names: Sequence[str] = ()) -> Any:
         """Values [C, N] of side ``a`` or ``b`` at some places, 0 where a pixel is not finite."""
         planes = [self.pixels.plane(side, name)[rows, columns] for name in names or self.names]
-        values = np.clip(np.stack(planes), -_LARGEST, _LARGEST).astype(np.float32)
+        values = np.stack(planes)
+        if not self._is_small_enough:
+            values = np.clip(values, -_LARGEST, _LARGEST)
+        values = values.astype(np.float32)
         return values if self.pixels.finite is None else np.nan_to_num(values)
+
+    @cached_property
+    def _is_small_enough(self) -> bool:
+        """Whether no value is so large that arithmetic overflows."""
+        ends = [end for side in self.pixels.ranges for both in side.values() for end in both]
+        return all(abs(end) < _LARGEST for end in ends)
 
     def scaled(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values on the scale that differences are measured on."""
@@ -240,6 +249,13 @@ class Evidence:
         return max(steps, default=0.0)
 
     @cached_property
+    def is_slight(self) -> bool:
+        """Whether rounding makes about as much of a difference as there is."""
+        half = self.sampled[0].shape[1] // 2
+        whole = self._aim[1]
+        return _is_slight(_power(whole[:, :half], whole[:, half:]), self.step)
+
+    @cached_property
     def _aim(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """B, and B − A, on the scale of differences."""
         a, b = (self.scaled(side) for side in self.sampled)
@@ -279,17 +295,7 @@ class Evidence:
     @cached_property
     def frame(self) -> tuple[slice, slice]:
         """Rows and columns that are looked at as a whole: where most differs."""
-        sums = sums_of_parts(np.minimum(self.pixels.greatest, _LARGE), _GRID)
-        total = np.pad(np.nan_to_num(sums).cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-        high, wide = (min(_FRAME // _GRID, n) for n in sums.shape)
-        held = total[high:, wide:] - total[:-high, wide:] - total[high:, :-wide]
-        held += total[:-high, :-wide]
-        first = np.unravel_index(int(held.argmax()), held.shape)
-        rows, columns = (
-            slice(_GRID * int(k), min(_GRID * int(k) + _FRAME, n))
-            for k, n in zip(first, self.size, strict=True)
-        )
-        return rows, columns
+        return densest(self.pixels.greatest, _FRAME)
 
     @cached_property
     def framed(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -329,16 +335,38 @@ class Evidence:
         """The power of the noise that is left of the frame if its light were as predicted."""
         return _unshared(*self._framed_pairs(predicted, where)[2])
 
+    @cached_property
+    def _framed_shown(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        a, b = (self.scaled_light(side) for side in self.framed)
+        return a, b
+
     def _framed_pairs(
         self, predicted: NDArray[Any], where: NDArray[np.bool_] | None
     ) -> tuple[NDArray[np.bool_], tuple[Any, Any], tuple[Any, Any]]:
         """Where a prediction is looked at, and the difference and what is left of it there."""
-        a, b = (self.scaled_light(side) for side in self.framed)
         used = ~self.clipped_near if where is None else where & ~self.clipped_near
+        rows, columns = (np.flatnonzero(used.any(axis=axis)) for axis in (1, 0))
+        cut = tuple(slice(v[0], v[-1] + 1) if v.size else slice(0) for v in (rows, columns))
+        used = used[cut]
+        a, b = (side[cut] for side in self._framed_shown)
         both = used[:, :-1] & used[:, 1:]
-        sides = (a - b, self.scaled_light(predicted) - b)
+        sides = (a - b, self.scaled_light(predicted[cut]) - b)
         whole, rest = ((side[:, :-1][both], side[:, 1:][both]) for side in sides)
         return used, whole, rest
+
+
+def densest(differences: NDArray[Any], side: int) -> tuple[slice, slice]:
+    """Rows and columns of the part [side, side] of differences [H, W] that holds most of them."""
+    sums = sums_of_parts(np.minimum(np.nan_to_num(differences), _LARGE), _GRID)
+    total = np.pad(sums.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    high, wide = (min(side // _GRID, n) for n in sums.shape)
+    held = total[high:, wide:] - total[:-high, wide:] - total[high:, :-wide] + total[:-high, :-wide]
+    first = np.unravel_index(int(held.argmax()), held.shape)
+    rows, columns = (
+        slice(_GRID * int(k), min(_GRID * int(k) + side, n))
+        for k, n in zip(first, differences.shape, strict=True)
+    )
+    return rows, columns
 
 
 def blocks_in_turn(size: tuple[int, int], side: int = _BLOCK) -> NDArray[np.bool_]:
@@ -367,13 +395,17 @@ def unexplained(
         lossy: power of the strongest noise, as of a codec, that is left out on both sides.
     """
     left, every = _power(*rest), _power(*whole)
-    if every < 6.25 * step * step or not every:  # rounding alone would explain much of it
+    if _is_slight(every, step) or not every:  # rounding alone would explain much of it
         return 0.0 if left == 0.0 < every else math.inf
     # What neighbours do not share is noise.
     allowed = step * step + min(_unshared(*rest), lossy)
     if every < _SIGNAL * allowed:
         return math.inf
     return math.sqrt(max(left - allowed, 0.0) / (every - allowed))
+
+
+def _is_slight(power: float, step: float) -> bool:
+    return power < 6.25 * step * step
 
 
 def _power(here: NDArray[Any], beside: NDArray[Any]) -> float:

@@ -28,7 +28,7 @@ _SHIFT_LEFT = 0.15  # of a difference that a shift may leave: parts of another f
 _PARTS_LEFT = 0.62  # of a difference that parts which move on their own may leave
 _TILES = (16, 32, 64, 128, 256, 512)  # px; each twice the one before
 _MOST_TILES = 1500  # that may have been exchanged
-_CHOSEN = 5000  # samples that choose a small move
+_CHOSEN = 2500  # samples that choose a small move
 _ONE_MOVE = 0.45  # px by which moves of parts differ where all is one move, rounded
 
 
@@ -158,10 +158,10 @@ def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
     """Shifts (dx, dy) worth trying: peaks of correlations, and small ones."""
     a, b = (_middle(evidence, side) for side in ("a", "b"))
     height, width = a.shape
-    window = np.hanning(height + 2)[1:-1, None] * np.hanning(width + 2)[None, 1:-1]
+    window = np.outer(*(np.hanning(n + 2)[1:-1].astype("f4") for n in (height, width)))
     a, b = ((side - side.mean()) * window for side in (a, b))
     spectrum = np.conj(np.fft.rfft2(a)) * np.fft.rfft2(b)
-    magnitude = np.abs(spectrum) + 1e-12 * float(np.abs(spectrum).max(initial=0.0)) + 1e-300
+    magnitude = np.abs(spectrum) + 1e-12 * float(np.abs(spectrum).max(initial=0.0)) + 1e-30
     offsets = [*product((-1, 0, 1), (-1, 0, 1))]
     for whitening in (1.0, 0.5):
         correlation = np.fft.irfft2(spectrum / magnitude**whitening, s=a.shape)
@@ -179,7 +179,7 @@ def _middle(evidence: Evidence, side: str) -> NDArray[Any]:
     high, wide = min(height, _FRAME), min(width, _FRAME)
     top, left = (height - high) // 2, (width - wide) // 2
     cut = (slice(top, top + high), slice(left, left + wide))
-    return np.asarray(evidence.scaled(evidence.at(side, *cut).mean(axis=0)), "f8")
+    return np.asarray(evidence.scaled(evidence.at(side, *cut).mean(axis=0)), "f4")
 
 
 def _moved_a_little(evidence: Evidence) -> Iterator[Fit]:
@@ -227,8 +227,10 @@ def _left_by_move(evidence: Evidence, move: NDArray[Any], far: float) -> float:
     scales: list[tuple[_Scale, _Scale]] = [(evidence.scaled, evidence.unscaled)]
     if evidence.pixels.color:
         scales.append((evidence.light, evidence.stored))
-    lefts = []
+    lefts: list[float] = []
     for scale, back in scales:
+        if lefts and lefts[0] < _EXPLAINED:
+            break
         inside, sums = _moved(evidence, *evidence.places, move, far, evidence.names, scale)
         lefts.append(evidence.left(back(sums[0]), inside))
     return min(lefts)

@@ -14,7 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from defocus_core.compare.findings.evidence import LOSSY, Cause, Evidence, Fit, blocks_in_turn
+from defocus_core.compare.findings.evidence import (
+    LOSSY,
+    Cause,
+    Evidence,
+    Fit,
+    blocks_in_turn,
+    densest,
+)
 from defocus_core.compare.findings.parts import fitted_in_parts
 
 if TYPE_CHECKING:
@@ -27,7 +34,7 @@ _PIECE, _MARGIN = 192, 8  # px of the part that rivals are measured in, and of t
 _BINS = 160  # of frequencies, up to 1/2 a pixel
 _RADII, _SIGMAS = np.geomspace(0.35, 16, 120), np.geomspace(0.2, 8, 120)  # px
 _LENGTHS, _ANGLES = np.geomspace(1.6, 40, 24), np.arange(0, 180, 7.5)  # of a motion: px, degrees
-_FEW = 6  # each how many-th frequency is looked at for motion
+_FEW = 24  # each how many-th frequency is looked at for motion
 _WIDTHS = (0.6, 1.2, 2.4, 4.8)  # px of the gaussians of parts
 _ALIKE = (0.03, 0.08, 0.2)  # differences of neighbours that a denoiser averages
 _SOFT_LEFT, _RESOLUTION_LEFT, _SPREAD_LEFT = 0.3, 0.75, 0.25
@@ -60,10 +67,11 @@ class Softened:
     @cached_property
     def piece(self) -> tuple[slice, slice]:
         """The rows and columns of the frame that are measured."""
-        cuts = []
-        for length in self.sides[0].shape:
-            first = max(_MARGIN, (length - _PIECE) // 2) // 4 * 4
-            cuts.append(slice(first, min(first + _PIECE, length - _MARGIN)))
+        a, b = self.sides
+        cuts = [
+            slice(max(cut.start, _MARGIN), min(cut.stop, length - _MARGIN))
+            for cut, length in zip(densest(np.abs(b - a), _PIECE), a.shape, strict=True)
+        ]
         return cuts[0], cuts[1]
 
     @cached_property
@@ -166,9 +174,15 @@ class Softened:
 
     def filtered(self, side: int, response: NDArray[Any]) -> NDArray[Any]:
         """A or B through a filter, around at the borders."""
-        values = self.sides[side]
-        through: NDArray[Any] = np.fft.irfft2(np.fft.rfft2(values) * response, s=values.shape)
+        size = self.sides[side].shape
+        through: NDArray[Any] = np.fft.irfft2(self.transformed[side] * response, s=size)
         return through
+
+    @cached_property
+    def transformed(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """The transforms of A and B."""
+        a, b = map(np.fft.rfft2, self.sides)
+        return a, b
 
     def smooth(self, side: int, sigma: float, axes: tuple[int, ...] = (0, 1)) -> NDArray[Any]:
         """A or B through a gaussian along axes."""
@@ -189,7 +203,8 @@ class Softened:
 
 def one_less(sides: tuple[NDArray[Any], NDArray[Any]], predicted: NDArray[Any]) -> NDArray[Any]:
     """B, where A is predicted from it: wrong by as much as A is."""
-    return sides[0] + (sides[1] - predicted)
+    less: NDArray[Any] = sides[0] + (sides[1] - predicted)
+    return less
 
 
 @lru_cache(maxsize=1)
@@ -230,11 +245,13 @@ def white_noise(evidence: Evidence) -> str:
     if not noise_like(difference):
         return ""
     of_a, of_b = (alike(difference, side - smooth(side, 1.5)) for side in (a, b))
+    if abs(of_a + of_b) < 0.1 < of_b:
+        return "noise in another pattern"
     if abs(of_a) <= _TIED:
         return "noise"
     if of_a < 0 and abs(of_b) <= _TIED:
         return "noise removed"
-    return "noise in another pattern" if of_a < 0 < of_b else ""
+    return ""
 
 
 def _blurred_alike(evidence: Evidence) -> Iterator[Fit]:
@@ -304,10 +321,15 @@ def _keys(t: Any, a: float = -0.5) -> Any:
     return np.where(t < 1, near, np.where(t < 2, ((t - 5) * t + 8) * t * a - 4 * a, 0))
 
 
+def _cubic_spline(t: Any) -> Any:
+    return np.where(t < 1, (t / 2 - 1) * t * t + 2 / 3, np.maximum(2 - t, 0) ** 3 / 6)
+
+
 _ENLARGED: dict[str, Callable[[Any], Any]] = {
     "nearest": lambda t: 1.0 * ((t >= -0.5) & (t < 0.5)),
     "bilinear": lambda t: np.maximum(1 - np.abs(t), 0),
     "bicubic": _keys,
+    "B-spline": lambda t: _cubic_spline(np.abs(t)),
     "Lanczos": lambda t: np.sinc(t) * np.sinc(t / 3) * (np.abs(t) < 3),
 }
 
@@ -403,6 +425,7 @@ def _moved_in_parts(evidence: Evidence) -> Iterator[Fit]:
             yield Fit(left, said={"way": way}, cost=0.1)
 
 
+@lru_cache(maxsize=1)
 def _ways(evidence: Evidence) -> tuple[dict[str, float], str]:
     """Where B is blurred more, and where less: where its light has less detail, and where more."""
     frame = _softened(evidence)
@@ -425,11 +448,12 @@ def _growth(evidence: Evidence) -> str:
     height, width = evidence.size
     part = max(8, min(height, width) // 12)
     rows, columns = (np.arange(n // part * part) for n in (height, width))
+    rows = rows.reshape(-1, part)[:, ::4].ravel()  # a few of each part
     kept = []
     for side in ("a", "b"):
         light = evidence.light(evidence.at(side, rows[:, None], columns)).mean(axis=0)
         steps = np.abs(np.diff(evidence.scaled_light(light), axis=1, append=0.0))
-        kept.append(steps.reshape(len(rows) // part, part, -1, part).mean(axis=(1, 3)) + 1e-4)
+        kept.append(steps.reshape(height // part, -1, width // part, part).mean(axis=(1, 3)) + 1e-4)
     lost = np.log(kept[0] / kept[1])
     for axis, words in ((1, ("down", "up")), (0, ("to the right", "to the left"))):
         means = np.median(lost, axis=axis)
@@ -460,14 +484,14 @@ def _spread_otherwise(evidence: Evidence) -> Iterator[Fit]:
     """The same light is spread otherwise within a few pixels, by whatever kernel."""
     for left, values, how in _spread(evidence):
         if not (left < _SURELY_SPREAD and "in places" not in how):
-            yield Fit(left, values, {"how": how}, 1.0)  # where nothing else explains it
+            yield Fit(left, values, {"how": how})
 
 
 def _surely_spread(evidence: Evidence) -> Iterator[Fit]:
     """The same, all of it, one way."""
     for left, values, how in _spread(evidence):
         if left < _SURELY_SPREAD and "in places" not in how:
-            yield Fit(left, values, {"how": f"the same light, {how}"}, 1.0)
+            yield Fit(left, values, {"how": f"the same light, {how}"})
 
 
 def noise_like(difference: NDArray[Any]) -> bool:
@@ -517,13 +541,16 @@ SOFTNESS = (
     Cause("motion blur", _moved_in_parts, "motion blur: {way}, in parts", _COC_LEFT, _SOFT),
     Cause(
         *("lower resolution", _lower_resolution, "lower resolution: {size} resolution, {how}"),
-        *(_RESOLUTION_LEFT, _SOFT),
+        _RESOLUTION_LEFT,  # nothing else makes its grid
     ),
     Cause(
         *("noise removed", _noise_removed, "noise removed: smeared as by a denoiser"),
         *(_COC_LEFT, _SOFT),
     ),
     Cause("sharpened", _sharpened, "sharpened: detail x {gain:.3g}", _SOFT_LEFT),
+)
+# What says how light moved, where nothing else explains it.
+SPREAD = (
     Cause(
         *("another CoC or bokeh shape", _surely_spread, "another CoC or bokeh shape: {how}"),
         _SPREAD_LEFT,

@@ -36,7 +36,7 @@ _SEGMENT = 16  # px along a line that are taken together, so that noise averages
 _SPARK = 0.1  # least difference of a firefly
 _DCT = 8  # px of the blocks of JPEG and of DWAA
 _Y = (0.299, 0.587, 0.114)  # of JPEG
-_NOISE_LEFT = 0.25
+_NOISE_LEFT = 0.55
 _WITHOUT_MEAN = 0.3  # greatest mean of noise, by its root mean square
 _MIN_CHANGED = 0.02  # share of pixels that differ, below which there is no noise
 
@@ -215,7 +215,7 @@ def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _compressed(evidence: Evidence) -> Iterator[Fit]:
-    """In blocks of 8 px, frequencies of B are those of A rounded to steps (ITU-T T.81)."""
+    """In blocks of 8 px, frequencies of B are those of A rounded to steps (ITU-T T.81), or small ones are 0."""
     rows, columns = evidence.frame
     luma = []
     for side in ("a", "b"):
@@ -223,19 +223,20 @@ def _compressed(evidence: Evidence) -> Iterator[Fit]:
         weights = np.array(_Y if len(values) == 3 else [1 / len(values)] * len(values))
         luma.append(np.tensordot(weights, values, 1))
 
-    ways = (lambda v, step: step * np.rint(v / step), lambda v, step: v * (np.abs(v) > step))
-
     def left(offset: int) -> float:
         starts = [(-cut.start + offset) % _DCT for cut in (rows, columns)]
         a, b = (_frequencies(side[starts[0] :, starts[1] :]) for side in luma)
         turn = np.arange(len(a)) % 2 == 0
         steps = np.geomspace(0.25 / 255, 1.5, 60)
         errors = [
-            np.square(b[turn] - way(a[turn], step)).sum(axis=0) for way in ways for step in steps
+            np.square(b[turn] - way(a[turn], step)).sum(axis=0)
+            for way in (_rounded, _without_small)
+            for step in steps
         ]
         chosen = np.argmin(np.stack(errors), axis=0)
         step, rounds = steps[chosen % len(steps)], chosen < len(steps)
-        rest = b[~turn] - np.where(rounds, *(way(a[~turn], step) for way in ways))
+        kept = np.where(rounds, _rounded(a[~turn], step), _without_small(a[~turn], step))
+        rest = b[~turn] - kept
         whole = float(np.square(b[~turn] - a[~turn]).sum())
         return math.sqrt(float(np.square(rest).sum()) / whole) if whole else math.inf
 
@@ -244,6 +245,16 @@ def _compressed(evidence: Evidence) -> Iterator[Fit]:
     on_grid = left(0)
     if on_grid < _CODEC_LEFT and on_grid < 0.9 * left(_DCT // 2):
         yield Fit(on_grid, cost=0.1)
+
+
+def _rounded(values: NDArray[Any], step: Any) -> NDArray[Any]:
+    rounded: NDArray[Any] = step * np.rint(values / step)
+    return rounded
+
+
+def _without_small(values: NDArray[Any], least: Any) -> NDArray[Any]:
+    large: NDArray[Any] = values * (np.abs(values) > least)
+    return large
 
 
 def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
