@@ -227,13 +227,14 @@ def _left_by_move(evidence: Evidence, move: NDArray[Any], far: float) -> float:
     scales: list[tuple[_Scale, _Scale]] = [(evidence.scaled, evidence.unscaled)]
     if evidence.pixels.color:
         scales.append((evidence.light, evidence.stored))
-    lefts: list[float] = []
-    for scale, back in scales:
-        if lefts and lefts[0] < _EXPLAINED:
-            break
-        inside, sums = _moved(evidence, *evidence.places, move, far, evidence.names, scale)
-        lefts.append(evidence.left(back(sums[0]), inside))
-    return min(lefts)
+    least = math.inf
+    for weights, (scale, back) in product((_keys, _linear), scales):
+        if least > _EXPLAINED:
+            inside, sums = _moved(
+                evidence, *evidence.places, move, far, evidence.names, scale, weights
+            )
+            least = min(least, evidence.left(back(sums[0]), inside))
+    return least
 
 
 def _moved(
@@ -244,10 +245,12 @@ def _moved(
     far: float,
     names: Sequence[str],
     scale: _Scale | None = None,
+    weights_of: Callable[[Any], Any] | None = None,
 ) -> tuple[NDArray[np.bool_], NDArray[Any]]:
     """Places of A that were within it, and A there with its slopes down and right, [3, C, N].
 
-    Values are on the scale of differences, or another; between pixels they are cubic (Keys, -1/2).
+    Values are on the scale of differences, or another; between pixels they are cubic (Keys, -1/2),
+    or linear.
     """
     scale = scale or evidence.scaled
     height, width = evidence.size
@@ -256,7 +259,8 @@ def _moved(
     at_x = columns - move[1] - (move[3] * x - move[2] * y) / far
     inside = (at_y > 2) & (at_y < height - 3) & (at_x > 2) & (at_x < width - 3)
     top, left = np.floor(at_y).astype(np.intp), np.floor(at_x).astype(np.intp)
-    (down, slope_down), (across, slope_across) = _keys(at_y - top), _keys(at_x - left)
+    between = weights_of or _keys
+    (down, slope_down), (across, slope_across) = between(at_y - top), between(at_x - left)
     total = np.zeros((3, len(names), len(rows)))
     for k in range(4):
         for j in range(4):
@@ -294,6 +298,12 @@ def _keys(t: NDArray[Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         (-4.5 * t + 4.0) * t + 0.5,
         (1.5 * t - 1.0) * t,
     )
+
+
+def _linear(t: NDArray[Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """The same of linear interpolation."""
+    none, one = np.zeros_like(t), np.ones_like(t)
+    return (none, 1 - t, t, none), (none, -one, one, none)
 
 
 def _moved_in_parts(evidence: Evidence) -> Iterator[Fit]:

@@ -38,8 +38,8 @@ _FEW = 24  # each how many-th frequency is looked at for motion
 _WIDTHS = (0.6, 1.2, 2.4, 4.8)  # px of the gaussians of parts
 _ALIKE = (0.03, 0.08, 0.2)  # differences of neighbours that a denoiser averages
 _SOFT_LEFT, _RESOLUTION_LEFT, _SPREAD_LEFT = 0.3, 0.75, 0.25
-_SURELY_SPREAD = 0.08  # left where kernels of another size or shape spread the light
-_COC_LEFT, _ROUND_LEFT = 0.62, 0.45  # kernels of another shape are explained up to 0.47
+_SURELY_SPREAD = 0.06  # left where kernels of another size or shape spread the light
+_COC_LEFT, _ROUND_LEFT = 0.62, 0.1  # kernels of another shape are explained, too, but not all
 # Least unevenness of differences of pixels that half and a quarter of the resolution make.
 _ON_GRID = {2: 0.1, 4: 0.4}
 _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
@@ -230,11 +230,14 @@ def _disc(f: Any, radius: float) -> NDArray[Any]:
     return response
 
 
+def _has_room(evidence: Evidence) -> bool:
+    """Whether a frame holds light, and has room for filters."""
+    return bool(evidence.pixels.color) and min(evidence.framed[0].shape) >= _LEAST
+
+
 def is_large(evidence: Evidence) -> bool:
     """Whether a frame has room for filters, and its difference is no noise beside the light."""
-    return bool(min(evidence.framed[0].shape) >= _LEAST) and white_noise(evidence) in (
-        *("", "noise removed"),
-    )
+    return _has_room(evidence) and white_noise(evidence) in ("", "noise removed")
 
 
 @lru_cache(maxsize=1)
@@ -336,7 +339,7 @@ _ENLARGED: dict[str, Callable[[Any], Any]] = {
 
 def _lower_resolution(evidence: Evidence) -> Iterator[Fit]:
     """B is A at a half or a quarter of the size, enlarged: its steps lie on a grid."""
-    if not is_large(evidence):
+    if not _has_room(evidence):
         return
     frame = _softened(evidence)
     shown = [evidence.scaled_light(side).astype("f8") for side in frame.sides]
@@ -384,7 +387,7 @@ def _enlarged(values: NDArray[Any], factor: int, kernel: Callable[[Any], Any]) -
 
 def _noise_removed(evidence: Evidence) -> Iterator[Fit]:
     """B is A with means of neighbours that are alike in the place of each pixel, or medians."""
-    if not is_large(evidence):
+    if not _has_room(evidence):
         return
     frame = _softened(evidence)
     for predicted, strength, count in frame.denoised:
@@ -454,9 +457,8 @@ def _growth(evidence: Evidence) -> str:
         light = evidence.light(evidence.at(side, rows[:, None], columns)).mean(axis=0)
         steps = np.abs(np.diff(evidence.scaled_light(light), axis=1, append=0.0))
         kept.append(steps.reshape(height // part, -1, width // part, part).mean(axis=(1, 3)) + 1e-4)
-    lost = np.log(kept[0] / kept[1])
     for axis, words in ((1, ("down", "up")), (0, ("to the right", "to the left"))):
-        means = np.median(lost, axis=axis)
+        means = np.log(kept[0].sum(axis=axis) / kept[1].sum(axis=axis))
         tie = alike(means, np.arange(len(means)))
         if abs(tie) > _GROWS and np.ptp(means) > 0.1:
             return (

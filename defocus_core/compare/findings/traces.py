@@ -215,7 +215,7 @@ def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _compressed(evidence: Evidence) -> Iterator[Fit]:
-    """In blocks of 8 px, frequencies of B are those of A rounded to steps (ITU-T T.81), or small ones are 0."""
+    """In blocks of 8 px, frequencies of B are those of A rounded (ITU-T T.81), or small ones 0."""
     rows, columns = evidence.frame
     luma = []
     for side in ("a", "b"):
@@ -288,7 +288,7 @@ def _noise(evidence: Evidence) -> Iterator[Fit]:
         planes = [evidence.pixels.difference(name, *evidence.frame) for name in evidence.names]
         level = math.sqrt(float(np.mean([np.square(p).mean(dtype="f8") for p in planes])))
         how = f"of about {level:.2g}" + f", in {how}" * bool(how)
-        yield Fit(math.sqrt(shared), {"rms": level}, {"name": name, "how": how}, 0.05)
+        yield Fit(math.sqrt(shared), {"rms": level}, {"name": name, "how": how}, 0.6)
 
 
 TRACES = (

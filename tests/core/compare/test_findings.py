@@ -49,10 +49,10 @@ def a(tmp_path: Path) -> Path:
     return write_planes(tmp_path / "a.exr", planes(scene()))
 
 
-@pytest.mark.parametrize("dtype", [np.float16, np.float32])
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_planted_fault_fails_and_is_named(fault: str, dtype: Any, tmp_path: Path) -> None:
+def test_a_planted_fault_fails_and_is_named(fault: str, tmp_path: Path) -> None:
     change, name, words = FAULTS[fault]
+    dtype = (np.float16, np.float32)[list(FAULTS).index(fault) % 2]
     a = write_planes(tmp_path / "a.exr", planes(scene(), dtype))
     b = write_planes(tmp_path / "b.exr", planes(change(scene()), dtype))
     ran = run("compare", a, b, "--json")
@@ -64,7 +64,8 @@ def test_a_planted_fault_fails_and_is_named(fault: str, dtype: Any, tmp_path: Pa
 
 def test_a_smaller_coc_is_told_from_a_larger_one(a: Path, tmp_path: Path) -> None:
     b = write_planes(tmp_path / "b.exr", planes(blurred(scene(), 2)))
-    assert [f.text for f in compared(b, a).findings] == ["another CoC: blurred less"]
+    (finding,) = compared(b, a).findings
+    assert finding.text.startswith("another CoC: blurred less, everywhere alike")
 
 
 _OF_INTEGERS = ["right", "left and down", "mirrored", "upside down", "turned", "BGR", "cut"]
