@@ -72,9 +72,9 @@ def _of_channel(image: Pixels, index: int, changed: Pixels) -> Pixels:
     return image
 
 
-def _moved_in_part(image: Pixels) -> Pixels:
-    """To the right by 0.8 px, cubic."""
-    steps = zip((2, 1, 0, -1), _keys(0.2), strict=True)
+def _moved_in_part(image: Pixels, dx: float = 0.8) -> Pixels:
+    """To the right by a part of a pixel, cubic."""
+    steps = zip((2, 1, 0, -1), _keys(1 - dx), strict=True)
     return sum(weight * np.roll(image, step, axis=1) for step, weight in steps)
 
 
@@ -146,8 +146,8 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
     "around": (lambda a: np.roll(a, -5, 0), "shifted", "shifted by (0, -5)"),
     "half a pixel": (
         lambda a: (blurred(a, 1) + np.roll(blurred(a, 1), 1, 1)) / 2,
-        "another CoC",
-        "another CoC: blurred more",
+        "another CoC or bokeh shape",
+        "blurred more",
     ),
     "mirrored": (lambda a: a[:, ::-1], "flipped", "flipped left to right"),
     "upside down": (lambda a: a[::-1], "flipped", "flipped upside down"),
@@ -234,11 +234,11 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
     "a line of 9 px": (_along, "motion blur", "motion blur: 9"),
     "half, bilinear": (_halved, "lower resolution", "lower resolution: half resolution, bilinear"),
     "median of neighbours": (_median, "noise removed", "noise removed: smeared"),
-    "blurred down the frame": (_pulled, "another CoC", "blurred more, growing down the frame"),
+    "blurred down the frame": (_pulled, "another CoC or bokeh shape", "blurred more"),
     "sharpened": (lambda a: a + 0.6 * (a - blurred(a, 1)), "sharpened", "sharpened: detail x 1.6"),
     # Small ones.
     "a tenth of a pixel": (
-        lambda a: 0.9 * a + 0.1 * np.roll(a, 1, 1),
+        lambda a: _moved_in_part(a, 0.1),
         "shifted",
         "shifted by (0.1",
     ),

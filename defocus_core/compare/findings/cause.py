@@ -108,10 +108,10 @@ def _chosen(evidence: Evidence) -> Explanation | None:
             chosen = min(good, key=lambda each: each.rank, default=None)
     if evidence.is_small and _is_one_of_many(chosen, tried):
         return None
-    return None if chosen is None else _among_rivals(chosen, tried)
+    return None if chosen is None else among_rivals(chosen, tried)
 
 
-def _among_rivals(chosen: Explanation, tried: Sequence[Explanation]) -> Explanation:
+def among_rivals(chosen: Explanation, tried: Sequence[Explanation]) -> Explanation:
     """The explanation, or the word for it and for what explains about as much."""
     word, name = chosen.cause.rivals, chosen.finding.name
     most = max(chosen.fit.left, _FLOOR) / _RIVAL

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _SAMPLES = 5_000  # pixels that are looked at, each with its neighbour on the right
 _FEW = 2048  # pixels of a picture below which a finding must hold in both turns of the blocks
-_FRAME = 320  # px of a side of the part that is looked at as a whole
+_FRAME = 448  # px of a side of the part that is looked at as a whole
 _LARGE = 0.5  # difference beyond which a pixel does not count more
 _GRID = 16  # px that its corner is a multiple of, so that tiles, blocks and coarse pixels are whole
 _BLOCK = 16  # px of the blocks that take turns: one chooses parameters, the next measures

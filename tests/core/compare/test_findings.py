@@ -24,6 +24,9 @@ from planted_faults import (
 )
 
 from defocus_core.compare.comparison import compare_pair
+from defocus_core.compare.findings.cause import FAMILIES, among_rivals
+from defocus_core.compare.findings.evidence import Cause, Explanation, Fit
+from defocus_core.compare.findings.finding import FINDINGS, Finding
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.record import CompareSettings
 from defocus_core.compare.thresholds import Rules
@@ -47,6 +50,11 @@ def names(record: Any) -> list[str]:
 @pytest.fixture
 def a(tmp_path: Path) -> Path:
     return write_planes(tmp_path / "a.exr", planes(scene()))
+
+
+def test_rules_know_the_names_of_all_causes() -> None:
+    rows = [row.name.partition(" {")[0] for family in FAMILIES for row in family]
+    assert {name for name in rows if "{" not in name} <= {*FINDINGS, "clipped at"}
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -279,6 +287,34 @@ def test_renders_by_another_fnumber_have_another_coc(name: str, tmp_path: Path) 
     (finding,) = compared(*files).findings
     assert finding.name == "another CoC"
     assert finding.values["blurred_less"] > 2 * finding.values["blurred_more"]
+
+
+def test_a_focus_pull_grows_down_the_frame(tmp_path: Path) -> None:
+    light = 0.1 + 0.5 * np.random.default_rng(4).random((240, 320, 3))
+    share = np.linspace(0, 1, 240)[:, None, None]
+    a = write_planes(tmp_path / "a.exr", planes(light))
+    b = write_planes(tmp_path / "b.exr", planes((1 - share) * light + share * blurred(light, 2)))
+    (finding,) = compared(a, b).findings
+    assert finding.text.endswith("blurred more, growing down the frame")
+
+
+def test_a_tie_of_rivals_is_said_by_their_common_word() -> None:
+    def explained(name: str, left: float) -> Explanation:
+        row = Cause(name, lambda _: iter(()), rivals="softened")
+        return Explanation(row, Fit(left), Finding(name, name))
+
+    blur, line = explained("another CoC", 0.2), explained("motion blur", 0.22)
+    assert among_rivals(blur, [blur, line]).finding.text == "softened: another CoC or motion blur"
+    assert among_rivals(blur, [blur, explained("motion blur", 0.26)]) is blur
+
+
+def test_what_rounding_hides_is_too_small_to_name(tmp_path: Path) -> None:
+    shown = np.rint(linear_to_srgb(scene().clip(0, 1)) * 255).astype(np.uint8)
+    steps = np.random.default_rng(2).random(shown.shape) < 0.2
+    a = save(tmp_path / "a.png", shown.clip(1, 254))
+    b = save(tmp_path / "b.png", shown.clip(1, 254) + steps)
+    record = compared(a, b)
+    assert names(record) == ["too small to name"]
 
 
 def test_a_blur_that_keeps_what_is_sharp_is_another_coc(a: Path, tmp_path: Path) -> None:
