@@ -71,7 +71,7 @@ def test_what_is_like_the_golden_passes(expression: str, project: Path) -> None:
 def test_what_is_not_fails_with_its_cause(project: Path) -> None:
     said = str(passes(project, expression=SHIFTED))
     assert "noise/a: DIFFERENT: shifted by (1, 0)" in said
-    assert "fails max>0.0001" in said
+    assert "fails max>1e-4" in said
     assert "lets it pass" not in said  # its cause is known
     assert "--golden-update makes it the golden" in said
     assert passes(project, "--golden-update", expression=SHIFTED) is None
