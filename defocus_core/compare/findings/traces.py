@@ -27,13 +27,14 @@ _PERIODS = (8, 16, 32, 64, 128, 256, 512, 1024)  # px of tiles
 _WIDTHS = (1, 2, 4, 8, 16)  # px of a seam
 _STRONGEST = 4.0  # gain of a halo
 _LENGTH = 4.0  # of a halo, in widths of it
-_SEAM_LEFT, _GAIN_LEFT, _HALO_LEFT, _SPARK_LEFT, _CODEC_LEFT = 0.4, 0.3, 0.4, 0.3, 0.75
+_SEAM_LEFT, _GAIN_LEFT, _HALO_LEFT, _SPARK_LEFT, _CODEC_LEFT = 0.4, 0.3, 0.4, 0.3, 0.8
 _FEW = 1e-3  # share of the pixels that fireflies are at most
 # Lines that would hold the difference if each held as much: at least these, and this share of all.
 _LONE, _ALIKE = 1.2, 0.35
 _FEW_TILES = 0.1  # share of the tiles that hold a difference in one place
 _SEGMENT = 16  # px along a line that are taken together, so that noise averages out
 _SPARK = 0.1  # least difference of a firefly
+_ON_GRID = 0.82  # greatest share left of what blocks in other places leave
 _DCT = 8  # px of the blocks of JPEG and of DWAA
 _Y = (0.299, 0.587, 0.114)  # of JPEG
 _NOISE_LEFT = 0.55
@@ -243,8 +244,8 @@ def _compressed(evidence: Evidence) -> Iterator[Fit]:
     if min(luma[0].shape) < 6 * _DCT:
         return
     on_grid = left(0)
-    if on_grid < _CODEC_LEFT and on_grid < 0.9 * left(_DCT // 2):
-        yield Fit(on_grid, cost=0.1)
+    if on_grid < _ON_GRID * left(_DCT // 2):
+        yield Fit(on_grid, cost=-0.35)  # nothing else knows the grid
 
 
 def _rounded(values: NDArray[Any], step: Any) -> NDArray[Any]:
