@@ -46,7 +46,7 @@ _RELATIVE_STEPS = {"half": 4e-4, "float": 1e-6}
 
 
 @dataclass(frozen=True)
-class Fit:
+class FittedCause:
     """A cause whose parameters are those that explain most.
 
     Attributes:
@@ -78,7 +78,7 @@ class Cause:
     """
 
     name: str
-    model: Callable[[Evidence], Iterator[Fit]]
+    model: Callable[[Evidence], Iterator[FittedCause]]
     words: str = ""
     limit: float = LEFT
     rivals: str = ""
@@ -101,7 +101,7 @@ class Explanation:
     """A fit of a cause, and the finding that it makes."""
 
     cause: Cause
-    fit: Fit
+    fit: FittedCause
     finding: Finding
 
     @property

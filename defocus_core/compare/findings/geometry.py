@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from defocus_core.compare.findings.evidence import Cause, Evidence, Fit, blocks_in_turn
+from defocus_core.compare.findings.evidence import Cause, Evidence, FittedCause, blocks_in_turn
 from defocus_core.compare.findings.parts import PART, fitted_in_parts, sums_of_parts
 
 if TYPE_CHECKING:
@@ -32,17 +32,17 @@ _CHOSEN = 2500  # samples that choose a small move
 _ONE_MOVE = 0.45  # px by which moves of parts differ where all is one move, rounded
 
 
-def _other_file(evidence: Evidence) -> Iterator[Fit]:
+def _other_file(evidence: Evidence) -> Iterator[FittedCause]:
     """B is another file that lies beside A."""
     rows, columns = evidence.places
     for name, planes in evidence.others.items():
         if all(n in planes and planes[n].shape == evidence.size for n in evidence.names):
             there = np.stack([planes[n][rows, columns] for n in evidence.names])
             said = {"name": name.partition(":")[0], "text": name}
-            yield Fit(evidence.left(np.nan_to_num(there.astype(np.float32))), said=said)
+            yield FittedCause(evidence.left(np.nan_to_num(there.astype(np.float32))), said=said)
 
 
-def _flipped(evidence: Evidence) -> Iterator[Fit]:
+def _flipped(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A mirrored or turned by right angles, or its halves or its rows in pairs exchanged."""
     rows, columns = evidence.places
     height, width = evidence.size
@@ -66,10 +66,10 @@ def _flipped(evidence: Evidence) -> Iterator[Fit]:
     names = ("fields exchanged", "left and right swapped")
     for text, (y, x) in moves.items():
         name = next((n for n in names if text.startswith(n)), text.split()[0])
-        yield Fit(evidence.left(evidence.at("a", y, x)), said={"name": name, "text": text})
+        yield FittedCause(evidence.left(evidence.at("a", y, x)), said={"name": name, "text": text})
 
 
-def _cropped(evidence: Evidence) -> Iterator[Fit]:
+def _cropped(evidence: Evidence) -> Iterator[FittedCause]:
     """B is 0 outside of a window, and as A within it."""
     planes = [evidence.pixels.plane("b", name) for name in evidence.names]
     if all(plane[0].any() and plane[:, 0].any() and plane[-1].any() for plane in planes):
@@ -89,10 +89,10 @@ def _cropped(evidence: Evidence) -> Iterator[Fit]:
     window = [left, top, right - left + 1, bottom - top + 1]
     where = f"{window[2]}x{window[3]} at {left},{top}"
     left_over = evidence.left(np.where(inside, a, np.float32(0.0)))
-    yield Fit(left_over, {"window": window}, {"where": where})
+    yield FittedCause(left_over, {"window": window}, {"where": where})
 
 
-def _tiles_exchanged(evidence: Evidence) -> Iterator[Fit]:
+def _tiles_exchanged(evidence: Evidence) -> Iterator[FittedCause]:
     """Tiles of B are tiles of A of another place; a tile is known by the mean of its channels."""
     rows, columns = evidence.places
     pixels = evidence.pixels
@@ -121,7 +121,7 @@ def _tiles_exchanged(evidence: Evidence) -> Iterator[Fit]:
         predicted = evidence.at("a", rows + step_y, columns + step_x)
         if step.any():
             cost = 0.001 * _TILES.index(side)
-            yield Fit(evidence.left(predicted), {"side": side}, cost=cost)
+            yield FittedCause(evidence.left(predicted), {"side": side}, cost=cost)
 
 
 def _means(planes: NDArray[Any], side: int) -> NDArray[np.float32]:
@@ -147,11 +147,11 @@ def _offsets_tried(evidence: Evidence) -> list[tuple[float, int, int]]:
     return sorted(tried, key=lambda each: (round(each[0], 2), abs(each[1]) + abs(each[2])))
 
 
-def _shifted(evidence: Evidence) -> Iterator[Fit]:
+def _shifted(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A moved by whole pixels; what comes in at the border may be anything."""
     left, dx, dy = _offsets_tried(evidence)[0]
     if (dx, dy) != (0, 0):
-        yield Fit(left, {"dx": dx, "dy": dy})
+        yield FittedCause(left, {"dx": dx, "dy": dy})
 
 
 def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
@@ -182,7 +182,7 @@ def _middle(evidence: Evidence, side: str) -> NDArray[Any]:
     return np.asarray(evidence.scaled(evidence.at(side, *cut).mean(axis=0)), "f4")
 
 
-def _moved_a_little(evidence: Evidence) -> Iterator[Fit]:
+def _moved_a_little(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A moved by fractions, turned or enlarged around the middle, with cubic interpolation.
 
     Shift, angle and scale are found by least squares on the gradient (Lucas and Kanade, 1981).
@@ -219,7 +219,7 @@ def _moved_a_little(evidence: Evidence) -> Iterator[Fit]:
         left = _left_by_move(evidence, move, far)
         if name == "shifted" and left > _SHIFT_LEFT:
             continue
-        yield Fit(left, values, {"name": name, "text": text}, 0.01 + 0.02 * (free - 2))
+        yield FittedCause(left, values, {"name": name, "text": text}, 0.01 + 0.02 * (free - 2))
 
 
 def _left_by_move(evidence: Evidence, move: NDArray[Any], far: float) -> float:
@@ -306,7 +306,7 @@ def _linear(t: NDArray[Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     return (none, 1 - t, t, none), (none, -one, one, none)
 
 
-def _moved_in_parts(evidence: Evidence) -> Iterator[Fit]:
+def _moved_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
     """Parts of the picture have moved by different amounts: another view, or another frame."""
     tried = _offsets_tried(evidence)
     if tried[0][0] <= _EXPLAINED or min(evidence.size) < 3 * PART:
@@ -334,7 +334,7 @@ def _moved_in_parts(evidence: Evidence) -> Iterator[Fit]:
     (x0, y0), (x1, y1) = (choose(moves[matter], axis=0) for choose in (np.min, np.max))
     span = f"{x0:.0f} to {x1:.0f} px across, {y0:.0f} to {y1:.0f} px down"
     left = evidence.left_framed(evidence.unscaled_light(predicted), ~chooses)
-    yield Fit(left, said={"span": span}, cost=0.0 if apart > 1 else 0.1)
+    yield FittedCause(left, said={"span": span}, cost=0.0 if apart > 1 else 0.1)
 
 
 def _apart_from_one_move(moves: NDArray[Any], weights: NDArray[Any]) -> float:

@@ -18,7 +18,7 @@ from defocus_core.compare.findings.evidence import (
     LOSSY,
     Cause,
     Evidence,
-    Fit,
+    FittedCause,
     blocks_in_turn,
     densest,
 )
@@ -257,7 +257,7 @@ def white_noise(evidence: Evidence) -> str:
     return ""
 
 
-def _blurred_alike(evidence: Evidence) -> Iterator[Fit]:
+def _blurred_alike(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A through a disc or a gaussian for all places, or the reverse."""
     if not is_large(evidence):
         return
@@ -268,10 +268,12 @@ def _blurred_alike(evidence: Evidence) -> Iterator[Fit]:
             radius = size * wide  # of the disc of the same moments
             if radius > 0.3:
                 said = {"way": way, "shape": " by a gaussian" if wide != 1 else ""}
-                yield Fit(frame.left(predicted), {"radius": radius}, said, 0.02 + 0.02 * side)
+                yield FittedCause(
+                    frame.left(predicted), {"radius": radius}, said, 0.02 + 0.02 * side
+                )
 
 
-def _sharpened(evidence: Evidence) -> Iterator[Fit]:
+def _sharpened(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A, and a multiple of its detail."""
     if not is_large(evidence):
         return
@@ -285,10 +287,10 @@ def _sharpened(evidence: Evidence) -> Iterator[Fit]:
     if gain > 0.02:
         a = frame.sides[0]
         predicted = a + gain * (a - frame.smooth(0, sigma))
-        yield Fit(frame.left(predicted), {"gain": 1 + gain, "sigma": sigma}, cost=0.02)
+        yield FittedCause(frame.left(predicted), {"gain": 1 + gain, "sigma": sigma}, cost=0.02)
 
 
-def _motion_blurred(evidence: Evidence) -> Iterator[Fit]:
+def _motion_blurred(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A through a line for all places."""
     if not is_large(evidence):
         return
@@ -315,7 +317,7 @@ def _motion_blurred(evidence: Evidence) -> Iterator[Fit]:
     response = np.sinc(length * (fx * math.cos(turned) - fy * math.sin(turned)))
     if length > 1.8:
         values = {"length": length, "angle": angle}
-        yield Fit(frame.left(frame.filtered(0, response)), values, cost=0.03)
+        yield FittedCause(frame.left(frame.filtered(0, response)), values, cost=0.03)
 
 
 def _keys(t: Any, a: float = -0.5) -> Any:
@@ -337,7 +339,7 @@ _ENLARGED: dict[str, Callable[[Any], Any]] = {
 }
 
 
-def _lower_resolution(evidence: Evidence) -> Iterator[Fit]:
+def _lower_resolution(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A at a half or a quarter of the size, enlarged: its steps lie on a grid."""
     if not _has_room(evidence):
         return
@@ -360,7 +362,9 @@ def _lower_resolution(evidence: Evidence) -> Iterator[Fit]:
             for coarse in small:
                 large = _enlarged(_enlarged(coarse, factor, kernel).T, factor, kernel).T
                 said = {"size": size, "how": how}
-                yield Fit(frame.left(large, cut), {"factor": factor}, said, 0.01 * factor - 0.2)
+                yield FittedCause(
+                    frame.left(large, cut), {"factor": factor}, said, 0.01 * factor - 0.2
+                )
 
 
 def _unevenness(values: NDArray[Any], factor: int, order: int) -> float:
@@ -385,37 +389,37 @@ def _enlarged(values: NDArray[Any], factor: int, kernel: Callable[[Any], Any]) -
     return large
 
 
-def _noise_removed(evidence: Evidence) -> Iterator[Fit]:
+def _noise_removed(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A with means of neighbours that are alike in the place of each pixel, or medians."""
     if not _has_room(evidence):
         return
     frame = _softened(evidence)
     for predicted, strength, count in frame.denoised:
         if strength > 0.2:
-            yield Fit(frame.left(predicted), {"strength": strength}, cost=0.02 * count)
+            yield FittedCause(frame.left(predicted), {"strength": strength}, cost=0.02 * count)
 
 
-def _another_coc(evidence: Evidence) -> Iterator[Fit]:
+def _another_coc(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A blurred, or A is B blurred, in each part by as much as it takes."""
     yield from _round_in_parts(evidence, 0.0, _ROUND_LEFT)
 
 
-def _coc_or_shape(evidence: Evidence) -> Iterator[Fit]:
+def _coc_or_shape(evidence: Evidence) -> Iterator[FittedCause]:
     """The same by kernels that gaussians explain less well."""
     yield from _round_in_parts(evidence, _ROUND_LEFT, math.inf)
 
 
-def _round_in_parts(evidence: Evidence, least: float, most: float) -> Iterator[Fit]:
+def _round_in_parts(evidence: Evidence, least: float, most: float) -> Iterator[FittedCause]:
     if not is_large(evidence):
         return
     frame = _softened(evidence)
     left = min(frame.left(predicted) for predicted in frame.in_parts)
     if least < left <= most:
         values, how = _ways(evidence)
-        yield Fit(left, values, {"how": how}, 0.08)
+        yield FittedCause(left, values, {"how": how}, 0.08)
 
 
-def _moved_in_parts(evidence: Evidence) -> Iterator[Fit]:
+def _moved_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A through lines, along an axis, in each part by as much as it takes."""
     if not is_large(evidence):
         return
@@ -425,7 +429,7 @@ def _moved_in_parts(evidence: Evidence) -> Iterator[Fit]:
         details = [frame.smooth(0, sigma, (axis,)) - frame.sides[0] for sigma in _WIDTHS[1:]]
         left = frame.left(frame.fitted(0, details, 32))
         if left < blurred - 0.1:
-            yield Fit(left, said={"way": way}, cost=0.1)
+            yield FittedCause(left, said={"way": way}, cost=0.1)
 
 
 @lru_cache(maxsize=1)
@@ -482,18 +486,18 @@ def _spread(evidence: Evidence) -> Iterator[tuple[float, dict[str, float], str]]
     yield left, *_ways(evidence)
 
 
-def _spread_otherwise(evidence: Evidence) -> Iterator[Fit]:
+def _spread_otherwise(evidence: Evidence) -> Iterator[FittedCause]:
     """The same light is spread otherwise within a few pixels, by whatever kernel."""
     for left, values, how in _spread(evidence):
         if not (left < _SURELY_SPREAD and "in places" not in how):
-            yield Fit(left, values, {"how": how})
+            yield FittedCause(left, values, {"how": how})
 
 
-def _surely_spread(evidence: Evidence) -> Iterator[Fit]:
+def _surely_spread(evidence: Evidence) -> Iterator[FittedCause]:
     """The same, all of it, one way."""
     for left, values, how in _spread(evidence):
         if left < _SURELY_SPREAD and "in places" not in how:
-            yield Fit(left, values, {"how": f"the same light, {how}"})
+            yield FittedCause(left, values, {"how": f"the same light, {how}"})
 
 
 def noise_like(difference: NDArray[Any]) -> bool:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from defocus_core.compare.findings.evidence import EXACT, Cause, Evidence, Fit
+from defocus_core.compare.findings.evidence import EXACT, Cause, Evidence, FittedCause
 from defocus_core.compare.picture import color_layers, layers
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 from defocus_core.io.images.primaries import NAMED, between_primaries
@@ -28,7 +28,7 @@ _NEAR = 0.02  # greatest difference of a matrix from that of known primaries
 _GREY = 2e-3  # greatest relative difference of the channels of a grey
 
 
-def _empty(evidence: Evidence) -> Iterator[Fit]:
+def _empty(evidence: Evidence) -> Iterator[FittedCause]:
     """B has one value everywhere, or is 0 within the rectangle where it differs."""
     planes = [evidence.pixels.plane("b", name) for name in evidence.names]
     differs = evidence.pixels.greatest > 0
@@ -51,32 +51,32 @@ def _empty(evidence: Evidence) -> Iterator[Fit]:
         where = "everywhere"
     elif any(value.any() for value in values):
         return
-    yield Fit(0.0, said={"level": level, "where": where})
+    yield FittedCause(0.0, said={"level": level, "where": where})
 
 
-def _rounded(evidence: Evidence) -> Iterator[Fit]:
+def _rounded(evidence: Evidence) -> Iterator[FittedCause]:
     a, b = evidence.sampled
     with np.errstate(over="ignore"):
         rounded = a.astype(np.float16).astype(np.float32)
     if np.array_equal(rounded, b):
-        yield Fit(0.0)
+        yield FittedCause(0.0)
 
 
-def _clipped(evidence: Evidence) -> Iterator[Fit]:
+def _clipped(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A with all values beyond a limit set to the limit."""
     a, _ = evidence.sampled
     (low, high), (minimum, maximum) = (_range(evidence, side) for side in ("a", "b"))
     above, below = high > maximum, low < minimum
     if above:
         left = evidence.left(np.minimum(a, np.float32(maximum)))
-        yield Fit(left, {"limit": maximum}, {"how": ""})
+        yield FittedCause(left, {"limit": maximum}, {"how": ""})
     if below:
         left = evidence.left(np.maximum(a, np.float32(minimum)))
-        yield Fit(left, {"limit": minimum}, {"how": " from below"})
+        yield FittedCause(left, {"limit": minimum}, {"how": " from below"})
     if above and below:
         how = f" and, from below, at {minimum:.4g}"
         left = evidence.left(np.clip(a, minimum, maximum))
-        yield Fit(left, {"limit": maximum, "lowest": minimum}, {"how": how}, 0.001)
+        yield FittedCause(left, {"limit": maximum, "lowest": minimum}, {"how": how}, 0.001)
 
 
 def _range(evidence: Evidence, side: str) -> tuple[float, float]:
@@ -89,7 +89,7 @@ def _range(evidence: Evidence, side: str) -> tuple[float, float]:
     return min(low for low, _ in ends), max(high for _, high in ends)
 
 
-def _quantised(evidence: Evidence) -> Iterator[Fit]:
+def _quantised(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A rounded to the levels of few bits, which A is not on."""
     a, b = evidence.sampled
     if len(np.unique(b[0, :4096])) >= min(4096, a.shape[1]) * 0.9:
@@ -104,7 +104,7 @@ def _quantised(evidence: Evidence) -> Iterator[Fit]:
             top = 2**bits - 1
             stored = back(np.rint(curve(aim) * top) / np.float32(top))
             left = evidence.left(stored, a <= 1.0 if clipped else None, exact=True)
-            yield Fit(left, {"bits": bits}, {"how": how})
+            yield FittedCause(left, {"bits": bits}, {"how": how})
 
 
 def _as_it_is(values: NDArray[Any]) -> NDArray[Any]:
@@ -115,7 +115,7 @@ def _decoded(values: NDArray[Any]) -> NDArray[Any]:
     return srgb_to_linear(np.maximum(values, 0.0)).astype(np.float32)
 
 
-def _swapped_channels(evidence: Evidence) -> Iterator[Fit]:
+def _swapped_channels(evidence: Evidence) -> Iterator[FittedCause]:
     """Channels of one layer in another order."""
     for layer in layers(evidence.pixels.names):
         moved = [name for name in layer if name in evidence.names]
@@ -129,15 +129,15 @@ def _swapped_channels(evidence: Evidence) -> Iterator[Fit]:
             said = ", ".join(_own(pair) for pair in pairs if len(set(pair.split(" is "))) > 1)
             predicted = evidence.at("a", *evidence.places, sources)
             values = dict(zip(moved, sources, strict=True))
-            yield Fit(evidence.left(predicted), values, {"how": said})
+            yield FittedCause(evidence.left(predicted), values, {"how": said})
 
 
-def _swapped_views(evidence: Evidence) -> Iterator[Fit]:
+def _swapped_views(evidence: Evidence) -> Iterator[FittedCause]:
     """The layers of the left and the right view in the place of each other."""
     names = evidence.pixels.names
     views = {name: _other_view(name) for name in evidence.names}
     if views and all(other in names and other != name for name, other in views.items()):
-        yield Fit(evidence.left(evidence.at("a", *evidence.places, list(views.values()))))
+        yield FittedCause(evidence.left(evidence.at("a", *evidence.places, list(views.values()))))
 
 
 def _own(text: str) -> str:
@@ -152,7 +152,7 @@ def _other_view(name: str) -> str:
     return name
 
 
-def _premultiplied(evidence: Evidence) -> Iterator[Fit]:
+def _premultiplied(evidence: Evidence) -> Iterator[FittedCause]:
     """Colour divided by its alpha, or multiplied once more."""
     names = evidence.pixels.names
     alphas = {name: name[: -len(name.split(".")[-1])] + "A" for name in evidence.names}
@@ -162,7 +162,7 @@ def _premultiplied(evidence: Evidence) -> Iterator[Fit]:
     alpha = evidence.at("a", *evidence.places, list(alphas.values()))
     divided = np.where(alpha > 0, light / np.where(alpha > 0, alpha, 1.0), light)
     for text, changed in (("divided by alpha", divided), ("multiplied by alpha", light * alpha)):
-        yield Fit(evidence.left(evidence.stored(changed)), said={"how": text})
+        yield FittedCause(evidence.left(evidence.stored(changed)), said={"how": text})
 
 
 def _factors(evidence: Evidence) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
@@ -174,17 +174,17 @@ def _factors(evidence: Evidence) -> tuple[NDArray[Any], NDArray[Any], NDArray[An
     return light, tops, np.square(weights * light).sum(axis=1)
 
 
-def _another_exposure(evidence: Evidence) -> Iterator[Fit]:
+def _another_exposure(evidence: Evidence) -> Iterator[FittedCause]:
     """B is a multiple of A, the same for all channels."""
     light, tops, squares = _factors(evidence)
     if squares.sum():
         factor = float(tops.sum() / squares.sum())
         stops = f" ({np.log2(factor):+.3g} EV)" if factor > 0 else ""
         left = evidence.left(evidence.stored(light * factor), evidence.steady)
-        yield Fit(left, {"factor": factor}, {"stops": stops})
+        yield FittedCause(left, {"factor": factor}, {"stops": stops})
 
 
-def _exposure_of_channels(evidence: Evidence) -> Iterator[Fit]:
+def _exposure_of_channels(evidence: Evidence) -> Iterator[FittedCause]:
     """Each channel of B is a multiple of its own of that of A."""
     light, tops, squares = _factors(evidence)
     if len(light) > 1 and squares.all():
@@ -193,11 +193,11 @@ def _exposure_of_channels(evidence: Evidence) -> Iterator[Fit]:
         factors = dict(zip(evidence.names, map(float, ratios), strict=True))
         scaled = evidence.stored(light * ratios[:, None])
         left = evidence.left(scaled, evidence.steady)
-        yield Fit(left, {"factors": factors}, {"each": each}, 0.01)
+        yield FittedCause(left, {"factors": factors}, {"each": each}, 0.01)
 
 
-def _sign_reversed(evidence: Evidence) -> Iterator[Fit]:
-    yield Fit(evidence.left(-evidence.sampled[0]), cost=-0.001)
+def _sign_reversed(evidence: Evidence) -> Iterator[FittedCause]:
+    yield FittedCause(evidence.left(-evidence.sampled[0]), cost=-0.001)
 
 
 def _weights(evidence: Evidence, light: NDArray[Any]) -> NDArray[Any]:
@@ -218,14 +218,14 @@ def _solved(
     return solved
 
 
-def _encoded_again(evidence: Evidence) -> Iterator[Fit]:
+def _encoded_again(evidence: Evidence) -> Iterator[FittedCause]:
     """A curve was applied once more."""
     for name, curve in (("sRGB-encoded", linear_to_srgb), ("sRGB-decoded", _decoded)):
         left = evidence.left(curve(evidence.sampled[0]).astype(np.float32))
-        yield Fit(left, said={"how": name})
+        yield FittedCause(left, said={"how": name})
 
 
-def _another_gamma(evidence: Evidence) -> Iterator[Fit]:
+def _another_gamma(evidence: Evidence) -> Iterator[FittedCause]:
     """B is a power of A, of its values or of those that a screen shows."""
     yield from _powers(evidence, _as_it_is, _as_it_is, "")
     if evidence.gamma == 1.0:
@@ -241,7 +241,7 @@ def _powers(
     how: str,
     *,
     clipped: bool = False,
-) -> Iterator[Fit]:
+) -> Iterator[FittedCause]:
     a, b = (curve(np.clip(v, 0, 1) if clipped else v) for v in evidence.sampled)
     usable = (a > 0.02) & (b > 0.02) & evidence.fits & evidence.steady
     if np.count_nonzero(usable) < 16:
@@ -250,13 +250,13 @@ def _powers(
     weight = np.minimum(a[usable], 1.0)
     power = float((weight * x * y).sum() / max((weight * x * x).sum(), 1e-300))
     left = evidence.left(back(_power(a, power, 1.0)), evidence.steady)
-    yield Fit(left, {"power": power}, {"how": how}, 0.005)
+    yield FittedCause(left, {"power": power}, {"how": how}, 0.005)
     if not how and float(np.ptp(x)) > 0.1:
         power, offset = (float(value) for value in np.polyfit(x, y, 1))
         factor = float(np.exp(offset))
         left = evidence.left(_power(a, power, factor), evidence.steady)
         how = f", exposure x {factor:.4g}"
-        yield Fit(left, {"power": power, "factor": factor}, {"how": how}, 0.02)
+        yield FittedCause(left, {"power": power, "factor": factor}, {"how": how}, 0.02)
 
 
 def _power(values: NDArray[Any], power: float, factor: float) -> NDArray[Any]:
@@ -267,7 +267,7 @@ def _power(values: NDArray[Any], power: float, factor: float) -> NDArray[Any]:
     return signed.astype(np.float32)
 
 
-def _raised(evidence: Evidence) -> Iterator[Fit]:
+def _raised(evidence: Evidence) -> Iterator[FittedCause]:
     """B is a multiple of A and a constant: of light, or of the values that a screen shows."""
     a, b = evidence.sampled
     steady = evidence.steady & (b > _range(evidence, "b")[0])
@@ -287,23 +287,23 @@ def _raised(evidence: Evidence) -> Iterator[Fit]:
         left = evidence.left(evidence.stored(light + sums[:, None]), steady)
         each = ", ".join(f"{n} {v:+.3g}" for n, v in zip(evidence.names, sums, strict=True))
         said = {"way": "raised" if sums.sum() > 0 else "lowered", "how": f"{each} of light"}
-        yield Fit(
+        yield FittedCause(
             left, {"offsets": dict(zip(evidence.names, map(float, sums), strict=True))}, said, 0.03
         )
 
 
-def _lifted(left: float, offset: float, factor: float, of: str, cost: float) -> Fit:
+def _lifted(left: float, offset: float, factor: float, of: str, cost: float) -> FittedCause:
     how = f"{offset:+.3g} of {of}" + f", x {factor:.4g}" * (factor != 1.0)
     said = {"way": "raised" if offset > 0 else "lowered", "how": how}
-    return Fit(left, {"offset": offset, "factor": factor}, said, cost)
+    return FittedCause(left, {"offset": offset, "factor": factor}, said, cost)
 
 
-def _another_contrast(evidence: Evidence) -> Iterator[Fit]:
+def _another_contrast(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A stretched around a middle, as a screen shows it."""
     offset, factor, left = _line_of_shown(evidence)
     if _turns_in_the_middle(offset, factor):
         values = {"offset": offset, "factor": factor, "pivot": offset / (1 - factor)}
-        yield Fit(left, values, cost=0.02)
+        yield FittedCause(left, values, cost=0.02)
 
 
 def _turns_in_the_middle(offset: float, factor: float) -> bool:
@@ -331,7 +331,7 @@ def _layer(evidence: Evidence) -> tuple[str, ...] | None:
     return layers_of[0]
 
 
-def _monochrome(evidence: Evidence) -> Iterator[Fit]:
+def _monochrome(evidence: Evidence) -> Iterator[FittedCause]:
     """B is grey, each pixel by the same sum of the channels of A, of light or as shown."""
     layer = _layer(evidence)
     if layer is None:
@@ -351,10 +351,10 @@ def _monochrome(evidence: Evidence) -> Iterator[Fit]:
         said = " ".join(f"{s:+.2f} {n}" for n, s in zip(layer, shares, strict=True))
         weights = dict(zip(layer, map(float, shares), strict=True))
         left = evidence.left(np.asarray(predicted, np.float32))
-        yield Fit(left, {"weights": weights}, {"how": said.lstrip("+") + how}, -0.02)
+        yield FittedCause(left, {"weights": weights}, {"how": said.lstrip("+") + how}, -0.02)
 
 
-def _another_saturation(evidence: Evidence) -> Iterator[Fit]:
+def _another_saturation(evidence: Evidence) -> Iterator[FittedCause]:
     """The distances of the channels to luma times a factor, of light or as a screen shows it."""
     layer = _layer(evidence)
     if layer is None:
@@ -372,7 +372,7 @@ def _another_saturation(evidence: Evidence) -> Iterator[Fit]:
         predicted = np.maximum(predicted, 0.0) if dark else predicted
         stored = evidence.unscaled(predicted) if how else evidence.stored(predicted)
         left = evidence.left(stored[kept], evidence.steady)
-        yield Fit(left, {"factor": factor}, {"how": how}, 0.01)
+        yield FittedCause(left, {"factor": factor}, {"how": how}, 0.01)
 
 
 def _of_layer(
@@ -387,7 +387,7 @@ def _of_layer(
     return light, aim, weights, dark
 
 
-def _other_primaries(evidence: Evidence) -> Iterator[Fit]:
+def _other_primaries(evidence: Evidence) -> Iterator[FittedCause]:
     """The channels of one layer mixed by a matrix."""
     layer = _layer(evidence)
     if layer is None:
@@ -400,7 +400,7 @@ def _other_primaries(evidence: Evidence) -> Iterator[Fit]:
     predicted = matrix @ light
     stored = evidence.stored(np.maximum(predicted, 0.0) if dark else predicted)
     left = evidence.left(stored[[layer.index(name) for name in evidence.names]], evidence.steady)
-    yield Fit(left, {"matrix": matrix.tolist()}, {"how": _primaries(matrix)}, 0.03)
+    yield FittedCause(left, {"matrix": matrix.tolist()}, {"how": _primaries(matrix)}, 0.03)
 
 
 def _primaries(matrix: NDArray[Any]) -> str:
@@ -414,7 +414,7 @@ def _primaries(matrix: NDArray[Any]) -> str:
     return nearest if apart[nearest] < _NEAR else "channels mixed by a matrix"
 
 
-def _vignette(evidence: Evidence) -> Iterator[Fit]:
+def _vignette(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A times a polynomial of the distance to the middle of the picture."""
     height, width = evidence.size
     rows, columns = evidence.places
@@ -430,10 +430,10 @@ def _vignette(evidence: Evidence) -> Iterator[Fit]:
             gain = 1 + sum(c * far**k for k, c in enumerate(solved, 1))
             corners = 1 + float(solved.sum())
             left = evidence.left(evidence.stored(light * gain), evidence.steady)
-            yield Fit(left, {"corners": corners}, cost=0.02 * powers)
+            yield FittedCause(left, {"corners": corners}, cost=0.02 * powers)
 
 
-def _tone_curve(evidence: Evidence) -> Iterator[Fit]:
+def _tone_curve(evidence: Evidence) -> Iterator[FittedCause]:
     """B is a curve of A that rises everywhere, the same for all channels or each with its own."""
     a, b = (evidence.scaled(side).astype(np.float64) for side in evidence.sampled)
     fits = np.broadcast_to(evidence.fits, a.shape) & evidence.steady
@@ -465,7 +465,7 @@ def _tone_curve(evidence: Evidence) -> Iterator[Fit]:
     ):
         if predicted is not None:
             stored = evidence.unscaled(predicted)
-            yield Fit(evidence.left(stored, evidence.steady), said={"how": how}, cost=cost)
+            yield FittedCause(evidence.left(stored, evidence.steady), said={"how": how}, cost=cost)
 
 
 TONE = (

@@ -11,7 +11,7 @@ import numpy as np
 from defocus_core.compare.findings.evidence import (
     Cause,
     Evidence,
-    Fit,
+    FittedCause,
     blocks_in_turn,
     unexplained,
 )
@@ -54,7 +54,7 @@ def _difference(evidence: Evidence) -> NDArray[Any]:
     return total
 
 
-def _fireflies(evidence: Evidence) -> Iterator[Fit]:
+def _fireflies(evidence: Evidence) -> Iterator[FittedCause]:
     """A few pixels apart from each other hold the difference."""
     difference = _difference(evidence)
     power = np.square(difference, dtype="f8")
@@ -71,10 +71,10 @@ def _fireflies(evidence: Evidence) -> Iterator[Fit]:
     left = math.sqrt(max(0.0, 1 - float(power[sparks].sum()) / float(power.sum())))
     bright = np.count_nonzero(difference[sparks] > 0) > number / 2
     said = {"name": "fireflies" if bright else "dropped pixels", "count": counted(number, "pixel")}
-    yield Fit(left, {"pixels": number}, said, -0.05)
+    yield FittedCause(left, {"pixels": number}, said, -0.05)
 
 
-def _seams(evidence: Evidence) -> Iterator[Fit]:
+def _seams(evidence: Evidence) -> Iterator[FittedCause]:
     """The difference lies on lines that are the side of a tile apart."""
     difference = _difference(evidence)
     profiles = [_profile(difference), _profile(difference.T)]  # of columns and of rows
@@ -107,7 +107,7 @@ def _seams(evidence: Evidence) -> Iterator[Fit]:
             if starts != {0}:
                 at = f"every {period} px from {', '.join(map(str, sorted(starts)))}"
             cost = 0.01 * wide + 0.4 / period - 0.05
-            yield Fit(left, {"period": period, "width": wide}, {"at": at}, cost)
+            yield FittedCause(left, {"period": period, "width": wide}, {"at": at}, cost)
 
 
 def _profile(difference: NDArray[Any]) -> NDArray[Any]:
@@ -143,7 +143,7 @@ def _phase(profile: NDArray[Any], period: int, wide: int) -> int:
     return middle if sums[middle] > 0.98 * sums[best] else best
 
 
-def _gains_of_tiles(evidence: Evidence) -> Iterator[Fit]:
+def _gains_of_tiles(evidence: Evidence) -> Iterator[FittedCause]:
     """Each tile is a multiple of A of its own, and it is tiles: another grid explains less."""
     height, width = evidence.size
     rows, columns = evidence.places
@@ -171,10 +171,10 @@ def _gains_of_tiles(evidence: Evidence) -> Iterator[Fit]:
         if share < _FEW_TILES:  # they lie in one place
             continue
         if on_grid < _GAIN_LEFT and on_grid < 0.6 * left(side, side // 2)[0]:
-            yield Fit(on_grid, {"period": side}, cost=0.02 + 0.5 / side)
+            yield FittedCause(on_grid, {"period": side}, cost=0.02 + 0.5 / side)
 
 
-def _halo(evidence: Evidence) -> Iterator[Fit]:
+def _halo(evidence: Evidence) -> Iterator[FittedCause]:
     """The difference is a thin band of one sign."""
     difference = _difference(evidence)[evidence.frame]
     size = np.abs(difference)
@@ -202,7 +202,7 @@ def _halo(evidence: Evidence) -> Iterator[Fit]:
         return
     left = evidence.left_framed(np.where(band, gain * a + offset, a), ~chooses)
     brighter = "brighter" if float(difference[band].sum()) > 0 else "darker"
-    yield Fit(left, {"width": wide}, {"how": brighter}, 0.1)
+    yield FittedCause(left, {"width": wide}, {"how": brighter}, 0.1)
 
 
 def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -215,7 +215,7 @@ def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return inner
 
 
-def _compressed(evidence: Evidence) -> Iterator[Fit]:
+def _compressed(evidence: Evidence) -> Iterator[FittedCause]:
     """In blocks of 8 px, frequencies of B are those of A rounded (ITU-T T.81), or small ones 0."""
     rows, columns = evidence.frame
     luma = []
@@ -245,7 +245,7 @@ def _compressed(evidence: Evidence) -> Iterator[Fit]:
         return
     on_grid = left(0)
     if on_grid < _ON_GRID * left(_DCT // 2):
-        yield Fit(on_grid, cost=-0.35)  # nothing else knows the grid
+        yield FittedCause(on_grid, cost=-0.35)  # nothing else knows the grid
 
 
 def _rounded(values: NDArray[Any], step: Any) -> NDArray[Any]:
@@ -270,7 +270,7 @@ def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
     return transformed
 
 
-def _noise(evidence: Evidence) -> Iterator[Fit]:
+def _noise(evidence: Evidence) -> Iterator[FittedCause]:
     """The difference has no mean, and neighbours in it have nothing in common."""
     difference = _difference(evidence)[evidence.frame]
     power = float(np.square(difference, dtype="f8").mean())
@@ -289,7 +289,7 @@ def _noise(evidence: Evidence) -> Iterator[Fit]:
         planes = [evidence.pixels.difference(name, *evidence.frame) for name in evidence.names]
         level = math.sqrt(float(np.mean([np.square(p).mean(dtype="f8") for p in planes])))
         how = f"of about {level:.2g}" + f", in {how}" * bool(how)
-        yield Fit(math.sqrt(shared), {"rms": level}, {"name": name, "how": how}, 0.6)
+        yield FittedCause(math.sqrt(shared), {"rms": level}, {"name": name, "how": how}, 0.6)
 
 
 TRACES = (

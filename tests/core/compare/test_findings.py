@@ -25,7 +25,7 @@ from planted_faults import (
 
 from defocus_core.compare.comparison import compare_pair
 from defocus_core.compare.findings.cause import FAMILIES, among_rivals
-from defocus_core.compare.findings.evidence import Cause, Explanation, Fit
+from defocus_core.compare.findings.evidence import Cause, Explanation, FittedCause
 from defocus_core.compare.findings.finding import FINDINGS, Finding
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.record import CompareSettings
@@ -302,7 +302,7 @@ def test_a_focus_pull_grows_down_the_frame(tmp_path: Path) -> None:
 def test_a_tie_of_rivals_is_said_by_their_common_word() -> None:
     def explained(name: str, left: float) -> Explanation:
         row = Cause(name, lambda _: iter(()), rivals="softened")
-        return Explanation(row, Fit(left), Finding(name, name))
+        return Explanation(row, FittedCause(left), Finding(name, name))
 
     blur, line = explained("another CoC", 0.2), explained("motion blur", 0.22)
     assert among_rivals(blur, [blur, line]).finding.text == "softened: another CoC or motion blur"
