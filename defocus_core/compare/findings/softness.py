@@ -41,7 +41,7 @@ _SOFT_LEFT, _RESOLUTION_LEFT, _SPREAD_LEFT = 0.3, 0.75, 0.25
 _SURELY_SPREAD = 0.06  # left where kernels of another size or shape spread the light
 _COC_LEFT, _ROUND_LEFT = 0.62, 0.1  # kernels of another shape are explained, too, but not all
 # Least unevenness of differences of pixels that half and a quarter of the resolution make.
-_ON_GRID = {2: 0.06, 4: 0.4}
+_ON_GRID = {2: 0.1, 4: 0.4}
 _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
 _GROWS = 0.75  # correlation of blur with place that makes it grow
@@ -455,7 +455,7 @@ def _growth(evidence: Evidence) -> str:
     height, width = evidence.size
     part = max(8, min(height, width) // 12)
     rows, columns = (np.arange(n // part * part) for n in (height, width))
-    rows = rows.reshape(-1, part)[:, ::4].ravel()  # a few of each part
+    rows = rows.reshape(-1, part)[:, :: max(4, part // 6)].ravel()  # a few of each part
     kept = []
     for side in ("a", "b"):
         light = evidence.light(evidence.at(side, rows[:, None], columns)).mean(axis=0)
