@@ -44,8 +44,10 @@ _COC_LEFT, _ROUND_LEFT = 0.62, 0.1  # kernels of another shape are explained, to
 _ON_GRID = {2: 0.1, 4: 0.4}
 _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
-_GROWS = 0.75  # correlation of blur with place that makes it grow
+_GROWS = 0.6  # correlation of blur with place that makes it grow
+_SHARP_END = 0.35  # greatest share of the blur of one end that is at the other where it grows
 _TIED = 0.35  # least correlation of a difference with the detail of a side that it is of
+_COC, _EITHER = "another CoC", "another CoC or bokeh shape"
 _UNLIKE_NEIGHBOURS = 0.3  # greatest correlation of noise with itself one pixel on
 
 
@@ -399,24 +401,16 @@ def _noise_removed(evidence: Evidence) -> Iterator[FittedCause]:
             yield FittedCause(frame.left(predicted), {"strength": strength}, cost=0.02 * count)
 
 
-def _another_coc(evidence: Evidence) -> Iterator[FittedCause]:
+def _blurred_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A blurred, or A is B blurred, in each part by as much as it takes."""
-    yield from _round_in_parts(evidence, 0.0, _ROUND_LEFT)
-
-
-def _coc_or_shape(evidence: Evidence) -> Iterator[FittedCause]:
-    """The same by kernels that gaussians explain less well."""
-    yield from _round_in_parts(evidence, _ROUND_LEFT, math.inf)
-
-
-def _round_in_parts(evidence: Evidence, least: float, most: float) -> Iterator[FittedCause]:
     if not is_large(evidence):
         return
     frame = _softened(evidence)
     left = min(frame.left(predicted) for predicted in frame.in_parts)
-    if least < left <= most:
+    if left <= _COC_LEFT:
         values, how = _ways(evidence)
-        yield FittedCause(left, values, {"how": how}, 0.08)
+        name = _COC if left <= _ROUND_LEFT else _EITHER
+        yield FittedCause(left, values, {"name": name, "how": how}, 0.08)
 
 
 def _moved_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
@@ -461,18 +455,21 @@ def _growth(evidence: Evidence) -> str:
         light = evidence.light(evidence.at(side, rows[:, None], columns)).mean(axis=0)
         steps = np.abs(np.diff(evidence.scaled_light(light), axis=1, append=0.0))
         kept.append(steps.reshape(height // part, -1, width // part, part).mean(axis=(1, 3)) + 1e-4)
-    for axis, words in ((1, ("down", "up")), (0, ("to the right", "to the left"))):
+    for axis, words in (
+        (1, ("down the frame", "up the frame")),
+        (0, ("to the right", "to the left")),
+    ):
         means = np.log(kept[0].sum(axis=axis) / kept[1].sum(axis=axis))
         tie = alike(means, np.arange(len(means)))
-        if abs(tie) > _GROWS and np.ptp(means) > 0.1:
-            return (
-                f", growing {words[tie < 0]} the frame" if axis else f", growing {words[tie < 0]}"
-            )
+        third = max(1, len(means) // 3)
+        ends = sorted(float(end.mean()) for end in (means[:third], means[-third:]))
+        if abs(tie) > _GROWS and ends[0] < _SHARP_END * ends[1]:
+            return f", growing {words[tie < 0]}"
     return ""
 
 
-def _spread(evidence: Evidence) -> Iterator[tuple[float, dict[str, float], str]]:
-    """What is left of a difference whose light only moved by a few pixels, and how it moved."""
+def _spread_otherwise(evidence: Evidence) -> Iterator[FittedCause]:
+    """The same light is spread otherwise within a few pixels, by whatever kernel."""
     if not is_large(evidence):
         return
     frame = _softened(evidence)
@@ -483,21 +480,9 @@ def _spread(evidence: Evidence) -> Iterator[tuple[float, dict[str, float], str]]
     scale = smooth(frame.slope, _SPREAD)
     kept, moved = (smooth(d, _SPREAD) * scale for d in (difference, np.abs(difference)))
     left = math.sqrt(float(np.square(kept).sum()) / max(float(np.square(moved).sum()), 1e-300))
-    yield left, *_ways(evidence)
-
-
-def _spread_otherwise(evidence: Evidence) -> Iterator[FittedCause]:
-    """The same light is spread otherwise within a few pixels, by whatever kernel."""
-    for left, values, how in _spread(evidence):
-        if not (left < _SURELY_SPREAD and "in places" not in how):
-            yield FittedCause(left, values, {"how": how})
-
-
-def _surely_spread(evidence: Evidence) -> Iterator[FittedCause]:
-    """The same, all of it, one way."""
-    for left, values, how in _spread(evidence):
-        if left < _SURELY_SPREAD and "in places" not in how:
-            yield FittedCause(left, values, {"how": f"the same light, {how}"})
+    values, how = _ways(evidence)
+    surely = left < _SURELY_SPREAD and "in places" not in how
+    yield FittedCause(left, values, {"name": _EITHER if surely else "spread otherwise", "how": how})
 
 
 def noise_like(difference: NDArray[Any]) -> bool:
@@ -535,11 +520,7 @@ SOFTNESS = (
         "another CoC: blurred {way}, everywhere alike, as by a radius of {radius:.2g} px{shape}",
         *(_SOFT_LEFT, _SOFT),
     ),
-    Cause("another CoC", _another_coc, "another CoC: {how}", _COC_LEFT, _SOFT),
-    Cause(
-        *("another CoC or bokeh shape", _coc_or_shape, "another CoC or bokeh shape: {how}"),
-        *(_COC_LEFT, _SOFT),
-    ),
+    Cause("{name}", _blurred_in_parts, "{name}: {how}", _COC_LEFT, _SOFT),
     Cause(
         *("motion blur", _motion_blurred, "motion blur: {length:.2g} px at {angle:.0f}°"),
         *(_SOFT_LEFT, _SOFT),
@@ -556,13 +537,4 @@ SOFTNESS = (
     Cause("sharpened", _sharpened, "sharpened: detail x {gain:.3g}", _SOFT_LEFT),
 )
 # What says how light moved, where nothing else explains it.
-SPREAD = (
-    Cause(
-        *("another CoC or bokeh shape", _surely_spread, "another CoC or bokeh shape: {how}"),
-        _SPREAD_LEFT,
-    ),
-    Cause(
-        *("spread otherwise", _spread_otherwise, "spread otherwise: the same light, {how}"),
-        _SPREAD_LEFT,
-    ),
-)
+SPREAD = (Cause("{name}", _spread_otherwise, "{name}: the same light, {how}", _SPREAD_LEFT),)
