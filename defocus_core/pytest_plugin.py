@@ -11,7 +11,7 @@ import math
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,15 +19,13 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from defocus_core.compare.record import Comparison
+    from defocus_core.compare.record import CompareSettings, Comparison
     from defocus_core.compare.thresholds import Rules
 
 _FOLDER = "goldens"
 _KEPT = pytest.StashKey[Path]()  # the folder that checks are kept in for the report
 _SAID = pytest.StashKey[str]()  # where the report is
 _WORD = "defocus_goldens"
-# Another processor, or another version of torch, rounds otherwise.
-_DEFAULT = {"max": 1e-4}
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -103,7 +101,21 @@ class Golden:
         self.folder, self.update, self.test, self.kept = folder, update, test, kept
         self._checked: set[str] = set()
 
-    def check(self, image: Any, name: str, *, like: str | None = None, **bounds: float) -> None:
+    def check(
+        self,
+        image: Any,
+        name: str,
+        *,
+        like: str | None = None,
+        fail: Sequence[str] = (),
+        thresholds: str | os.PathLike[str] | None = None,
+        region: tuple[int, int, int, int] | None = None,
+        mask: str | os.PathLike[str] | None = None,
+        ignore_region: Sequence[tuple[int, int, int, int]] = (),
+        ignore_mask: str | os.PathLike[str] | None = None,
+        tolerate_edges: bool = False,
+        **bounds: float,
+    ) -> None:
         """Compare an image with its golden, and fail the test if it is not like it.
 
         Args:
@@ -112,22 +124,40 @@ class Golden:
             name: of the golden, unique in the test file; may hold slashes.
             like: a set of rules: ``render`` (the same program on another machine), ``encoder`` (a
                 lossy codec) or ``golden`` (the same program and machine).
+            fail: rules like ``found:clipped`` or ``psnr<45``, besides bounds.
+            thresholds: a file of thresholds; bounds and rules win over it.
+            region: x, y, width and height in px of what is compared.
+            mask: a file that is not 0 where pixels are compared.
+            ignore_region: parts that are not compared, each as a region.
+            ignore_mask: a file that is not 0 where pixels are not compared.
+            tolerate_edges: whether pixels at edges may differ as far as their neighbours do.
             bounds: metrics of ``defocus compare`` with what is just allowed, like ``psnr=45`` or
                 ``max=0.02``; rel_rmse, p999 and edges_psnr for rel-rmse, p99.9 and edges-psnr.
                 By default, no value may differ by more than 1e-4.
 
         Raises:
             ValueError: the image has another shape, or values that 32 bits cannot hold; a metric is
-                not known, or its bound is NaN; or the name is empty, was checked in this test
-                before, or leads out of the folder.
+                not known, or its bound is NaN; a rule makes no sense; or the name is empty, was
+                checked in this test before, or leads out of the folder.
+            InputError: the file of thresholds cannot be read.
+            UsageProblem: a region is not within the picture, or the file makes no sense.
         """
-        from defocus_core.compare.record import EXTRA, Comparison
+        from defocus_core.compare.record import EXTRA, CompareSettings, Comparison
+        from defocus_core.compare.selection import CropRegion
         from defocus_core.compare.two_images import planes_of
         from defocus_core.errors import InputError
         from defocus_core.reports.comparison_words import line
 
         __tracebackhide__ = True
-        rules = _rules(bounds, like)
+        rules = _rules(name, bounds, like, fail, thresholds)
+        settings = CompareSettings(
+            region=None if region is None else CropRegion(*region),
+            mask=None if mask is None else Path(mask),
+            ignore_region=tuple(CropRegion(*each) for each in ignore_region),
+            ignore_mask=None if ignore_mask is None else Path(ignore_mask),
+            tolerate_edges=tolerate_edges,
+            flip=any(each.metric.startswith("flip") for each in rules.fail),
+        )
         source = Path(image) if isinstance(image, str | Path) else None
         if not all(part.strip(".") for part in name.split("/")):
             raise ValueError(f"name must be that of a file below {self.folder}, got '{name}'")
@@ -140,13 +170,13 @@ class Golden:
             self._keep(Comparison(name, None, None, EXTRA), golden, picture)
             pytest.fail(f"{golden}: there is no such golden; make it with pytest --golden-update")
         try:
-            record = _compared(golden, picture, name, rules)
+            record = _compared(golden, picture, name, rules, settings)
         except InputError as error:
             pytest.fail(str(error), pytrace=False)
         self._keep(record, golden, picture)
         if not record.passes:
             told = [line(replace(record, proposal=""))]
-            if record.proposal:
+            if record.proposal and not bounds:
                 told.append(f"{record.proposal.replace('>', '=')} lets it pass")
             told.append(f"--golden-update makes it the golden {golden}")
             pytest.fail("\n".join(told), pytrace=False)
@@ -187,31 +217,53 @@ def golden(request: pytest.FixtureRequest) -> Golden:
     return Golden(folder, update=update, test=request.node.nodeid, kept=kept)
 
 
-def _rules(bounds: Mapping[str, float], like: str | None) -> Rules:
+def _rules(
+    name: str,
+    bounds: Mapping[str, float],
+    like: str | None,
+    fail: Sequence[str],
+    thresholds: str | os.PathLike[str] | None,
+) -> Rules:
+    """The rules of a check, which add to those it is to be like."""
+    from defocus_core.batch.lenses.quantities import QuantityError
     from defocus_core.compare.metrics import METRICS
-    from defocus_core.compare.thresholds import PRESETS, Rule, Rules
+    from defocus_core.compare.thresholds import (
+        PRESETS,
+        ROUNDING,
+        Rule,
+        Rules,
+        read_thresholds,
+        rule,
+    )
 
     __tracebackhide__ = True
     if like is not None and like not in PRESETS:
         raise ValueError(f"like must be one of {', '.join(PRESETS)}, got {like}")
     rules = []
-    for key, bound in (bounds or ({} if like else _DEFAULT)).items():
-        name = key.replace("p999", "p99.9").replace("_", "-")
-        if name not in METRICS:
+    for key, bound in bounds.items():
+        metric = key.replace("p999", "p99.9").replace("_", "-")
+        if metric not in METRICS:
             raise ValueError(f"bounds must be metrics ({', '.join(METRICS)}), got {key}")
         if math.isnan(bound):
             raise ValueError(f"the bound of {key} must be a number, got NaN: it lets all pass")
-        sign = "<" if METRICS[name].better == "high" else ">"
-        rules.append(Rule(name, sign, float(bound), f"{name}{sign}{bound:g}"))
-    preset = Rules() if like is None else PRESETS[like]
-    return Rules(fail=(*preset.fail, *rules), warn=preset.warn)
+        sign = "<" if METRICS[metric].better == "high" else ">"
+        rules.append(Rule(metric, sign, float(bound), f"{metric}{sign}{bound:g}"))
+    try:
+        rules += [rule(text) for text in ([fail] if isinstance(fail, str) else fail)]
+    except QuantityError as error:
+        raise ValueError(f"fail: {error.problem}; {error.remedy}") from None
+    default = Rules(fail=(ROUNDING,)) if like is None else PRESETS[like]
+    given = [*default.fail, *rules] if rules and like is not None else rules
+    file = None if thresholds is None else Path(thresholds)
+    return read_thresholds(file, given, default=default).of(name)
 
 
-def _compared(golden: Path, image: Any, name: str, rules: Rules) -> Comparison:
+def _compared(
+    golden: Path, image: Any, name: str, rules: Rules, settings: CompareSettings
+) -> Comparison:
     """The record of a file, or of channels, and its golden."""
     from defocus_core.compare.comparison import compare_pictures
     from defocus_core.compare.picture import read_picture
-    from defocus_core.compare.record import CompareSettings
     from defocus_core.compare.two_images import of_planes
 
     picture = read_picture(image) if isinstance(image, Path) else of_planes(image, name)
@@ -219,8 +271,7 @@ def _compared(golden: Path, image: Any, name: str, rules: Rules) -> Comparison:
     if not isinstance(image, Path):  # an array has neither metadata nor a codec
         types = {n: kind for n, kind in picture.types.items() if n in aim.types}
         aim = replace(aim, metadata={}, layout={}, types={**aim.types, **types})
-    flip = any(rule.metric.startswith("flip") for rule in rules.fail)
-    return compare_pictures(name, aim, picture, rules, CompareSettings(flip=flip))[0]
+    return compare_pictures(name, aim, picture, rules, settings)[0]
 
 
 def _accept(folder: Path, golden: Path, image: Any) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,7 @@ from defocus_core.compare.accepting import accept_files
 from defocus_core.compare.batch_pairs import are_batches, pair_batches
 from defocus_core.compare.metrics import METRICS
 from defocus_core.compare.pairing import find_pairs
-from defocus_core.compare.record import DIFFERENT, EXTRA
+from defocus_core.compare.record import DIFFERENT, EXTRA, Comparison
 from defocus_core.compare.run import compare_all
 from defocus_core.reports import comparison_words as compare_report
 from defocus_core.reports.html import comparisons
@@ -94,30 +96,39 @@ def command(
         console.stdout(recipe)
     for pattern in asked.rules.idle([pair.name for pair in pairs]):
         console.stderr(f"{asked.file}: no picture matches files = '{pattern}'")
-    records, lone = [], not a.is_dir()
-    for record in console.watch(compare_all(pairs, asked.task, processes), "pair", len(pairs)):
-        records.append(record)
-        worth = compare_report.is_worth_a_line(record, verbose=verbose, lone=lone)
-        if worth and not as_json:
+    lone = not a.is_dir()
+
+    def say(record: Comparison) -> None:
+        if compare_report.is_worth_a_line(record, verbose=verbose, lone=lone):
             console.stdout(compare_report.line(record))
-    if asked.junit is not None:
-        write_junit(asked.junit, records, time.perf_counter() - start)
-    if asked.html is not None:
-        words = [f"A: {a}", f"B: {b}", *recipes, *comparisons.setting_lines(asked.settings)]
-        commands = comparisons.compare_commands(asked.rules.of, asked.settings)
-        title = f"{b} compared with {a}"
-        header = comparisons.ReportHeader(title, words, commands)
-        comparisons.write(asked.html, header, records, asked.settings, processes)
-    accepted = accept_files(a, b, records) if accept else []
-    if as_json:
-        more: dict[str, Any] = (
-            {} if batches is None else {"recipes": [asdict(each) for each in batches.changes]}
-        )
-        if accept:
-            more["accepted"] = [str(path) for path in accepted]
-        console.print_json(**compare_report.document(records), **more)
-    elif not lone:
-        console.stdout(compare_report.summary(records))
+
+    def report(records: Sequence[Comparison]) -> None:
+        """Say what came of the pairs that were compared; all of them, unless interrupted."""
+        if not (as_json or lone):
+            console.stdout(compare_report.summary(records, len(pairs)))
+        if asked.junit is not None:
+            write_junit(asked.junit, records, time.perf_counter() - start)
+        if asked.html is not None:
+            words = [f"A: {a}", f"B: {b}", *recipes, *comparisons.setting_lines(asked.settings)]
+            commands = comparisons.compare_commands(asked.rules.of, asked.settings)
+            header = comparisons.ReportHeader(f"{b} compared with {a}", words, commands)
+            comparisons.write(asked.html, header, records, asked.settings, processes)
+
+    head = {} if batches is None else {"recipes": [asdict(each) for each in batches.changes]}
+    rows: Any = console.json_rows("pairs", **head) if as_json else nullcontext((say, {}))
+    records: list[Comparison] = []
+    with rows as (show, tail):
+        try:
+            for record in console.watch(
+                compare_all(pairs, asked.task, processes), "pair", len(pairs)
+            ):
+                records.append(record)
+                show(compare_report.pair_record(record) if as_json else record)
+        finally:
+            tail |= compare_report.counts(records, len(pairs))
+            report(records)
+        accepted = accept_files(a, b, records) if accept else []
+        tail |= {"accepted": [str(path) for path in accepted]} if accept else {}
     if accept and not as_json:
         console.stdout(f"{a}: {counted(len(accepted), 'file')} accepted from {b}")
     left = [r for r in records if not (accept and r.status in (DIFFERENT, EXTRA))]

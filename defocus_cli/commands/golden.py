@@ -30,7 +30,7 @@ from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import read_picture
 from defocus_core.compare.record import EXTRA, MISSING, CompareSettings, Comparison
 from defocus_core.compare.run import Task, compare_all
-from defocus_core.compare.thresholds import Rules, Thresholds, rule
+from defocus_core.compare.thresholds import ROUNDING, Rules, Thresholds
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.safe_files import missing
 from defocus_core.reports import comparison_words as compare_report
@@ -38,8 +38,7 @@ from defocus_core.reports.html import comparisons
 from defocus_core.reports.junit import write_junit
 from defocus_core.system.text import counted
 
-# Another processor, or another version of torch, rounds otherwise.
-_DEFAULT_RULES = Rules(fail=(rule("max>1e-4"),))
+_DEFAULT_RULES = Rules(fail=(ROUNDING,))
 _ROOM = 4.0  # by how much a proposed bound exceeds the noise of two renders
 Faults = Mapping[str, Sequence[Planted]]
 

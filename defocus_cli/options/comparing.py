@@ -22,7 +22,7 @@ from defocus_cli.options.types import (
     position_of,
 )
 from defocus_core.compare.record import CompareSettings
-from defocus_core.compare.run import Task
+from defocus_core.compare.run import CAUSES, FIRST, Task
 from defocus_core.compare.selection import region
 from defocus_core.compare.thresholds import (
     OVER,
@@ -51,6 +51,7 @@ class ComparisonOptions:
         diff: directory for difference images.
         junit: file for JUnit XML.
         html: file for the report that people look at.
+        causes: of which failing pairs the cause is sought, a key of `CAUSES`.
     """
 
     rules: Thresholds
@@ -59,11 +60,12 @@ class ComparisonOptions:
     diff: Path | None = None
     junit: Path | None = None
     html: Path | None = None
+    causes: str = "first"
 
     @property
     def task(self) -> Task:
         """What is to be done with each pair."""
-        return Task(self.rules, self.settings, self.diff)
+        return Task(self.rules, self.settings, self.diff, self.causes)
 
     @property
     def reports(self) -> dict[str, Path | None]:
@@ -89,12 +91,14 @@ def comparison_options(default: Rules = _NO_RULES, *, whole: bool = True) -> Dec
         diff: Path | None = None,
         junit: Path | None = None,
         html: Path | None = None,
+        causes: str = "first",
         **settings: Any,
     ) -> ComparisonOptions:
         rules = read_thresholds(
             thresholds, fail, warn, over, default if like is None else PRESETS[like]
         )
-        return ComparisonOptions(rules, thresholds, CompareSettings(**settings), diff, junit, html)
+        chosen = CompareSettings(**settings)
+        return ComparisonOptions(rules, thresholds, chosen, diff, junit, html, causes)
 
     options = [*_rules(), *([*_selection(), *_reports()] if whole else [])]
     return bundle("asked", make, options)
@@ -226,6 +230,13 @@ def _selection() -> list[Decorator]:
 def _reports() -> list[Decorator]:
     option = functools.partial(grouped_option, "Output")
     return [
+        option(
+            "--causes",
+            type=click.Choice(list(CAUSES)),
+            default="first",
+            help=f"Of which failing pairs the cause is sought: the first {FIRST}, all or none; "
+            "a rule like 'found:noise' seeks it in all.  [default: first]",
+        ),
         option("--diff", type=FilePath(), metavar="DIR", help=_DIFF),
         option(
             "--junit",

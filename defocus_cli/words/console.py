@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from errno import ENOSPC
+from itertools import count
 from logging import Handler, LogRecord, getLogger
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -88,8 +89,35 @@ def print_json(**document: Any) -> None:
     """One JSON document on stdout, which names the version first."""
     Due.json = False
     document = {"defocus": version(), **document}
-    text = json.dumps(document, indent=1, allow_nan=False)
-    _print(with_dashes(text.replace(r"\u2039", "‹").replace(r"\u203a", "›")))
+    _print(_json(document, indent=1))
+
+
+def _json(value: Any, indent: int | None = None) -> str:
+    text = json.dumps(value, indent=indent, allow_nan=False)
+    return with_dashes(text.replace(r"\u2039", "‹").replace(r"\u203a", "›"))
+
+
+@contextmanager
+def json_rows(name: str, **head: Any) -> Iterator[tuple[Callable[[Any], None], dict[str, Any]]]:
+    """One JSON document that is printed as it grows: a list, a line for each of its rows.
+
+    Args:
+        name: of the list.
+        head: what the document says before it.
+
+    Yields:
+        What prints a row, and a mapping of what the document is to say at its end; it ends
+        whatever happens.
+    """
+    Due.json = False
+    tail: dict[str, Any] = {}
+    head = {"defocus": version(), **head}
+    _print(f'{_json(head)[:-1]}, "{name}": [')
+    rows = count()
+    try:
+        yield lambda row: _print(f"{',' if next(rows) else ' '}{_json(row)}"), tail
+    finally:
+        _print(f"], {_json(tail)[1:]}" if tail else "]}")
 
 
 def _print(text: str) -> None:
@@ -98,7 +126,10 @@ def _print(text: str) -> None:
             "unreadable", "is closed", "send it to a file or to another program", path="stdout"
         )
     try:
-        click.echo(text)
+        if _is_watched() and "tqdm" in sys.modules and sys.stdout.isatty():
+            sys.modules["tqdm"].tqdm.write(text)  # above the progress bar
+        else:
+            click.echo(text)
     except BrokenPipeError:
         raise
     except OSError as error:

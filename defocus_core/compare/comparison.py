@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from defocus_core.compare.findings.cause import diagnose, of_another_size
+from defocus_core.compare.findings.cause import diagnose
 from defocus_core.compare.findings.clipping import clipped, may_be_cut_below
-from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.findings.finding import Finding, is_place
 from defocus_core.compare.flip import measure_flip
 from defocus_core.compare.metrics import equal_metrics, measure, measure_edges
 from defocus_core.compare.nonfinite import count_nonfinite
@@ -34,8 +34,13 @@ from defocus_core.compare.record import (
     Worst,
 )
 from defocus_core.compare.selection import coc_file, near_edges, read_mask, within_neighbours
-from defocus_core.compare.structure import compare_primaries, compare_samples, compare_structure
-from defocus_core.compare.thresholds import Rule, Rules
+from defocus_core.compare.structure import (
+    compare_primaries,
+    compare_samples,
+    compare_structure,
+    of_another_size,
+)
+from defocus_core.compare.thresholds import ROUNDING, Rule, Rules
 from defocus_core.errors import InputError
 
 if TYPE_CHECKING:
@@ -185,7 +190,8 @@ def _judged(
     decided |= any(each.found for each in rules.fail)
     bad = bool(_met(rules.fail, metrics, names)) if decided else differing
     suspect = bad or wants or (bool(_met(rules.warn, metrics, names)) and _is_seen(metrics))
-    if differing and settings.diagnose and suspect:
+    sought = differing and (wants or (settings.diagnose and suspect))
+    if sought:
         named = {finding.name.split(" at ")[0] for finding in findings}
         coc = None if settings.coc is None else coc_file(settings.coc, record.name)
         causes = diagnose(pixels, *sides, corner, coc)
@@ -215,8 +221,10 @@ def _judged(
     if differing or apart:
         record = _placed(record, pixels, corner)
     if strict or apart or failed or (not decided and differing):
-        proposal = "" if strict or apart else _proposal(metrics)
-        return replace(record, status=DIFFERENT, proposal=proposal)
+        given = any(each != ROUNDING for each in rules.fail)
+        explained = not sought or any(not is_place(name) for name in names)
+        open_ = not (strict or apart or given or explained)
+        return replace(record, status=DIFFERENT, proposal=_proposal(metrics) if open_ else "")
     return replace(record, status=WARNING if warned else SAME)
 
 
@@ -294,13 +302,14 @@ def _placed(record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Comp
 
 
 def _proposal(metrics: Mapping[str, float]) -> str:
-    """The tightest rule of two digits that lets a pair pass."""
-    greatest = metrics.get("max")
-    if not greatest or not math.isfinite(greatest):
+    """The tightest rule of two digits that lets a pair pass; none if a black B passed, too."""
+    greatest, relative = metrics.get("max"), metrics.get("rel-rmse")
+    if not greatest or not relative or not math.isfinite(greatest):
         return ""
     digit = 10.0 ** (math.floor(math.log10(greatest)) - 1)
     bound = math.ceil(greatest / digit) * digit
-    return f"max>{bound:.3g}"
+    level = metrics["rmse"] / relative  # the mean of A
+    return f"max>{bound:.3g}" if bound < level else ""
 
 
 def _equal(a: Any, b: Any) -> bool:

@@ -31,7 +31,7 @@ class CompareSettings:
         flip: whether FLIP is measured.
         metadata: whether metadata that differs makes a picture different.
         ignore_metadata: patterns of names of attributes that may differ.
-        diagnose: whether the cause of a difference is looked for.
+        diagnose: whether the cause of a difference is looked for where no rule asks for it.
     """
 
     region: CropRegion | None = None

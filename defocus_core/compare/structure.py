@@ -9,7 +9,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING
+from itertools import product
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,7 +20,9 @@ from defocus_core.io.images.primaries import primaries_name, same_primaries
 from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from defocus_core.compare.picture import DecodedPicture
 
@@ -180,3 +183,52 @@ def _differing(a: Mapping[str, str], b: Mapping[str, str]) -> list[str]:
 
 def _short(text: str) -> str:
     return text if len(text) <= 60 else f"{text[:57]}…"
+
+
+def of_another_size(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
+    """How a picture of another size comes from A, if that is seen: as a crop, or turned by 90°."""
+    sides = []
+    for side in (a, b):
+        size = (side.height, side.width)
+        sides.append({n: plane for n, plane in side.planes.items() if plane.shape == size})
+    names = [name for name in sides[0] if name in sides[1]]
+    if not names:
+        return
+    old, new = (np.stack([np.nan_to_num(side[name]) for name in names]) for side in sides)
+    if old.shape[1:] == new.shape[:0:-1]:
+        turned = {
+            "to the left": np.rot90(old, 1, (1, 2)),
+            "to the right": np.rot90(old, -1, (1, 2)),
+        }
+        for way, planes in turned.items():
+            if np.array_equal(planes, new):
+                yield Finding("rotated", f"rotated by 90° {way}")
+    large, small = (old, new) if old.shape[1] >= new.shape[1] else (new, old)
+    (height, width), (high, wide) = large.shape[1:], small.shape[1:]
+    if (high, wide) == (height, width) or high > height or wide > width:
+        return
+    for x, y in _corners(large, small):
+        if np.array_equal(large[:, y : y + high, x : x + wide], small):
+            whole = f"{width}x{height}"
+            text = f"a crop: {wide}x{high} at {x},{y} of {whole}"
+            if large is new:
+                text = f"A is a crop of B: {wide}x{high} at {x},{y} of {whole}"
+            yield Finding("crop", text, {"window": [x, y, wide, high]})
+            return
+
+
+def _corners(large: NDArray[Any], small: NDArray[Any]) -> Iterator[tuple[int, int]]:
+    """Where a smaller picture may lie in a larger one: in the middle, at corners, at a match."""
+    spare_y, spare_x = large.shape[1] - small.shape[1], large.shape[2] - small.shape[2]
+    yield from product((spare_x // 2, 0, spare_x), (spare_y // 2, 0, spare_y))
+    # Pixels that match one distinctive pixel of the smaller picture.
+    flat = small.reshape(len(small), -1)
+    for place in {int(flat[0].argmax()), int(flat[0].argmin()), flat.shape[1] // 2}:
+        row, column = np.unravel_index(place, small.shape[1:])
+        same = np.ones(large.shape[1:], bool)
+        for plane, value in zip(large, flat[:, place], strict=True):
+            same &= plane == value
+        for y, x in np.argwhere(same)[:64]:
+            corner = int(x - column), int(y - row)
+            if 0 <= corner[0] <= spare_x and 0 <= corner[1] <= spare_y:
+                yield corner

@@ -124,6 +124,10 @@ class Rules:
         return {each.metric for each in (*self.fail, *self.warn) if each.metric}
 
 
+# What holds for goldens where nothing is given: another processor rounds otherwise.
+ROUNDING = rule("max>1e-4")
+
+
 def _rules(fail: Sequence[str], warn: Sequence[str]) -> Rules:
     return Rules(tuple(map(rule, fail)), tuple(map(rule, warn)))
 

@@ -23,6 +23,7 @@ from defocus_core.system.text import counted
 _DIGITS = {"psnr": 4, "ssim": 5}
 _SHOWN = ("max", "rmse", "psnr", "hdr-psnr", "ssim", "flip", "edges-psnr", "elsewhere-psnr")
 _WORDS = {DIFFERENT: "DIFFERENT", MISSING: "MISSING", EXTRA: "EXTRA", UNREADABLE: "UNREADABLE"}
+_COUNTED = (*STATUSES, "not compared")
 _METADATA = 3  # attributes that a line has room for
 _LOCAL = 0.25  # share of a picture
 _TITLES = {"psnr": "PSNR", "hdr": "HDR", "ssim": "SSIM", "rmse": "RMSE", "flip": "FLIP"}
@@ -59,11 +60,13 @@ def line(record: Comparison) -> str:
     return f"{record.name}: {': '.join([word, ', '.join(parts)] if parts else [word])}"
 
 
-def summary(records: Sequence[Comparison]) -> str:
-    """Counts of the pairs by status."""
+def summary(records: Sequence[Comparison], pairs: int | None = None) -> str:
+    """Counts of the pairs by status, and how many are left of those that there are."""
     counts = Counter(record.status for record in records)
-    said = ", ".join(f"{counts[status]} {status}" for status in STATUSES if counts[status])
-    return f"{counted(len(records), 'pair')}: {said}"
+    left = (pairs or len(records)) - len(records)
+    counts["not compared"] = left
+    said = ", ".join(f"{n} {status}" for status in _COUNTED if (n := counts[status]))
+    return f"{counted(len(records) + left, 'pair')}: {said}"
 
 
 def is_worth_a_line(record: Comparison, *, verbose: bool, lone: bool) -> bool:
@@ -80,11 +83,19 @@ def exit_code(records: Sequence[Comparison]) -> int:
 
 def document(records: Sequence[Comparison]) -> dict[str, Any]:
     """All pairs, for JSON."""
-    counts = Counter(record.status for record in records)
     return {
-        "same": all(record.passes for record in records),
-        "counts": {status: counts[status] for status in STATUSES},
+        **counts(records, len(records)),
         "pairs": [pair_record(record) for record in records],
+    }
+
+
+def counts(records: Sequence[Comparison], pairs: int) -> dict[str, Any]:
+    """How many pairs have each status, for JSON; not the same if some are not compared."""
+    numbers = Counter(record.status for record in records)
+    return {
+        "same": len(records) == pairs and all(record.passes for record in records),
+        "counts": {status: numbers[status] for status in STATUSES},
+        "not_compared": pairs - len(records),
     }
 
 

@@ -18,7 +18,10 @@ from deep_files import write_deep_samples
 from image_files import save
 from planted_faults import HEIGHT, WIDTH, planes, scene, write_planes
 
+from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import read_picture
+from defocus_core.compare.record import Comparison
+from defocus_core.compare.run import CAUSES, Task
 
 PATCH = (slice(20, 30), slice(50, 60))
 
@@ -61,6 +64,63 @@ def folders(root: Path) -> tuple[Path, Path]:
 def test_the_same_file_is_the_same(a: Path) -> None:
     ran = run("compare", a, a)
     assert (ran.code, ran.out, ran.err) == (0, "a.exr: same\n", "")
+
+
+def test_results_stream_and_an_interrupted_run_has_reported_what_it_did(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pair = folders(tmp_path)
+    compared: list[str] = []
+
+    def interrupted(self: Task, piece: tuple[FilePair, bool]) -> Comparison:
+        if len(compared) == 2:
+            raise KeyboardInterrupt
+        compared.append(piece[0].name)
+        return carry_out(self, piece)
+
+    carry_out = Task.carry_out
+    monkeypatch.setattr(Task, "carry_out", interrupted)
+    ran = run("compare", *pair, "--verbose", "--junit", tmp_path / "pairs.xml")
+    assert ran.code == 130
+    first, second, summary = ran.out.splitlines()
+    assert (first, second) == (
+        "lone.exr: MISSING: B has no such file",
+        "new.exr: EXTRA: A has no such file",
+    )
+    assert summary == "4 pairs: 1 missing, 1 extra, 2 not compared"
+    assert len(ElementTree.parse(tmp_path / "pairs.xml").getroot()[0]) == 2
+    compared.clear()
+    ran = run("compare", *pair, "--json")
+    document = json.loads(ran.out)
+    assert (document["same"], document["not_compared"]) == (False, 2)
+    rows = [json.loads(line.lstrip(" ,")) for line in ran.out.splitlines()[1:3]]
+    assert rows == document["pairs"]
+
+
+@pytest.mark.parametrize(("causes", "named"), [("first", 2), ("all", 4), ("none", 0)])
+def test_causes_are_sought_in_the_first_that_fail(
+    causes: str, named: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(CAUSES, "first", 2)
+    for k in range(6):
+        for folder, image in (("A", scene()), ("B", scene() if k in (0, 1) else 2 * scene())):
+            write_planes(tmp_path / folder / f"{k}.exr", planes(image))
+    words = ["compare", tmp_path / "A", tmp_path / "B", "--causes", causes, "--json"]
+    pairs = run(*words).json["pairs"]
+    said = [pair["name"] for pair in pairs if pair["findings"]]
+    assert said == [f"{k}.exr" for k in range(2, 2 + named)]
+    ruled = run(*words, "--fail", "found:another exposure").json["pairs"]
+    assert [pair["status"] for pair in ruled] == ["same"] * 2 + ["different"] * 4
+
+
+def test_no_rule_is_proposed_that_lets_anything_pass(a: Path, tmp_path: Path) -> None:
+    other = np.random.default_rng(3).random(scene().shape) * 20
+    b = write_planes(tmp_path / "b.exr", planes(other))
+    assert the_pair(a, b)["proposal"] is None
+    bright = write_planes(tmp_path / "bright.exr", planes(1.2 * scene()))
+    assert the_pair(a, bright)["proposal"] is None  # its cause is known
+    patch = write_planes(tmp_path / "patch.exr", planes(patched()))
+    assert the_pair(a, patch, "--fail", "max>0.01")["proposal"] is None  # one is given
 
 
 def test_a_difference_is_told_with_the_worst_pixel_and_a_rule_that_lets_it_pass(

@@ -71,11 +71,30 @@ def test_what_is_like_the_golden_passes(expression: str, project: Path) -> None:
 def test_what_is_not_fails_with_its_cause(project: Path) -> None:
     said = str(passes(project, expression=SHIFTED))
     assert "noise/a: DIFFERENT: shifted by (1, 0)" in said
-    assert "fails max>0.0001" in said
-    assert re.search(r"^max=\S+ lets it pass$", said, re.M)
+    assert "fails max>1e-4" in said
+    assert "lets it pass" not in said  # its cause is known
     assert "--golden-update makes it the golden" in said
     assert passes(project, "--golden-update", expression=SHIFTED) is None
     assert passes(project, expression=SHIFTED) is None
+
+
+def test_a_bound_is_proposed_where_no_cause_is_found(project: Path) -> None:
+    patch = "image + np.float32(0.2) * (np.indices((32, 48)).sum(0) < 9)[..., None]"
+    found = re.search(r"^max=(\S+) lets it pass$", str(passes(project, expression=patch)), re.M)
+    assert found is not None
+    assert passes(project, expression=patch, bounds=f", max={found[1]}") is None
+    given = str(passes(project, expression=patch, bounds=", max=0.01"))
+    assert "lets it pass" not in given
+    for bounds in (
+        ", ignore_region=[(0, 0, 10, 10)]",
+        ", region=(20, 0, 10, 10)",
+        ", fail=['found:clipped']",
+        ", thresholds='loose.toml'",
+    ):
+        (project / "loose.toml").write_text("fail = 'max>0.5'")
+        assert passes(project, expression=patch, bounds=bounds) is None, bounds
+    said = passes(project, expression=SHIFTED, bounds=", max=2, fail=['found:shifted']")
+    assert "fails found:shifted" in str(said)
 
 
 def test_bounds_decide(project: Path) -> None:

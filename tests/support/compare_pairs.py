@@ -24,9 +24,13 @@ from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 Pixels = np.ndarray[Any, Any]
 FOLDER = Path(__file__).parents[2] / "sample_scenes"
 _GREATEST = 11.0  # px of the largest radius in a picture of 480 px
-_REC2020 = np.float32(
-    [[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]]
-)
+# From Rec. 709 to other primaries, whites adapted by Bradford.
+_PRIMARIES = {
+    "Rec. 2020": [[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]],
+    "P3": [[0.8225, 0.1775, 0.0], [0.0332, 0.9668, 0.0], [0.0171, 0.0724, 0.9105]],
+    "ACES AP1": [[0.6131, 0.3395, 0.0474], [0.0702, 0.9164, 0.0135], [0.0206, 0.1096, 0.8698]],
+    "ACES AP0": [[0.4396, 0.3830, 0.1774], [0.0898, 0.8134, 0.0968], [0.0175, 0.1115, 0.8709]],
+}
 
 
 @dataclass(frozen=True)
@@ -272,6 +276,118 @@ def _s_curve(v: Pixels) -> Pixels:
     return v + np.float32(0.5) * v * (1 - v) * (v - np.float32(0.5))
 
 
+def _matrix(rows: Any) -> Change:
+    return lambda m: m.a @ np.float32(rows).T
+
+
+def _disc(radius: float) -> Pixels:
+    """A disc [k, k] with soft borders."""
+    reach = int(np.ceil(radius))
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    kernel = np.clip(radius + 0.5 - np.hypot(y, x), 0, 1).astype(np.float32)
+    return kernel / kernel.sum()
+
+
+def _gauss(sigma: float) -> Pixels:
+    line = np.exp(-(np.arange(-9, 10) ** 2) / (2 * sigma**2)).astype(np.float32)
+    return np.outer(line, line) / line.sum() ** 2
+
+
+def _pulled(m: Maker) -> Pixels:
+    """Blurred more and more down the frame."""
+    radii = np.linspace(0, 4, 9)
+    pictures = np.stack([m.a, *(blurred(m.a, _disc(r)) for r in radii[1:])])
+    at = np.linspace(0, 8 - 1e-3, len(m.a))
+    low, share = at.astype(int), np.float32(at % 1)[:, None, None]
+    rows = np.arange(len(m.a))
+    return (1 - share) * pictures[low, rows] + share * pictures[low + 1, rows]
+
+
+def _resized(factor: int, how: str) -> Change:
+    """Means of squares of pixels, enlarged again by OpenImageIO."""
+
+    def change(m: Maker) -> Pixels:
+        height, width = (n // factor * factor for n in m.size)
+        cut = m.a[:height, :width]
+        small = cut.reshape(height // factor, factor, width // factor, factor, 3).mean((1, 3))
+        if how == "nearest":
+            large = np.kron(small, np.ones((factor, factor, 1)))
+        else:
+            spec = oiio.ImageSpec(small.shape[1], small.shape[0], 3, oiio.FLOAT)
+            buffer = oiio.ImageBuf(spec)
+            buffer.set_pixels(oiio.ROI(), np.ascontiguousarray(small, np.float32))
+            roi = oiio.ROI(0, width, 0, height, 0, 1, 0, 3)
+            large = oiio.ImageBufAlgo.resize(buffer, filtername=how, roi=roi).get_pixels(oiio.FLOAT)
+        return _padded(large, m.size)
+
+    return change
+
+
+def _padded(image: Pixels, size: tuple[int, int]) -> Pixels:
+    pad = [(0, n - k) for n, k in zip(size, image.shape, strict=False)]
+    return np.pad(image, [*pad, (0, 0)], mode="edge").astype(np.float32)
+
+
+def _noisy(image: Pixels, rng: np.random.Generator, amount: float) -> Pixels:
+    """With noise of photons."""
+    noise = rng.standard_normal(image.shape)
+    return (image + amount * np.sqrt(np.maximum(image, 0.01)) * noise).astype(np.float32)
+
+
+def _bilateral(image: Pixels) -> Pixels:
+    """Smeared as by a denoiser: means of neighbours that are alike."""
+    shown = linear_to_srgb(image.clip(0, 1)).mean(axis=2)
+    total, weights = np.zeros_like(image), np.zeros((*shown.shape, 1), np.float32)
+    for dy, dx in np.ndindex(7, 7):
+        moved, beside = (np.roll(v, (dy - 3, dx - 3), (0, 1)) for v in (image, shown))
+        weight = np.exp(-np.square((beside - shown) / 0.08))[..., None]
+        total, weights = total + weight * moved, weights + weight
+    return (total / weights).astype(np.float32)
+
+
+def _median(image: Pixels) -> Pixels:
+    moved = [np.roll(image, (dy - 1, dx - 1), (0, 1)) for dy, dx in np.ndindex(3, 3)]
+    return np.median(moved, axis=0).astype(np.float32)
+
+
+def _of_channel(k: int, change: Change) -> Change:
+    """What is done to one channel alone."""
+
+    def changed(m: Maker) -> Pixels:
+        b = m.a.copy()
+        b[..., k] = change(m)[..., k]
+        return b
+
+    return changed
+
+
+def _ghost(m: Maker) -> Pixels:
+    return np.float32(0.6) * m.a + np.float32(0.4) * np.roll(m.a, 6, axis=1)
+
+
+def _monochrome(*weights: float) -> Change:
+    return lambda m: (m.a @ np.float32(weights))[..., None].repeat(3, axis=2)
+
+
+def _lines(m: Maker) -> Pixels:
+    b = m.a.copy()
+    b[len(b) // 3] = 0
+    return b
+
+
+def _covered(m: Maker) -> Pixels:
+    """A block of the picture replaced by another part of it."""
+    b, (height, width) = m.a.copy(), m.size
+    b[height // 2 : height // 2 + 60, 20:110] = m.a[10:70, width // 2 : width // 2 + 90]
+    return b
+
+
+def _dropped(m: Maker) -> Pixels:
+    b = m.a.copy()
+    b[m.rng.integers(0, len(b), 9), m.rng.integers(0, b.shape[1], 9)] = 0
+    return b
+
+
 def _roll(dy: int, dx: int) -> Change:
     return lambda m: np.roll(m.a, (dy, dx), axis=(0, 1))
 
@@ -329,7 +445,7 @@ CHANGES: dict[str, tuple[tuple[str, ...], Change]] = {
     "vignette": (("vignette",), _vignette),
     "less saturated": (("another saturation",), _saturated(0.9)),
     "more saturated": (("another saturation",), _saturated(1.15)),
-    "primaries": (("other primaries",), lambda m: m.a @ _REC2020.T),
+    **{name: (("other primaries",), _matrix(_PRIMARIES[name])) for name in _PRIMARIES},
     "clipped": (("clipped at 1",), lambda m: np.minimum(m.a, 1)),
     "BGR": (("channels swapped",), lambda m: m.a[..., ::-1]),
     "8 bits, sRGB": (("quantised to 8 bits",), _quantised_srgb),
@@ -352,12 +468,85 @@ CHANGES: dict[str, tuple[tuple[str, ...], Change]] = {
     "blurred": (_COC, lambda m: blurred(m.a, np.ones((3, 3), np.float32) / 9)),
     "cut": (("crop", "empty"), lambda m: np.pad(m.a[9:-9, 5:-5], ((9, 9), (5, 5), (0, 0)))),
 }
+_SOFT = ("another CoC", "softened")
+CHANGES |= {
+    "disc of 2 px": (_SOFT, lambda m: blurred(m.a, _disc(2))),
+    "disc of 1 px": (_SOFT, lambda m: blurred(m.a, _disc(1))),
+    "disc of 5 px": (_SOFT, lambda m: blurred(m.a, _disc(5))),
+    "gaussian of 1 px": (_SOFT, lambda m: blurred(m.a, _gauss(1))),
+    "gaussian of 2.5 px": (_SOFT, lambda m: blurred(m.a, _gauss(2.5))),
+    "focus pulled": (_COC, _pulled),
+    "half, bilinear": (("lower resolution",), _resized(2, "triangle")),
+    "half, bicubic": (("lower resolution",), _resized(2, "cubic")),
+    "half, lanczos": (("lower resolution",), _resized(2, "lanczos3")),
+    "half, nearest": (("lower resolution",), _resized(2, "nearest")),
+    "quarter, bilinear": (("lower resolution",), _resized(4, "triangle")),
+    "red moved": (("shifted",), _of_channel(0, lambda m: _warped(m, dx=0.8))),
+    "blue enlarged": (("scaled",), _of_channel(2, lambda m: _warped(m, scale=1.006))),
+    "green offset": (("raised blacks", "offset"), _of_channel(1, lambda m: m.a + 0.02)),
+    "blue brighter": (_LIGHT, _of_channel(2, lambda m: 1.06 * m.a)),
+    "red blurred": (_SOFT, _of_channel(0, lambda m: blurred(m.a, _disc(2)))),
+    "green noisy": (("noise",), _of_channel(1, lambda m: _noisy(m.a, m.rng, 0.03))),
+    "red clipped": (("clipped at 0.5",), _of_channel(0, lambda m: np.minimum(m.a, 0.5))),
+    "monochrome": (("monochrome", "another saturation"), _monochrome(0.2126, 0.7152, 0.0722)),
+    "mean of channels": (("monochrome", "another saturation"), _monochrome(1 / 3, 1 / 3, 1 / 3)),
+    "shifted by 0.1 px": (("shifted",), lambda m: _warped(m, dx=0.1)),
+    "shifted by 0.05 px": (("shifted",), lambda m: _warped(m, dx=0.05)),
+    "enlarged by 0.2 %": (("scaled",), lambda m: _warped(m, scale=1.002)),
+    "turned by 0.1°": (("rotated",), lambda m: _warped(m, degrees=0.1)),
+    "lifted": (("raised blacks",), _tones(lambda v: v + 0.01)),
+    "noise of photons": (("noise",), lambda m: _noisy(m.a, m.rng, 0.02)),
+    "a little brighter": (_LIGHT, lambda m: m.a * np.float32(2**0.03)),
+    "ghost": (("another view or frame", "motion blur", "doubled"), _ghost),
+    "a dark line": (("empty", "in one region", "seams", "dropped pixels", "at the border"), _lines),
+    "a block of another place": (("in one region", "tiles exchanged"), _covered),
+    "dropped pixels": (("dropped pixels",), _dropped),
+    "hue turned": (
+        ("other primaries",),
+        _matrix([[0.9, 0.2, -0.1], [-0.1, 0.9, 0.2], [0.2, -0.1, 0.9]]),
+    ),
+    "cut at 0.02 from below": (("clipped at",), lambda m: np.maximum(m.a, 0.02)),
+    "clipped at 0.5": (("clipped at",), lambda m: np.minimum(m.a, 0.5)),
+    "GB": (("channels swapped",), lambda m: m.a[..., [0, 2, 1]]),
+    "less contrast": (("another contrast",), _tones(lambda v: 0.5 + 0.95 * (v - 0.5))),
+    "sharpened wide": (
+        ("sharpened",),
+        lambda m: m.a + np.float32(0.5) * (m.a - blurred(m.a, _gauss(1.5))),
+    ),
+    "gamma 1.1": (("another gamma",), lambda m: m.a ** np.float32(1.1)),
+    "smeared": (("noise removed",), lambda m: _bilateral(m.a)),
+    "median": (("noise removed", "softened"), lambda m: _median(m.a)),
+}
+# What makes both sides of a pair of light: one side has other noise.
+PAIRS: dict[str, tuple[tuple[str, ...], Callable[[Maker], tuple[Pixels, Pixels]]]] = {
+    "noise removed": (("noise",), lambda m: (_noisy(m.a, m.rng, 0.03), m.a)),
+    "denoised": (("noise",), lambda m: _denoised(m, _bilateral)),
+    "median of noise": (("noise",), lambda m: _denoised(m, _median)),
+    "another seed": (("noise",), lambda m: (_noisy(m.a, m.rng, 0.02), _noisy(m.a, m.rng, 0.02))),
+    "noisy and brighter": (
+        _LIGHT,
+        lambda m: (_noisy(m.a, m.rng, 0.02), _noisy(m.a * 1.07, m.rng, 0.02)),
+    ),
+    "noisy and blurred": (
+        _SOFT,
+        lambda m: (_noisy(m.a, m.rng, 0.01), blurred(_noisy(m.a, m.rng, 0.01), _disc(2))),
+    ),
+}
+
+
+def _denoised(m: Maker, how: Callable[[Pixels], Pixels]) -> tuple[Pixels, Pixels]:
+    noisy = _noisy(m.a, m.rng, 0.03)
+    return noisy, how(noisy)
+
+
 # What is also done to pictures of 8 bits, sRGB-encoded, and to those with noise of ±2/255.
 OF_INTEGERS = (
     *("shifted", "turned a little", "a tenth of a stop", "tone curve", "vignette", "raised blacks"),
-    *("less saturated", "primaries", "half resolution", "f-number + 20 %", "lines between tiles"),
+    *("less saturated", "Rec. 2020", "half resolution", "f-number + 20 %", "lines between tiles"),
     *("motion blur", "encoded twice", "BGR", "another frame", "left", "enlarged a little"),
     *("five blades", "fields exchanged", "tiles exchanged", "bright halo", "green tint"),
+    *("disc of 2 px", "half, bilinear", "red moved", "shifted by 0.1 px", "lifted", "monochrome"),
+    *("green offset", "ACES AP1", "weak noise", "smeared", "focus pulled", "gaussian of 1 px"),
 )
 
 
@@ -398,17 +587,19 @@ def _lossy(folder: Path, m: Maker, a: Path, png: Path) -> list[Pair]:
     pairs = []
     jpeg = ("compressed with losses",)
     shown = _eight(m.a)
-    for quality, right in ((60, jpeg), (75, jpeg)):
+    for quality, right in ((60, jpeg), (75, jpeg), (90, jpeg)):
         b = save(folder / f"jpeg{quality}.png", _jpeg(folder, shown, quality))
         pairs.append(Pair(f"JPEG of {quality}", right, png, b))
     for kind in ("a tenth of a stop", "shifted", "less saturated"):
         right, change = CHANGES[kind]
         b = save(folder / f"jpeg {kind}.png", _jpeg(folder, _eight(change(m)), 90))
         pairs.append(Pair(f"{kind}, then JPEG", right, png, b))
-    header = {"dwaCompressionLevel": 400.0}
     planes = {n: m.a[..., k].astype(np.float16) for k, n in enumerate("RGB")}
-    b = write_planes(folder / "dwaa400.exr", planes, OpenEXR.DWAA_COMPRESSION, **header)
-    pairs.append(Pair("DWAA of 400", jpeg, a, b))
+    for level in (100.0, 400.0):
+        header = {"dwaCompressionLevel": level}
+        file = folder / f"dwaa{level:.0f}.exr"
+        b = write_planes(file, planes, OpenEXR.DWAA_COMPRESSION, **header)
+        pairs.append(Pair(f"DWAA of {level:.0f}", jpeg, a, b))
     return pairs
 
 
@@ -424,12 +615,23 @@ def _with_alpha(folder: Path, m: Maker) -> list[Pair]:
         Pair(kind, ("premultiplication",), a, _exr(folder / f"{kind}.exr", image, alpha))
         for kind, image in changed.items()
     ]
+    of_alpha = {
+        "alpha thinner": (("multiplied", "another exposure"), alpha * 0.9),
+        "alpha blurred": (_SOFT, blurred(alpha[..., None], _disc(3))[..., 0]),
+        "alpha to a power": (("another gamma", "another tone curve"), alpha**1.5),
+    }
+    pairs += [
+        Pair(kind, right, a, _exr(folder / f"{kind}.exr", light, other))
+        for kind, (right, other) in of_alpha.items()
+    ]
     return [*pairs, Pair("no alpha", ("missing channel",), a, _exr(folder / "rgb.exr", light))]
 
 
-def faults(folder: Path, name: str, seed: int = 0, step: int = 2, only: Any = None) -> list[Pair]:
+def faults(
+    folder: Path, name: str | Source, seed: int = 0, step: int = 2, only: Any = None
+) -> list[Pair]:
     """Pairs with a fault each, of one scene."""
-    scene = source(name, step)
+    scene = name if isinstance(name, Source) else source(name, step)
     m = Maker(
         scene, scene.rendered().astype(np.float16).astype(np.float32), np.random.default_rng(seed)
     )
@@ -446,14 +648,22 @@ def faults(folder: Path, name: str, seed: int = 0, step: int = 2, only: Any = No
             noise = m.rng.uniform(-2.5, 2.5, b.shape)
             noisy = np.clip(np.rint(_eight(b) + noise), 0, 255).astype(np.uint8)
             pairs.append(Pair(f"{kind}, ±2", right, png, save(folder / f"{kind} 2.png", noisy)))
+    for kind, (right, make) in PAIRS.items():
+        if only is None or kind in only:
+            one, b = make(m)
+            files = [_exr(folder / f"{kind} {side}.exr", v) for side, v in (("a", one), ("b", b))]
+            pairs.append(Pair(kind, right, *files))
     if only is None:
         pairs += [*_lossy(folder, m, a, png), *_with_alpha(folder, m)]
     return pairs
 
 
-def benign(folder: Path, name: str, seed: int = 0, step: int = 2) -> list[Pair]:
+def benign(folder: Path, name: str | Source, seed: int = 0, step: int = 2) -> list[Pair]:
     """Pairs whose differences do not matter, of one scene."""
-    scene, rng = source(name, step), np.random.default_rng(seed)
+    scene, rng = (
+        name if isinstance(name, Source) else source(name, step),
+        np.random.default_rng(seed),
+    )
     light = scene.rendered()
     half = light.astype(np.float16)
     a, full = _exr(folder / "a.exr", half), _exr(folder / "f.exr", light, dtype=np.float32)

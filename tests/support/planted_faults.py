@@ -12,6 +12,7 @@ import OpenEXR
 from image_files import box, save
 
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
+from defocus_core.io.images.primaries import NAMED, REC_709, between_primaries
 
 Pixels = np.ndarray[Any, Any]
 HEIGHT, WIDTH = 90, 128
@@ -65,6 +66,79 @@ def _encoded(image: Pixels) -> Pixels:
     return linear_to_srgb(np.clip(image, 0, 1))
 
 
+def _of_channel(image: Pixels, index: int, changed: Pixels) -> Pixels:
+    image = image.copy()
+    image[..., index] = changed[..., index]
+    return image
+
+
+def _moved_in_part(image: Pixels, dx: float = 0.8) -> Pixels:
+    """To the right by a part of a pixel, cubic."""
+    steps = zip((2, 1, 0, -1), _keys(1 - dx), strict=True)
+    return sum(weight * np.roll(image, step, axis=1) for step, weight in steps)
+
+
+def _keys(t: float) -> tuple[float, float, float, float]:
+    """Weights of the pixels at -1, 0, 1 and 2 for a place at t (Keys, -1/2)."""
+    return (
+        ((-0.5 * t + 1) * t - 0.5) * t,
+        (1.5 * t - 2.5) * t * t + 1,
+        ((-1.5 * t + 2) * t + 0.5) * t,
+        (0.5 * t - 0.5) * t * t,
+    )
+
+
+def _converted(name: str, image: Pixels) -> Pixels:
+    return image @ between_primaries(REC_709, NAMED[name]).T
+
+
+def _summed(image: Pixels, kernel: Pixels) -> Pixels:
+    """Through a kernel [k, k] of odd side."""
+    reach = len(kernel) // 2
+    padded = np.pad(image, [(reach, reach), (reach, reach), (0, 0)], mode="edge")
+    height, width = image.shape[:2]
+    return sum(
+        weight * padded[y : y + height, x : x + width]
+        for (y, x), weight in np.ndenumerate(kernel / kernel.sum())
+    )
+
+
+def _through_disc(image: Pixels, radius: float = 2.0) -> Pixels:
+    reach = int(np.ceil(radius))
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    return _summed(image, np.clip(radius + 0.5 - np.hypot(y, x), 0, 1))
+
+
+def _along(image: Pixels) -> Pixels:
+    return _summed(image, 1.0 * (np.indices((9, 9))[0] == 4))
+
+
+def _halved(image: Pixels) -> Pixels:
+    small = image.reshape(HEIGHT // 2, 2, WIDTH // 2, 2, 3).mean(axis=(1, 3))
+    for axis in (0, 1):
+        pad = [(1, 1) if axis == k else (0, 0) for k in range(3)]
+        padded = np.pad(small, pad, mode="edge")
+        parts = [padded.take(range(k, k + small.shape[axis]), axis) for k in range(3)]
+        pair = [0.75 * parts[1] + 0.25 * parts[k] for k in (0, 2)]
+        shape = [n * (2 if axis == k else 1) for k, n in enumerate(small.shape)]
+        small = np.stack(pair, axis=axis + 1).reshape(shape)
+    return small
+
+
+def _median(image: Pixels) -> Pixels:
+    steps = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1)]
+    return np.median([np.roll(image, step, (0, 1)) for step in steps], axis=0)
+
+
+def _pulled(image: Pixels) -> Pixels:
+    """Blurred more and more down the frame."""
+    blurs = [image, *(_through_disc(image, r) for r in (1.0, 2.0, 3.0))]
+    at = np.linspace(0, 2.99, HEIGHT)
+    rows, low, share = np.arange(HEIGHT), at.astype(int), (at % 1)[:, None, None]
+    pictures = np.stack(blurs)
+    return (1 - share) * pictures[low, rows] + share * pictures[low + 1, rows]
+
+
 FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
     # name: what is done, the name of the finding, words of the line
     "right": (lambda a: _shifted(a, 1, 0), "shifted", "shifted by (1, 0)"),
@@ -72,8 +146,8 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
     "around": (lambda a: np.roll(a, -5, 0), "shifted", "shifted by (0, -5)"),
     "half a pixel": (
         lambda a: (blurred(a, 1) + np.roll(blurred(a, 1), 1, 1)) / 2,
-        "another CoC",
-        "another CoC: blurred more",
+        "another CoC or bokeh shape",
+        "blurred more",
     ),
     "mirrored": (lambda a: a[:, ::-1], "flipped", "flipped left to right"),
     "upside down": (lambda a: a[::-1], "flipped", "flipped upside down"),
@@ -125,6 +199,50 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
         "noise",
         "noise of about 0.0",
     ),
+    # Of one channel.
+    "red moved": (lambda a: _of_channel(a, 0, _moved_in_part(a)), "shifted", "R shifted by (0.8"),
+    "green offset": (
+        lambda a: a + np.float32([0, 0.02, 0]),
+        "raised blacks",
+        "G raised blacks: +0.02 of light",
+    ),
+    "blue noisy": (
+        lambda a: _of_channel(a, 2, a + 0.02 * np.random.default_rng(1).standard_normal(a.shape)),
+        "noise",
+        "B: noise of about 0.0",
+    ),
+    # Of colour spaces.
+    **{
+        name: (
+            partial(_converted, name),
+            "other primaries",
+            f"other primaries: {name} instead of Rec. 709",
+        )
+        for name in ("ACES AP0", "ACES AP1", "Rec. 2020", "Display P3")
+    },
+    "grey": (
+        lambda a: (a @ np.float32([0.2126, 0.7152, 0.0722]))[..., None].repeat(3, axis=2),
+        "monochrome",
+        "monochrome: 0.21 R +0.72 G +0.07 B",
+    ),
+    # Of rivals, which soften.
+    "disc of 2 px": (
+        _through_disc,
+        "another CoC",
+        "blurred more, everywhere alike, as by a radius",
+    ),
+    "a line of 9 px": (_along, "motion blur", "motion blur: 9"),
+    "half, bilinear": (_halved, "lower resolution", "lower resolution: half resolution, bilinear"),
+    "median of neighbours": (_median, "noise removed", "noise removed: smeared"),
+    "blurred down the frame": (_pulled, "another CoC or bokeh shape", "blurred more"),
+    "sharpened": (lambda a: a + 0.6 * (a - blurred(a, 1)), "sharpened", "sharpened: detail x 1.6"),
+    # Small ones.
+    "a tenth of a pixel": (
+        lambda a: _moved_in_part(a, 0.1),
+        "shifted",
+        "shifted by (0.1",
+    ),
+    "a little of light": (lambda a: a + 0.003, "raised blacks", "raised blacks: +0.003"),
 }
 
 

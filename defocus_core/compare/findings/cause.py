@@ -1,6 +1,8 @@
-"""What happened to B: explanations tried in turn, and the one that leaves least is the finding.
+"""What happened to B: causes tried in turn, and the one that leaves least is the finding.
 
-Where none explains enough, the place of the difference is, if it has one.
+A cause is a row of a table: its name, its model, its words and its rivals. Where a rival explains
+about as much, the word for both is said. Where none explains enough, the place of the difference
+is, if it has one.
 """
 
 from __future__ import annotations
@@ -11,16 +13,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from defocus_core.compare.findings import filters, geometry, tone, traces
-from defocus_core.compare.findings.evidence import Evidence, Explanation, best
+from defocus_core.compare.findings.evidence import Evidence, Explanation
 from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.findings.geometry import GEOMETRY
 from defocus_core.compare.findings.places import LocatedPair, place_of
+from defocus_core.compare.findings.softness import SOFTNESS, SPREAD
+from defocus_core.compare.findings.tone import TONE
+from defocus_core.compare.findings.traces import TRACES
+from defocus_core.compare.pairing import partners
 from defocus_core.compare.picture import in_linear_light, read_picture
 from defocus_core.compare.selection import read_radius
 from defocus_core.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from defocus_core.compare.picture import DecodedPicture
@@ -44,6 +50,10 @@ _PLACED_TOO = "spread otherwise"  # says how, and no cause
 _DEPTHS = ("Z", "depth.Z", "depth")  # channels
 # Of a difference, and of the cost: two causes of few pixels that are closer are not told apart.
 _NEARLY, _AS_SIMPLE = 0.02, 0.005
+# Families of causes, the cheapest first: a later one is tried where the earlier leave something.
+FAMILIES = (TONE, (*GEOMETRY, *TRACES), SOFTNESS, SPREAD)
+_RIVAL = 0.8  # greatest share that a cause leaves of what each of its rivals leaves
+_FLOOR = 0.02  # left by causes that both explain all
 _CERTAIN = 0.03  # left of a difference, below which nothing else is tried
 
 
@@ -63,51 +73,67 @@ def diagnose(
         corner: column and row of the first pixel, in the pictures.
         coc: the CoC map of the picture, if it is named.
     """
-    evidence = Evidence(pixels, b.types)
+    others = _others(pixels, a.path)
+    evidence = Evidence(pixels, b.types, others)
     old, new = (evidence.scaled(side) for side in evidence.sampled)
     if old.size and float(abs(new - old).max()) < _LAST_BITS:
         return []
-    others = _others(pixels, a.path)
-    chosen = _chosen(evidence, others)
+    chosen = _chosen(evidence)
     if chosen is not None and evidence.is_small:
-        again = _chosen(Evidence(pixels, b.types, swapped=True), others)
+        again = _chosen(Evidence(pixels, b.types, others, swapped=True))
         chosen = chosen if again is not None and again.finding.name == chosen.finding.name else None
     if set(evidence.names) <= _MAPS_OF_COC and _is_of_values(chosen):
         return _of_maps(evidence)
     findings = []
     if chosen is not None:
         finding = _by_metadata(_by_channels(chosen.finding, evidence), a.metadata, b.metadata)
-        share = round(max(0.0, 1 - chosen.left), 4)
+        share = round(max(0.0, 1 - chosen.fit.left), 4)
         findings = [Finding(finding.name, finding.text, finding.values, share)]
+    if evidence.is_slight and (not findings or findings[0].name == _PLACED_TOO):
+        return [Finding("too small to name", "too small to name")]
     if not findings or findings[0].name == _PLACED_TOO:
         place = place_of(_shown(evidence, (a, b), corner, coc))
         findings += [] if place is None else [place]
     return findings
 
 
-def _chosen(evidence: Evidence, others: Mapping[str, Mapping[str, Any]]) -> Explanation | None:
+def _chosen(evidence: Evidence) -> Explanation | None:
     """The explanation that leaves least; the dear ones are tried where it leaves something."""
-    tried = list(tone.explanations(evidence))
-    kinds: list[Iterator[Explanation]] = [
-        geometry.explanations(evidence, others),
-        traces.explanations(evidence),
-    ]
-    if evidence.pixels.color:
-        kinds.append(filters.explanations(evidence))  # the dearest
-    for kind in kinds:
-        chosen = best(tried)
-        if chosen is None or chosen.left + chosen.cost > _CERTAIN:
-            tried += kind
-    chosen = best(tried)
-    return None if evidence.is_small and _is_one_of_many(chosen, tried) else chosen
+    tried: list[Explanation] = []
+    chosen = None
+    for family in FAMILIES:
+        if chosen is None or (chosen.rank > _CERTAIN and family is not SPREAD):
+            tried += [each for cause in family for each in cause.explanations(evidence)]
+            good = [each for each in tried if each.is_good]
+            chosen = min(good, key=lambda each: each.rank, default=None)
+    if evidence.is_small and _is_one_of_many(chosen, tried):
+        return None
+    return None if chosen is None else among_rivals(chosen, tried)
+
+
+def among_rivals(chosen: Explanation, tried: Sequence[Explanation]) -> Explanation:
+    """The explanation, or the word for it and for what explains about as much."""
+    word, name = chosen.cause.rivals, chosen.finding.name
+    most = max(chosen.fit.left, _FLOOR) / _RIVAL
+    names = {
+        each.finding.name
+        for each in tried
+        if each.cause.rivals == word and each.is_good and each.fit.left < most
+    }
+    names = {each for each in names if each not in name and name not in each}
+    if not word or not names:
+        return chosen
+    text = f"{word}: {' or '.join([name, *sorted(names)])}"
+    values = {"possible": [name, *sorted(names)]}
+    return replace(chosen, finding=Finding(word, text, values))
 
 
 def _is_one_of_many(chosen: Explanation | None, tried: Sequence[Explanation]) -> bool:
     """Whether another cause that is as simple explains nearly as much."""
     if chosen is None:
         return False
-    left, cost = chosen.left + _NEARLY, chosen.cost + _AS_SIMPLE
-    rivals = [each for each in tried if each.left <= min(each.limit, left) and each.cost <= cost]
+    left, cost = chosen.fit.left + _NEARLY, chosen.fit.cost + _AS_SIMPLE
+    rivals = [e for e in tried if e.is_good and e.fit.left <= left and e.fit.cost <= cost]
     return any(each.finding.name != chosen.finding.name for each in rivals)
 
 
@@ -135,17 +161,23 @@ def _shown(
 
 
 def _by_channels(finding: Finding, evidence: Evidence) -> Finding:
-    """A finding on light, in words of numbers where no channel of light differs."""
-    colors = {name for layer in evidence.pixels.color for name in layer}
-    if colors & set(evidence.names) or finding.name not in _OF_NUMBERS:
+    """A finding in words of numbers where no light differs, or of the channels at fault."""
+    names = ", ".join(evidence.names)
+    colors = [name for layer in evidence.pixels.color for name in layer]
+    if colors and set(colors) <= set(evidence.names):
         return finding
-    name, values = _OF_NUMBERS[finding.name], finding.values
-    changes = [f"x {values['factor']:.4g}"] if values.get("factor", 1.0) != 1.0 else []
-    changes += [f"{values['offset']:+.3g}"] if "offset" in values else []
-    if not changes:  # each channel by its own factor
-        return replace(finding, name=name, text=finding.text.replace(finding.name, name))
-    text = f"{name}: {', '.join(evidence.names)} {', '.join(changes)}"
-    return replace(finding, name=name, text=text)
+    values = finding.values
+    if finding.name in _OF_NUMBERS and not set(colors) & set(evidence.names):
+        name = _OF_NUMBERS[finding.name]
+        changes = [f"x {values['factor']:.4g}"] if values.get("factor", 1.0) != 1.0 else []
+        changes += [f"{values['offset']:+.3g}"] if "offset" in values else []
+        # Each channel may have a factor of its own.
+        said = f"{names} {', '.join(changes)}" if changes else finding.text.partition(": ")[2]
+        return replace(finding, name=name, text=f"{name}: {said}")
+    if not colors or set(evidence.names) <= set(values) or "factors" in values:
+        return finding
+    verb = finding.text.partition(" ")[0].rstrip(":").endswith("ed")
+    return replace(finding, text=f"{names}{' ' if verb else ': '}{finding.text}")
 
 
 def _by_metadata(finding: Finding, a: Mapping[str, str], b: Mapping[str, str]) -> Finding:
@@ -184,20 +216,10 @@ def _of_maps(evidence: Evidence) -> list[Finding]:
     return findings
 
 
-def of_another_size(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
-    """How a picture of another size comes from A, if that is seen."""
-    sizes = [(side.height, side.width) for side in (a, b)]
-    planes = [
-        {name: plane for name, plane in side.planes.items() if plane.shape == size}
-        for side, size in zip((a, b), sizes, strict=True)
-    ]
-    yield from geometry.resized(*planes)
-
-
 def _others(pixels: Pixels, file_a: Path | None) -> dict[str, dict[str, Any]]:
     """Channels of files beside that of A, by the finding that B is one of these."""
     others = {}
-    for name, path in geometry.partners(file_a):
+    for name, path in partners(file_a):
         try:
             picture = read_picture(path)
         except InputError:  # it is judged as a pair of its own

@@ -9,30 +9,33 @@ no explanation predicts, counts neither for nor against one.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.findings.parts import sums_of_parts
 from defocus_core.compare.metrics import unclipped
 from defocus_core.compare.selection import widened
 from defocus_core.io.images.color_space import srgb_to_linear
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from defocus_core.compare.findings.finding import Finding
     from defocus_core.compare.pixels import Pixels
 
-_SAMPLES = 20_000  # pixels that are looked at, each with its neighbour on the right
+_SAMPLES = 5_000  # pixels that are looked at, each with its neighbour on the right
 _FEW = 2048  # pixels of a picture below which a finding must hold in both turns of the blocks
-_FRAME = 640  # px of a side of the part that is looked at as a whole
+_FRAME = 448  # px of a side of the part that is looked at as a whole
+_LARGE = 0.5  # difference beyond which a pixel does not count more
+_GRID = 16  # px that its corner is a multiple of, so that tiles, blocks and coarse pixels are whole
 _BLOCK = 16  # px of the blocks that take turns: one chooses parameters, the next measures
 _LARGEST = 1e30  # value that is looked at: beyond it, arithmetic in float32 overflows
-_LOSSY = 3.5 / 255  # RMS of the strongest noise of a codec
+LOSSY = (3.5 / 255) ** 2  # power of the strongest noise of a codec
 # Largest share of a difference that an explanation may leave, if it is to be named.
 LEFT = 0.4
 EXACT = 0.15  # the same for what predicts all values
@@ -43,20 +46,73 @@ _RELATIVE_STEPS = {"half": 4e-4, "float": 1e-6}
 
 
 @dataclass(frozen=True)
-class Explanation:
-    """A finding, and which share of the difference it leaves unexplained.
+class FittedCause:
+    """A cause whose parameters are those that explain most.
 
     Attributes:
-        finding: what is named.
         left: share of the RMS difference that it leaves.
-        limit: the largest of ``left`` with which it is named.
-        cost: what is added to ``left`` where explanations compete: more for more parameters.
+        values: its parameters, for words and for programs.
+        said: what else its words say.
+        cost: what is added to ``left`` where causes compete: more for more parameters.
     """
 
-    finding: Finding
     left: float
-    limit: float = LEFT
+    values: Mapping[str, Any] = field(default_factory=dict)
+    said: Mapping[str, str] = field(default_factory=dict)
     cost: float = 0.0
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A row of the table of causes.
+
+    Attributes:
+        name: of the finding, with parameters in braces.
+        model: fits it to a pair, in one way or several.
+        words: the finding, with parameters in braces; the name where empty.
+        limit: the largest share of a difference that it may leave, if it is to be named.
+        rivals: the word for it and all that can make the same picture, which is said where two of
+            them explain about as much; empty if there are none.
+        of_color: whether only light can have it.
+        of_many: whether its parameters fit a few pixels by chance.
+    """
+
+    name: str
+    model: Callable[[Evidence], Iterator[FittedCause]]
+    words: str = ""
+    limit: float = LEFT
+    rivals: str = ""
+    of_color: bool = False
+    of_many: bool = False
+
+    def explanations(self, evidence: Evidence) -> Iterator[Explanation]:
+        """The fits of this cause to a pair."""
+        if (self.of_color and not evidence.pixels.color) or (self.of_many and evidence.is_small):
+            return
+        for fit in self.model(evidence):
+            all_values = {**fit.values, **fit.said}
+            name = self.name.format(**all_values)
+            text = (self.words or self.name).format(**all_values)
+            yield Explanation(self, fit, Finding(name, text, fit.values))
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A fit of a cause, and the finding that it makes."""
+
+    cause: Cause
+    fit: FittedCause
+    finding: Finding
+
+    @property
+    def rank(self) -> float:
+        """What counts where explanations compete; the least wins."""
+        return round(self.fit.left, 2) + self.fit.cost
+
+    @property
+    def is_good(self) -> bool:
+        """Whether it explains enough to be named."""
+        return self.fit.left <= self.cause.limit
 
 
 class Evidence:
@@ -66,12 +122,20 @@ class Evidence:
         names: of the channels that differ.
         gamma: as of `Pixels`.
         types: number types of B.
+        others: channels of files beside that of A, by the finding that B is one of these.
         is_small: whether there are so few pixels that what explains half of them may be chance.
     """
 
-    def __init__(self, pixels: Pixels, types: Mapping[str, str], *, swapped: bool = False) -> None:
+    def __init__(
+        self,
+        pixels: Pixels,
+        types: Mapping[str, str],
+        others: Mapping[str, Mapping[str, NDArray[Any]]],
+        *,
+        swapped: bool = False,
+    ) -> None:
         """A pair; if swapped, the blocks that chose parameters measure, and the reverse."""
-        self.pixels = pixels
+        self.pixels, self.others = pixels, others
         self._swapped = swapped
         self.is_small = pixels.a[0].size < _FEW
         self.names = tuple(n for n, most in pixels.differences.largest.items() if most)
@@ -126,8 +190,17 @@ class Evidence:
     def at(self, side: str, rows: Any, columns: Any, names: Sequence[str] = ()) -> Any:
         """Values [C, N] of side ``a`` or ``b`` at some places, 0 where a pixel is not finite."""
         planes = [self.pixels.plane(side, name)[rows, columns] for name in names or self.names]
-        values = np.clip(np.stack(planes), -_LARGEST, _LARGEST).astype(np.float32)
+        values = np.stack(planes)
+        if not self._is_small_enough:
+            values = np.clip(values, -_LARGEST, _LARGEST)
+        values = values.astype(np.float32)
         return values if self.pixels.finite is None else np.nan_to_num(values)
+
+    @cached_property
+    def _is_small_enough(self) -> bool:
+        """Whether no value is so large that arithmetic overflows."""
+        ends = [end for side in self.pixels.ranges for both in side.values() for end in both]
+        return all(abs(end) < _LARGEST for end in ends)
 
     def scaled(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values on the scale that differences are measured on."""
@@ -176,6 +249,13 @@ class Evidence:
         return max(steps, default=0.0)
 
     @cached_property
+    def is_slight(self) -> bool:
+        """Whether rounding makes about as much of a difference as there is."""
+        half = self.sampled[0].shape[1] // 2
+        whole = self._aim[1]
+        return _is_slight(_power(whole[:, :half], whole[:, half:]), self.step)
+
+    @cached_property
     def _aim(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """B, and B − A, on the scale of differences."""
         a, b = (self.scaled(side) for side in self.sampled)
@@ -210,19 +290,12 @@ class Evidence:
         ):
             return math.inf
         before, after = (_pairs(side, used) for side in (whole, self.scaled(predicted) - aim))
-        return unexplained(before, after, self.step, lossy=not exact)
+        return unexplained(before, after, self.step, 0.0 if exact else LOSSY)
 
     @cached_property
     def frame(self) -> tuple[slice, slice]:
-        """Rows and columns that are looked at as a whole: around the middle of what differs."""
-        cuts = []
-        for axis, length in enumerate(self.size):
-            weights = self.pixels.greatest.sum(axis=1 - axis, dtype="f8")
-            middle = float((weights * np.arange(length)).sum() / weights.sum())
-            middle = middle if math.isfinite(middle) else length / 2
-            first = min(max(0, round(middle) - _FRAME // 2), max(0, length - _FRAME))
-            cuts.append(slice(first, first + _FRAME))
-        return cuts[0], cuts[1]
+        """Rows and columns that are looked at as a whole: where most differs."""
+        return densest(self.pixels.greatest, _FRAME)
 
     @cached_property
     def framed(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -246,16 +319,54 @@ class Evidence:
         """Linear light on the scale of differences."""
         return unclipped(light) if self.pixels.color else np.arcsinh(light)
 
-    def left_framed(self, predicted: NDArray[Any], where: NDArray[np.bool_] | None = None) -> float:
+    def left_framed(
+        self,
+        predicted: NDArray[Any],
+        where: NDArray[np.bool_] | None = None,
+        lossy: float = LOSSY,
+    ) -> float:
         """Share of the difference of the frame that is left if its light were as predicted."""
+        used, whole, rest = self._framed_pairs(predicted, where)
+        return unexplained(whole, rest, self.step, lossy) if used.any() else math.inf
+
+    def noise_framed(
+        self, predicted: NDArray[Any], where: NDArray[np.bool_] | None = None
+    ) -> float:
+        """The power of the noise that is left of the frame if its light were as predicted."""
+        return _unshared(*self._framed_pairs(predicted, where)[2])
+
+    @cached_property
+    def _framed_shown(self) -> tuple[NDArray[Any], NDArray[Any]]:
         a, b = (self.scaled_light(side) for side in self.framed)
+        return a, b
+
+    def _framed_pairs(
+        self, predicted: NDArray[Any], where: NDArray[np.bool_] | None
+    ) -> tuple[NDArray[np.bool_], tuple[Any, Any], tuple[Any, Any]]:
+        """Where a prediction is looked at, and the difference and what is left of it there."""
         used = ~self.clipped_near if where is None else where & ~self.clipped_near
-        if not used.any():
-            return math.inf
+        rows, columns = (np.flatnonzero(used.any(axis=axis)) for axis in (1, 0))
+        cut = tuple(slice(v[0], v[-1] + 1) if v.size else slice(0) for v in (rows, columns))
+        used = used[cut]
+        a, b = (side[cut] for side in self._framed_shown)
         both = used[:, :-1] & used[:, 1:]
-        sides = (self.scaled_light(predicted) - b, a - b)
-        rest, whole = ((side[:, :-1][both], side[:, 1:][both]) for side in sides)
-        return unexplained(whole, rest, self.step)
+        sides = (a - b, self.scaled_light(predicted[cut]) - b)
+        whole, rest = ((side[:, :-1][both], side[:, 1:][both]) for side in sides)
+        return used, whole, rest
+
+
+def densest(differences: NDArray[Any], side: int) -> tuple[slice, slice]:
+    """Rows and columns of the part [side, side] of differences [H, W] that holds most of them."""
+    sums = sums_of_parts(np.minimum(np.nan_to_num(differences), _LARGE), _GRID)
+    total = np.pad(sums.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    high, wide = (min(side // _GRID, n) for n in sums.shape)
+    held = total[high:, wide:] - total[:-high, wide:] - total[high:, :-wide] + total[:-high, :-wide]
+    first = np.unravel_index(int(held.argmax()), held.shape)
+    rows, columns = (
+        slice(_GRID * int(k), min(_GRID * int(k) + side, n))
+        for k, n in zip(first, differences.shape, strict=True)
+    )
+    return rows, columns
 
 
 def blocks_in_turn(size: tuple[int, int], side: int = _BLOCK) -> NDArray[np.bool_]:
@@ -273,7 +384,7 @@ def _pairs(values: NDArray[Any], used: NDArray[np.bool_]) -> tuple[NDArray[Any],
 
 
 def unexplained(
-    whole: tuple[Any, Any], rest: tuple[Any, Any], step: float, *, lossy: bool = True
+    whole: tuple[Any, Any], rest: tuple[Any, Any], step: float, lossy: float = LOSSY
 ) -> float:
     """Share of a difference that is left.
 
@@ -281,17 +392,20 @@ def unexplained(
         whole: the difference, at pixels and at their neighbours.
         rest: what an explanation leaves of it, likewise.
         step: RMS of what rounding may change.
-        lossy: whether noise as of a codec is left out on both sides.
+        lossy: power of the strongest noise, as of a codec, that is left out on both sides.
     """
     left, every = _power(*rest), _power(*whole)
-    if every < 6.25 * step * step or not every:  # rounding alone would explain much of it
+    if _is_slight(every, step) or not every:  # rounding alone would explain much of it
         return 0.0 if left == 0.0 < every else math.inf
     # What neighbours do not share is noise.
-    noise = min(max(left - max(_shared(*rest), 0.0), 0.0), _LOSSY**2) if lossy else 0.0
-    allowed = step * step + noise
+    allowed = step * step + min(_unshared(*rest), lossy)
     if every < _SIGNAL * allowed:
         return math.inf
     return math.sqrt(max(left - allowed, 0.0) / (every - allowed))
+
+
+def _is_slight(power: float, step: float) -> bool:
+    return power < 6.25 * step * step
 
 
 def _power(here: NDArray[Any], beside: NDArray[Any]) -> float:
@@ -299,11 +413,7 @@ def _power(here: NDArray[Any], beside: NDArray[Any]) -> float:
     return values / (2 * here.size) if here.size else 0.0
 
 
-def _shared(here: NDArray[Any], beside: NDArray[Any]) -> float:
-    return float(np.multiply(here, beside, dtype="f8").sum()) / here.size if here.size else 0.0
-
-
-def best(explanations: Sequence[Explanation]) -> Explanation | None:
-    """The explanation that leaves least, the first of equals; None if all leave too much."""
-    good = [each for each in explanations if each.left <= each.limit]
-    return min(good, key=lambda each: round(each.left, 2) + each.cost) if good else None
+def _unshared(here: NDArray[Any], beside: NDArray[Any]) -> float:
+    """The power of values that they do not share with their neighbours."""
+    shared = float(np.multiply(here, beside, dtype="f8").sum()) / here.size if here.size else 0.0
+    return max(_power(here, beside) - max(shared, 0.0), 0.0)

@@ -31,6 +31,11 @@ class Finding:
         return max(kinds, key=len, default=self.name).replace(" ", "-").lower()
 
 
+# Places of what no cause explains.
+_PLACES = (
+    *("in focus only", "out of focus only", "at silhouettes", "at edges", "in highlights"),
+    *("in shadows", "at the border", "in one region"),
+)
 # First words of all names, for rules like found:clipped.
 FINDINGS = (
     *("NaN", "Inf", "missing channel", "further channel", "another size", "apart", "deep samples"),
@@ -48,8 +53,12 @@ FINDINGS = (
         "seams",
         "halo",
     ),
+    *("softened", "noise removed", "monochrome", "too small to name"),
     *("multiplied", "offset", "fireflies", "dropped pixels", "compressed with losses", "noise"),
-    # Places of what no cause explains.
-    *("in focus only", "out of focus only", "at silhouettes", "at edges", "in highlights"),
-    *("in shadows", "at the border", "in one region"),
+    *_PLACES,
 )
+
+
+def is_place(name: str) -> bool:
+    """Whether a finding says where a difference is, and no cause."""
+    return name in _PLACES

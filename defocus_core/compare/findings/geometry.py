@@ -1,55 +1,50 @@
-"""Explanations that move pixels: shift, turn, scale, swaps of views, fields and tiles, crop."""
+"""Causes that move pixels: shift, turn, scale, swaps of views, fields and tiles, crop."""
 
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
+from functools import lru_cache
 from itertools import product
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from defocus_core.compare.findings.evidence import Evidence, Explanation, blocks_in_turn
-from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.findings.evidence import Cause, Evidence, FittedCause, blocks_in_turn
+from defocus_core.compare.findings.parts import PART, fitted_in_parts, sums_of_parts
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
     _Scale = Callable[[NDArray[Any]], NDArray[Any]]
 
-_FRAME = 1024  # px of the middle of a picture in which a shift is looked for
+_FRAME = 512  # px of the middle of a picture in which a shift is looked for
 _PEAKS = 3  # of each correlation that are tried
-_LARGEST_PART = 0.05  # px of a shift that are no fraction
+_EXPLAINED = 0.05  # left of a difference, below which no further move is looked for
+_LEAST_PART = 0.02  # px of a move that is looked at
 _SHIFT_LEFT = 0.15  # of a difference that a shift may leave: parts of another frame move alike
-_MOVE_LEFT = 0.4  # the same of a turn or of another scale
 _PARTS_LEFT = 0.62  # of a difference that parts which move on their own may leave
 _TILES = (16, 32, 64, 128, 256, 512)  # px; each twice the one before
 _MOST_TILES = 1500  # that may have been exchanged
-_CHOSEN = 5000  # samples that choose a small move
+_CHOSEN = 2500  # samples that choose a small move
 _ONE_MOVE = 0.45  # px by which moves of parts differ where all is one move, rounded
-_PART = 32  # px of the parts that may move on their own
-_VIEW = re.compile(r"(?<![A-Za-z])(left|right|L|R|l|r)(?![A-Za-z])", re.I)
-_OTHER = {"left": "right", "right": "left", "l": "r", "r": "l"}
-_FRAME_NUMBER = re.compile(r"(\d+)(?=\D*$)")
 
 
-def explanations(
-    evidence: Evidence, others: Mapping[str, Mapping[str, NDArray[Any]]]
-) -> Iterator[Explanation]:
-    """All that might be, the simplest first.
-
-    Args:
-        evidence: the pair.
-        others: channels of files beside that of A, by the finding that B is one of these.
-    """
+def _other_file(evidence: Evidence) -> Iterator[FittedCause]:
+    """B is another file that lies beside A."""
     rows, columns = evidence.places
-    for name, planes in others.items():
+    for name, planes in evidence.others.items():
         if all(n in planes and planes[n].shape == evidence.size for n in evidence.names):
-            yield _other_file(evidence, name, planes)
+            there = np.stack([planes[n][rows, columns] for n in evidence.names])
+            said = {"name": name.partition(":")[0], "text": name}
+            yield FittedCause(evidence.left(np.nan_to_num(there.astype(np.float32))), said=said)
+
+
+def _flipped(evidence: Evidence) -> Iterator[FittedCause]:
+    """B is A mirrored or turned by right angles, or its halves or its rows in pairs exchanged."""
+    rows, columns = evidence.places
     height, width = evidence.size
     moves = {
         "flipped left to right": (rows, width - 1 - columns),
@@ -71,74 +66,10 @@ def explanations(
     names = ("fields exchanged", "left and right swapped")
     for text, (y, x) in moves.items():
         name = next((n for n in names if text.startswith(n)), text.split()[0])
-        yield Explanation(Finding(name, text), evidence.left(evidence.at("a", y, x)))
-    yield from _cropped(evidence)
-    yield from _tiles_exchanged(evidence)
-    yield from _shifted(evidence)
+        yield FittedCause(evidence.left(evidence.at("a", y, x)), said={"name": name, "text": text})
 
 
-def partners(path: Path | None) -> Iterator[tuple[str, Path]]:
-    """Files that may stand in for another, with the finding that one does.
-
-    These are the other of the left and right view, the views of a render and the reverse, and the
-    frames before and after it.
-    """
-    if path is None:
-        return
-    view = view_partner(path)
-    if view is not None:
-        yield "left and right swapped", view
-    kinds = ("render", "left", "right")
-    if path.parent.name in kinds:
-        for kind in kinds:
-            other = path.parent.with_name(kind) / path.name
-            if kind != path.parent.name and other != view and other.is_file():
-                yield f"another view or frame: {kind} in place of {path.parent.name}", other
-    match = _FRAME_NUMBER.search(path.stem)
-    if match is None:
-        return
-    for step in (-1, 1):
-        number = f"{int(match[1]) + step:0{len(match[1])}d}"
-        other = path.with_name(
-            path.stem[: match.start()] + number + path.stem[match.end() :] + path.suffix
-        )
-        if other.is_file():
-            yield f"another view or frame: that of {other.name}", other
-
-
-def view_partner(path: Path) -> Path | None:
-    """The file of the other of the left and right view, by its name; None if there is none.
-
-    The last of file name and folder that names a view decides.
-    """
-    for place in (path.stem, path.parent.name):
-        match = list(_VIEW.finditer(place))
-        if not match:
-            continue
-        word = match[-1][0]
-        other = _OTHER[word.lower()]
-        other = other.upper() if word.isupper() else other
-        other = other.capitalize() if word.istitle() and len(word) > 1 else other
-        renamed = place[: match[-1].start()] + other + place[match[-1].end() :]
-        partner = (
-            path.with_name(renamed + path.suffix)
-            if place == path.stem
-            else path.parent.with_name(renamed) / path.name
-        )
-        if partner.is_file():
-            return partner
-    return None
-
-
-def _other_file(evidence: Evidence, name: str, planes: Mapping[str, NDArray[Any]]) -> Explanation:
-    rows, columns = evidence.places
-    predicted = np.stack([planes[n][rows, columns] for n in evidence.names]).astype(np.float32)
-    return Explanation(
-        Finding(name.partition(":")[0], name), evidence.left(np.nan_to_num(predicted))
-    )
-
-
-def _cropped(evidence: Evidence) -> Iterator[Explanation]:
+def _cropped(evidence: Evidence) -> Iterator[FittedCause]:
     """B is 0 outside of a window, and as A within it."""
     planes = [evidence.pixels.plane("b", name) for name in evidence.names]
     if all(plane[0].any() and plane[:, 0].any() and plane[-1].any() for plane in planes):
@@ -156,12 +87,12 @@ def _cropped(evidence: Evidence) -> Iterator[Explanation]:
     inside = (rows >= top) & (rows <= bottom) & (columns >= left) & (columns <= right)
     a, _ = evidence.sampled
     window = [left, top, right - left + 1, bottom - top + 1]
-    text = f"a crop: 0 outside of {window[2]}x{window[3]} at {left},{top}"
-    finding = Finding("crop", text, {"window": window})
-    yield Explanation(finding, evidence.left(np.where(inside, a, np.float32(0.0))))
+    where = f"{window[2]}x{window[3]} at {left},{top}"
+    left_over = evidence.left(np.where(inside, a, np.float32(0.0)))
+    yield FittedCause(left_over, {"window": window}, {"where": where})
 
 
-def _tiles_exchanged(evidence: Evidence) -> Iterator[Explanation]:
+def _tiles_exchanged(evidence: Evidence) -> Iterator[FittedCause]:
     """Tiles of B are tiles of A of another place; a tile is known by the mean of its channels."""
     rows, columns = evidence.places
     pixels = evidence.pixels
@@ -188,9 +119,9 @@ def _tiles_exchanged(evidence: Evidence) -> Iterator[Explanation]:
         step_y = (source[tile] // across - tile // across) * side * whole
         step_x = (source[tile] % across - tile % across) * side * whole
         predicted = evidence.at("a", rows + step_y, columns + step_x)
-        finding = Finding("tiles exchanged", f"tiles exchanged: of {side} px", {"side": side})
         if step.any():
-            yield Explanation(finding, evidence.left(predicted), cost=0.001 * _TILES.index(side))
+            cost = 0.001 * _TILES.index(side)
+            yield FittedCause(evidence.left(predicted), {"side": side}, cost=cost)
 
 
 def _means(planes: NDArray[Any], side: int) -> NDArray[np.float32]:
@@ -202,8 +133,9 @@ def _means(planes: NDArray[Any], side: int) -> NDArray[np.float32]:
     return means
 
 
-def _shifted(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A moved, turned or enlarged; what comes in at the border may be anything."""
+@lru_cache(maxsize=1)
+def _offsets_tried(evidence: Evidence) -> list[tuple[float, int, int]]:
+    """What shifts by whole pixels leave, and these, the best first."""
     rows, columns = evidence.places
     height, width = evidence.size
     tried: list[tuple[float, int, int]] = []
@@ -212,26 +144,24 @@ def _shifted(evidence: Evidence) -> Iterator[Explanation]:
         within = (y >= 0) & (y < height) & (x >= 0) & (x < width)
         predicted = evidence.at("a", y.clip(0, height - 1), x.clip(0, width - 1))
         tried.append((evidence.left(predicted, within), dx, dy))
-    tried.sort(key=lambda each: (round(each[0], 2), abs(each[1]) + abs(each[2])))
-    left, dx, dy = tried[0]
+    return sorted(tried, key=lambda each: (round(each[0], 2), abs(each[1]) + abs(each[2])))
+
+
+def _shifted(evidence: Evidence) -> Iterator[FittedCause]:
+    """B is A moved by whole pixels; what comes in at the border may be anything."""
+    left, dx, dy = _offsets_tried(evidence)[0]
     if (dx, dy) != (0, 0):
-        values = {"dx": dx, "dy": dy}
-        finding = Finding("shifted", f"shifted by ({dx}, {dy})", values)
-        yield Explanation(finding, left, _SHIFT_LEFT)
-    if left > _LARGEST_PART and min(evidence.size) > 16:
-        yield from _moved_a_little(evidence, dx, dy)
-        if min(evidence.size) >= 3 * _PART:
-            yield from _moved_in_parts(evidence, tried)
+        yield FittedCause(left, {"dx": dx, "dy": dy})
 
 
 def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
     """Shifts (dx, dy) worth trying: peaks of correlations, and small ones."""
     a, b = (_middle(evidence, side) for side in ("a", "b"))
     height, width = a.shape
-    window = np.hanning(height + 2)[1:-1, None] * np.hanning(width + 2)[None, 1:-1]
+    window = np.outer(*(np.hanning(n + 2)[1:-1].astype("f4") for n in (height, width)))
     a, b = ((side - side.mean()) * window for side in (a, b))
     spectrum = np.conj(np.fft.rfft2(a)) * np.fft.rfft2(b)
-    magnitude = np.abs(spectrum) + 1e-12 * float(np.abs(spectrum).max(initial=0.0)) + 1e-300
+    magnitude = np.abs(spectrum) + 1e-12 * float(np.abs(spectrum).max(initial=0.0)) + 1e-30
     offsets = [*product((-1, 0, 1), (-1, 0, 1))]
     for whitening in (1.0, 0.5):
         correlation = np.fft.irfft2(spectrum / magnitude**whitening, s=a.shape)
@@ -249,15 +179,17 @@ def _middle(evidence: Evidence, side: str) -> NDArray[Any]:
     high, wide = min(height, _FRAME), min(width, _FRAME)
     top, left = (height - high) // 2, (width - wide) // 2
     cut = (slice(top, top + high), slice(left, left + wide))
-    middle: NDArray[Any] = evidence.scaled(evidence.at(side, *cut)).mean(axis=0, dtype="f8")
-    return middle
+    return np.asarray(evidence.scaled(evidence.at(side, *cut).mean(axis=0)), "f4")
 
 
-def _moved_a_little(evidence: Evidence, dx: int, dy: int) -> Iterator[Explanation]:
+def _moved_a_little(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A moved by fractions, turned or enlarged around the middle, with cubic interpolation.
 
     Shift, angle and scale are found by least squares on the gradient (Lucas and Kanade, 1981).
     """
+    left, dx, dy = _offsets_tried(evidence)[0]
+    if left <= _EXPLAINED or min(evidence.size) <= 16:
+        return
     rows, columns = evidence.places
     far = max(evidence.size) / 2
     fits = np.flatnonzero(evidence.fits)
@@ -279,14 +211,15 @@ def _moved_a_little(evidence: Evidence, dx: int, dy: int) -> Iterator[Explanatio
             move[:free] += step
             if np.abs(step).max() < 0.002:
                 break
-        if not np.isfinite(move).all() or np.abs(move).max() < _LARGEST_PART:
+        if not np.isfinite(move).all() or np.abs(move).max() < _LEAST_PART:
             continue
-        if np.square(rest).sum() > 0.5 * np.square((aim - was)[:, inside]).sum():
+        if np.square(rest).sum() > 0.7 * np.square((aim - was)[:, inside]).sum():
             continue
+        name, text, values = _moved_words(move, far)
         left = _left_by_move(evidence, move, far)
-        finding = _moved_words(move, far)
-        limit = _SHIFT_LEFT if finding.name == "shifted" else _MOVE_LEFT
-        yield Explanation(finding, left, limit, 0.01 + 0.02 * (free - 2))
+        if name == "shifted" and left > _SHIFT_LEFT:
+            continue
+        yield FittedCause(left, values, {"name": name, "text": text}, 0.01 + 0.02 * (free - 2))
 
 
 def _left_by_move(evidence: Evidence, move: NDArray[Any], far: float) -> float:
@@ -294,11 +227,14 @@ def _left_by_move(evidence: Evidence, move: NDArray[Any], far: float) -> float:
     scales: list[tuple[_Scale, _Scale]] = [(evidence.scaled, evidence.unscaled)]
     if evidence.pixels.color:
         scales.append((evidence.light, evidence.stored))
-    lefts = []
-    for scale, back in scales:
-        inside, sums = _moved(evidence, *evidence.places, move, far, evidence.names, scale)
-        lefts.append(evidence.left(back(sums[0]), inside))
-    return min(lefts)
+    least = math.inf
+    for weights, (scale, back) in product((_keys, _linear), scales):
+        if least > _EXPLAINED:
+            inside, sums = _moved(
+                evidence, *evidence.places, move, far, evidence.names, scale, weights
+            )
+            least = min(least, evidence.left(back(sums[0]), inside))
+    return least
 
 
 def _moved(
@@ -309,10 +245,12 @@ def _moved(
     far: float,
     names: Sequence[str],
     scale: _Scale | None = None,
+    weights_of: Callable[[Any], Any] | None = None,
 ) -> tuple[NDArray[np.bool_], NDArray[Any]]:
     """Places of A that were within it, and A there with its slopes down and right, [3, C, N].
 
-    Values are on the scale of differences, or another; between pixels they are cubic (Keys, -1/2).
+    Values are on the scale of differences, or another; between pixels they are cubic (Keys, -1/2),
+    or linear.
     """
     scale = scale or evidence.scaled
     height, width = evidence.size
@@ -321,7 +259,8 @@ def _moved(
     at_x = columns - move[1] - (move[3] * x - move[2] * y) / far
     inside = (at_y > 2) & (at_y < height - 3) & (at_x > 2) & (at_x < width - 3)
     top, left = np.floor(at_y).astype(np.intp), np.floor(at_x).astype(np.intp)
-    (down, slope_down), (across, slope_across) = _keys(at_y - top), _keys(at_x - left)
+    between = weights_of or _keys
+    (down, slope_down), (across, slope_across) = between(at_y - top), between(at_x - left)
     total = np.zeros((3, len(names), len(rows)))
     for k in range(4):
         for j in range(4):
@@ -333,17 +272,17 @@ def _moved(
     return inside, total
 
 
-def _moved_words(move: NDArray[Any], far: float) -> Finding:
-    """The finding of a small move: what of shift, turn and scale moves most is its name."""
+def _moved_words(move: NDArray[Any], far: float) -> tuple[str, str, dict[str, float]]:
+    """The name, words and numbers of a small move; what moves most gives the name."""
     dy, dx, turn, growth = (float(v) for v in move)
     degrees, scale = float(np.degrees(turn / far)), 1 + growth / far
     values = {"dx": dx, "dy": dy, "degrees": degrees, "scale": scale}
-    ways = [f"shifted by ({dx:.2f}, {dy:.2f})"] * bool(np.hypot(dx, dy) > _LARGEST_PART)
+    ways = [f"shifted by ({dx:.2f}, {dy:.2f})"] * bool(np.hypot(dx, dy) > _LEAST_PART)
     ways += [f"rotated by {-degrees:.3g}° to the left"] * (abs(turn) > 0.1)
     ways += [f"scaled by {scale:.5g}"] * (abs(growth) > 0.1)
     strongest = max((np.hypot(dx, dy), "shifted"), (abs(turn), "rotated"), (abs(growth), "scaled"))
     ways.sort(key=lambda way: not way.startswith(strongest[1]))
-    return Finding(strongest[1], " and ".join(ways), values)
+    return strongest[1], " and ".join(ways) or strongest[1], values
 
 
 def _keys(t: NDArray[Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
@@ -361,10 +300,17 @@ def _keys(t: NDArray[Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     )
 
 
-def _moved_in_parts(
-    evidence: Evidence, tried: list[tuple[float, int, int]]
-) -> Iterator[Explanation]:
+def _linear(t: NDArray[Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """The same of linear interpolation."""
+    none, one = np.zeros_like(t), np.ones_like(t)
+    return (none, 1 - t, t, none), (none, -one, one, none)
+
+
+def _moved_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
     """Parts of the picture have moved by different amounts: another view, or another frame."""
+    tried = _offsets_tried(evidence)
+    if tried[0][0] <= _EXPLAINED or min(evidence.size) < 3 * PART:
+        return
     a, b = (evidence.scaled_light(side).astype(np.float64) for side in evidence.framed)
     candidates = list(
         dict.fromkeys([(0, 0), *_part_offsets(a, b), *((dx, dy) for _, dx, dy in tried)])
@@ -373,13 +319,13 @@ def _moved_in_parts(
     costs, moved = [], []
     for dx, dy in candidates:
         there = _moved_by(a, dx, dy)
-        costs.append(_sums_of_parts(np.abs(there - b) * chooses))
+        costs.append(sums_of_parts(np.abs(there - b) * chooses))
         moved.append(there)
     order = np.argsort(np.stack(costs), axis=0, kind="stable")[0]
-    chosen = np.repeat(np.repeat(order, _PART, axis=0), _PART, axis=1)[: a.shape[0], : a.shape[1]]
+    chosen = np.repeat(np.repeat(order, PART, axis=0), PART, axis=1)[: a.shape[0], : a.shape[1]]
     predicted = np.take_along_axis(np.stack(moved), chosen[None], axis=0)[0]
     predicted = predicted + _rest_of_move(predicted, b, chooses)
-    energy = _sums_of_parts(np.square(b - a))
+    energy = sums_of_parts(np.square(b - a))
     moves = np.array(candidates, dtype="f8")[order]  # [h, w, 2]
     matter = energy > np.quantile(energy, 0.5)
     apart = _apart_from_one_move(moves, energy * matter)
@@ -387,9 +333,8 @@ def _moved_in_parts(
         return
     (x0, y0), (x1, y1) = (choose(moves[matter], axis=0) for choose in (np.min, np.max))
     span = f"{x0:.0f} to {x1:.0f} px across, {y0:.0f} to {y1:.0f} px down"
-    finding = Finding("another view or frame", f"another view or frame: parts moved by {span}")
     left = evidence.left_framed(evidence.unscaled_light(predicted), ~chooses)
-    yield Explanation(finding, left, _PARTS_LEFT, 0.0 if apart > 1 else 0.1)
+    yield FittedCause(left, said={"span": span}, cost=0.0 if apart > 1 else 0.1)
 
 
 def _apart_from_one_move(moves: NDArray[Any], weights: NDArray[Any]) -> float:
@@ -405,8 +350,8 @@ def _apart_from_one_move(moves: NDArray[Any], weights: NDArray[Any]) -> float:
 
 def _part_offsets(a: NDArray[Any], b: NDArray[Any]) -> list[tuple[int, int]]:
     """Moves (dx, dy) of windows of twice the size of a part, the most frequent first."""
-    side = 2 * _PART
-    tops, lefts = (range(0, max(n - side, 0) + 1, _PART) for n in a.shape)
+    side = 2 * PART
+    tops, lefts = (range(0, max(n - side, 0) + 1, PART) for n in a.shape)
     window = np.hanning(side + 2)[1:-1, None] * np.hanning(side + 2)[None, 1:-1]
     corners = list(product(tops, lefts))
     old, new = (
@@ -436,88 +381,22 @@ def _moved_by(values: NDArray[Any], dx: int, dy: int) -> NDArray[Any]:
     return moved
 
 
-def _sums_of_parts(values: NDArray[Any], side: int = _PART) -> NDArray[Any]:
-    rows = np.add.reduceat(values, np.arange(0, values.shape[0], side), axis=0)
-    return np.add.reduceat(rows, np.arange(0, values.shape[1], side), axis=1)
-
-
 def _rest_of_move(a: NDArray[Any], b: NDArray[Any], chooses: NDArray[np.bool_]) -> NDArray[Any]:
     """What a move of each part by fractions of a pixel adds, by least squares on the gradient."""
     slopes: Any = np.gradient(a)
     return fitted_in_parts(slopes, b - a, chooses)
 
 
-def fitted_in_parts(
-    columns: Sequence[NDArray[Any]],
-    aim: NDArray[Any],
-    chooses: NDArray[np.bool_],
-    side: int = _PART,
-) -> NDArray[Any]:
-    """The sum [h, w] of multiples of columns [h, w] that each part of a picture has for itself.
-
-    The multiples are those of least squares at the pixels that choose, with a little of a ridge.
-    """
-    square = np.stack(
-        [[_sums_of_parts(one * other * chooses, side) for other in columns] for one in columns]
-    )
-    sums = np.stack([_sums_of_parts(one * aim * chooses, side) for one in columns])
-    square, sums = np.moveaxis(square, (0, 1), (-2, -1)), np.moveaxis(sums, 0, -1)
-    scale = np.trace(square, axis1=-2, axis2=-1)
-    ridge = (1e-3 * scale + 1e-3 * scale.mean() + 1e-30)[..., None, None]
-    solved = np.linalg.solve(square + ridge * np.eye(len(columns)), sums[..., None])[..., 0]
-    total = np.zeros_like(aim)
-    height, width = aim.shape
-    for k, column in enumerate(columns):
-        each = np.repeat(np.repeat(solved[..., k], side, axis=0), side, axis=1)
-        total += each[:height, :width] * column
-    return total
-
-
-def resized(a: Mapping[str, NDArray[Any]], b: Mapping[str, NDArray[Any]]) -> Iterator[Finding]:
-    """How a picture of another size comes from A: as a crop of it, or turned by 90°.
-
-    Args:
-        a: channels [H, W] by name.
-        b: channels [h, w] by name, all of one size.
-    """
-    names = [name for name in a if name in b]
-    if not names:
-        return
-    old, new = (np.stack([np.nan_to_num(side[name]) for name in names]) for side in (a, b))
-    if old.shape[1:] == new.shape[:0:-1]:
-        turned = {
-            "to the left": np.rot90(old, 1, (1, 2)),
-            "to the right": np.rot90(old, -1, (1, 2)),
-        }
-        for side, planes in turned.items():
-            if np.array_equal(planes, new):
-                yield Finding("rotated", f"rotated by 90° {side}")
-    large, small = (old, new) if old.shape[1] >= new.shape[1] else (new, old)
-    (height, width), (high, wide) = large.shape[1:], small.shape[1:]
-    if (high, wide) == (height, width) or high > height or wide > width:
-        return
-    for x, y in _corners(large, small):
-        if np.array_equal(large[:, y : y + high, x : x + wide], small):
-            whole = f"{width}x{height}"
-            text = f"a crop: {wide}x{high} at {x},{y} of {whole}"
-            if large is new:
-                text = f"A is a crop of B: {wide}x{high} at {x},{y} of {whole}"
-            yield Finding("crop", text, {"window": [x, y, wide, high]})
-            return
-
-
-def _corners(large: NDArray[Any], small: NDArray[Any]) -> Iterator[tuple[int, int]]:
-    """Where a smaller picture may lie in a larger one: in the middle, at corners, at a match."""
-    spare_y, spare_x = large.shape[1] - small.shape[1], large.shape[2] - small.shape[2]
-    yield from product((spare_x // 2, 0, spare_x), (spare_y // 2, 0, spare_y))
-    # Pixels that match one distinctive pixel of the smaller picture.
-    flat = small.reshape(len(small), -1)
-    for place in {int(flat[0].argmax()), int(flat[0].argmin()), flat.shape[1] // 2}:
-        row, column = np.unravel_index(place, small.shape[1:])
-        same = np.ones(large.shape[1:], bool)
-        for plane, value in zip(large, flat[:, place], strict=True):
-            same &= plane == value
-        for y, x in np.argwhere(same)[:64]:
-            corner = int(x - column), int(y - row)
-            if 0 <= corner[0] <= spare_x and 0 <= corner[1] <= spare_y:
-                yield corner
+GEOMETRY = (
+    Cause("{name}", _other_file, "{text}"),
+    Cause("{name}", _flipped, "{text}"),
+    Cause("crop", _cropped, "a crop: 0 outside of {where}"),
+    Cause("tiles exchanged", _tiles_exchanged, "tiles exchanged: of {side} px"),
+    Cause("shifted", _shifted, "shifted by ({dx}, {dy})", _SHIFT_LEFT),
+    Cause("{name}", _moved_a_little, "{text}"),
+    Cause(
+        *("another view or frame", _moved_in_parts),
+        "another view or frame: parts moved by {span}",
+        _PARTS_LEFT,
+    ),
+)

@@ -1,17 +1,18 @@
-"""Explanations that change values in place: exposure, curves, colours, clipping, quantisation."""
+"""Causes that change values in place: exposure, curves, colours, clipping, quantisation."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from itertools import permutations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from defocus_core.compare.findings.evidence import EXACT, Evidence, Explanation
-from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.findings.evidence import EXACT, Cause, Evidence, FittedCause
 from defocus_core.compare.picture import color_layers, layers
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
+from defocus_core.io.images.primaries import NAMED, between_primaries
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -23,41 +24,18 @@ _BITS = range(4, 13)
 _KNOTS = 40  # of a tone curve
 _LUMA = (0.2126, 0.7152, 0.0722)  # of Rec. 709
 _MIXED = 0.02  # least share of other channels that makes a change of primaries
-_D65 = (0.3127, 0.3290)
-# Chromaticities x, y of R, G and B with a white of D65: ITU-R BT.709, BT.2020, SMPTE EG 432-1.
-_PRIMARIES = {
-    "Rec. 709": ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06)),
-    "Rec. 2020": ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046)),
-    "P3": ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060)),
-}
+_NEAR = 0.02  # greatest difference of a matrix from that of known primaries
+_GREY = 2e-3  # greatest relative difference of the channels of a grey
 
 
-def explanations(evidence: Evidence) -> Iterator[Explanation]:
-    """All that might be, the simplest first."""
-    yield from _empty(evidence)
-    if not evidence.sampled[0].size:
-        return
-    for rows in (_rounded, _quantised, _clipped, _swapped_channels):
-        yield from rows(evidence)
-    if evidence.pixels.color:
-        yield from _premultiplied(evidence)
-    for rows in (_another_exposure, _another_gamma, _raised):
-        yield from rows(evidence)
-    if evidence.pixels.color:
-        yield from _vignette(evidence)
-        if not evidence.is_small:  # their many parameters fit a few edges
-            yield from _mixed(evidence)
-            yield from _tone_curve(evidence)
-
-
-def _empty(evidence: Evidence) -> Iterator[Explanation]:
+def _empty(evidence: Evidence) -> Iterator[FittedCause]:
     """B has one value everywhere, or is 0 within the rectangle where it differs."""
     planes = [evidence.pixels.plane("b", name) for name in evidence.names]
     differs = evidence.pixels.greatest > 0
     rows, columns = (np.flatnonzero(differs.any(axis=axis)) for axis in (1, 0))
     top, left, bottom, right = (int(v) for v in (rows[0], columns[0], rows[-1], columns[-1]))
     cut = (slice(top, bottom + 1), slice(left, right + 1))
-    if (bottom - top) < 2 or (right - left) < 2:
+    if (bottom - top + 1) * (right - left + 1) < 9:
         return
     values = [plane[cut] for plane in planes]
     if any((value != value[0, 0]).any() for value in values):
@@ -73,33 +51,32 @@ def _empty(evidence: Evidence) -> Iterator[Explanation]:
         where = "everywhere"
     elif any(value.any() for value in values):
         return
-    yield Explanation(Finding("empty", f"empty: {level} {where}"), 0.0)
+    yield FittedCause(0.0, said={"level": level, "where": where})
 
 
-def _rounded(evidence: Evidence) -> Iterator[Explanation]:
+def _rounded(evidence: Evidence) -> Iterator[FittedCause]:
     a, b = evidence.sampled
     with np.errstate(over="ignore"):
         rounded = a.astype(np.float16).astype(np.float32)
     if np.array_equal(rounded, b):
-        yield Explanation(Finding("rounded to half", "rounded to half"), 0.0)
+        yield FittedCause(0.0)
 
 
-def _clipped(evidence: Evidence) -> Iterator[Explanation]:
+def _clipped(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A with all values beyond a limit set to the limit."""
     a, _ = evidence.sampled
     (low, high), (minimum, maximum) = (_range(evidence, side) for side in ("a", "b"))
-    if high > maximum:
-        name = f"clipped at {maximum:.4g}"
+    above, below = high > maximum, low < minimum
+    if above:
         left = evidence.left(np.minimum(a, np.float32(maximum)))
-        yield Explanation(Finding(name, name, {"limit": maximum}), left, EXACT)
-    if low < minimum <= 0.0:
-        name = f"clipped at {minimum:.4g}"
-        below = Finding(name, f"{name} from below", {"limit": minimum})
-        yield Explanation(below, evidence.left(np.maximum(a, np.float32(minimum))), EXACT)
-        if high > maximum:
-            text = f"clipped at {maximum:.4g} and, from below, at {minimum:.4g}"
-            both = Finding(f"clipped at {maximum:.4g}", text, {"limits": [minimum, maximum]})
-            yield Explanation(both, evidence.left(np.clip(a, minimum, maximum)), EXACT)
+        yield FittedCause(left, {"limit": maximum}, {"how": ""})
+    if below:
+        left = evidence.left(np.maximum(a, np.float32(minimum)))
+        yield FittedCause(left, {"limit": minimum}, {"how": " from below"})
+    if above and below:
+        how = f" and, from below, at {minimum:.4g}"
+        left = evidence.left(np.clip(a, minimum, maximum))
+        yield FittedCause(left, {"limit": maximum, "lowest": minimum}, {"how": how}, 0.001)
 
 
 def _range(evidence: Evidence, side: str) -> tuple[float, float]:
@@ -112,9 +89,11 @@ def _range(evidence: Evidence, side: str) -> tuple[float, float]:
     return min(low for low, _ in ends), max(high for _, high in ends)
 
 
-def _quantised(evidence: Evidence) -> Iterator[Explanation]:
+def _quantised(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A rounded to the levels of few bits, which A is not on."""
-    a, _ = evidence.sampled
+    a, b = evidence.sampled
+    if len(np.unique(b[0, :4096])) >= min(4096, a.shape[1]) * 0.9:
+        return
     clipped = _range(evidence, "b")[1] <= 1.001 < _range(evidence, "a")[1]
     aim = np.clip(a, 0.0, 1.0) if clipped else a
     curves: dict[str, tuple[Any, Any]] = {"": (_as_it_is, _as_it_is)}
@@ -125,8 +104,7 @@ def _quantised(evidence: Evidence) -> Iterator[Explanation]:
             top = 2**bits - 1
             stored = back(np.rint(curve(aim) * top) / np.float32(top))
             left = evidence.left(stored, a <= 1.0 if clipped else None, exact=True)
-            name = f"quantised to {bits} bits"
-            yield Explanation(Finding(name, f"{name}{how}", {"bits": bits}), left, EXACT)
+            yield FittedCause(left, {"bits": bits}, {"how": how})
 
 
 def _as_it_is(values: NDArray[Any]) -> NDArray[Any]:
@@ -137,30 +115,29 @@ def _decoded(values: NDArray[Any]) -> NDArray[Any]:
     return srgb_to_linear(np.maximum(values, 0.0)).astype(np.float32)
 
 
-def _swapped_channels(evidence: Evidence) -> Iterator[Explanation]:
-    """Channels of one layer, or the layers of the left and the right view, in another order."""
-    names = evidence.pixels.names
-    for layer in layers(names):
+def _swapped_channels(evidence: Evidence) -> Iterator[FittedCause]:
+    """Channels of one layer in another order."""
+    for layer in layers(evidence.pixels.names):
         moved = [name for name in layer if name in evidence.names]
-        if 2 <= len(moved) <= _MAX_SWAPPED and len(moved) == len(evidence.names):
-            for order in permutations(range(len(moved))):
-                if list(order) == sorted(order):
-                    continue
-                sources = [moved[index] for index in order]
-                pairs = [f"{new} is {old}" for new, old in zip(moved, sources, strict=True)]
-                said = ", ".join(_own(pair) for pair in pairs if len(set(pair.split(" is "))) > 1)
-                finding = Finding(
-                    "channels swapped",
-                    f"channels swapped: {said}",
-                    dict(zip(moved, sources, strict=True)),
-                )
-                predicted = evidence.at("a", *evidence.places, sources)
-                yield Explanation(finding, evidence.left(predicted))
+        if not (2 <= len(moved) <= _MAX_SWAPPED and len(moved) == len(evidence.names)):
+            continue
+        for order in permutations(range(len(moved))):
+            if list(order) == sorted(order):
+                continue
+            sources = [moved[index] for index in order]
+            pairs = [f"{new} is {old}" for new, old in zip(moved, sources, strict=True)]
+            said = ", ".join(_own(pair) for pair in pairs if len(set(pair.split(" is "))) > 1)
+            predicted = evidence.at("a", *evidence.places, sources)
+            values = dict(zip(moved, sources, strict=True))
+            yield FittedCause(evidence.left(predicted), values, {"how": said})
+
+
+def _swapped_views(evidence: Evidence) -> Iterator[FittedCause]:
+    """The layers of the left and the right view in the place of each other."""
+    names = evidence.pixels.names
     views = {name: _other_view(name) for name in evidence.names}
     if views and all(other in names and other != name for name, other in views.items()):
-        finding = Finding("left and right swapped", "left and right swapped")
-        predicted = evidence.at("a", *evidence.places, list(views.values()))
-        yield Explanation(finding, evidence.left(predicted))
+        yield FittedCause(evidence.left(evidence.at("a", *evidence.places, list(views.values()))))
 
 
 def _own(text: str) -> str:
@@ -175,7 +152,7 @@ def _other_view(name: str) -> str:
     return name
 
 
-def _premultiplied(evidence: Evidence) -> Iterator[Explanation]:
+def _premultiplied(evidence: Evidence) -> Iterator[FittedCause]:
     """Colour divided by its alpha, or multiplied once more."""
     names = evidence.pixels.names
     alphas = {name: name[: -len(name.split(".")[-1])] + "A" for name in evidence.names}
@@ -185,38 +162,42 @@ def _premultiplied(evidence: Evidence) -> Iterator[Explanation]:
     alpha = evidence.at("a", *evidence.places, list(alphas.values()))
     divided = np.where(alpha > 0, light / np.where(alpha > 0, alpha, 1.0), light)
     for text, changed in (("divided by alpha", divided), ("multiplied by alpha", light * alpha)):
-        finding = Finding("premultiplication", f"premultiplication: colour {text} once more")
-        yield Explanation(finding, evidence.left(evidence.stored(changed)))
+        yield FittedCause(evidence.left(evidence.stored(changed)), said={"how": text})
 
 
-def _another_exposure(evidence: Evidence) -> Iterator[Explanation]:
-    """B is a multiple of A, the same for all channels or each with its own."""
+def _factors(evidence: Evidence) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Light of A, and what makes that of B of it: tops / squares of each channel."""
     a, b = evidence.sampled
     light, aim = evidence.light(a), evidence.light(b)
     weights = _weights(evidence, light) * evidence.steady
     tops = (weights * aim * light * weights).sum(axis=1)
-    squares = np.square(weights * light).sum(axis=1)
-    if not squares.sum():
-        return
-    factor = float(tops.sum() / squares.sum())
-    left = evidence.left(evidence.stored(light * factor), evidence.steady)
-    if abs(factor + 1) < 1e-3:
-        finding = Finding("sign reversed", "sign reversed")
-    else:
+    return light, tops, np.square(weights * light).sum(axis=1)
+
+
+def _another_exposure(evidence: Evidence) -> Iterator[FittedCause]:
+    """B is a multiple of A, the same for all channels."""
+    light, tops, squares = _factors(evidence)
+    if squares.sum():
+        factor = float(tops.sum() / squares.sum())
         stops = f" ({np.log2(factor):+.3g} EV)" if factor > 0 else ""
-        text = f"another exposure: x {factor:.4g}{stops}"
-        finding = Finding("another exposure", text, {"factor": factor})
-    yield Explanation(finding, left)
-    if len(a) > 1 and squares.all():
+        left = evidence.left(evidence.stored(light * factor), evidence.steady)
+        yield FittedCause(left, {"factor": factor}, {"stops": stops})
+
+
+def _exposure_of_channels(evidence: Evidence) -> Iterator[FittedCause]:
+    """Each channel of B is a multiple of its own of that of A."""
+    light, tops, squares = _factors(evidence)
+    if len(light) > 1 and squares.all():
         ratios = tops / squares
         each = ", ".join(f"{n} x {r:.4g}" for n, r in zip(evidence.names, ratios, strict=True))
-        finding = Finding(
-            "another exposure",
-            f"another exposure of each channel: {each}",
-            {"factors": dict(zip(evidence.names, map(float, ratios), strict=True))},
-        )
+        factors = dict(zip(evidence.names, map(float, ratios), strict=True))
         scaled = evidence.stored(light * ratios[:, None])
-        yield Explanation(finding, evidence.left(scaled, evidence.steady), cost=0.01)
+        left = evidence.left(scaled, evidence.steady)
+        yield FittedCause(left, {"factors": factors}, {"each": each}, 0.01)
+
+
+def _sign_reversed(evidence: Evidence) -> Iterator[FittedCause]:
+    yield FittedCause(evidence.left(-evidence.sampled[0]), cost=-0.001)
 
 
 def _weights(evidence: Evidence, light: NDArray[Any]) -> NDArray[Any]:
@@ -237,12 +218,15 @@ def _solved(
     return solved
 
 
-def _another_gamma(evidence: Evidence) -> Iterator[Explanation]:
-    """B is a power of A, or a multiple of one; or a curve was applied once more."""
-    a, _ = evidence.sampled
+def _encoded_again(evidence: Evidence) -> Iterator[FittedCause]:
+    """A curve was applied once more."""
     for name, curve in (("sRGB-encoded", linear_to_srgb), ("sRGB-decoded", _decoded)):
-        finding = Finding("another gamma", f"another gamma: {name} once more")
-        yield Explanation(finding, evidence.left(curve(a).astype(np.float32)))
+        left = evidence.left(curve(evidence.sampled[0]).astype(np.float32))
+        yield FittedCause(left, said={"how": name})
+
+
+def _another_gamma(evidence: Evidence) -> Iterator[FittedCause]:
+    """B is a power of A, of its values or of those that a screen shows."""
     yield from _powers(evidence, _as_it_is, _as_it_is, "")
     if evidence.gamma == 1.0:
         clipped = _range(evidence, "b")[1] <= 1.001 < _range(evidence, "a")[1]
@@ -257,7 +241,7 @@ def _powers(
     how: str,
     *,
     clipped: bool = False,
-) -> Iterator[Explanation]:
+) -> Iterator[FittedCause]:
     a, b = (curve(np.clip(v, 0, 1) if clipped else v) for v in evidence.sampled)
     usable = (a > 0.02) & (b > 0.02) & evidence.fits & evidence.steady
     if np.count_nonzero(usable) < 16:
@@ -265,18 +249,14 @@ def _powers(
     x, y = (np.log(side[usable], dtype=np.float64) for side in (a, b))
     weight = np.minimum(a[usable], 1.0)
     power = float((weight * x * y).sum() / max((weight * x * x).sum(), 1e-300))
-    text = f"another gamma: to the power {power:.4g}{how}"
-    finding = Finding("another gamma", text, {"power": power})
-    yield Explanation(
-        finding, evidence.left(back(_power(a, power, 1.0)), evidence.steady), cost=0.005
-    )
+    left = evidence.left(back(_power(a, power, 1.0)), evidence.steady)
+    yield FittedCause(left, {"power": power}, {"how": how}, 0.005)
     if not how and float(np.ptp(x)) > 0.1:
         power, offset = (float(value) for value in np.polyfit(x, y, 1))
         factor = float(np.exp(offset))
-        text = f"another gamma and exposure: to the power {power:.4g}, x {factor:.4g}"
-        both = Finding("another gamma", text, {"power": power, "factor": factor})
         left = evidence.left(_power(a, power, factor), evidence.steady)
-        yield Explanation(both, left, cost=0.02)
+        how = f", exposure x {factor:.4g}"
+        yield FittedCause(left, {"power": power, "factor": factor}, {"how": how}, 0.02)
 
 
 def _power(values: NDArray[Any], power: float, factor: float) -> NDArray[Any]:
@@ -287,7 +267,7 @@ def _power(values: NDArray[Any], power: float, factor: float) -> NDArray[Any]:
     return signed.astype(np.float32)
 
 
-def _raised(evidence: Evidence) -> Iterator[Explanation]:
+def _raised(evidence: Evidence) -> Iterator[FittedCause]:
     """B is a multiple of A and a constant: of light, or of the values that a screen shows."""
     a, b = evidence.sampled
     steady = evidence.steady & (b > _range(evidence, "b")[0])
@@ -297,40 +277,90 @@ def _raised(evidence: Evidence) -> Iterator[Explanation]:
         columns = [np.ones_like(light), light][: 1 + free]
         solved = _solved(columns, aim if free else aim - light, weights)
         offset, factor = float(solved[0]), float(solved[1]) if free else 1.0
-        name = "raised blacks" if offset > 0 else "lowered blacks"
-        text = f"{name}: {offset:+.3g} of light" + f", x {factor:.4g}" * free
-        finding = Finding(name, text, {"offset": offset, "factor": factor})
-        predicted = evidence.stored(factor * light + offset)
-        yield Explanation(finding, evidence.left(predicted, steady), cost=0.01 + 0.01 * free)
+        left = evidence.left(evidence.stored(factor * light + offset), steady)
+        yield _lifted(left, offset, factor, "light", 0.01 + 0.01 * free)
+    offset, factor, left = _line_of_shown(evidence)
+    if not _turns_in_the_middle(offset, factor):
+        yield _lifted(left, offset, factor, "what a screen shows", 0.02)
+    if len(light) > 1:
+        sums = ((aim - light) * weights**2).sum(axis=1) / np.maximum((weights**2).sum(axis=1), 1e-9)
+        left = evidence.left(evidence.stored(light + sums[:, None]), steady)
+        each = ", ".join(f"{n} {v:+.3g}" for n, v in zip(evidence.names, sums, strict=True))
+        said = {"way": "raised" if sums.sum() > 0 else "lowered", "how": f"{each} of light"}
+        yield FittedCause(
+            left, {"offsets": dict(zip(evidence.names, map(float, sums), strict=True))}, said, 0.03
+        )
+
+
+def _lifted(left: float, offset: float, factor: float, of: str, cost: float) -> FittedCause:
+    how = f"{offset:+.3g} of {of}" + f", x {factor:.4g}" * (factor != 1.0)
+    said = {"way": "raised" if offset > 0 else "lowered", "how": how}
+    return FittedCause(left, {"offset": offset, "factor": factor}, said, cost)
+
+
+def _another_contrast(evidence: Evidence) -> Iterator[FittedCause]:
+    """B is A stretched around a middle, as a screen shows it."""
+    offset, factor, left = _line_of_shown(evidence)
+    if _turns_in_the_middle(offset, factor):
+        values = {"offset": offset, "factor": factor, "pivot": offset / (1 - factor)}
+        yield FittedCause(left, values, cost=0.02)
+
+
+def _turns_in_the_middle(offset: float, factor: float) -> bool:
+    return factor != 1 and 0.1 < offset / (1 - factor) < 0.9
+
+
+@lru_cache(maxsize=1)
+def _line_of_shown(evidence: Evidence) -> tuple[float, float, float]:
+    """What a screen shows of B by that of A: offset, factor, and what they leave."""
+    a, b = evidence.sampled
     if not evidence.pixels.color:
-        return
-    steady = steady & (a <= 1.0)
+        return 0.0, 1.0, np.inf
+    steady = evidence.steady & (b > _range(evidence, "b")[0]) & (a <= 1.0)
     shown, aim = (evidence.scaled(side).astype(np.float64) for side in (a, b))
     offset, factor = _solved([np.ones_like(shown), shown], aim, 1.0 * (steady & evidence.fits))
-    pivot = offset / (1 - factor) if factor != 1 else np.inf
-    predicted = factor * shown + offset
-    predicted = evidence.unscaled(predicted)
-    name = "another contrast"
-    text = f"{name}: x {factor:.4g} around {pivot:.3g}"
-    if not 0.1 < pivot < 0.9:
-        name = "raised blacks" if offset > 0 else "lowered blacks"
-        text = f"{name}: {offset:+.3g} of what a screen shows, x {factor:.4g}"
-    finding = Finding(name, text, {"offset": float(offset), "factor": float(factor)})
-    yield Explanation(finding, evidence.left(predicted, steady), cost=0.02)
+    left = evidence.left(evidence.unscaled(factor * shown + offset), steady)
+    return float(offset), float(factor), left
 
 
-def _mixed(evidence: Evidence) -> Iterator[Explanation]:
-    """Channels of one layer mixed: another saturation, or other primaries."""
+def _layer(evidence: Evidence) -> tuple[str, ...] | None:
+    """The only layer of R, G and B, if nothing else differs."""
     layers_of = [each for each in color_layers(evidence.pixels.names) if len(each) == 3]
     if len(layers_of) != 1 or not set(evidence.names) <= set(layers_of[0]):
+        return None
+    return layers_of[0]
+
+
+def _monochrome(evidence: Evidence) -> Iterator[FittedCause]:
+    """B is grey, each pixel by the same sum of the channels of A, of light or as shown."""
+    layer = _layer(evidence)
+    if layer is None:
         return
-    layer = layers_of[0]
-    light, aim = (evidence.light(evidence.at(s, *evidence.places, layer)) for s in ("a", "b"))
+    old, new = (evidence.at(side, *evidence.places, layer) for side in ("a", "b"))
+    if np.ptp(new, axis=0).max() > _GREY * float(new.max()) or not np.ptp(new):
+        return
+    if np.ptp(old, axis=0).max() <= _GREY * max(float(old.max()), 1e-9):
+        return
     kept = [layer.index(name) for name in evidence.names]
-    dark = _range(evidence, "b")[0] == 0.0  # what would be negative may have become 0
-    weights = _weights(evidence, light) * ((aim > 0.0).all(axis=0) if dark else 1.0)
-    if evidence.gamma != 1.0:
-        weights = weights * evidence.steady.all(axis=0)
+    for how, (columns, aim), back in (
+        ("", [evidence.light(v) for v in (old, new)], evidence.stored),
+        (" as a screen shows it", [evidence.scaled(v) for v in (old, new)], evidence.unscaled),
+    ):
+        shares = _solved(list(columns), aim[0], 1.0 * evidence.fits)
+        predicted = back(np.tensordot(shares, columns, 1)[None].repeat(3, axis=0))[kept]
+        said = " ".join(f"{s:+.2f} {n}" for n, s in zip(layer, shares, strict=True))
+        weights = dict(zip(layer, map(float, shares), strict=True))
+        left = evidence.left(np.asarray(predicted, np.float32))
+        yield FittedCause(left, {"weights": weights}, {"how": said.lstrip("+") + how}, -0.02)
+
+
+def _another_saturation(evidence: Evidence) -> Iterator[FittedCause]:
+    """The distances of the channels to luma times a factor, of light or as a screen shows it."""
+    layer = _layer(evidence)
+    if layer is None:
+        return
+    light, aim, weights, dark = _of_layer(evidence, layer)
+    kept = [layer.index(name) for name in evidence.names]
     shown = [evidence.scaled_light(side).astype(np.float64) for side in (light, aim)]
     for how, (old, new), weight in (
         ("", (light, aim), weights),
@@ -341,36 +371,50 @@ def _mixed(evidence: Evidence) -> Iterator[Explanation]:
         predicted = luma + factor * (old - luma)
         predicted = np.maximum(predicted, 0.0) if dark else predicted
         stored = evidence.unscaled(predicted) if how else evidence.stored(predicted)
-        text = f"another saturation: x {factor:.4g}{how}"
-        finding = Finding("another saturation", text, {"factor": factor})
-        yield Explanation(finding, evidence.left(stored[kept], evidence.steady), cost=0.01)
+        left = evidence.left(stored[kept], evidence.steady)
+        yield FittedCause(left, {"factor": factor}, {"how": how}, 0.01)
+
+
+def _of_layer(
+    evidence: Evidence, layer: Sequence[str]
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], bool]:
+    """Light of a layer of A and of B, weights that choose, and whether B is cut off at 0."""
+    light, aim = (evidence.light(evidence.at(s, *evidence.places, layer)) for s in ("a", "b"))
+    dark = _range(evidence, "b")[0] == 0.0  # what would be negative may have become 0
+    weights = _weights(evidence, light) * ((aim > 0.0).all(axis=0) if dark else 1.0)
+    if evidence.gamma != 1.0:
+        weights = weights * evidence.steady.all(axis=0)
+    return light, aim, weights, dark
+
+
+def _other_primaries(evidence: Evidence) -> Iterator[FittedCause]:
+    """The channels of one layer mixed by a matrix."""
+    layer = _layer(evidence)
+    if layer is None:
+        return
+    light, aim, weights, dark = _of_layer(evidence, layer)
     rows = [_solved(list(light), channel, w) for channel, w in zip(aim, weights, strict=True)]
     matrix = np.stack(rows)
     if np.abs(matrix - np.diag(np.diag(matrix))).max() < _MIXED:
         return
-    finding = Finding("other primaries", _primaries(matrix), {"matrix": matrix.tolist()})
-    stored = evidence.stored(matrix @ light)[kept]
-    yield Explanation(finding, evidence.left(stored, evidence.steady), cost=0.03)
+    predicted = matrix @ light
+    stored = evidence.stored(np.maximum(predicted, 0.0) if dark else predicted)
+    left = evidence.left(stored[[layer.index(name) for name in evidence.names]], evidence.steady)
+    yield FittedCause(left, {"matrix": matrix.tolist()}, {"how": _primaries(matrix)}, 0.03)
 
 
 def _primaries(matrix: NDArray[Any]) -> str:
     """What a matrix of colours does, in words."""
-    to_xyz = {name: _to_xyz(primaries) for name, primaries in _PRIMARIES.items()}
-    for old, new in permutations(_PRIMARIES, 2):
-        converted = np.linalg.solve(to_xyz[new], to_xyz[old])
-        if np.abs(converted - matrix).max() < 0.03:
-            return f"other primaries: {new} instead of {old}"
-    return "other primaries: channels mixed by a matrix"
+    apart = {
+        f"{new} instead of {old}": float(np.abs(known - matrix).max())
+        for old, new in permutations(NAMED, 2)
+        if (known := between_primaries(NAMED[old], NAMED[new])) is not None
+    }
+    nearest = min(apart, key=lambda pair: apart[pair])
+    return nearest if apart[nearest] < _NEAR else "channels mixed by a matrix"
 
 
-def _to_xyz(primaries: Sequence[tuple[float, float]]) -> NDArray[Any]:
-    """The matrix from R, G, B to X, Y, Z of a white of D65."""
-    columns = np.array([(x / y, 1.0, (1 - x - y) / y) for x, y in (*primaries, _D65)]).T
-    whole: NDArray[Any] = columns[:, :3] * np.linalg.solve(columns[:, :3], columns[:, 3])
-    return whole
-
-
-def _vignette(evidence: Evidence) -> Iterator[Explanation]:
+def _vignette(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A times a polynomial of the distance to the middle of the picture."""
     height, width = evidence.size
     rows, columns = evidence.places
@@ -385,14 +429,11 @@ def _vignette(evidence: Evidence) -> Iterator[Explanation]:
             solved = _solved(terms, aim - light, weights)
             gain = 1 + sum(c * far**k for k, c in enumerate(solved, 1))
             corners = 1 + float(solved.sum())
-            finding = Finding(
-                "vignette", f"vignette: corners x {corners:.3g}", {"corners": corners}
-            )
             left = evidence.left(evidence.stored(light * gain), evidence.steady)
-            yield Explanation(finding, left, cost=0.02 * powers)
+            yield FittedCause(left, {"corners": corners}, cost=0.02 * powers)
 
 
-def _tone_curve(evidence: Evidence) -> Iterator[Explanation]:
+def _tone_curve(evidence: Evidence) -> Iterator[FittedCause]:
     """B is a curve of A that rises everywhere, the same for all channels or each with its own."""
     a, b = (evidence.scaled(side).astype(np.float64) for side in evidence.sampled)
     fits = np.broadcast_to(evidence.fits, a.shape) & evidence.steady
@@ -424,5 +465,49 @@ def _tone_curve(evidence: Evidence) -> Iterator[Explanation]:
     ):
         if predicted is not None:
             stored = evidence.unscaled(predicted)
-            finding = Finding("another tone curve", f"another tone curve{how}")
-            yield Explanation(finding, evidence.left(stored, evidence.steady), cost=cost)
+            yield FittedCause(evidence.left(stored, evidence.steady), said={"how": how}, cost=cost)
+
+
+TONE = (
+    Cause("empty", _empty, "empty: {level} {where}"),
+    Cause("rounded to half", _rounded),
+    Cause("quantised to {bits} bits", _quantised, "quantised to {bits} bits{how}", EXACT),
+    Cause("clipped at {limit:.4g}", _clipped, "clipped at {limit:.4g}{how}", EXACT),
+    Cause("channels swapped", _swapped_channels, "channels swapped: {how}"),
+    Cause("left and right swapped", _swapped_views),
+    Cause(
+        *("premultiplication", _premultiplied, "premultiplication: colour {how} once more"),
+        of_color=True,
+    ),
+    Cause("sign reversed", _sign_reversed),
+    Cause("another exposure", _another_exposure, "another exposure: x {factor:.4g}{stops}"),
+    Cause(
+        *("another exposure", _exposure_of_channels),
+        "another exposure of each channel: {each}",
+    ),
+    Cause("another gamma", _encoded_again, "another gamma: {how} once more"),
+    Cause("another gamma", _another_gamma, "another gamma: to the power {power:.4g}{how}"),
+    Cause("{way} blacks", _raised, "{way} blacks: {how}"),
+    Cause(
+        *("another contrast", _another_contrast),
+        "another contrast: x {factor:.4g} around {pivot:.3g}",
+    ),
+    Cause("vignette", _vignette, "vignette: corners x {corners:.3g}", of_color=True),
+    Cause("monochrome", _monochrome, "monochrome: {how}", of_color=True),
+    Cause(
+        *("another saturation", _another_saturation),
+        "another saturation: x {factor:.4g}{how}",
+        of_color=True,
+        of_many=True,
+    ),
+    Cause(
+        *("other primaries", _other_primaries, "other primaries: {how}"),
+        of_color=True,
+        of_many=True,
+    ),
+    Cause(
+        *("another tone curve", _tone_curve, "another tone curve{how}"),
+        of_color=True,
+        of_many=True,
+    ),
+)

@@ -1,20 +1,21 @@
-"""Differences that are known by where they lie or how they look: seams, halos, noise, codecs."""
+"""Causes that are known by where a difference lies or how it looks: seams, halos, noise, codecs."""
 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from defocus_core.compare.findings.evidence import (
+    Cause,
     Evidence,
-    Explanation,
+    FittedCause,
     blocks_in_turn,
     unexplained,
 )
-from defocus_core.compare.findings.filters import alike, noise_like, smooth
-from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.findings.softness import alike, noise_like, white_noise
 from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
@@ -26,34 +27,22 @@ _PERIODS = (8, 16, 32, 64, 128, 256, 512, 1024)  # px of tiles
 _WIDTHS = (1, 2, 4, 8, 16)  # px of a seam
 _STRONGEST = 4.0  # gain of a halo
 _LENGTH = 4.0  # of a halo, in widths of it
-_SEAM_LEFT, _GAIN_LEFT, _HALO_LEFT, _SPARK_LEFT, _CODEC_LEFT = 0.4, 0.3, 0.4, 0.3, 0.75
+_SEAM_LEFT, _GAIN_LEFT, _HALO_LEFT, _SPARK_LEFT, _CODEC_LEFT = 0.4, 0.3, 0.4, 0.3, 0.8
 _FEW = 1e-3  # share of the pixels that fireflies are at most
 # Lines that would hold the difference if each held as much: at least these, and this share of all.
 _LONE, _ALIKE = 1.2, 0.35
 _FEW_TILES = 0.1  # share of the tiles that hold a difference in one place
 _SEGMENT = 16  # px along a line that are taken together, so that noise averages out
 _SPARK = 0.1  # least difference of a firefly
+_ON_GRID = 0.82  # greatest share left of what blocks in other places leave
 _DCT = 8  # px of the blocks of JPEG and of DWAA
 _Y = (0.299, 0.587, 0.114)  # of JPEG
-_NOISE_LEFT = 0.25
+_NOISE_LEFT = 0.55
 _WITHOUT_MEAN = 0.3  # greatest mean of noise, by its root mean square
 _MIN_CHANGED = 0.02  # share of pixels that differ, below which there is no noise
 
 
-def explanations(evidence: Evidence) -> Iterator[Explanation]:
-    """All that might be, the simplest first."""
-    difference = _difference(evidence)
-    yield from _fireflies(difference)
-    if evidence.is_small:  # a few lines are seams by chance
-        return
-    yield from _seams(evidence, difference)
-    if evidence.pixels.color:
-        yield from _gains_of_tiles(evidence)
-        yield from _halo(evidence, difference[evidence.frame])
-        yield from _compressed(evidence)
-    yield from _noise(evidence, difference[evidence.frame])
-
-
+@lru_cache(maxsize=1)
 def _difference(evidence: Evidence) -> NDArray[Any]:
     """B − A on the scale of differences, the mean of the channels, of the whole picture [H, W]."""
     total = np.zeros(evidence.size, np.float32)
@@ -65,8 +54,9 @@ def _difference(evidence: Evidence) -> NDArray[Any]:
     return total
 
 
-def _fireflies(difference: NDArray[Any]) -> Iterator[Explanation]:
+def _fireflies(evidence: Evidence) -> Iterator[FittedCause]:
     """A few pixels apart from each other hold the difference."""
+    difference = _difference(evidence)
     power = np.square(difference, dtype="f8")
     maximum = max(1, int(_FEW * power.size))
     sparks = power > max(_SPARK**2, 0.01 * float(power.max()))
@@ -80,13 +70,13 @@ def _fireflies(difference: NDArray[Any]) -> Iterator[Explanation]:
         return
     left = math.sqrt(max(0.0, 1 - float(power[sparks].sum()) / float(power.sum())))
     bright = np.count_nonzero(difference[sparks] > 0) > number / 2
-    name = "fireflies" if bright else "dropped pixels"
-    finding = Finding(name, f"{name}: {counted(number, 'pixel')}", {"pixels": number})
-    yield Explanation(finding, left, _SPARK_LEFT, -0.05)
+    said = {"name": "fireflies" if bright else "dropped pixels", "count": counted(number, "pixel")}
+    yield FittedCause(left, {"pixels": number}, said, -0.05)
 
 
-def _seams(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation]:
+def _seams(evidence: Evidence) -> Iterator[FittedCause]:
     """The difference lies on lines that are the side of a tile apart."""
+    difference = _difference(evidence)
     profiles = [_profile(difference), _profile(difference.T)]  # of columns and of rows
     total = sum(float(profile.mean()) for profile in profiles)
     if not total:
@@ -116,8 +106,8 @@ def _seams(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation
             at = f"at multiples of {period} px"
             if starts != {0}:
                 at = f"every {period} px from {', '.join(map(str, sorted(starts)))}"
-            finding = Finding("seams", f"seams {at}", {"period": period, "width": wide})
-            yield Explanation(finding, left, _SEAM_LEFT, 0.01 * wide + 0.4 / period - 0.05)
+            cost = 0.01 * wide + 0.4 / period - 0.05
+            yield FittedCause(left, {"period": period, "width": wide}, {"at": at}, cost)
 
 
 def _profile(difference: NDArray[Any]) -> NDArray[Any]:
@@ -153,7 +143,7 @@ def _phase(profile: NDArray[Any], period: int, wide: int) -> int:
     return middle if sums[middle] > 0.98 * sums[best] else best
 
 
-def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
+def _gains_of_tiles(evidence: Evidence) -> Iterator[FittedCause]:
     """Each tile is a multiple of A of its own, and it is tiles: another grid explains less."""
     height, width = evidence.size
     rows, columns = evidence.places
@@ -181,13 +171,12 @@ def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
         if share < _FEW_TILES:  # they lie in one place
             continue
         if on_grid < _GAIN_LEFT and on_grid < 0.6 * left(side, side // 2)[0]:
-            text = f"seams at multiples of {side} px: each tile has another exposure"
-            finding = Finding("seams", text, {"period": side})
-            yield Explanation(finding, on_grid, _GAIN_LEFT, 0.02 + 0.5 / side)
+            yield FittedCause(on_grid, {"period": side}, cost=0.02 + 0.5 / side)
 
 
-def _halo(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation]:
+def _halo(evidence: Evidence) -> Iterator[FittedCause]:
     """The difference is a thin band of one sign."""
+    difference = _difference(evidence)[evidence.frame]
     size = np.abs(difference)
     noise = 1.48 * float(np.median(size))
     band = size > max(0.15 * float(np.quantile(size, 0.999)), 4 * noise, 2 * evidence.step)
@@ -213,8 +202,7 @@ def _halo(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation]
         return
     left = evidence.left_framed(np.where(band, gain * a + offset, a), ~chooses)
     brighter = "brighter" if float(difference[band].sum()) > 0 else "darker"
-    text = f"halo of {round(wide)} px, {brighter}"
-    yield Explanation(Finding("halo", text, {"width": wide}), left, _HALO_LEFT, 0.1)
+    yield FittedCause(left, {"width": wide}, {"how": brighter}, 0.1)
 
 
 def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -227,8 +215,8 @@ def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return inner
 
 
-def _compressed(evidence: Evidence) -> Iterator[Explanation]:
-    """In blocks of 8 px, frequencies of B are those of A rounded to steps (ITU-T T.81)."""
+def _compressed(evidence: Evidence) -> Iterator[FittedCause]:
+    """In blocks of 8 px, frequencies of B are those of A rounded (ITU-T T.81), or small ones 0."""
     rows, columns = evidence.frame
     luma = []
     for side in ("a", "b"):
@@ -241,18 +229,33 @@ def _compressed(evidence: Evidence) -> Iterator[Explanation]:
         a, b = (_frequencies(side[starts[0] :, starts[1] :]) for side in luma)
         turn = np.arange(len(a)) % 2 == 0
         steps = np.geomspace(0.25 / 255, 1.5, 60)
-        errors = [np.square(b[turn] - step * np.rint(a[turn] / step)).sum(axis=0) for step in steps]
-        chosen = steps[np.argmin(np.stack(errors), axis=0)]
-        rest = b[~turn] - chosen * np.rint(a[~turn] / chosen)
+        errors = [
+            np.square(b[turn] - way(a[turn], step)).sum(axis=0)
+            for way in (_rounded, _without_small)
+            for step in steps
+        ]
+        chosen = np.argmin(np.stack(errors), axis=0)
+        step, rounds = steps[chosen % len(steps)], chosen < len(steps)
+        kept = np.where(rounds, _rounded(a[~turn], step), _without_small(a[~turn], step))
+        rest = b[~turn] - kept
         whole = float(np.square(b[~turn] - a[~turn]).sum())
         return math.sqrt(float(np.square(rest).sum()) / whole) if whole else math.inf
 
     if min(luma[0].shape) < 6 * _DCT:
         return
     on_grid = left(0)
-    if on_grid < _CODEC_LEFT and on_grid < 0.9 * left(_DCT // 2):
-        text = "compressed with losses: in blocks of 8 px, as JPEG and DWAA do"
-        yield Explanation(Finding("compressed with losses", text), on_grid, _CODEC_LEFT, 0.1)
+    if on_grid < _ON_GRID * left(_DCT // 2):
+        yield FittedCause(on_grid, cost=-0.35)  # nothing else knows the grid
+
+
+def _rounded(values: NDArray[Any], step: Any) -> NDArray[Any]:
+    rounded: NDArray[Any] = step * np.rint(values / step)
+    return rounded
+
+
+def _without_small(values: NDArray[Any], least: Any) -> NDArray[Any]:
+    large: NDArray[Any] = values * (np.abs(values) > least)
+    return large
 
 
 def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
@@ -267,22 +270,49 @@ def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
     return transformed
 
 
-def _noise(evidence: Evidence, difference: NDArray[Any]) -> Iterator[Explanation]:
-    """The difference has no mean, and nothing in common with its neighbours or with A."""
+def _noise(evidence: Evidence) -> Iterator[FittedCause]:
+    """The difference has no mean, and neighbours in it have nothing in common."""
+    difference = _difference(evidence)[evidence.frame]
     power = float(np.square(difference, dtype="f8").mean())
     if np.count_nonzero(difference) < _MIN_CHANGED * difference.size or not power:
         return
     if abs(float(difference.mean(dtype="f8"))) > _WITHOUT_MEAN * math.sqrt(power):
         return
-    light = evidence.scaled_light(evidence.framed[0]).astype("f8")
-    detail = light - smooth(light, 1.5)
-    if not noise_like(difference) or abs(alike(difference, detail)) > 0.35:
+    if not noise_like(difference):
         return
     shared = max(
         abs(alike(difference[:, 1:], difference[:, :-1])),
         abs(alike(difference[1:], difference[:-1])),
     )
-    planes = [evidence.pixels.difference(name, *evidence.frame) for name in evidence.names]
-    level = math.sqrt(float(np.mean([np.square(p).mean(dtype="f8") for p in planes])))
-    finding = Finding("noise", f"noise of about {level:.2g}", {"rms": level})
-    yield Explanation(finding, math.sqrt(shared), _NOISE_LEFT, 0.4)
+    name, _, how = white_noise(evidence).partition(" in ")
+    if name:
+        planes = [evidence.pixels.difference(name, *evidence.frame) for name in evidence.names]
+        level = math.sqrt(float(np.mean([np.square(p).mean(dtype="f8") for p in planes])))
+        how = f"of about {level:.2g}" + f", in {how}" * bool(how)
+        yield FittedCause(math.sqrt(shared), {"rms": level}, {"name": name, "how": how}, 0.6)
+
+
+TRACES = (
+    Cause("{name}", _fireflies, "{name}: {count}", _SPARK_LEFT),
+    Cause("seams", _seams, "seams {at}", _SEAM_LEFT, of_many=True),
+    Cause(
+        *("seams", _gains_of_tiles),
+        "seams at multiples of {period} px: each tile has another exposure",
+        _GAIN_LEFT,
+        of_color=True,
+        of_many=True,
+    ),
+    Cause(
+        *("halo", _halo, "halo of {width:.0f} px, {how}", _HALO_LEFT),
+        of_color=True,
+        of_many=True,
+    ),
+    Cause(
+        *("compressed with losses", _compressed),
+        "compressed with losses: in blocks of 8 px, as JPEG and DWAA do",
+        _CODEC_LEFT,
+        of_color=True,
+        of_many=True,
+    ),
+    Cause("{name}", _noise, "{name} {how}", _NOISE_LEFT, of_many=True),
+)

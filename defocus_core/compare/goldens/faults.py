@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.compare.comparison import compare_pictures
-from defocus_core.compare.findings.geometry import view_partner
+from defocus_core.compare.pairing import view_partner
 from defocus_core.compare.picture import DecodedPicture, color_layers, is_map, read_picture
 from defocus_core.compare.record import PASSING, WARNING, CompareSettings
 from defocus_core.compare.thresholds import Rules

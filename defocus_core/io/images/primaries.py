@@ -21,7 +21,7 @@ from defocus_core.io.exr.header import Raw
 Chromaticities = tuple[float, ...]  # x and y of red, green, blue, white
 
 REC_709: Chromaticities = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
-_NAMED: dict[str, Chromaticities] = {
+NAMED: dict[str, Chromaticities] = {
     "Rec. 709": REC_709,
     "Display P3": (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290),
     "Rec. 2020": (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290),
@@ -81,7 +81,7 @@ def refuse_other_primaries(
 
 def primaries_name(primaries: Chromaticities) -> str:
     """The name of a set of primaries, or its numbers."""
-    for name, known in _NAMED.items():
+    for name, known in NAMED.items():
         if same_primaries(primaries, known):
             return name
     return "x, y " + ", ".join(f"{value:.4g}" for value in primaries)

@@ -24,6 +24,9 @@ from planted_faults import (
 )
 
 from defocus_core.compare.comparison import compare_pair
+from defocus_core.compare.findings.cause import FAMILIES, among_rivals
+from defocus_core.compare.findings.evidence import Cause, Explanation, FittedCause
+from defocus_core.compare.findings.finding import FINDINGS, Finding
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.record import CompareSettings
 from defocus_core.compare.thresholds import Rules
@@ -51,10 +54,16 @@ def a(tmp_path: Path) -> Path:
     return write_planes(tmp_path / "a.exr", planes(scene()))
 
 
-@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_rules_know_the_names_of_all_causes() -> None:
+    rows = [row.name.partition(" {")[0] for family in FAMILIES for row in family]
+    for name in (name for name in rows if "{" not in name):
+        assert any(f"{name} ".startswith(f"{known} ") for known in FINDINGS), name
+
+
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_planted_fault_fails_and_is_named(fault: str, dtype: Any, tmp_path: Path) -> None:
+def test_a_planted_fault_fails_and_is_named(fault: str, tmp_path: Path) -> None:
     change, name, words = FAULTS[fault]
+    dtype = (np.float16, np.float32)[list(FAULTS).index(fault) % 2]
     a = write_planes(tmp_path / "a.exr", planes(scene(), dtype))
     b = write_planes(tmp_path / "b.exr", planes(change(scene()), dtype))
     ran = run("compare", a, b, "--json")
@@ -66,7 +75,8 @@ def test_a_planted_fault_fails_and_is_named(fault: str, dtype: Any, tmp_path: Pa
 
 def test_a_smaller_coc_is_told_from_a_larger_one(a: Path, tmp_path: Path) -> None:
     b = write_planes(tmp_path / "b.exr", planes(blurred(scene(), 2)))
-    assert [f.text for f in compared(b, a).findings] == ["another CoC: blurred less"]
+    (finding,) = compared(b, a).findings
+    assert finding.text.startswith("another CoC: blurred less, everywhere alike")
 
 
 _OF_INTEGERS = ["right", "left and down", "mirrored", "upside down", "turned", "BGR", "cut"]
@@ -292,6 +302,34 @@ def test_renders_by_another_fnumber_have_another_coc(name: str, tmp_path: Path) 
     (finding,) = compared(*files).findings
     assert finding.name == "another CoC"
     assert finding.values["blurred_less"] > 2 * finding.values["blurred_more"]
+
+
+def test_a_focus_pull_grows_down_the_frame(tmp_path: Path) -> None:
+    light = 0.1 + 0.5 * np.random.default_rng(4).random((240, 320, 3))
+    share = np.linspace(0, 1, 240)[:, None, None]
+    a = write_planes(tmp_path / "a.exr", planes(light))
+    b = write_planes(tmp_path / "b.exr", planes((1 - share) * light + share * blurred(light, 2)))
+    (finding,) = compared(a, b).findings
+    assert finding.text.endswith("blurred more, growing down the frame")
+
+
+def test_a_tie_of_rivals_is_said_by_their_common_word() -> None:
+    def explained(name: str, left: float) -> Explanation:
+        row = Cause(name, lambda _: iter(()), rivals="softened")
+        return Explanation(row, FittedCause(left), Finding(name, name))
+
+    blur, line = explained("another CoC", 0.2), explained("motion blur", 0.22)
+    assert among_rivals(blur, [blur, line]).finding.text == "softened: another CoC or motion blur"
+    assert among_rivals(blur, [blur, explained("motion blur", 0.26)]) is blur
+
+
+def test_what_rounding_hides_is_too_small_to_name(tmp_path: Path) -> None:
+    shown = np.rint(linear_to_srgb(scene().clip(0, 1)) * 255).astype(np.uint8)
+    steps = np.random.default_rng(2).random(shown.shape) < 0.2
+    a = save(tmp_path / "a.png", shown.clip(1, 254))
+    b = save(tmp_path / "b.png", shown.clip(1, 254) + steps)
+    record = compared(a, b)
+    assert names(record) == ["too small to name"]
 
 
 def test_a_blur_that_keeps_what_is_sharp_is_another_coc(a: Path, tmp_path: Path) -> None:

@@ -8,11 +8,13 @@ import compare_pairs
 import pytest
 
 from defocus_core.compare.comparison import compare_pair
+from defocus_core.compare.findings.finding import is_place
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.record import CompareSettings, Comparison
 from defocus_core.compare.thresholds import PRESETS
 
-_PLACE = "spread otherwise"  # says how light moved, and claims no cause
+# Say how light moved, or that two causes tie, or that it is slight: no cause is claimed.
+_NO_CAUSE = ("spread otherwise", "softened", "too small to name")
 _EITHER = "another CoC or bokeh shape"
 
 
@@ -22,25 +24,21 @@ def judged(pair: compare_pairs.Pair) -> Comparison:
 
 
 @pytest.mark.bench
-@pytest.mark.parametrize(
-    ("scene", "min_right", "max_wrong"),
-    [("spheres", 110, 1), ("lights", 95, 2), ("leaves", 102, 1)],
-)
-def test_faults_are_named_or_said_and_none_is_silent(
-    scene: str, min_right: int, max_wrong: int, tmp_path: Path
-) -> None:
-    right, wrong = 0, []
-    for pair in compare_pairs.faults(tmp_path, scene):
+@pytest.mark.parametrize("scene", ["spheres", "lights", "leaves"])
+def test_faults_are_named_or_said_and_none_is_silent(scene: str, tmp_path: Path) -> None:
+    right, wrong, pairs = 0, [], compare_pairs.faults(tmp_path, scene)
+    for pair in pairs:
         record = judged(pair)
-        assert record.status != "same", pair.kind
-        names = [each.name for each in record.findings if each.name != _PLACE]
+        assert record.status != "same" or not record.differing, pair.kind
+        said = [each.name for each in record.findings if not is_place(each.name)]
+        names = [name for name in said if name not in _NO_CAUSE or name in pair.right]
         bokeh = "another bokeh shape" in pair.right and _EITHER in names
         if bokeh or any(name.startswith(pair.right) for name in names):
             right += 1
         elif names:
             wrong.append(f"{pair.kind}: {names}")
-    assert right >= min_right
-    assert len(wrong) <= max_wrong, wrong
+    assert right >= 0.88 * len(pairs)
+    assert len(wrong) <= 0.03 * len(pairs), wrong
 
 
 @pytest.mark.bench

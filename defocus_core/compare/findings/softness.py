@@ -1,0 +1,540 @@
+"""Causes that spread light otherwise: another CoC, motion blur, resolution, denoisers, bokeh shape.
+
+All can make a picture softer, so all are rivals, measured at the same pixels in the middle of the
+frame. A filter for all places is found by its response to the frequencies of A. Where blur depends
+on depth, each part of a picture has a filter of its own: a sum of A through gaussians.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from defocus_core.compare.findings.evidence import (
+    LOSSY,
+    Cause,
+    Evidence,
+    FittedCause,
+    blocks_in_turn,
+    densest,
+)
+from defocus_core.compare.findings.parts import fitted_in_parts
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+_LEAST = 28  # px of a side of a picture whose softness is looked at
+_PIECE, _MARGIN = 192, 8  # px of the part that rivals are measured in, and of the border left out
+_BINS = 160  # of frequencies, up to 1/2 a pixel
+_RADII, _SIGMAS = np.geomspace(0.35, 16, 120), np.geomspace(0.2, 8, 120)  # px
+_LENGTHS, _ANGLES = np.geomspace(1.6, 40, 24), np.arange(0, 180, 7.5)  # of a motion: px, degrees
+_FEW = 24  # each how many-th frequency is looked at for motion
+_WIDTHS = (0.6, 1.2, 2.4, 4.8)  # px of the gaussians of parts
+_ALIKE = (0.03, 0.08, 0.2)  # differences of neighbours that a denoiser averages
+_SOFT_LEFT, _RESOLUTION_LEFT, _SPREAD_LEFT = 0.3, 0.75, 0.25
+_SURELY_SPREAD = 0.06  # left where kernels of another size or shape spread the light
+_COC_LEFT, _ROUND_LEFT = 0.62, 0.1  # kernels of another shape are explained, too, but not all
+# Least unevenness of differences of pixels that half and a quarter of the resolution make.
+_ON_GRID = {2: 0.1, 4: 0.4}
+_SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
+_ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
+_GROWS = 0.6  # correlation of blur with place that makes it grow
+_SHARP_END = 0.35  # greatest share of the blur of one end that is at the other where it grows
+_TIED = 0.35  # least correlation of a difference with the detail of a side that it is of
+_COC, _EITHER = "another CoC", "another CoC or bokeh shape"
+_UNLIKE_NEIGHBOURS = 0.3  # greatest correlation of noise with itself one pixel on
+
+
+@dataclass(frozen=True, eq=False)
+class Softened:
+    """The frame of a pair, what models of softness leave of it, and its frequencies.
+
+    Attributes:
+        evidence: the pair.
+    """
+
+    evidence: Evidence
+
+    @cached_property
+    def sides(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Light of A and B, [h, w]."""
+        return self.evidence.framed
+
+    @cached_property
+    def piece(self) -> tuple[slice, slice]:
+        """The rows and columns of the frame that are measured."""
+        a, b = self.sides
+        cuts = [
+            slice(max(cut.start, _MARGIN), min(cut.stop, length - _MARGIN))
+            for cut, length in zip(densest(np.abs(b - a), _PIECE), a.shape, strict=True)
+        ]
+        return cuts[0], cuts[1]
+
+    @cached_property
+    def chooses(self) -> NDArray[np.bool_]:
+        """Pixels [h, w] that choose parameters; the others measure."""
+        return blocks_in_turn(self.sides[0].shape, 4)
+
+    @cached_property
+    def slope(self) -> NDArray[Any]:
+        """The slope of the scale of differences, 0 near clipped pixels."""
+        light = np.maximum(*map(np.abs, self.sides))
+        step = np.maximum(light * 1e-3, 1e-5)
+        high, low = (self.evidence.scaled_light(light + s).astype("f8") for s in (step, -step))
+        return np.where(self.evidence.clipped_near, 0.0, (high - low) / (2 * step))
+
+    def left(self, predicted: NDArray[Any], cut: tuple[slice, slice] | None = None) -> float:
+        """What is left where it is measured if B, or a cut of it, were as predicted."""
+        if cut is not None:
+            whole = self.sides[0].copy()
+            whole[cut] = predicted
+            predicted = whole
+        return self.evidence.left_framed(predicted, self.measures, self.noise)
+
+    @cached_property
+    def measures(self) -> NDArray[np.bool_]:
+        """Pixels [h, w] that are measured."""
+        where = np.zeros(self.sides[0].shape, bool)
+        where[self.piece] = ~self.chooses[self.piece]
+        return where
+
+    @cached_property
+    def noise(self) -> float:
+        """The power of noise that no model explains: what the freest of them leave at least."""
+        free = [*self.in_parts, *(predicted for predicted, _, _ in self.denoised)]
+        return min(LOSSY, *(self.evidence.noise_framed(each, self.measures) for each in free))
+
+    @cached_property
+    def in_parts(self) -> list[NDArray[Any]]:
+        """B as A blurred, or as A is B blurred, in each part by as much as it takes."""
+        predicted = []
+        for side in (0, 1):
+            details = [self.smooth(side, sigma) - self.sides[side] for sigma in _WIDTHS]
+            predicted += [self.fitted(side, details, part) for part in (16, 32)]
+        return predicted
+
+    def fitted(self, side: int, details: list[NDArray[Any]], part: int) -> NDArray[Any]:
+        """B as one side, with multiples of details in each part, makes the other."""
+        one, other = self.sides[side], self.sides[1 - side]
+        columns = [detail * self.slope for detail in details]
+        change = fitted_in_parts(columns, (other - one) * self.slope, self.chooses, part)
+        there = one + change / np.where(self.slope > 0, self.slope, 1.0)
+        # Where A is B blurred, what B is predicted to be is wrong by as much as A is.
+        return there if side == 0 else one_less(self.sides, there)
+
+    @cached_property
+    def denoised(self) -> list[tuple[NDArray[Any], float, int]]:
+        """B as A with medians, or with means of neighbours that are alike: strength, parameters."""
+        rows, columns = self.piece
+        wide = (slice(rows.start - 2, rows.stop + 2), slice(columns.start - 2, columns.stop + 2))
+        a, b = (self.evidence.scaled_light(side[wide]).astype("f4") for side in self.sides)
+        (height, width), inner = a.shape, a[2:-2, 2:-2]
+        beside = np.stack([a[y : height - 4 + y, x : width - 4 + x] for y, x in np.ndindex(5, 5)])
+        apart = np.square(beside - inner)
+        near = [k for k, (y, x) in enumerate(np.ndindex(5, 5)) if 0 < y < 4 and 0 < x < 4]
+        details = [np.median(beside[near], axis=0) - inner]
+        for alike_by in _ALIKE:
+            weights = np.exp(apart * (-0.5 / alike_by**2))
+            details.append((weights * (beside - inner)).sum(axis=0) / weights.sum(axis=0))
+        chosen, aim, found = self.chooses[self.piece], b[2:-2, 2:-2] - inner, []
+        for some in (details[:1], details[1:]):
+            design = np.stack([detail[chosen] for detail in some]).astype("f8")
+            shares = np.linalg.lstsq(design @ design.T, design @ aim[chosen], rcond=None)[0]
+            shown = inner + sum(s * detail for s, detail in zip(shares, some, strict=True))
+            predicted = self.sides[0].copy()
+            predicted[self.piece] = self.evidence.unscaled_light(shown)
+            found.append((predicted, float(shares.sum()), len(some)))
+        return found
+
+    @cached_property
+    def spectra(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """Powers of A and of B and what they have in common, [h, w / 2 + 1]."""
+        window = np.sqrt(np.outer(*(np.hanning(n + 2)[1:-1] for n in self.sides[0].shape)))
+        a, b = (np.fft.rfft2((side - side.mean()) * window) for side in self.sides)
+        return np.abs(a) ** 2, np.abs(b) ** 2, (np.conj(a) * b).real
+
+    @cached_property
+    def frequencies(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Of rows and columns, in cycles a pixel."""
+        height, width = self.sides[0].shape
+        return np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :]
+
+    @cached_property
+    def rings(self) -> tuple[NDArray[Any], ...]:
+        """Frequencies, and the powers and what is common of each ring of them."""
+        place = np.rint(np.hypot(*self.frequencies) * 2 * _BINS).astype(int).clip(0, _BINS)
+        sums = [
+            np.bincount(place.ravel(), each.ravel(), _BINS + 1)[1:_BINS] for each in self.spectra
+        ]
+        return np.arange(1, _BINS) / (2 * _BINS), *sums
+
+    def filtered(self, side: int, response: NDArray[Any]) -> NDArray[Any]:
+        """A or B through a filter, around at the borders."""
+        size = self.sides[side].shape
+        through: NDArray[Any] = np.fft.irfft2(self.transformed[side] * response, s=size)
+        return through
+
+    @cached_property
+    def transformed(self) -> tuple[NDArray[Any], NDArray[Any]]:
+        """The transforms of A and B."""
+        a, b = map(np.fft.rfft2, self.sides)
+        return a, b
+
+    def smooth(self, side: int, sigma: float, axes: tuple[int, ...] = (0, 1)) -> NDArray[Any]:
+        """A or B through a gaussian along axes."""
+        square = sum(np.square(self.frequencies[axis]) for axis in axes)
+        return self.filtered(side, _gauss(np.sqrt(square), sigma))
+
+    def most_alike(
+        self, response: Callable[[Any, float], NDArray[Any]], sizes: NDArray[Any], side: int
+    ) -> tuple[float, NDArray[Any]]:
+        """The size of a round filter that makes the one side of the other, and B by it."""
+        f, *powers, common = self.rings
+        every = np.stack([response(f, size) for size in sizes])
+        costs = every**2 @ powers[side] - 2 * every @ common
+        size = float(sizes[costs.argmin()])
+        through = self.filtered(side, response(np.hypot(*self.frequencies), size))
+        return size, through if side == 0 else one_less(self.sides, through)
+
+
+def one_less(sides: tuple[NDArray[Any], NDArray[Any]], predicted: NDArray[Any]) -> NDArray[Any]:
+    """B, where A is predicted from it: wrong by as much as A is."""
+    less: NDArray[Any] = sides[0] + (sides[1] - predicted)
+    return less
+
+
+@lru_cache(maxsize=1)
+def _softened(evidence: Evidence) -> Softened:
+    return Softened(evidence)
+
+
+def _gauss(f: Any, sigma: float) -> NDArray[Any]:
+    response: NDArray[Any] = np.exp(-2 * (np.pi * sigma * f) ** 2)
+    return response
+
+
+@lru_cache(maxsize=1)
+def _jinc() -> tuple[NDArray[Any], NDArray[Any]]:
+    """2 J1(x) / x at places x, by the integral of Bessel (1824)."""
+    x, t = np.linspace(0, 80, 4000)[1:], (np.arange(200) + 0.5) * np.pi / 200
+    values = 2 * np.cos(t - x[:, None] * np.sin(t)).mean(axis=1) / x
+    return np.concatenate([[0.0], x]), np.concatenate([[1.0], values])
+
+
+def _disc(f: Any, radius: float) -> NDArray[Any]:
+    response: NDArray[Any] = np.interp(2 * np.pi * radius * f, *_jinc())
+    return response
+
+
+def _has_room(evidence: Evidence) -> bool:
+    """Whether a frame holds light, and has room for filters."""
+    return bool(evidence.pixels.color) and min(evidence.framed[0].shape) >= _LEAST
+
+
+def is_large(evidence: Evidence) -> bool:
+    """Whether a frame has room for filters, and its difference is no noise beside the light."""
+    return _has_room(evidence) and white_noise(evidence) in ("", "noise removed")
+
+
+@lru_cache(maxsize=1)
+def white_noise(evidence: Evidence) -> str:
+    """What noise of the frame is that has nothing in common with its neighbours; empty if none."""
+    a, b = (evidence.scaled_light(side).astype("f8") for side in evidence.framed)
+    difference = b - a
+    if not noise_like(difference):
+        return ""
+    of_a, of_b = (alike(difference, side - smooth(side, 1.5)) for side in (a, b))
+    if abs(of_a + of_b) < 0.1 < of_b:
+        return "noise in another pattern"
+    if abs(of_a) <= _TIED:
+        return "noise"
+    if of_a < 0 and abs(of_b) <= _TIED:
+        return "noise removed"
+    return ""
+
+
+def _blurred_alike(evidence: Evidence) -> Iterator[FittedCause]:
+    """B is A through a disc or a gaussian for all places, or the reverse."""
+    if not is_large(evidence):
+        return
+    frame = _softened(evidence)
+    for side, way in ((0, "more"), (1, "less")):
+        for response, sizes, wide in ((_disc, _RADII, 1.0), (_gauss, _SIGMAS, 2.0)):
+            size, predicted = frame.most_alike(response, sizes, side)
+            radius = size * wide  # of the disc of the same moments
+            if radius > 0.3:
+                said = {"way": way, "shape": " by a gaussian" if wide != 1 else ""}
+                yield FittedCause(
+                    frame.left(predicted), {"radius": radius}, said, 0.02 + 0.02 * side
+                )
+
+
+def _sharpened(evidence: Evidence) -> Iterator[FittedCause]:
+    """B is A, and a multiple of its detail."""
+    if not is_large(evidence):
+        return
+    frame = _softened(evidence)
+    f, power, _, common = frame.rings
+    details = 1 - np.stack([_gauss(f, sigma) for sigma in _SIGMAS])
+    squares = details**2 @ power
+    gains = details @ (common - power) / np.maximum(squares, 1e-300)
+    best = int((gains * gains * squares).argmax())
+    gain, sigma = float(gains[best]), float(_SIGMAS[best])
+    if gain > 0.02:
+        a = frame.sides[0]
+        predicted = a + gain * (a - frame.smooth(0, sigma))
+        yield FittedCause(frame.left(predicted), {"gain": 1 + gain, "sigma": sigma}, cost=0.02)
+
+
+def _motion_blurred(evidence: Evidence) -> Iterator[FittedCause]:
+    """B is A through a line for all places."""
+    if not is_large(evidence):
+        return
+    frame = _softened(evidence)
+    fy, fx = (np.broadcast_to(f, frame.spectra[0].shape).ravel() for f in frame.frequencies)
+    few = np.flatnonzero(np.hypot(fy, fx) < 0.45)[1::_FEW]
+    power, common = (frame.spectra[k].ravel()[few] for k in (0, 2))
+    lengths, angles, found = _LENGTHS, _ANGLES, (1.0, 0.0)
+    for _ in range(2):
+        tried = []
+        for angle in angles:
+            along = fx[few] * math.cos(math.radians(angle)) - fy[few] * math.sin(
+                math.radians(angle)
+            )
+            every = np.sinc(lengths[:, None] * along)
+            costs = np.square(every) @ power - 2 * every @ common
+            tried.append((float(costs.min()), float(lengths[costs.argmin()]), float(angle)))
+        found = min(tried)[1:]
+        lengths = found[0] * np.linspace(0.9, 1.1, 9)
+        angles = found[1] + np.arange(-6, 7, 2.0)
+    length, angle = found[0], found[1] % 180
+    fy, fx = frame.frequencies
+    turned = math.radians(angle)
+    response = np.sinc(length * (fx * math.cos(turned) - fy * math.sin(turned)))
+    if length > 1.8:
+        values = {"length": length, "angle": angle}
+        yield FittedCause(frame.left(frame.filtered(0, response)), values, cost=0.03)
+
+
+def _keys(t: Any, a: float = -0.5) -> Any:
+    t = np.abs(t)
+    near = ((a + 2) * t - (a + 3)) * t * t + 1
+    return np.where(t < 1, near, np.where(t < 2, ((t - 5) * t + 8) * t * a - 4 * a, 0))
+
+
+def _cubic_spline(t: Any) -> Any:
+    return np.where(t < 1, (t / 2 - 1) * t * t + 2 / 3, np.maximum(2 - t, 0) ** 3 / 6)
+
+
+_ENLARGED: dict[str, Callable[[Any], Any]] = {
+    "nearest": lambda t: 1.0 * ((t >= -0.5) & (t < 0.5)),
+    "bilinear": lambda t: np.maximum(1 - np.abs(t), 0),
+    "bicubic": _keys,
+    "B-spline": lambda t: _cubic_spline(np.abs(t)),
+    "Lanczos": lambda t: np.sinc(t) * np.sinc(t / 3) * (np.abs(t) < 3),
+}
+
+
+def _lower_resolution(evidence: Evidence) -> Iterator[FittedCause]:
+    """B is A at a half or a quarter of the size, enlarged: its steps lie on a grid."""
+    if not _has_room(evidence):
+        return
+    frame = _softened(evidence)
+    shown = [evidence.scaled_light(side).astype("f8") for side in frame.sides]
+    for factor, size in ((2, "half"), (4, "a quarter of the")):
+        uneven = [
+            [_unevenness(way, factor, n) for n in (1, 3) for way in (side, side.T)]
+            for side in shown
+        ]
+        if max(new - old for old, new in zip(*uneven, strict=True)) < _ON_GRID[factor]:
+            continue
+        height, width = (n // factor * factor for n in shown[0].shape)
+        cut = (slice(0, height), slice(0, width))
+        a = frame.sides[0][cut]
+        means = a.reshape(height // factor, factor, width // factor, factor).mean(axis=(1, 3))
+        starts = [(0, 0), *(((1, 1),) if factor == 2 else ())]
+        for how, kernel in _ENLARGED.items():
+            small = [means, *(a[y::factor, x::factor] for y, x in starts if how == "nearest")]
+            for coarse in small:
+                large = _enlarged(_enlarged(coarse, factor, kernel).T, factor, kernel).T
+                said = {"size": size, "how": how}
+                yield FittedCause(
+                    frame.left(large, cut), {"factor": factor}, said, 0.01 * factor - 0.2
+                )
+
+
+def _unevenness(values: NDArray[Any], factor: int, order: int) -> float:
+    """How much differences of an order of rows [h, w] depend on their place on a grid."""
+    squares = np.square(np.diff(values, n=order, axis=0))
+    steps = squares.clip(0, np.quantile(squares[::3, ::3], 0.9)).sum(axis=1)
+    sums = steps[: len(steps) // factor * factor].reshape(-1, factor).sum(axis=0)
+    return float(np.ptp(sums) / max(float(sums.max() + sums.min()), 1e-300))
+
+
+def _enlarged(values: NDArray[Any], factor: int, kernel: Callable[[Any], Any]) -> NDArray[Any]:
+    """Rows [h, w] as rows [h · factor, w], the border repeated."""
+    reach = 3
+    padded = np.pad(values, ((reach, reach), (0, 0)), mode="edge")
+    large = np.empty((len(values) * factor, values.shape[1]))
+    for phase in range(factor):
+        weights = kernel((phase + 0.5) / factor - 0.5 - np.arange(-reach, reach + 1))
+        weights = weights / weights.sum()
+        large[phase::factor] = sum(
+            w * padded[k : k + len(values)] for k, w in enumerate(weights) if w
+        )
+    return large
+
+
+def _noise_removed(evidence: Evidence) -> Iterator[FittedCause]:
+    """B is A with means of neighbours that are alike in the place of each pixel, or medians."""
+    if not _has_room(evidence):
+        return
+    frame = _softened(evidence)
+    for predicted, strength, count in frame.denoised:
+        if strength > 0.2:
+            yield FittedCause(frame.left(predicted), {"strength": strength}, cost=0.02 * count)
+
+
+def _blurred_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
+    """B is A blurred, or A is B blurred, in each part by as much as it takes."""
+    if not is_large(evidence):
+        return
+    frame = _softened(evidence)
+    left = min(frame.left(predicted) for predicted in frame.in_parts)
+    if left <= _COC_LEFT:
+        values, how = _ways(evidence)
+        name = _COC if left <= _ROUND_LEFT else _EITHER
+        yield FittedCause(left, values, {"name": name, "how": how}, 0.08)
+
+
+def _moved_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
+    """B is A through lines, along an axis, in each part by as much as it takes."""
+    if not is_large(evidence):
+        return
+    frame = _softened(evidence)
+    blurred = min(frame.left(predicted) for predicted in frame.in_parts)
+    for axis, way in ((1, "across"), (0, "down")):
+        details = [frame.smooth(0, sigma, (axis,)) - frame.sides[0] for sigma in _WIDTHS[1:]]
+        left = frame.left(frame.fitted(0, details, 32))
+        if left < blurred - 0.1:
+            yield FittedCause(left, said={"way": way}, cost=0.1)
+
+
+@lru_cache(maxsize=1)
+def _ways(evidence: Evidence) -> tuple[dict[str, float], str]:
+    """Where B is blurred more, and where less: where its light has less detail, and where more."""
+    frame = _softened(evidence)
+    energy = np.square((frame.sides[1] - frame.sides[0]) * frame.slope)
+    details = [np.square(v - frame.smooth(k, 2.0)) for k, v in enumerate(frame.sides)]
+    old, new = (smooth(detail, 6.0) for detail in details)
+    more, less = (float(energy[where].sum()) for where in (new < old, new > old))
+    share = more / max(more + less, 1e-300)
+    shares = {"blurred_more": round(share, 3), "blurred_less": round(1 - share, 3)}
+    text = "blurred more in places, less in others"
+    if share > _ONE_WAY:
+        text = "blurred more" + _growth(evidence)
+    elif share < 1 - _ONE_WAY:
+        text = "blurred less"
+    return shares, text
+
+
+def _growth(evidence: Evidence) -> str:
+    """In which direction of the whole picture blur grows, if it does."""
+    height, width = evidence.size
+    part = max(8, min(height, width) // 12)
+    rows, columns = (np.arange(n // part * part) for n in (height, width))
+    rows = rows.reshape(-1, part)[:, :: max(4, part // 6)].ravel()  # a few of each part
+    kept = []
+    for side in ("a", "b"):
+        light = evidence.light(evidence.at(side, rows[:, None], columns)).mean(axis=0)
+        steps = np.abs(np.diff(evidence.scaled_light(light), axis=1, append=0.0))
+        kept.append(steps.reshape(height // part, -1, width // part, part).mean(axis=(1, 3)) + 1e-4)
+    for axis, words in (
+        (1, ("down the frame", "up the frame")),
+        (0, ("to the right", "to the left")),
+    ):
+        means = np.log(kept[0].sum(axis=axis) / kept[1].sum(axis=axis))
+        tie = alike(means, np.arange(len(means)))
+        third = max(1, len(means) // 3)
+        ends = sorted(float(end.mean()) for end in (means[:third], means[-third:]))
+        if abs(tie) > _GROWS and ends[0] < _SHARP_END * ends[1]:
+            return f", growing {words[tie < 0]}"
+    return ""
+
+
+def _spread_otherwise(evidence: Evidence) -> Iterator[FittedCause]:
+    """The same light is spread otherwise within a few pixels, by whatever kernel."""
+    if not is_large(evidence):
+        return
+    frame = _softened(evidence)
+    difference = frame.sides[1] - frame.sides[0]
+    if not difference.any() or noise_like(difference * frame.slope):
+        return
+    # Light that only moved cancels within the reach of the gaussian.
+    scale = smooth(frame.slope, _SPREAD)
+    kept, moved = (smooth(d, _SPREAD) * scale for d in (difference, np.abs(difference)))
+    left = math.sqrt(float(np.square(kept).sum()) / max(float(np.square(moved).sum()), 1e-300))
+    values, how = _ways(evidence)
+    surely = left < _SURELY_SPREAD and "in places" not in how
+    yield FittedCause(left, values, {"name": _EITHER if surely else "spread otherwise", "how": how})
+
+
+def noise_like(difference: NDArray[Any]) -> bool:
+    """Whether neighbours of a difference [h, w] have little in common."""
+    pairs = (difference[1:], difference[:-1]), (difference[:, 1:], difference[:, :-1])
+    return all(abs(alike(*pair)) < _UNLIKE_NEIGHBOURS for pair in pairs)
+
+
+def alike(x: NDArray[Any], y: NDArray[Any]) -> float:
+    """Correlation of two arrays, 0 if one is constant or empty."""
+    if not x.size:
+        return 0.0
+    x, y = x - x.mean(), y - y.mean()
+    # Not np.vdot: its threads wait for each other where several processes compare.
+    scale = math.sqrt(float(np.square(x).sum()) * float(np.square(y).sum()))
+    return float((x * y).sum()) / scale if scale else 0.0
+
+
+def smooth(values: NDArray[Any], sigma: float) -> NDArray[Any]:
+    """Values [h, w] through a gaussian, mirrored at the borders."""
+    height, width = values.shape
+    reach = min(math.ceil(3 * sigma), height - 1, width - 1)
+    padded = np.pad(values, reach, mode="reflect")
+    rows, columns = np.fft.fftfreq(len(padded)), np.fft.rfftfreq(padded.shape[1])
+    response = _gauss(np.hypot(rows[:, None], columns), sigma)
+    through = np.fft.irfft2(np.fft.rfft2(padded) * response, s=padded.shape)
+    mean: NDArray[Any] = through[reach : reach + height, reach : reach + width]
+    return mean
+
+
+_SOFT = "softened"
+SOFTNESS = (
+    Cause(
+        *("another CoC", _blurred_alike),
+        "another CoC: blurred {way}, everywhere alike, as by a radius of {radius:.2g} px{shape}",
+        *(_SOFT_LEFT, _SOFT),
+    ),
+    Cause("{name}", _blurred_in_parts, "{name}: {how}", _COC_LEFT, _SOFT),
+    Cause(
+        *("motion blur", _motion_blurred, "motion blur: {length:.2g} px at {angle:.0f}°"),
+        *(_SOFT_LEFT, _SOFT),
+    ),
+    Cause("motion blur", _moved_in_parts, "motion blur: {way}, in parts", _COC_LEFT, _SOFT),
+    Cause(
+        *("lower resolution", _lower_resolution, "lower resolution: {size} resolution, {how}"),
+        _RESOLUTION_LEFT,  # nothing else makes its grid
+    ),
+    Cause(
+        *("noise removed", _noise_removed, "noise removed: smeared as by a denoiser"),
+        *(_COC_LEFT, _SOFT),
+    ),
+    Cause("sharpened", _sharpened, "sharpened: detail x {gain:.3g}", _SOFT_LEFT),
+)
+# What says how light moved, where nothing else explains it.
+SPREAD = (Cause("{name}", _spread_otherwise, "{name}: the same light, {how}", _SPREAD_LEFT),)
