@@ -103,7 +103,9 @@ def test_a_file_is_one_picture_without_a_journal(
     assert render(*files, "-o", out / name, *options).code == 0
     assert files_under(out) == {name}
     assert not (out / "journal.jsonl").exists()
-    refused(render(*files, "-o", out / name, *options), 3, "exists")
+    assert render(*files, "-o", out / name, *options).code == 0
+    (out / name).write_bytes(b"of another program")
+    refused(render(*files, "-o", out / name, *options), 3, "exists", out / name)
     assert render(*files, "-o", out / name, *options, "--overwrite").code == 0
 
 
