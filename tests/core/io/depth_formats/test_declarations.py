@@ -170,7 +170,7 @@ def test_relative_disparity_of_a_video_needs_a_range(tmp_path: Path) -> None:
     [
         ("a.h5", HDF5_MAGIC, "h5py"),
         ("a.heic", HEIC_MAGIC, "pillow_heif"),
-        ("a.mat", b"MATLAB 5.0 MAT-file", "scipy"),
+        ("a.mat", b"MATLAB 5.0 MAT-file", "scipy.io"),
     ],
 )
 def test_a_library_that_is_not_there_is_named_with_its_extra(
@@ -178,7 +178,7 @@ def test_a_library_that_is_not_there_is_named_with_its_extra(
 ) -> None:
     monkeypatch.setitem(sys.modules, library, None)
     (tmp_path / name).write_bytes(magic + bytes(64))
-    extra = {"h5py": "hdf5", "pillow_heif": "heif", "scipy": "mat"}[library]
+    extra = {"h5py": "hdf5", "pillow_heif": "heif", "scipy.io": "mat"}[library]
     with refuses("needs-extra", f"pip install 'defocus[{extra}]'", path=tmp_path / name):
         read(tmp_path / name)
 
