@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import partial
 
 import torch
 from torch import Tensor
@@ -34,7 +33,7 @@ from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.shared_fill import FillOfColors, continued
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
 from defocus_core.renderer.inpainting.known_layer import known_within, separated
-from defocus_core.renderer.layers.matting import Unmixed, unmixed, whole
+from defocus_core.depth.matting import Unmixed, unmixed, whole
 from defocus_core.renderer.layers.samples import Sheet, SurfaceSamples
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.slopes import AROUND as AROUND_SLOPES
@@ -118,13 +117,12 @@ class Region:
     ) -> tuple[Unmixed, Tensor, Highlights | None]:
         """The visible surfaces in the rectangle `outer`: pixels, radii, and highlights apart."""
         frame = self._frame
-        highlights = None
-        if frame.content.highlights:
-            pixels, highlights = split(pixels, signed_radius, frame.content.limit)
         unmixes = frame.content.edges and frame.quality.unmixes
-        unmix = partial(unmixed, uncertain=frame.content.uncertain) if unmixes else whole
-        unmixed_pixels = unmix(pixels, signed_radius)
-        return unmixed_pixels, signed_radius, highlights
+        shown = (unmixed if unmixes else whole)(pixels, signed_radius)
+        if frame.content.highlights:
+            shown, highlights = split(shown, signed_radius, frame.content.limit)
+            return shown, signed_radius, highlights
+        return shown, signed_radius, None
 
     def _drawn(self, highlights: Highlights, occluders: Sequence[Occluder], core: Box) -> Tensor:
         """The discs of highlights behind surfaces, for each part of the aperture."""

@@ -7,6 +7,7 @@ These pictures, and the map of the reach of each edge, are computed once for the
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.depth.matting import unmixed
 from defocus_core.renderer.inpainting.coherence_transport import structure
 from defocus_core.renderer.inpainting.disocclusion import Reach, coarse_edges, grain_of, reach_of
 from defocus_core.renderer.inpainting.two_layer_pyramid import (
@@ -73,6 +75,8 @@ def backdrop_of(
     dtype: torch.dtype | None = None,
     threads: int = 1,
     limits: tuple[float, float] | None = None,
+    *,
+    unmixes: bool = True,
 ) -> Backdrop:
     """The pyramid of a frame, and the reach of its edges.
 
@@ -108,6 +112,7 @@ def backdrop_of(
             limit,
             grain,
             axes((H, W), top),
+            unmixes=unmixes,
         )
         start = 0 if rows[0] == 0 else 2 * first + halved_rows
         end = edges.shape[-2] if rows[1] == quarter.length else 2 * last + halved_rows
@@ -150,12 +155,18 @@ def _coarsely(
     limit: float,
     grain: float,
     middle: tuple[Axis, Axis],
+    *,
+    unmixes: bool,
 ) -> tuple[PyramidLevel, Tensor, int]:
     """The level of quarter resolution; edges at half resolution, and the middle row in these."""
     r = signed_radius.detach()
     farther = _beside_edges(r)
     weight = exceeding(pixels.detach().amax(0), limit).logical_not_().to(r.dtype)
-    weight.flatten()[farther] *= _MIXED
+    if unmixes:
+        pixels, _, fringe = unmixed(pixels, signed_radius)
+        own = (1 - fringe.layer.detach()[:, -1]) ** int(os.environ.get("X_POW", "1"))
+        weight.flatten()[fringe.at[:, 0] * r.shape[-1] + fringe.at[:, 1]] *= own
+    if os.environ.get("X_MIXED", "1") == "1": weight.flatten()[farther] *= _MIXED
     half = coarser(pixels_of([pixels, signed_radius[None]], signed_radius, middle, weight))
     edges = coarse_edges(r, farther, grain, middle)
     return coarser(structure(half)), edges, half.middle[0].middle
