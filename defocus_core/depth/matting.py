@@ -21,7 +21,7 @@ from defocus_core.tensors.sparse_masks import exceeding, positions_of
 # A pixel is on an edge if its radius and those of its neighbours span more than this, in px.
 EDGE = 1.513
 # Half width in px of the square around a pixel from which both surfaces are estimated.
-AROUND = int(os.environ.get("X_AROUND", 2))
+AROUND = int(os.environ.get("X_AROUND", 3))
 _MIDDLE = (2 * AROUND + 1) ** 2 // 2
 # Least standard deviation of the colours of a surface, as a share of their mean, and as a share of
 # the brightest channel: less may be rounding.
@@ -31,6 +31,7 @@ _EXPECTED = float(os.environ.get("X_EXP", 0.2))
 _BLUR = float(os.environ.get("X_BLUR", 0.6))
 _PRIOR = os.environ.get("X_PRIOR", "soft")
 _CLEAR = float(os.environ.get("X_CLEAR", 0.1))
+_MISFIT = float(os.environ.get("X_MIS", 1))
 _FALL = float(os.environ.get("X_FALL", 4))
 # Pixels examined at once on a CPU, and bytes that each takes elsewhere: bounds memory.
 _AT_ONCE, _BYTES_EACH = 1 << 12, 1 << 12
@@ -179,6 +180,12 @@ def _mixture(color, near, far, expected, deviation):
     apart = near.mean - far.mean
     evidence = (apart * apart / variance).sum(1)
     observed = (apart * (color - far.mean) / variance).sum(1)
+    if _MISFIT:
+        best = (observed / torch.where(evidence > 0, evidence, 1.0)).clamp(0, 1)[:, None]
+        off = color - far.mean - best * apart
+        misfit = (off * off / (best * near.variance + (1 - best) * far.variance)).mean(1)
+        doubt = 1 / (1 + _MISFIT * misfit)
+        evidence, observed = evidence * doubt, observed * doubt
     by = (observed - expected * evidence) / (deviation**-2 + evidence)
     if _PRIOR != "soft":
         clear = by.abs() > _CLEAR
