@@ -69,6 +69,15 @@ def repaired(
         repair = _as_said(repair, options, radii)
     else:
         radii, repair = _muted(signed_radius, decided.noise, threads, hold=hold), decided
+    import os
+    if os.environ.get('X_NOAVG') and repair.antialiased is not None:
+        
+        lim = torch.stack([range_of(band) for band in banded(radii)])
+        lo, hi = float(lim[:, 0].amin()), float(lim[:, 1].amax())
+        sl = slope_of_soft_edges(lo, hi, radii.shape)
+        repair = repair._replace(antialiased=None)
+        radii = hold_all(Repaired(radii, partial(without_ramps, steep=float(os.environ.get('X_ST', 1)) * sl, edge_width=float(os.environ['X_NOAVG'])), around_ramps(3)), radii)
+
     if repair.antialiased is not None:
         repair_window = partial(without_averages, infinity=repair.antialiased)
         radii = hold_all(Repaired(radii, repair_window, AROUND_AVERAGES), radii)
@@ -90,7 +99,8 @@ def repaired(
             repair.antialiased is not None and are_beside_their_surface(radii, pixels, threads)
         )
         repair = repair._replace(uncertain_edges=uncertain)
-    if repair.uncertain_edges:
+    import os
+    if repair.uncertain_edges and not os.environ.get('X_NOPIX'):
         by_color = Repaired(radii, with_pixels_by_color, AROUND_EDGE_PIXELS, pixels)
         radii = hold_all(by_color, radii, pixels)
     if repair.quantised:
