@@ -14,6 +14,7 @@ from torch import Tensor
 
 from defocus_core.renderer.blur.layer_blur import Blur, ShownLayer
 from defocus_core.renderer.compositing.saturating_sum import add_behind, summed
+from defocus_core.renderer.compositing.sight_limits import SightLimits
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.renderer.layers.samples import SurfaceSamples
@@ -29,7 +30,10 @@ class Hidden:
     """A hidden surface over a tile, as each group of m parts of the aperture sees it."""
 
     def __init__(
-        self, octaves: list[dict[int, Tensor]], enlarged: Callable[[Tensor], Tensor]
+        self,
+        octaves: list[dict[int, Tensor]],
+        enlarged: Callable[[Tensor], Tensor],
+        sight: SightLimits | None,
     ) -> None:
         """Keep the octaves of blur of the surface.
 
@@ -37,22 +41,30 @@ class Hidden:
             octaves: For each group the octaves [m, C + 1, h, w], in coarse pixels; octaves of one
                 side of focus add up, the sides occlude each other.
             enlarged: Makes px of coarse pixels.
+            sight: How far the lens sees in the tile; None where nothing limits it.
         """
         self._octaves = octaves
         self._enlarged = enlarged
+        self._sight = sight
 
     def of(self, octave: int) -> list[Tensor | None]:
         """For each group one octave alone [m, C + 1, h, w]; None if nothing is of this octave."""
         groups = (octaves.get(octave) for octaves in self._octaves)
-        return [None if coarse is None else self._enlarged(coarse) for coarse in groups]
+        return [None if coarse is None else self._seen(octave, coarse) for coarse in groups]
 
     def whole(self) -> list[Tensor | None]:
         """For each group all octaves [m, C + 1, h, w]; None if there is nothing."""
         whole: list[Tensor | None] = []
         for octaves in self._octaves:
-            sides = [side for s in (-1, 0, 1) if (side := _side(octaves, s)) is not None]
-            whole.append(self._enlarged(_occluding(sides)) if sides else None)
+            seen = {octave: self._seen(octave, coarse) for octave, coarse in octaves.items()}
+            sides = [side for s in (-1, 0, 1) if (side := _side(seen, s)) is not None]
+            whole.append(_occluding(sides) if sides else None)
         return whole
+
+    def _seen(self, octave: int, coarse: Tensor) -> Tensor:
+        """What the lens sees of an octave, in px."""
+        enlarged = self._enlarged(coarse)
+        return enlarged if self._sight is None else enlarged * self._sight.to_octave(octave)
 
 
 class Filling:
@@ -119,8 +131,8 @@ class Filling:
         """Whether a part of the surface over a tile is of an octave of blur."""
         return any(self._octave_of_slice[k * self._stride] == octave for k in self.plan[index])
 
-    def over_tile(self, index: int) -> Hidden:
-        """The surface over a tile."""
+    def over_tile(self, index: int, sight: SightLimits | None = None) -> Hidden:
+        """The surface over a tile, as far as the lens sees."""
         tile, coarse = self._tiles.tiles[index], self._coarse_of[index]
         size = coarse.height, coarse.width
         octaves = [
@@ -133,7 +145,7 @@ class Filling:
             rows, columns = (self._between(d, tile, coarse, surface) for d in (0, 1))
             return resampled(surface, rows, columns)
 
-        return Hidden(octaves, enlarged)
+        return Hidden(octaves, enlarged, sight)
 
     def _octaves(self, layers: dict[int, ShownLayer], size: tuple[int, int]) -> dict[int, Tensor]:
         """The sum [m, C + 1, h, w] of the layers of each octave that has one."""

@@ -85,6 +85,10 @@ class LayeredRegion(Region):
         self._others = samples.others
         return samples.nearest, radius, highlights
 
+    def _limits_of_sight(self, signed_radius: Tensor, core: Box) -> None:
+        """None: openings are of samples."""
+        return
+
     def _fractions_within(
         self, bounds: Box, signed_radius: Tensor, groups: list[slice]
     ) -> list[Tensor] | None:

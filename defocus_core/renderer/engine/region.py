@@ -25,6 +25,7 @@ from defocus_core.renderer.compositing.saturating_sum import (
     pair_of,
     picture,
 )
+from defocus_core.renderer.compositing.sight_limits import SightLimits
 from defocus_core.renderer.engine.field import corner_views, frame_at, views_of
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.hidden_fill import Filling
@@ -47,9 +48,6 @@ from defocus_core.tensors.views import Views
 
 # Px around a pixel that decide the slope of its radius, and the gradient of its colours.
 _AROUND = max(AROUND_SLOPES, AROUND_SHIFTS)
-# Greatest gap between visible surfaces that may be an error of depth in few levels, as a share of
-# the least slope: half an aperture sees a surface of slope s too thin by 4 / 3 pi of s.
-_DOUBT = 0.5
 
 
 class Region:
@@ -95,6 +93,7 @@ class Region:
         inmost = core.seen_from(outer)
         self._others: list[Sheet] = []
         unmixed_pixels, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
+        self._sight = self._limits_of_sight(signed_radius, inmost)
         radius, groups = inmost.of(signed_radius), frame.division.groups
         self._in_frame = self._fractions_within(frame.box, radius, groups[:1])
         self._in_scene = self._fractions_within(frame.scene, radius, groups) if frame.cut else None
@@ -123,6 +122,15 @@ class Region:
             shown, highlights = split(shown, signed_radius, frame.content.limit)
             return shown, signed_radius, highlights
         return shown, signed_radius, None
+
+    def _limits_of_sight(self, signed_radius: Tensor, core: Box) -> SightLimits | None:
+        """How far the lens sees at each pixel of the region; None if no surface hides another."""
+        slices = self._frame.slices
+        if not self._frame.content.edges:
+            return None
+        return SightLimits.of(
+            signed_radius, slices.radii, slices.visible.layers, slices.octaves
+        ).over(core)
 
     def _drawn(self, highlights: Highlights, occluders: Sequence[Occluder], core: Box) -> Tensor:
         """The discs of highlights behind surfaces, for each part of the aperture."""
@@ -243,14 +251,13 @@ class Region:
 
     def _blank(self, index: int) -> TileCompositor:
         """The views of a tile without surfaces."""
-        content, quality = self._frame.content, self._frame.quality
-        doubt = _DOUBT * quality.min_slope if content.quantised else None
         size, like = self._tiles[index][2:], self._like
         blank = [
             like.new_zeros(group.stop - group.start, len(like) + 1, *like.shape[1:-2], *size)
             for group in self._frame.division.groups
         ]
-        return TileCompositor(blank, self._full(index), doubt)
+        sight = self._sight and self._sight.over(self._tiles[index].seen_from(self._tiles[0]))
+        return TileCompositor(blank, self._full(index), sight)
 
     def _reaching(self, index: int) -> list[Filling]:
         """The hidden surfaces that reach a tile, known before invented."""
