@@ -9,7 +9,7 @@ from defocus_core import render
 SIZE = H, W = 140, 200
 DARK, BRIGHT = 0.01, 0.5
 # px around the blur of a surface in which its silhouette may show
-BESIDE = 5
+BESIDE = 2
 Y, X = torch.meshgrid(*(torch.arange(n) - n // 2 for n in SIZE), indexing="ij")
 # A disc whose silhouette is this many px from each pixel, negative outside.
 INSIDE = 66 - torch.hypot(X.double(), Y.double())
@@ -64,3 +64,14 @@ def test_a_smooth_surface_shows_nothing_behind_it(name: str, offset: float, far:
 @pytest.mark.parametrize("name", ROUGH)
 def test_steps_of_a_surface_show_what_is_beyond_them(name: str, offset: float, far: float) -> None:
     assert leak(ROUGH[name] + offset, far) < 1e-2
+
+
+@pytest.mark.parametrize("quality", ["standard", "high"])
+def test_gradients_of_a_surface_with_steps_are_finite(quality: str) -> None:
+    is_near = INSIDE > 0
+    image = torch.where(is_near, DARK, BRIGHT).expand(3, *SIZE).clone().requires_grad_()
+    radius = torch.where(is_near, ROUGH["levels"], 40.0).requires_grad_()
+    sum(view.square().sum() for view in render(image, radius, quality=quality).images).backward()
+    for gradient in (image.grad, radius.grad):
+        assert gradient is not None
+        assert gradient.isfinite().all()

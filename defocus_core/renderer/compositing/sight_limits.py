@@ -13,15 +13,17 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
-from defocus_core.tensors.neighbourhoods import extreme_around
 
-# Px around the disc of a pixel that it may see, for edges lie between pixels.
-_AROUND = 1.0
+# Px around the disc of a pixel that it may see: edges lie between pixels, some half a pixel off.
+_AROUND = 0.7
 # Ratio of the sizes of discs that are told apart, from those of whole px on.
-_RATIO = 1.2
+_RATIO = 1.1
+# Squares and crosses, in turn, whose sum is nearly a disc; True for squares.
+_SHAPES = (True, False, False, True, False)
+# Apothem of the octagon, as a share of the radius of the disc.
+_APOTHEM = 0.97
 
 
 class SightLimits(NamedTuple):
@@ -37,19 +39,20 @@ class SightLimits(NamedTuple):
 
     @classmethod
     def of(
-        cls, radius: Tensor, radii: tuple[float, ...], layer_of: list[int], octaves: list[int]
+        cls, radius: Tensor, positions: Tensor, layer_of: list[int], octaves: list[int]
     ) -> SightLimits:
         """The limits of a picture.
 
         Args:
             radius: [..., h, w] px, signed.
-            radii: Signed radius of each slice in px.
+            positions: [..., h, w], between slice radii.
             layer_of: For each slice the number of its layer.
             octaves: For each slice the octave of what is hidden.
         """
-        farthest = _farthest_within_discs(radius.detach(), max(map(abs, radii)))
-        position = slice_position(farthest, radii).ceil().long()
-        return cls(sent(layer_of, farthest)[position], sent(octaves, farthest)[position])
+        small = torch.uint8 if len(layer_of) <= torch.iinfo(torch.uint8).max else torch.int16
+        slices = positions.detach().ceil().to(small)
+        farthest = _greatest_within(slices, radius.detach().abs()).long()
+        return cls(sent(layer_of, radius)[farthest], sent(octaves, radius)[farthest])
 
     def over(self, box: Box) -> SightLimits:
         """Those in a box."""
@@ -64,37 +67,35 @@ class SightLimits(NamedTuple):
         return (self.octave >= octave).to(self.octave.dtype)
 
 
-def _farthest_within_discs(radius: Tensor, maximum: float) -> Tensor:
-    """The greatest radius [..., h, w] px in the disc of each pixel.
-
-    Args:
-        radius: [..., h, w] px.
-        maximum: The greatest size of a radius.
-    """
-    reach = radius.abs() + _AROUND
-    greatest = farthest = extreme_around(radius, 1, torch.maximum)
-    px, square = 1, False
-    while px + 0.5 < maximum + _AROUND:
-        step = max(1, round((_RATIO - 1) * px))
-        greatest = _dilated(greatest, step, square=square)
-        farthest = torch.where(reach > px + 0.5, greatest, farthest)
-        px, square = px + step, not square
-    return farthest
+def _greatest_within(values: Tensor, radius: Tensor) -> Tensor:
+    """The greatest of values [..., h, w] within a distance [..., h, w] px of each pixel."""
+    px = radius.add(_AROUND).mul_(_APOTHEM).round_().clamp_(min=1).long()
+    sizes = [1]
+    while sizes[-1] < int(px.amax()):
+        sizes.append(max(sizes[-1] + 1, round(_RATIO * sizes[-1])))
+    nearest = [
+        min(range(len(sizes)), key=lambda i: abs(sizes[i] - n)) for n in range(sizes[-1] + 1)
+    ]
+    greatest = values.new_empty(len(sizes), *values.shape)
+    for number, (size, before) in enumerate(zip(sizes, [0, *sizes], strict=False)):
+        given = greatest[number - 1] if number else values
+        square = _SHAPES[number % len(_SHAPES)]
+        greatest[number] = _dilated(given, size - before, square=square)
+    kind = torch.tensor(nearest, device=px.device)[px]
+    return greatest.gather(0, kind[None])[0]
 
 
 def _dilated(values: Tensor, by: int, *, square: bool) -> Tensor:
     """The greatest of values [..., h, w] and those `by` px beside, above and below.
 
-    Of a square those on its corners, too: squares and crosses in turn make octagons of squares.
+    Of a square those on its corners, too.
     """
-    greatest = values
+    greatest = values.clone()
     for dim in (-2, -1):
-        given = greatest if square else values
-        n = values.shape[dim] - by
-        if n < 1:
-            continue
-        greatest = greatest.clone() if greatest is values or square else greatest
+        given = greatest.clone() if square else values
+        n = max(values.shape[dim] - by, 0)
         for target, source in ((by, 0), (0, by)):
-            part = greatest.narrow(dim, target, n)
-            torch.maximum(part, given.narrow(dim, source, n), out=part)
+            if n:
+                part = greatest.narrow(dim, target, n)
+                torch.maximum(part, given.narrow(dim, source, n), out=part)
     return greatest

@@ -46,25 +46,27 @@ class Hidden:
         self._octaves = octaves
         self._enlarged = enlarged
         self._sight = sight
+        self._seen: dict[int, list[Tensor | None]] = {}
 
     def of(self, octave: int) -> list[Tensor | None]:
         """For each group one octave alone [m, C + 1, h, w]; None if nothing is of this octave."""
-        groups = (octaves.get(octave) for octaves in self._octaves)
-        return [None if coarse is None else self._seen(octave, coarse) for coarse in groups]
+        if octave not in self._seen:
+            groups = (octaves.get(octave) for octaves in self._octaves)
+            seen = [None if coarse is None else self._enlarged(coarse) for coarse in groups]
+            if self._sight is not None:
+                mask = self._sight.to_octave(octave)
+                seen = [None if px is None else px * mask for px in seen]
+            self._seen[octave] = seen
+        return self._seen[octave]
 
     def whole(self) -> list[Tensor | None]:
         """For each group all octaves [m, C + 1, h, w]; None if there is nothing."""
         whole: list[Tensor | None] = []
-        for octaves in self._octaves:
-            seen = {octave: self._seen(octave, coarse) for octave, coarse in octaves.items()}
+        for group, octaves in enumerate(self._octaves):
+            seen = {octave: px for octave in octaves if (px := self.of(octave)[group]) is not None}
             sides = [side for s in (-1, 0, 1) if (side := _side(seen, s)) is not None]
             whole.append(_occluding(sides) if sides else None)
         return whole
-
-    def _seen(self, octave: int, coarse: Tensor) -> Tensor:
-        """What the lens sees of an octave, in px."""
-        enlarged = self._enlarged(coarse)
-        return enlarged if self._sight is None else enlarged * self._sight.to_octave(octave)
 
 
 class Filling:

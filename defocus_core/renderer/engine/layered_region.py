@@ -85,7 +85,7 @@ class LayeredRegion(Region):
         self._others = samples.others
         return samples.nearest, radius, highlights
 
-    def _limits_of_sight(self, signed_radius: Tensor, core: Box) -> None:
+    def _limits_of_sight(self, signed_radius: Tensor, positions: Tensor, core: Box) -> None:
         """None: openings are of samples."""
         return
 

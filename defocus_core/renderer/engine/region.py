@@ -93,7 +93,8 @@ class Region:
         inmost = core.seen_from(outer)
         self._others: list[Sheet] = []
         unmixed_pixels, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
-        self._sight = self._limits_of_sight(signed_radius, inmost)
+        positions = slice_position(signed_radius, slices.radii)
+        self._sight = self._limits_of_sight(signed_radius, positions, inmost)
         radius, groups = inmost.of(signed_radius), frame.division.groups
         self._in_frame = self._fractions_within(frame.box, radius, groups[:1])
         self._in_scene = self._fractions_within(frame.scene, radius, groups) if frame.cut else None
@@ -101,13 +102,12 @@ class Region:
         self._fallback = (
             border_fallback(inmost.of(unmixed_pixels.color), frame.trace) if frame.trace else None
         )
-        positions = slice_position(signed_radius, slices.radii) if highlights else None
         self._visible = self._in_front(unmixed_pixels, signed_radius, positions)
         self._hidden: list[Filling] = []
         if backdrop is not None:
             self._hidden = self._fillings(unmixed_pixels.color, signed_radius, backdrop, outer)
         self._highlights: Tensor | None = None
-        if highlights and positions is not None:
+        if highlights:
             occluders = occluders_of(unmixed_pixels, signed_radius, positions, slices.radii)
             self._highlights = self._drawn(highlights, occluders, inmost)
 
@@ -123,14 +123,15 @@ class Region:
             return shown, signed_radius, highlights
         return shown, signed_radius, None
 
-    def _limits_of_sight(self, signed_radius: Tensor, core: Box) -> SightLimits | None:
+    def _limits_of_sight(
+        self, signed_radius: Tensor, positions: Tensor, core: Box
+    ) -> SightLimits | None:
         """How far the lens sees at each pixel of the region; None if no surface hides another."""
         slices = self._frame.slices
         if not self._frame.content.edges:
             return None
-        return SightLimits.of(
-            signed_radius, slices.radii, slices.visible.layers, slices.octaves
-        ).over(core)
+        limits = SightLimits.of(signed_radius, positions, slices.visible.layers, slices.octaves)
+        return limits.over(core)
 
     def _drawn(self, highlights: Highlights, occluders: Sequence[Occluder], core: Box) -> Tensor:
         """The discs of highlights behind surfaces, for each part of the aperture."""
@@ -154,14 +155,14 @@ class Region:
         return [blended(fraction, core, core) for fraction in fractions] if seen else fractions
 
     def _in_front(
-        self, unmixed_pixels: Unmixed, signed_radius: Tensor, positions: Tensor | None
+        self, unmixed_pixels: Unmixed, signed_radius: Tensor, positions: Tensor
     ) -> Sliced:
-        """The visible surfaces, from pixels, their radii, and their positions if known."""
+        """The visible surfaces, from pixels, their radii, and their positions."""
         frame, inside = self._frame, self._inside
         radii, (aperture, parts, _, groups) = frame.slices.radii, frame.division
         around = inside.grown(_AROUND, Box(0, 0, *signed_radius.shape[-2:]))
         inner, radius = inside.seen_from(around), around.of(signed_radius)
-        positions = slice_position(radius, radii) if positions is None else around.of(positions)
+        positions = around.of(positions)
         lean = shifts = None
         if frame.content.tilted:
             lean = slopes(radius, frame.quality.min_slope)
