@@ -1,14 +1,14 @@
 """Matting: the two surfaces of a pixel on a depth edge, and the coverage of the nearer one.
 
 A pixel on an edge holds α of the nearer surface and 1 - α of the farther one, C = α F + (1 - α) B,
-whichever of the two its depth names. F and B are the colours of both surfaces beside the edge, with
-a mean and a variance each (Bayesian matting, Chuang et al. 2001); α is the most probable coverage,
-given its colour and the coverage that the depth of the pixels around it lets expect.
+whichever of the two its depth names. F and B are the colours of both surfaces beside the edge, each
+with a mean and a variance (Bayesian matting, Chuang et al. 2001). The depth of the pixels around
+lets expect a coverage that changes smoothly across the edge; the colour corrects it, as far as it
+tells the surfaces apart and is a mixture of them at all.
 """
 
 from __future__ import annotations
 
-import os
 from typing import NamedTuple
 
 import torch
@@ -18,47 +18,116 @@ from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.neighbourhoods import extreme_around, halfway, squares_around
 from defocus_core.tensors.sparse_masks import exceeding, positions_of
 
-# A pixel is on an edge if its radius and those of its neighbours span more than this, in px.
-EDGE = 1.513
-# Half width in px of the square around a pixel from which both surfaces are estimated.
-AROUND = int(os.environ.get("X_AROUND", 3))
-_MIDDLE = (2 * AROUND + 1) ** 2 // 2
+# A pixel is on an edge if its radius and those of its neighbours span more than EDGE px, and two of
+# these neighbours differ by more than _STEP px: less is a slope.
+EDGE, _STEP = 1.513, 1.013
+# Half width in px of the square around a pixel from which both surfaces are estimated, and the
+# standard deviation in px of the weights in it.
+AROUND, _NEARBY = 3, 2**0.5
+# Standard deviation in px of the weights of the pixels from whose depth a coverage is expected, and
+# of the coverage from the expected one.
+_PIXEL, _UNCERTAIN = 0.6, 0.2
 # Least standard deviation of the colours of a surface, as a share of their mean, and as a share of
 # the brightest channel: less may be rounding.
 _MIN_DEVIATION, _ROUNDING = 0.01, 1e-4
-# Standard deviation of the coverage of a pixel from the expected one, before its colour is known,
-_EXPECTED = float(os.environ.get("X_EXP", 0.2))
-_BLUR = float(os.environ.get("X_BLUR", 0.6))
-_PRIOR = os.environ.get("X_PRIOR", "soft")
-_CLEAR = float(os.environ.get("X_CLEAR", 0.1))
-_MISFIT = float(os.environ.get("X_MIS", 1))
-_FALL = float(os.environ.get("X_FALL", 4))
+# Power of the distance from the colour of the other surface by which pixels of a thin one count.
+_PUREST = 4
 # Pixels examined at once on a CPU, and bytes that each takes elsewhere: bounds memory.
-_AT_ONCE, _BYTES_EACH = 1 << 12, 1 << 12
-# Coverage below which, or short of 1 by which, a pixel counts as whole.
-_WHOLE = 0.004
+_AT_ONCE, _BYTES_EACH = 1 << 12, 1 << 13
 
 
 class Fringe(NamedTuple):
+    """Parts of nearer surfaces in pixels whose depth is that of a farther one.
+
+    Attributes:
+        at: [n, 2] rows and columns; rows are counted on from one picture of a batch to the next.
+        layer: [n, C + 1], colour premultiplied by coverage, then coverage.
+        signed_radius: [n] px.
+    """
+
     at: Tensor
     layer: Tensor
     signed_radius: Tensor
 
 
 class Unmixed(NamedTuple):
+    """A picture in which every pixel has the colour of its own surface.
+
+    Attributes:
+        color: [C, H, W], not premultiplied by coverage.
+        coverage: [1, H, W], the share of each pixel that its own surface covers, if it is the
+            nearer one of two; the surface behind shows through the rest. None if all are whole.
+        fringe: The parts of nearer surfaces in pixels of farther ones.
+    """
+
     color: Tensor
     coverage: Tensor | None
     fringe: Fringe
 
 
 class _Side(NamedTuple):
+    """One of the two surfaces beside n pixels.
+
+    Attributes:
+        mean: [C, n] colour.
+        variance: [C, n] of colour.
+        signed_radius: [n] px.
+        known: [n] bool, whether it has pixels.
+    """
+
     mean: Tensor
     variance: Tensor
     signed_radius: Tensor
     known: Tensor
 
+    def replaced(self, index: Tensor, other: _Side) -> _Side:
+        """The sides with others in the place of those of these indices."""
+        pairs = zip(self, other, strict=True)
+        return _Side(*(own.index_copy(-1, index, new) for own, new in pairs))
 
-def unmixed(image: Tensor, signed_radius: Tensor, *, uncertain: bool = False) -> Unmixed:
+
+class _Squares(NamedTuple):
+    """The pixels around each of n, k of them.
+
+    Attributes:
+        colors: [C, k, n].
+        radii: [k, n] px.
+        is_near: [k, n] bool, whether they are of the nearer one of two surfaces.
+        on_edge: [k, n] bool.
+    """
+
+    colors: Tensor
+    radii: Tensor
+    is_near: Tensor
+    on_edge: Tensor
+
+    @property
+    def middle(self) -> int:
+        """The index of the pixel itself."""
+        return len(self.radii) // 2
+
+    def weights(self) -> Tensor:
+        """[k, n] by closeness; 0 for a third surface on the pixel's own side of the edge."""
+        alike = (self.radii - self.radii[self.middle]).detach().abs() <= EDGE
+        own = self.is_near == self.is_near[self.middle]
+        return _closeness(self.colors, _NEARBY) * (alike | ~own)
+
+    def have_step(self) -> Tensor:
+        """[n] bool, whether the inner nine hold a step between two surfaces."""
+        side = 2 * AROUND + 1
+        inner = slice(AROUND - 1, AROUND + 2)
+        nine = self.radii.detach().reshape(side, side, -1)[inner, inner]
+        steps = (nine.diff(dim=dim).abs().amax((0, 1)) for dim in (0, 1))
+        return torch.maximum(*steps) > _STEP
+
+
+def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
+    """Take mixed pixels apart; a pixel stays as it is where one of its surfaces is not seen.
+
+    Args:
+        image: [C, ..., H, W] linear.
+        signed_radius: [..., H, W] px.
+    """
     r = signed_radius.detach()
     nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
     edge = exceeding(farthest - nearest, EDGE)
@@ -67,7 +136,7 @@ def unmixed(image: Tensor, signed_radius: Tensor, *, uncertain: bool = False) ->
         return whole(image, signed_radius)
     border = halfway(nearest, farthest)
     chunks = [
-        _taken_apart(image, signed_radius, edge, border, at, uncertain)
+        _taken_apart(at, _squares(image, signed_radius, edge, border, at))
         for at in torch.split(positions, pieces(positions.device, _AT_ONCE, _BYTES_EACH))
     ]
     at, own, fraction, fringe_at, fringe, fringe_radius = map(torch.cat, zip(*chunks, strict=True))
@@ -79,116 +148,130 @@ def unmixed(image: Tensor, signed_radius: Tensor, *, uncertain: bool = False) ->
 
 
 def whole(image: Tensor, signed_radius: Tensor) -> Unmixed:
+    """A picture [C, ..., H, W] of radii [..., H, W] without mixed pixels."""
     nothing = image.new_zeros(0, len(image) + 1)
     nowhere = torch.zeros((0, 2), dtype=torch.long, device=image.device)
     return Unmixed(image, None, Fringe(nowhere, nothing, signed_radius.flatten()[:0]))
 
 
-def _closeness(like: Tensor, deviation2: float) -> Tensor:
-    offset = torch.arange(-AROUND, AROUND + 1, device=like.device)
-    squares = (offset * offset + (offset * offset)[:, None]).flatten()
-    return torch.exp(squares.to(like.dtype) / (-2 * deviation2))[:, None]
-
-
-def _side_of(colors: Tensor, radii: Tensor, weight: Tensor, floor: Tensor | None = None) -> _Side:
-    total = weight.sum(0)
-    fraction = weight / torch.where(total > 0, total, 1.0)
-    mean, radius = (colors * fraction).sum(1), (radii * fraction).sum(0)
-    off = colors - mean[:, None]
-    spread = (off * off * fraction).sum(1)
-    brightest = torch.maximum(mean, colors[:, _MIDDLE]).amax(0).clamp(min=0)
-    minimum = torch.maximum(_MIN_DEVIATION * mean, _ROUNDING * brightest)
-    variance = spread + minimum * minimum + torch.finfo(mean.dtype).tiny ** 0.5
-    return _Side(mean.T, variance.T, radius, total > 0)
-
-
-def _taken_apart(image, signed_radius, edge, border, at, uncertain):
+def _squares(
+    image: Tensor, signed_radius: Tensor, edge: Tensor, border: Tensor, at: Tensor
+) -> _Squares:
+    """The squares around pixels at [n, 2]; radii below the border [..., H, W] are near."""
     size = edge.shape[-2], edge.shape[-1]
     position = squares_around(at, size, AROUND).flatten(1).T.contiguous()
     spots = position.flatten()
     radii, on_edge = (
         x.flatten().index_select(0, spots).reshape(position.shape) for x in (signed_radius, edge)
     )
-    number = at[:, 0] * size[1] + at[:, 1]
-    is_near = radii.detach() < border.flatten().index_select(0, number)
+    own = at[:, 0] * size[1] + at[:, 1]
+    is_near = radii.detach() < border.flatten().index_select(0, own)
     colors = image.flatten(1).index_select(1, spots).reshape(len(image), *position.shape)
-    own_near = is_near[_MIDDLE]
-    alike = ((radii - radii[_MIDDLE]).detach().abs() <= EDGE) | (is_near != own_near)
-    weight = _closeness(image, 2.0) * alike
-    near, far = _sides(colors, radii, weight, is_near, on_edge)
-    color = colors[:, _MIDDLE].T
-    if _PRIOR == "soft":
-        nearby = _closeness(image, _BLUR**2)
-        expected = (nearby * is_near).sum(0) / nearby.sum()
-    else:
-        expected = own_near.to(color.dtype)
-    alpha = _mixture(color, near, far, expected, 0.2 if uncertain and _PRIOR != "soft" else _EXPECTED)[:, None]
-    weights = (alpha * near.variance, (1 - alpha) * far.variance)
+    return _Squares(colors, radii, is_near, on_edge)
+
+
+def _taken_apart(at: Tensor, squares: _Squares) -> tuple[Tensor, ...]:
+    """Take apart the pixels at [n, 2].
+
+    Returns:
+        Place, colour and coverage of mixed pixels; place, layer and radius of the fringe in them.
+    """
+    near, far = _sides(squares)
+    color = squares.colors[:, squares.middle]  # [C, n]
+    is_near = squares.is_near[squares.middle]
+    nearby = _closeness(color, _PIXEL)
+    alpha = _coverage(color, near, far, (nearby * squares.is_near).sum(0) / nearby.sum())
+    weights = alpha * near.variance, (1 - alpha) * far.variance
     residual = (color - alpha * near.mean - (1 - alpha) * far.mean) / (
         alpha * weights[0] + (1 - alpha) * weights[1]
     )
     near_color, far_color = (
-        _within(side, color, side.mean + residual * w)
-        for side, w in zip((near, far), weights, strict=True)
+        _within(side, color, side.mean + residual * weight)
+        for side, weight in zip((near, far), weights, strict=True)
     )
+    # the part clipped off a colour goes to the other, within its range
     far_color = _within(far, far_color, _rest(color, near_color, alpha))
     near_color = _within(near, near_color, _rest(color, far_color, 1 - alpha))
     near_color = torch.where(alpha == 1, color, near_color)
     far_color = torch.where(alpha == 0, color, far_color)
-    radii9 = radii.detach().reshape(2 * AROUND + 1, 2 * AROUND + 1, -1)[AROUND - 1 : AROUND + 2, AROUND - 1 : AROUND + 2]
-    stepped = torch.maximum(*(radii9.diff(dim=d).abs().amax((0, 1)) for d in (0, 1))) > 1.013
-    known = near.known & far.known & stepped
-    own_color = torch.where(own_near[:, None], near_color, far_color)
-    coverage = torch.where(own_near, alpha[:, 0], 1.0)
-    behind = known & ~own_near & (alpha.detach()[:, 0] > 0)
-    fringe = torch.cat([near_color, torch.ones_like(alpha)], 1) * alpha
+    known = near.known & far.known & squares.have_step()
+    own_color = torch.where(is_near, near_color, far_color).T
+    coverage = torch.where(is_near, alpha, 1.0)
+    behind = known & ~is_near & (alpha.detach() > 0)
+    fringe = (torch.cat([near_color, torch.ones_like(alpha)[None]]) * alpha).T
     both = (at, own_color, coverage), (at, fringe, near.signed_radius)
     masks = torch.nonzero(known)[:, 0], torch.nonzero(behind)[:, 0]
     return tuple(x.index_select(0, i) for of, i in zip(both, masks, strict=True) for x in of)
 
 
-def _sides(colors, radii, weight, is_near, on_edge):
-    inner = weight * ~on_edge
-    near, far = (_side_of(colors, radii, inner * side) for side in (is_near, ~is_near))
+def _closeness(like: Tensor, deviation: float) -> Tensor:
+    """Weights of the pixels of a square by their distance from its middle, [k, 1]."""
+    offset = torch.arange(-AROUND, AROUND + 1, device=like.device)
+    squares = (offset * offset + (offset * offset)[:, None]).flatten()
+    return torch.exp(squares.to(like.dtype) / (-2 * deviation**2))[:, None]
+
+
+def _sides(squares: _Squares) -> tuple[_Side, _Side]:
+    """The nearer and the farther surface in squares, from their pixels off the edge.
+
+    If one is so thin that all of its pixels are on an edge, those that are least like the other
+    hold most of it.
+    """
+    weight, is_near = squares.weights(), squares.is_near
+    masks = is_near, ~is_near
+    near, far = (_side_of(squares, weight * (mask & ~squares.on_edge)) for mask in masks)
     sides = []
-    for own, other, mask in ((near, far, is_near), (far, near, ~is_near)):
-        lacks = torch.nonzero(~own.known & other.known)[:, 0]
-        if len(lacks):
-            c, w = colors[:, :, lacks], (weight * mask)[:, lacks]
-            off = c.detach() - other.mean.detach()[lacks].T[:, None]
-            off = (off * off).sum(0) * (w > 0)
-            w = w * (off / off.amax(0).clamp(min=torch.finfo(off.dtype).tiny)) ** _FALL
-            thin = _side_of(c, radii[:, lacks], w)._replace(variance=other.variance[lacks])
-            own = _Side(*(each.index_copy(0, lacks, t) for each, t in zip(own, thin, strict=True)))
-        sides.append(own)
-    return sides
+    for side, other, mask in ((near, far, masks[0]), (far, near, masks[1])):
+        index = torch.nonzero(~side.known & other.known)[:, 0]
+        if len(index):
+            thin = _Squares(*(x.index_select(-1, index) for x in squares))
+            variance = other.variance.index_select(-1, index)
+            off = thin.colors.detach() - other.mean.detach().index_select(-1, index)[:, None]
+            own = (weight * mask).index_select(-1, index)
+            off = off.square().sum(0) * (own > 0)
+            purity = off / off.amax(0).clamp(min=torch.finfo(off.dtype).tiny)
+            found = _side_of(thin, own * purity**_PUREST)._replace(variance=variance)
+            side = side.replaced(index, found)
+        sides.append(side)
+    return sides[0], sides[1]
+
+
+def _side_of(squares: _Squares, weight: Tensor) -> _Side:
+    """The surface of the pixels of squares that have a weight [k, n]."""
+    total = weight.sum(0)
+    fraction = weight / torch.where(total > 0, total, 1.0)
+    mean = (squares.colors * fraction).sum(1)
+    off = squares.colors - mean[:, None]
+    spread = (off * off * fraction).sum(1)
+    brightest = torch.maximum(mean, squares.colors[:, squares.middle]).amax(0).clamp(min=0)
+    minimum = torch.maximum(_MIN_DEVIATION * mean, _ROUNDING * brightest)
+    variance = spread + minimum * minimum + torch.finfo(mean.dtype).tiny ** 0.5
+    return _Side(mean, variance, (squares.radii * fraction).sum(0), total > 0)
+
+
+def _coverage(color: Tensor, near: _Side, far: _Side, expected: Tensor) -> Tensor:
+    """The most probable α [n] of colours [C, n] = α near + (1 - α) far, and an expected one [n].
+
+    The less a colour is on the line between both surfaces, the less it counts.
+    """
+    variance, apart = (near.variance + far.variance) / 2, near.mean - far.mean
+    evidence = (apart * apart / variance).sum(0)
+    observed = (apart * (color - far.mean) / variance).sum(0)
+    best = (observed / torch.where(evidence > 0, evidence, 1.0)).clamp(0, 1)
+    off = color - far.mean - best * apart
+    misfit = (off * off / (best * near.variance + (1 - best) * far.variance)).mean(0)
+    by = (observed - expected * evidence) / (_UNCERTAIN**-2 * (1 + misfit) + evidence)
+    return (expected + by).clamp(0, 1)
 
 
 def _rest(mixed: Tensor, color: Tensor, fraction: Tensor) -> Tensor:
+    """The second colour of mixed pixels, if the first one has a share [n]."""
     return (mixed - fraction * color) / torch.where(fraction < 1, 1 - fraction, 1.0)
 
 
 def _within(side: _Side, other: Tensor, color: Tensor) -> Tensor:
+    """Clip a colour to two deviations around its surface's mean; `other` is never clipped."""
     reach = 2 * side.variance.sqrt()
     color = torch.maximum(color, torch.minimum(side.mean - reach, other))
     color = torch.minimum(color, torch.maximum(side.mean + reach, other))
     return torch.maximum(color, other.clamp(max=0))
-
-
-def _mixture(color, near, far, expected, deviation):
-    variance = (near.variance + far.variance) / 2
-    apart = near.mean - far.mean
-    evidence = (apart * apart / variance).sum(1)
-    observed = (apart * (color - far.mean) / variance).sum(1)
-    if _MISFIT:
-        best = (observed / torch.where(evidence > 0, evidence, 1.0)).clamp(0, 1)[:, None]
-        off = color - far.mean - best * apart
-        misfit = (off * off / (best * near.variance + (1 - best) * far.variance)).mean(1)
-        doubt = 1 / (1 + _MISFIT * misfit)
-        evidence, observed = evidence * doubt, observed * doubt
-    by = (observed - expected * evidence) / (deviation**-2 + evidence)
-    if _PRIOR != "soft":
-        clear = by.abs() > _CLEAR
-        by = torch.where(clear, by - _CLEAR**2 / torch.where(clear, by, 1.0), 0.0)
-    alpha = (expected + by).clamp(0, 1)
-    return alpha

@@ -36,6 +36,8 @@ _FOOT, FOOT_FRACTION = 10, 0.3
 # Longest path to an end of a ramp, in px, unless the width of edges is known; difference of radii
 # in px by which steps are as steep.
 _LONGEST, _AS_STEEP = 16, 2.0**-10
+# Width in px of an edge of averages: depth that was filtered like colours, or resized.
+AVERAGED = 3
 
 
 def longest_ramp(edge_width: float | None) -> int:
@@ -46,7 +48,7 @@ def longest_ramp(edge_width: float | None) -> int:
 def around_ramps(edge_width: float | None) -> int:
     """Px around a pixel that decide what `without_ramps` makes of it."""
     longest = longest_ramp(edge_width)
-    return longest + max(_FOOT, longest // 2) + 2
+    return longest + max(_FOOT, longest // 2) + 3
 
 
 def without_ramps(
@@ -79,8 +81,8 @@ def without_ramps(
     foot, ramp = ramp, core > 0
     for _ in range(foot_of):  # what lies beside it without a link is another surface
         ramp |= extreme_around(ramp, 1, torch.maximum) & foot
-    import os
-    at, (H, W) = positions_of(extreme_around(ramp, int(os.environ.get("X_ON", 2)), torch.maximum)), signed_radius.shape
+    # a px beyond its ends: levels of 8 bits end a ramp too soon here and there
+    at, (H, W) = positions_of(extreme_around(ramp, 1, torch.maximum)), signed_radius.shape
     index = at[:, 0] * W + at[:, 1]
     radii, around = signed_radius.flatten(), squares_around(at, (H, W)).flatten(1)
     flat = values.flatten()

@@ -17,7 +17,7 @@ from torch.nn.functional import pad
 from defocus_core.depth.matting import Unmixed
 from defocus_core.renderer.layers.stacked_samples import Sampled
 from defocus_core.tensors.order_statistics import Ranks
-from defocus_core.tensors.sparse_masks import exceeding, positions_of
+from defocus_core.tensors.sparse_masks import positions_of
 from defocus_core.tensors.tiling import BLOCK
 
 # A highlight is brighter than this many times the brightest of all but one pixel in 200.

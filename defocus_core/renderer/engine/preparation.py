@@ -213,7 +213,6 @@ def content_of(
     survey: Survey,
     quality: Quality,
     *,
-    uncertain: bool = False,
     layered: bool = False,
     all_ranges: tuple[float, float] | None = None,
 ) -> Content:
@@ -222,7 +221,6 @@ def content_of(
     Args:
         survey: Its statistics.
         quality: Settings of the quality.
-        uncertain: Whether edges of depth were soft or averages before they were repaired.
         layered: Whether it is of layers.
         all_ranges: Least and greatest signed radius of all colours that are rendered apart; None
             for those of these pixels.
@@ -232,7 +230,6 @@ def content_of(
         limits=all_ranges or (survey.minimum, survey.maximum),
         edges=layered or max(survey.steepest) > EDGE,
         tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.min_slope**2,
-        uncertain=uncertain,
         minimum=min(survey.darkest, 0.0),
         limit=limit,
         highlights=survey.brightest > limit,

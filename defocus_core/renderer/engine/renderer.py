@@ -146,7 +146,6 @@ class Renderer:
         return content_of(
             surveyed(counted, signed_radius, dtype, self._settings.threads),
             quality,
-            uncertain=self.repair.uncertain_edges,
             layered=layered,
             all_ranges=limits,
         )

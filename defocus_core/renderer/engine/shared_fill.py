@@ -14,11 +14,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.depth.matting import unmixed, whole
 from defocus_core.renderer.compositing.highlights import split
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, hidden_layer
-from defocus_core.depth.matting import unmixed, whole
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.source import Pixels, banded

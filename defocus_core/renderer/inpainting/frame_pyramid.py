@@ -7,7 +7,6 @@ These pictures, and the map of the reach of each edge, are computed once for the
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from typing import NamedTuple
@@ -39,7 +38,7 @@ _MIXED = 0.25
 # Greatest number of rows of quarter resolution, and of pixels of full resolution, in one band on a
 # CPU, and bytes that a pixel takes elsewhere; rows of quarter resolution around a band that it
 # depends on.
-_BAND, _PIXELS, _BYTES_EACH, _AROUND = 32, 1 << 20, 120, 2
+_BAND, _PIXELS, _BYTES_EACH, _AROUND = 32, 1 << 20, 120, 3
 # The last level has coarse pixels this many times as wide as the range of radii; no round number,
 # so that rounding decides nothing.
 _WIDER = 1.99
@@ -87,6 +86,7 @@ def backdrop_of(
         dtype: Type to compute in; None for the type of the pixels.
         threads: Number of bands computed at once.
         limits: Least and greatest radius in px; None to find them.
+        unmixes: Whether mixed pixels are taken apart, so that only the farther surface goes on.
     """
     H, W = signed_radius.shape[-2:]
     device = signed_radius.device
@@ -164,9 +164,9 @@ def _coarsely(
     weight = exceeding(pixels.detach().amax(0), limit).logical_not_().to(r.dtype)
     if unmixes:
         pixels, _, fringe = unmixed(pixels, signed_radius)
-        own = (1 - fringe.layer.detach()[:, -1]) ** int(os.environ.get("X_POW", "1"))
-        weight.flatten()[fringe.at[:, 0] * r.shape[-1] + fringe.at[:, 1]] *= own
-    if os.environ.get("X_MIXED", "1") == "1": weight.flatten()[farther] *= _MIXED
+        mixed = fringe.at[:, 0] * r.shape[-1] + fringe.at[:, 1]
+        weight.flatten()[mixed] *= 1 - fringe.layer.detach()[:, -1]
+    weight.flatten()[farther] *= _MIXED
     half = coarser(pixels_of([pixels, signed_radius[None]], signed_radius, middle, weight))
     edges = coarse_edges(r, farther, grain, middle)
     return coarser(structure(half)), edges, half.middle[0].middle

@@ -7,7 +7,7 @@ from scenes import pattern
 from torch import Tensor
 
 from defocus_core import render
-from defocus_core.renderer.layers.matting import unmixed
+from defocus_core.depth.matting import unmixed
 
 SIZE = (32, 48)
 EDGE = 20  # the column that is mixed
