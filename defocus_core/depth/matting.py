@@ -259,7 +259,7 @@ def _coverage(color: Tensor, near: _Side, far: _Side, expected: Tensor) -> Tenso
     observed = (apart * (color - far.mean) / variance).sum(0)
     best = (observed / torch.where(evidence > 0, evidence, 1.0)).clamp(0, 1)
     off = color - far.mean - best * apart
-    misfit = (off * off / (best * near.variance + (1 - best) * far.variance)).mean(0)
+    misfit = (off * off / (best * near.variance + (1 - best) * far.variance)).sum(0)
     by = (observed - expected * evidence) / (_UNCERTAIN**-2 * (1 + misfit) + evidence)
     return (expected + by).clamp(0, 1)
 

@@ -81,13 +81,15 @@ def without_ramps(
     foot, ramp = ramp, core > 0
     for _ in range(foot_of):  # what lies beside it without a link is another surface
         ramp |= extreme_around(ramp, 1, torch.maximum) & foot
-    # a px beyond its ends: levels of 8 bits end a ramp too soon here and there
-    at, (H, W) = positions_of(extreme_around(ramp, 1, torch.maximum)), signed_radius.shape
+    at, (H, W) = positions_of(ramp), signed_radius.shape
     index = at[:, 0] * W + at[:, 1]
     radii, around = signed_radius.flatten(), squares_around(at, (H, W)).flatten(1)
     flat = values.flatten()
-    near, far = (_path_end(each, around, index, longest) for each in (flat, -flat))
-    found = ramp.flatten()[index] & ~(ramp.flatten()[near] | ramp.flatten()[far])
+    near, far = (
+        _least_beside(each, _path_end(each, around, index, longest), (H, W))
+        for each in (flat, -flat)
+    )
+    found = ~(ramp.flatten()[near] | ramp.flatten()[far])
     if scale is not None:
         along = torch.hypot(*(((near - far) // W).double(), (near % W - far % W).double()))
         found &= (radii[far] - radii[near]).detach() > FOOT_FRACTION * steep * along
@@ -116,6 +118,13 @@ def _path_end(values: Tensor, around: Tensor, index: Tensor, longest: int) -> Te
         lowest = torch.where(steepest, values[limits], torch.inf).argmin(1, keepdim=True)
         end.index_copy_(0, index, limits.gather(1, lowest)[:, 0])
     return end[index]
+
+
+def _least_beside(values: Tensor, at: Tensor, size: tuple[int, int]) -> Tensor:
+    """The least of the pixels around the ends [n] of paths: levels end a ramp too soon at times."""
+    row = at.div(size[1], rounding_mode="floor")
+    beside = squares_around(torch.stack([row, at - row * size[1]], 1), size).flatten(1)
+    return beside.gather(1, values[beside].argmin(1, keepdim=True))[:, 0]
 
 
 def softness(slope: Tensor) -> Tensor:

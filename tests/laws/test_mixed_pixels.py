@@ -66,7 +66,7 @@ def test_the_picture_is_that_of_both_surfaces(kind: str, radii: tuple[float, flo
         share = blurred(samples, near)
         off = (seen - share * front - (1 - share) * back).abs() / abs(front - back)
         assert float(off.amax()) < 0.1, name
-        assert float(off.square().mean().sqrt()) < 0.01, name
+        assert float(off.square().mean().sqrt()) < 0.015, name
 
 
 @pytest.mark.parametrize("light", [5.0, 50.0, 5e4])
@@ -77,7 +77,7 @@ def test_a_light_in_focus_adds_to_the_plane_behind_what_is_the_planes(light: flo
     for kind in ("centre", "any", "full"):
         seen = render(color, named(kind, coverage, 0.0, 12.0)).render[0]
         outside = coverage < 1e-3
-        assert float(seen[outside].amax()) < 0.2 * 1.02 + 1e-5 * light, kind
+        assert float(seen[outside].amax()) < 0.2 * 1.03 + 1e-5 * light, kind
 
 
 @pytest.mark.parametrize("light", [2.0, 50.0, 1e4])
