@@ -81,8 +81,8 @@ class TileCompositor:
                 box, layer, by = surfaces[number]
                 within = box.of(maximum) if isinstance(maximum, Tensor) else maximum
                 fraction = fraction_behind(box.of(front), layer, within)
-                if self.sight is not None:
-                    fraction = fraction * self.sight.over(box).to(number)
+                if self.sight and (seen := self.sight.over(box).to(number)) is not None:
+                    fraction = fraction * seen
                 front = add_within(front, box, layer, fraction)
                 if by is not None:
                     moved = torch.zeros_like(front[:, :-1]) if self.moved is None else self.moved

@@ -8,13 +8,13 @@ only nearly, where its radius has a slope or steps: such a gap is an error, what
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import sent
 
 # Px around the disc of a pixel that it may see: edges lie between pixels, some half a pixel off.
 _AROUND = 0.7
@@ -30,12 +30,14 @@ class SightLimits(NamedTuple):
     """How far the lens sees at each pixel of a picture.
 
     Attributes:
-        layer_index: [..., h, w], the number of the farthest layer.
-        octave: [..., h, w], the farthest octave of what is hidden.
+        farthest: [..., h, w], the number of the farthest slice.
+        layer_of: For each slice the number of its layer, ascending.
+        octaves: For each slice the octave of what is hidden, ascending.
     """
 
-    layer_index: Tensor
-    octave: Tensor
+    farthest: Tensor
+    layer_of: list[int]
+    octaves: list[int]
 
     @classmethod
     def of(
@@ -46,43 +48,46 @@ class SightLimits(NamedTuple):
         Args:
             radius: [..., h, w] px, signed.
             positions: [..., h, w], between slice radii.
-            layer_of: For each slice the number of its layer.
-            octaves: For each slice the octave of what is hidden.
+            layer_of: As the attribute.
+            octaves: As the attribute.
         """
         small = torch.uint8 if len(layer_of) <= torch.iinfo(torch.uint8).max else torch.int16
         slices = positions.detach().ceil().to(small)
-        farthest = _greatest_within(slices, radius.detach().abs()).long()
-        return cls(sent(layer_of, radius)[farthest], sent(octaves, radius)[farthest])
+        return cls(_greatest_within(slices, radius.detach().abs()), layer_of, octaves)
 
     def over(self, box: Box) -> SightLimits:
         """Those in a box."""
-        return SightLimits(*map(box.of, self))
+        return self._replace(farthest=box.of(self.farthest))
 
-    def to(self, layer_index: int) -> Tensor:
-        """Whether [..., h, w] the lens sees as far as a layer: 1 or 0."""
-        return (self.layer_index >= layer_index).to(self.layer_index.dtype)
+    def to(self, layer_index: int) -> Tensor | None:
+        """Whether [..., h, w] the lens sees as far as a layer; None if it does everywhere."""
+        return self._to(bisect_left(self.layer_of, layer_index))
 
-    def to_octave(self, octave: int) -> Tensor:
-        """Whether [..., h, w] the lens sees as far as hidden surfaces of an octave: 1 or 0."""
-        return (self.octave >= octave).to(self.octave.dtype)
+    def to_octave(self, octave: int) -> Tensor | None:
+        """As `to`, of the hidden surfaces of an octave."""
+        return self._to(bisect_left(self.octaves, octave))
+
+    def _to(self, number: int) -> Tensor | None:
+        seen = self.farthest >= number
+        return None if seen.is_cpu and bool(seen.all()) else seen
 
 
 def _greatest_within(values: Tensor, radius: Tensor) -> Tensor:
     """The greatest of values [..., h, w] within a distance [..., h, w] px of each pixel."""
-    px = radius.add(_AROUND).mul_(_APOTHEM).round_().clamp_(min=1).long()
+    px = radius.add(_AROUND).mul_(_APOTHEM).round_().clamp_(min=1).to(torch.int32)
     sizes = [1]
     while sizes[-1] < int(px.amax()):
         sizes.append(max(sizes[-1] + 1, round(_RATIO * sizes[-1])))
     nearest = [
         min(range(len(sizes)), key=lambda i: abs(sizes[i] - n)) for n in range(sizes[-1] + 1)
     ]
-    greatest = values.new_empty(len(sizes), *values.shape)
+    greatest = values.new_empty(len(sizes), values.numel())
     for number, (size, before) in enumerate(zip(sizes, [0, *sizes], strict=False)):
-        given = greatest[number - 1] if number else values
         square = _SHAPES[number % len(_SHAPES)]
-        greatest[number] = _dilated(given, size - before, square=square)
-    kind = torch.tensor(nearest, device=px.device)[px]
-    return greatest.gather(0, kind[None])[0]
+        values = _dilated(values, size - before, square=square)
+        greatest[number] = values.flatten()
+    which = torch.tensor(nearest, device=px.device).index_select(0, px.flatten())
+    return greatest.gather(0, which[None]).view_as(values)
 
 
 def _dilated(values: Tensor, by: int, *, square: bool) -> Tensor:

@@ -46,27 +46,35 @@ class Hidden:
         self._octaves = octaves
         self._enlarged = enlarged
         self._sight = sight
-        self._seen: dict[int, list[Tensor | None]] = {}
 
     def of(self, octave: int) -> list[Tensor | None]:
         """For each group one octave alone [m, C + 1, h, w]; None if nothing is of this octave."""
-        if octave not in self._seen:
-            groups = (octaves.get(octave) for octaves in self._octaves)
-            seen = [None if coarse is None else self._enlarged(coarse) for coarse in groups]
-            if self._sight is not None:
-                mask = self._sight.to_octave(octave)
-                seen = [None if px is None else px * mask for px in seen]
-            self._seen[octave] = seen
-        return self._seen[octave]
+        return [self._seen(octaves, [octave]) for octaves in self._octaves]
 
     def whole(self) -> list[Tensor | None]:
         """For each group all octaves [m, C + 1, h, w]; None if there is nothing."""
         whole: list[Tensor | None] = []
-        for group, octaves in enumerate(self._octaves):
-            seen = {octave: px for octave in octaves if (px := self.of(octave)[group]) is not None}
-            sides = [side for s in (-1, 0, 1) if (side := _side(seen, s)) is not None]
-            whole.append(_occluding(sides) if sides else None)
+        for octaves in self._octaves:
+            sides = ([o for o in octaves if (o > 0) - (o < 0) == side] for side in (-1, 0, 1))
+            seen = [px for side in sides if (px := self._seen(octaves, side)) is not None]
+            whole.append(_occluding(seen) if seen else None)
         return whole
+
+    def _seen(self, octaves: dict[int, Tensor], which: list[int]) -> Tensor | None:
+        """The sum of octaves of a group, in px, as far as the lens sees; None if it has none."""
+        unlimited: list[Tensor] = []
+        parts: list[Tensor] = []
+        for octave in which:
+            limit = None if self._sight is None else self._sight.to_octave(octave)
+            if (coarse := octaves.get(octave)) is None:
+                continue
+            if limit is None:
+                unlimited.append(coarse)
+            else:
+                parts.append(self._enlarged(coarse) * limit)
+        if unlimited:
+            parts.append(self._enlarged(reduce(torch.add, unlimited)))
+        return reduce(torch.add, parts) if parts else None
 
 
 class Filling:
@@ -180,12 +188,6 @@ def _samples(hidden: HiddenLayer, radii: tuple[float, ...]) -> SurfaceSamples:
     return SurfaceSamples(
         color, coverage, positions, nowhere, no_fringe, positions.flatten()[:0], None, None
     )
-
-
-def _side(octaves: dict[int, Tensor], side: int) -> Tensor | None:
-    """The sum of the octaves nearer than focus (-1), in focus (0) or beyond (1); None for none."""
-    coarse = [x for octave, x in octaves.items() if (octave > 0) - (octave < 0) == side]
-    return reduce(torch.add, coarse) if coarse else None
 
 
 def _occluding(layers: list[Tensor]) -> Tensor:
