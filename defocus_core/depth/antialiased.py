@@ -1,11 +1,8 @@
-"""Anti-aliased depth made hard again: pixels on edges hold averages of both surfaces.
+"""Anti-aliased depth: how many pixels on edges are averages of both surfaces.
 
 A depth map that was filtered like colours, or resized, holds depths at which there is no surface.
-Such pixels would be drawn with radii between those of both surfaces; and as most averages of
-distance have nearly the radius of the farther surface, near surfaces would lose a pixel all around.
-Each average gets the radius of the surface that it is closer to, in a few rounds (Kramer and
-Bruckner 1975). Closeness is measured in the quantity that was averaged, distance or disparity.
-Averages are spread evenly over an edge, so the mean of their places tells which quantity it was.
+Averages are spread evenly over an edge, so the mean of their places tells which quantity was
+averaged, distance or disparity.
 """
 
 from __future__ import annotations
@@ -16,32 +13,19 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.distance_scale import distance_of
-from defocus_core.tensors.neighbourhoods import (
-    extreme_around,
-    halfway,
-    squares_around,
-)
 from defocus_core.tensors.source import Scalar
-from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, positions_of, sums_of_each
+from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, sums_of_each
 
 # Range of radius in px, within 3 px of each other, that matters.
 _MATTERS = 1.013
-# Px around an edge in which both surfaces are seen, and rounds that replace averages.
-_BESIDE, _ROUNDS = 3, 2
-# If the next step beyond a step is more than this share of it, both are one slope, not an edge.
-_SLOPE = 0.4013
-# Least share of the range over 7 px that 3 px span on an edge; on a slope they span a third. On a
-# wide edge, the least share of the range over 5 px that 3 px span beside a bend. A bend: a pixel
-# whose distance from the middle of the range over 3 px is more than this share of the range.
-_ABRUPT, _WIDE, _BENT = 0.3613, 0.2513, 0.3013
-# Diagnosis: the share that 3 px span on an edge; the place on an edge, from either end, from which
+# Px around an edge in which both surfaces are seen.
+_BESIDE = 3
+# The share that 3 px span on an edge; the place on an edge, from either end, from which
 # a pixel is an average; and the greatest slope beside a hard step, as a share of the step.
 _SURELY, _AVERAGE, _LEVEL = 0.5, 0.1, 0.1
 # Least number of averages: at all, for each hard step, for each pixel on a wide edge, and for each
 # pixel on a soft one.
 _MINIMUM, _EACH, _WIDER, _SOFTER = 64, 2, 0.25, 2
-# Px around a pixel that decide what it becomes.
-AROUND = _BESIDE + 1 + 2 * _ROUNDS
 
 
 def averages(
@@ -110,76 +94,11 @@ def averaged_from(counts: list[list[float]], infinity: float | None, soft: int) 
     return min(off_middle, key=lambda candidate: candidate[0])[1] if off_middle else None
 
 
-def without_averages(signed_radius: Tensor, infinity: float) -> Tensor:
-    """Radii [H, W] px in which averages have the radii of surfaces beside them.
-
-    Args:
-        signed_radius: [H, W] px.
-        infinity: From `averaged_from`.
-    """
-    radii = signed_radius.detach()
-    at = positions_of(_edges(radii, infinity))
-    if not len(at):
-        return signed_radius
-    H, W = radii.shape
-    around, index = squares_around(at, (H, W), 2), at[:, 0] * W + at[:, 1]
-    next_to = around[:, 1:-1, 1:-1].flatten(1)
-    values = _as_averaged(radii, infinity).flatten()
-    source = torch.arange(H * W, device=at.device)
-    for _ in range(_ROUNDS):
-        own, minimum, maximum = values[index], *torch.aminmax(values[around.flatten(1)], dim=1)
-        beside = values[next_to]
-        (near, first), (far, last) = beside.min(1), beside.max(1)
-        is_near = own <= halfway(near, far)
-        step = torch.where(is_near, own - near, far - own)
-        further = torch.where(is_near, near - minimum, maximum - far)
-        position = next_to.gather(1, torch.where(is_near, first, last)[:, None])[:, 0]
-        position = torch.where(further > _SLOPE * step, index, position)
-        values = values.index_copy(0, index, values[position])
-        source = source.index_copy(0, index, source[position])
-    taken = signed_radius.flatten()
-    return taken.index_copy(0, index, taken[source[index]]).reshape(H, W)
-
-
 def _as_averaged(radii: Tensor, infinity: Scalar) -> Tensor:
     """Radii as disparity, or as distance if the radius of infinity is finite, in any unit."""
     if not isinstance(infinity, Tensor) and math.isinf(infinity):
         return radii
     return distance_of(radii, infinity)
-
-
-def _as_radii(values: Tensor, infinity: float) -> Tensor:
-    """Radii in px from the values of `_as_averaged`."""
-    return values if math.isinf(infinity) else infinity - values.reciprocal()
-
-
-def _edges(radii: Tensor, infinity: float) -> Tensor:
-    """Whether pixels [H, W] are on an edge or next to one."""
-    if min(radii.shape) <= _BESIDE:
-        return torch.zeros_like(radii, dtype=torch.bool)
-    values = _as_averaged(_going_on(radii), infinity)
-    minimum, maximum, ranges = values, values, []
-    for _ in range(_BESIDE):  # of 3, 5 and 7 px on a side
-        minimum = extreme_around(minimum, 1, torch.minimum)
-        maximum = extreme_around(maximum, 1, torch.maximum)
-        ranges.append(maximum - minimum)
-        if len(ranges) == 1:
-            bent = (values - (minimum + maximum) / 2).abs_() > _BENT * ranges[0]
-    matters = _as_radii(maximum, infinity) - _as_radii(minimum, infinity) > _MATTERS
-    bent = extreme_around(bent, 1, torch.maximum) & (ranges[0] > _WIDE * ranges[1])
-    edges = matters & (bent | (ranges[0] > _ABRUPT * ranges[2]))
-    return edges[_BESIDE:-_BESIDE, _BESIDE:-_BESIDE]
-
-
-def _going_on(values: Tensor) -> Tensor:
-    """Values [H, W] continued beyond the borders by _BESIDE px: slopes go on as slopes."""
-    for dim in (0, 1):
-        n = values.shape[dim]
-        first, last = values.narrow(dim, 0, 1), values.narrow(dim, n - 1, 1)
-        before = 2 * first - values.narrow(dim, 1, _BESIDE).flip(dim)
-        after = 2 * last - values.narrow(dim, n - 1 - _BESIDE, _BESIDE).flip(dim)
-        values = torch.cat([before, values, after], dim)
-    return values
 
 
 def _around(

@@ -38,6 +38,8 @@ _HALF_EDGE, _BESIDE_EDGE = 14, 16
 _LOPSIDED = 4
 # Intervals of a px in the histogram of widths of soft edges.
 _PER_PX = 10
+# Slope of an edge of averages, as a share of that of a soft edge.
+_AVERAGED = 0.4
 # Hard edges for each pixel on a ramp from which on the ramps are surfaces, not edges.
 _RARE = 16
 # Rows above and below a band that are evidence for it.
@@ -71,10 +73,10 @@ class DepthRepair(NamedTuple):
 
     Attributes:
         noise: Standard deviation in px of noise, which is smoothed; None for no noise.
-        antialiased: For edges of averages, made hard: the signed radius in px at infinity if they
-            average distance, infinity if they average disparity; None if edges are no averages.
-        soft_edges: Least slope in px per px of ramps that become steps, where most edges are soft;
-            None where most are hard.
+        antialiased: For edges of averages: the signed radius in px at infinity if they average
+            distance, infinity if they average disparity; None if edges are no averages.
+        soft_edges: Least slope in px per px of ramps that become steps, where most edges are soft
+            or averages; None where most are hard.
         ramps: Whether steep ramps between surfaces become steps.
         edge_shifts: The displacements of edges from those of the colours, which are undone; None
             if edges stay where they are.
@@ -83,8 +85,6 @@ class DepthRepair(NamedTuple):
             it was said; None if edges are not soft.
         fraction: Share of the pixels whose radius was changed; 0 of a diagnosis alone.
         ramps_of: The scale of distance, if ramps are of distance; None if they are of disparity.
-        uncertain_edges: Whether colours say on which side of their edge pixels are: where edges
-            were soft, or averages of an enlarged depth map; False of a diagnosis alone.
     """
 
     noise: float | None = None
@@ -96,7 +96,6 @@ class DepthRepair(NamedTuple):
     edge_width: float | None = None
     fraction: float = 0.0
     ramps_of: DistanceScale | None = None
-    uncertain_edges: bool = False
 
 
 def diagnosed(
@@ -209,10 +208,13 @@ def _repair(
         )
     averaged, steps = ([each[:4], each[4:]] for each in (found["averages"], found["steps"]))
     antialiased = averaged_from(averaged, infinity, soft)
+    soft_edges = slope if soft else None
+    if antialiased is not None:
+        soft_edges = max(MINIMUM, _AVERAGED * slope)
     return DepthRepair(
         antialiased=antialiased,
         ramps=softest > STEEP or _has_ramps(signed_radius, int(ramps)),
-        soft_edges=slope if soft and antialiased is None else None,
+        soft_edges=soft_edges,
         quantised=are_few(steps, signed_radius),
         edge_width=width if soft and antialiased is None else None,
         ramps_of=scale if antialiased is None else None,

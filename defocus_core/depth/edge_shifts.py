@@ -68,7 +68,7 @@ _EXAMINED, _FACTORS = 1 << 12, (0x9E3779B97F4A7C1, 0x2545F4914F6CDD1D)
 _MIN_STEP, _STEP = 0.3, 1.5
 # A picture of hard edges is shifted if so many profiles count, if the median displacement is so
 # many px, and if such a share of the votes lie within a px of it.
-_VOTES, _BIASED, _AGREED = 100, 0.75, 0.6
+_VOTES, _BIASED, _AGREED = 20, 0.75, 0.6
 # Displacement in px from which on a profile may have ended short of the place: the edges within so
 # many px are shifted once more.
 _FAR, _NEAR_FAR = 5.25, 12

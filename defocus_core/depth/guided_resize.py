@@ -15,8 +15,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.depth.antialiased import without_averages
 from defocus_core.depth.diagnosis import diagnosed
+from defocus_core.depth.soft_edges import AVERAGED, without_ramps
 from defocus_core.tensors.derived import Derived
 from defocus_core.tensors.neighbourhoods import squares_around
 from defocus_core.tensors.source import Pixels, bands
@@ -134,9 +134,9 @@ def _prepared(disparity: Tensor) -> tuple[Tensor, bool]:
         return disparity, False
     radius = disparity * (-_RANGE_PX / span)  # as of a lens that is in focus at infinity
     repair = diagnosed(radius, 0.0, 1)
-    if repair.antialiased is None:
+    if repair.antialiased is None or repair.soft_edges is None:
         return disparity, repair.soft_edges is not None
-    radius = without_averages(radius, infinity=repair.antialiased)
+    radius = without_ramps(radius, repair.soft_edges, AVERAGED)
     if diagnosed(radius, 0.0, 1).ramps:
         return disparity, True
     return (radius * (-span / _RANGE_PX)).clamp(min=0), False

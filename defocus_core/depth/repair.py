@@ -8,11 +8,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from defocus_core.depth.antialiased import AROUND as AROUND_AVERAGES
-from defocus_core.depth.antialiased import without_averages
 from defocus_core.depth.diagnosis import DepthRepair, diagnosed, diagnosed_each
-from defocus_core.depth.edge_pixels import AROUND as AROUND_EDGE_PIXELS
-from defocus_core.depth.edge_pixels import are_beside_their_surface, with_pixels_by_color
 from defocus_core.depth.edge_shifts import AROUND as AROUND_SHIFTS
 from defocus_core.depth.edge_shifts import (
     EdgeShifts,
@@ -25,7 +21,13 @@ from defocus_core.depth.noise import without_noise
 from defocus_core.depth.quantised import AROUND as AROUND_TERRACES
 from defocus_core.depth.quantised import without_terraces
 from defocus_core.depth.repair_options import RepairOptions, repair_options
-from defocus_core.depth.soft_edges import STEEP, around_ramps, slope_of_soft_edges, without_ramps
+from defocus_core.depth.soft_edges import (
+    AVERAGED,
+    STEEP,
+    around_ramps,
+    slope_of_soft_edges,
+    without_ramps,
+)
 from defocus_core.tensors.derived import Repaired, fraction_changed, held
 from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.source import Pixels, banded
@@ -69,30 +71,24 @@ def repaired(
         repair = _as_said(repair, options, radii)
     else:
         radii, repair = _muted(signed_radius, decided.noise, threads, hold=hold), decided
-    if repair.antialiased is not None:
-        repair_window = partial(without_averages, infinity=repair.antialiased)
-        radii = hold_all(Repaired(radii, repair_window, AROUND_AVERAGES), radii)
-    elif repair.soft_edges is not None or repair.ramps:
-        steep = STEEP if repair.soft_edges is None else repair.soft_edges
-        width = options.edge_width
-        repair_window = partial(without_ramps, steep=steep, edge_width=width, scale=repair.ramps_of)
+    soft, scale = repair.soft_edges, repair.ramps_of
+    ramps = list[tuple[float, float | None]]()
+    if repair.antialiased is not None and soft is not None:
+        ramps.append((soft, AVERAGED))
+    elif soft is not None:
+        ramps.append((soft, options.edge_width))
+    if repair.ramps and (soft is None or repair.antialiased is not None):
+        ramps.append((STEEP, options.edge_width))
+    for steep, width in ramps:
+        repair_window = partial(without_ramps, steep=steep, edge_width=width, scale=scale)
         radii = hold_all(Repaired(radii, repair_window, around_ramps(width)), radii)
     shifts = repair.edge_shifts
     if decided is None:
-        slope, scale = repair.soft_edges, repair.ramps_of
-        shifts = measured_shifts(radii, pixels, threads, soft=slope, scale=scale)
+        shifts = measured_shifts(radii, pixels, threads, soft=soft, scale=scale)
     if shifts is not None:
         repair = repair._replace(edge_shifts=shifts)
-        repair_window = partial(with_shifted_edges, shifts=shifts, scale=repair.ramps_of)
+        repair_window = partial(with_shifted_edges, shifts=shifts, scale=scale)
         radii = hold_all(Repaired(radii, repair_window, AROUND_SHIFTS, pixels), radii, pixels)
-    if decided is None:
-        uncertain = repair.soft_edges is not None or (
-            repair.antialiased is not None and are_beside_their_surface(radii, pixels, threads)
-        )
-        repair = repair._replace(uncertain_edges=uncertain)
-    if repair.uncertain_edges:
-        by_color = Repaired(radii, with_pixels_by_color, AROUND_EDGE_PIXELS, pixels)
-        radii = hold_all(by_color, radii, pixels)
     if repair.quantised:
         radii = hold_all(Repaired(radii, without_terraces, AROUND_TERRACES), radii)
     return radii, repair._replace(fraction=fraction_changed(signed_radius, radii))

@@ -36,6 +36,8 @@ _FOOT, FOOT_FRACTION = 10, 0.3
 # Longest path to an end of a ramp, in px, unless the width of edges is known; difference of radii
 # in px by which steps are as steep.
 _LONGEST, _AS_STEEP = 16, 2.0**-10
+# Width in px of an edge of averages: depth that was filtered like colours, or resized.
+AVERAGED = 3
 
 
 def longest_ramp(edge_width: float | None) -> int:
@@ -46,7 +48,7 @@ def longest_ramp(edge_width: float | None) -> int:
 def around_ramps(edge_width: float | None) -> int:
     """Px around a pixel that decide what `without_ramps` makes of it."""
     longest = longest_ramp(edge_width)
-    return longest + max(_FOOT, longest // 2) + 2
+    return longest + max(_FOOT, longest // 2) + 3
 
 
 def without_ramps(
@@ -83,7 +85,10 @@ def without_ramps(
     index = at[:, 0] * W + at[:, 1]
     radii, around = signed_radius.flatten(), squares_around(at, (H, W)).flatten(1)
     flat = values.flatten()
-    near, far = (_path_end(each, around, index, longest) for each in (flat, -flat))
+    near, far = (
+        _least_beside(each, _path_end(each, around, index, longest), (H, W))
+        for each in (flat, -flat)
+    )
     found = ~(ramp.flatten()[near] | ramp.flatten()[far])
     if scale is not None:
         along = torch.hypot(*(((near - far) // W).double(), (near % W - far % W).double()))
@@ -113,6 +118,13 @@ def _path_end(values: Tensor, around: Tensor, index: Tensor, longest: int) -> Te
         lowest = torch.where(steepest, values[limits], torch.inf).argmin(1, keepdim=True)
         end.index_copy_(0, index, limits.gather(1, lowest)[:, 0])
     return end[index]
+
+
+def _least_beside(values: Tensor, at: Tensor, size: tuple[int, int]) -> Tensor:
+    """The least of the pixels around the ends [n] of paths: levels end a ramp too soon at times."""
+    row = at.div(size[1], rounding_mode="floor")
+    beside = squares_around(torch.stack([row, at - row * size[1]], 1), size).flatten(1)
+    return beside.gather(1, values[beside].argmin(1, keepdim=True))[:, 0]
 
 
 def softness(slope: Tensor) -> Tensor:

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.depth.edge_surfaces import EDGE
+from defocus_core.depth.matting import EDGE
 from defocus_core.renderer.blur.field_blend import CORNERS
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.preparation import copies_of_tile

@@ -21,7 +21,7 @@ def repair_words(repair: DepthRepair | None) -> str:
     if repair.antialiased is not None:
         of = "disparity" if math.isinf(repair.antialiased) else "distance"
         done.append(f"anti-aliased as averages of {of}, its edges made hard")
-    if repair.soft_edges is not None:
+    elif repair.soft_edges is not None:
         wide = "" if repair.edge_width is None else f", {repair.edge_width:.3g} px wide before"
         of = "" if repair.ramps_of is None else " of distance"
         done.append(f"its soft edges{of} made steps{wide}")
@@ -47,8 +47,8 @@ def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
     kinds = {
         "noise": repair.noise is not None,
         "anti-aliased": repair.antialiased is not None,
-        "soft-edges": repair.soft_edges is not None,
-        "ramps": repair.ramps and repair.soft_edges is None and repair.antialiased is None,
+        "soft-edges": repair.soft_edges is not None and repair.antialiased is None,
+        "ramps": repair.ramps and repair.soft_edges is None,
         "displaced-edges": repair.edge_shifts is not None,
         "few-levels": repair.quantised,
     }

@@ -13,11 +13,11 @@ from defocus_core.renderer.compositing.known_surfaces import add_known
 from defocus_core.renderer.compositing.openings import Openings
 from defocus_core.renderer.compositing.saturating_sum import (
     add_within,
-    filled_up_to,
     fraction_behind,
     is_full,
     summed,
 )
+from defocus_core.renderer.compositing.sight_limits import SightLimits
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 
@@ -57,21 +57,21 @@ class TileCompositor:
     """
 
     def __init__(
-        self, blank: list[Tensor], full: list[Tensor | float], doubt: float | None
+        self, blank: list[Tensor], full: list[Tensor | float], sight: SightLimits | None
     ) -> None:
         """Begin without surfaces.
 
         Args:
             blank: As `by_group`: zeros, which are overwritten.
             full: Greatest coverage of each group.
-            doubt: Share of a part up to which gaps between visible surfaces may be errors.
+            sight: How far the lens sees at each pixel; None where nothing limits it.
         """
         self.by_group = blank
         self.moved: Tensor | None = None
         self.invented: Tensor | None = None
         self._full = full
         self._reserved: list[Tensor | None] = [None for _ in full]
-        self._doubt = doubt
+        self.sight = sight
 
     def add(self, layers: list[dict[int, ShownLayer]]) -> None:
         """Add visible surfaces, given for each group as layers by their numbers."""
@@ -81,6 +81,8 @@ class TileCompositor:
                 box, layer, by = surfaces[number]
                 within = box.of(maximum) if isinstance(maximum, Tensor) else maximum
                 fraction = fraction_behind(box.of(front), layer, within)
+                if self.sight and (seen := self.sight.over(box).to(number)) is not None:
+                    fraction = fraction * seen
                 front = add_within(front, box, layer, fraction)
                 if by is not None:
                     moved = torch.zeros_like(front[:, :-1]) if self.moved is None else self.moved
@@ -237,11 +239,7 @@ class TileCompositor:
             return maximum
         if reserved is not None:
             maximum = maximum - reserved
-        return (
-            maximum
-            if self._doubt is None
-            else filled_up_to(self.by_group[group], maximum, self._doubt)
-        )
+        return maximum
 
 
 def _changed(front: Tensor, added: Tensor, factor: Tensor | None = None) -> Tensor:

@@ -12,10 +12,12 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
+from defocus_core.depth.matting import Unmixed
 from defocus_core.renderer.layers.stacked_samples import Sampled
 from defocus_core.tensors.order_statistics import Ranks
-from defocus_core.tensors.sparse_masks import exceeding, positions_of
+from defocus_core.tensors.sparse_masks import positions_of
 from defocus_core.tensors.tiling import BLOCK
 
 # A highlight is brighter than this many times the brightest of all but one pixel in 200.
@@ -69,22 +71,20 @@ def reached_by(farthest: int) -> int:
     return 3 * farthest + 2 * BLOCK
 
 
-def split(pixels: Tensor, signed_radius: Tensor, limit: float) -> tuple[Tensor, Highlights | None]:
-    """Separate highlights from [C, H, W] pixels; in the rest they are black.
+def split(
+    unmixed: Unmixed, signed_radius: Tensor, limit: float
+) -> tuple[Unmixed, Highlights | None]:
+    """Separate highlights from pixels taken apart; in the rest they are black.
 
     Args:
-        pixels: [C, H, W].
+        unmixed: Of colours [C, H, W].
         signed_radius: [H, W] px.
         limit: The `threshold` of the frame.
     """
-    if float(pixels.detach().amax()) <= limit:
-        return pixels, None
-    brightness = pixels.detach().amax(0)
-    bright = exceeding(brightness, limit)
-    at = positions_of(bright)
-    rows, columns = at.unbind(-1)
-    rest = torch.where(bright, 0.0, pixels)
-    return rest, Highlights(at, pixels[:, rows, columns].T, signed_radius[rows, columns])
+    samples, highlights = split_samples(
+        Sampled(unmixed, []), len(unmixed.color), signed_radius, limit
+    )
+    return samples.nearest, highlights
 
 
 def split_samples(
@@ -122,7 +122,7 @@ def split_samples(
         row, column = at.unbind(1)
         drawn.append((at, color[:, row, column].T, radius[row, column]))
     at, light, radius = (torch.cat(each) for each in zip(*drawn, strict=True))
-    light = torch.cat([light, torch.zeros_like(light[:, :1])], 1)
+    light = pad(light, (0, len(nearest.color) - channels))
     nearest = nearest._replace(color=dark, fringe=nearest.fringe._replace(layer=rest))
     return Sampled(nearest, farther), Highlights(at, light, radius)
 

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.depth.matting import Unmixed
 from defocus_core.renderer.layers.block_index import blocks_of
-from defocus_core.renderer.layers.matting import Unmixed
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.tensors.neighbourhoods import extreme_around
 from defocus_core.tensors.sparse_masks import exceeding

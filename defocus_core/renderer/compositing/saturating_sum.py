@@ -72,21 +72,6 @@ def add_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tens
     )
 
 
-def filled_up_to(front: Tensor, full: Tensor | float, doubt: float) -> Tensor:
-    """Greatest coverage [M, 1, h, w] if small gaps may be errors of the visible layers.
-
-    A gap g smaller than the doubt d is filled by g / d alone: a gap of d / 10 by a tenth.
-
-    Args:
-        front: [M, C + 1, h, w], as in `fraction_behind`.
-        full: Greatest coverage without doubt.
-        doubt: Gap in coverage up to which it may be an error.
-    """
-    covered = front[:, -1:]
-    left = (full - covered).clamp(min=0)
-    return covered + left * (left / doubt).clamp(max=1)
-
-
 def add_within(total: Tensor, box: Box, values: Tensor, fraction: Tensor | None = None) -> Tensor:
     """Add values [M, C, h, w] of a rectangle, times a share, to a total [M, C, H, W].
 

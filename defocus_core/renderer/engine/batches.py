@@ -83,12 +83,11 @@ def batches(
     surveys = surveyed_each(pixels, signed_radius, computed_in(pixels, signed_radius))
     quality = find(settings[0].quality)
     contents = [
-        content_of(survey, quality, quantised=repair.quantised, uncertain=repair.uncertain_edges)
-        for survey, repair in zip(surveys, repairs, strict=True)
+        content_of(survey, quality) for survey, repair in zip(surveys, repairs, strict=True)
     ]
     alike: dict[object, list[int]] = {}
     for number, (content, own) in enumerate(zip(contents, settings, strict=True)):
-        key = content.quantised, content.uncertain, content.double, *_pupil(own, quality)
+        key = content.double, *_pupil(own, quality)
         alone = content.highlights or content.minimum < 0 or _is_opaque(content, own, pixels)
         alike.setdefault((*key, number if alone else None), []).append(number)
     return [

@@ -33,8 +33,6 @@ class Content(NamedTuple):
         limits: Least and greatest signed radius in px of what is visible.
         edges: Whether surfaces hide others.
         tilted: Whether surfaces may be tilted.
-        quantised: Whether depth had few levels: small gaps between surfaces may be its errors.
-        uncertain: Whether edges of depth were soft or averages.
         minimum: Least light, 0 unless pixels are negative (colours outside the gamut).
         limit: Brightness that a highlight exceeds.
         highlights: Whether there are highlights.
@@ -45,8 +43,6 @@ class Content(NamedTuple):
     limits: tuple[float, float]
     edges: bool
     tilted: bool
-    quantised: bool
-    uncertain: bool
     minimum: float
     limit: float
     highlights: bool

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from defocus_core.renderer.blur.layer_blur import Blur, ShownLayer
 from defocus_core.renderer.compositing.saturating_sum import add_behind, summed
+from defocus_core.renderer.compositing.sight_limits import SightLimits
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.renderer.layers.samples import SurfaceSamples
@@ -29,7 +30,10 @@ class Hidden:
     """A hidden surface over a tile, as each group of m parts of the aperture sees it."""
 
     def __init__(
-        self, octaves: list[dict[int, Tensor]], enlarged: Callable[[Tensor], Tensor]
+        self,
+        octaves: list[dict[int, Tensor]],
+        enlarged: Callable[[Tensor], Tensor],
+        sight: SightLimits | None,
     ) -> None:
         """Keep the octaves of blur of the surface.
 
@@ -37,22 +41,40 @@ class Hidden:
             octaves: For each group the octaves [m, C + 1, h, w], in coarse pixels; octaves of one
                 side of focus add up, the sides occlude each other.
             enlarged: Makes px of coarse pixels.
+            sight: How far the lens sees in the tile; None where nothing limits it.
         """
         self._octaves = octaves
         self._enlarged = enlarged
+        self._sight = sight
 
     def of(self, octave: int) -> list[Tensor | None]:
         """For each group one octave alone [m, C + 1, h, w]; None if nothing is of this octave."""
-        groups = (octaves.get(octave) for octaves in self._octaves)
-        return [None if coarse is None else self._enlarged(coarse) for coarse in groups]
+        return [self._seen(octaves, [octave]) for octaves in self._octaves]
 
     def whole(self) -> list[Tensor | None]:
         """For each group all octaves [m, C + 1, h, w]; None if there is nothing."""
         whole: list[Tensor | None] = []
         for octaves in self._octaves:
-            sides = [side for s in (-1, 0, 1) if (side := _side(octaves, s)) is not None]
-            whole.append(self._enlarged(_occluding(sides)) if sides else None)
+            sides = ([o for o in octaves if (o > 0) - (o < 0) == side] for side in (-1, 0, 1))
+            seen = [px for side in sides if (px := self._seen(octaves, side)) is not None]
+            whole.append(_occluding(seen) if seen else None)
         return whole
+
+    def _seen(self, octaves: dict[int, Tensor], which: list[int]) -> Tensor | None:
+        """The sum of octaves of a group, in px, as far as the lens sees; None if it has none."""
+        unlimited: list[Tensor] = []
+        parts: list[Tensor] = []
+        for octave in which:
+            limit = None if self._sight is None else self._sight.to_octave(octave)
+            if (coarse := octaves.get(octave)) is None:
+                continue
+            if limit is None:
+                unlimited.append(coarse)
+            else:
+                parts.append(self._enlarged(coarse) * limit)
+        if unlimited:
+            parts.append(self._enlarged(reduce(torch.add, unlimited)))
+        return reduce(torch.add, parts) if parts else None
 
 
 class Filling:
@@ -119,8 +141,8 @@ class Filling:
         """Whether a part of the surface over a tile is of an octave of blur."""
         return any(self._octave_of_slice[k * self._stride] == octave for k in self.plan[index])
 
-    def over_tile(self, index: int) -> Hidden:
-        """The surface over a tile."""
+    def over_tile(self, index: int, sight: SightLimits | None = None) -> Hidden:
+        """The surface over a tile, as far as the lens sees."""
         tile, coarse = self._tiles.tiles[index], self._coarse_of[index]
         size = coarse.height, coarse.width
         octaves = [
@@ -133,7 +155,7 @@ class Filling:
             rows, columns = (self._between(d, tile, coarse, surface) for d in (0, 1))
             return resampled(surface, rows, columns)
 
-        return Hidden(octaves, enlarged)
+        return Hidden(octaves, enlarged, sight)
 
     def _octaves(self, layers: dict[int, ShownLayer], size: tuple[int, int]) -> dict[int, Tensor]:
         """The sum [m, C + 1, h, w] of the layers of each octave that has one."""
@@ -166,12 +188,6 @@ def _samples(hidden: HiddenLayer, radii: tuple[float, ...]) -> SurfaceSamples:
     return SurfaceSamples(
         color, coverage, positions, nowhere, no_fringe, positions.flatten()[:0], None, None
     )
-
-
-def _side(octaves: dict[int, Tensor], side: int) -> Tensor | None:
-    """The sum of the octaves nearer than focus (-1), in focus (0) or beyond (1); None for none."""
-    coarse = [x for octave, x in octaves.items() if (octave > 0) - (octave < 0) == side]
-    return reduce(torch.add, coarse) if coarse else None
 
 
 def _occluding(layers: list[Tensor]) -> Tensor:

@@ -44,7 +44,7 @@ def add_in_order(
 
     def over_tile(surface: Filling) -> Hidden:
         if surface not in blurred:
-            blurred[surface] = surface.over_tile(index)
+            blurred[surface] = surface.over_tile(index, compositor.sight)
         return blurred[surface]
 
     def fill(octave: int) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
+from defocus_core.depth.matting import Unmixed, whole
 from defocus_core.renderer.blur.layer_blur import Sliced
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.frame_border import border_fallback
@@ -23,7 +24,6 @@ from defocus_core.renderer.engine.shared_fill import FillOfColors, continued
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.renderer.inpainting.known_layer import separated
-from defocus_core.renderer.layers.matting import Unmixed, whole
 from defocus_core.renderer.layers.samples import SurfaceSamples
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.stacked_samples import Sampled, SampleStack
@@ -84,6 +84,10 @@ class LayeredRegion(Region):
         )
         self._others = samples.others
         return samples.nearest, radius, highlights
+
+    def _limits_of_sight(self, signed_radius: Tensor, positions: Tensor, core: Box) -> None:
+        """None: openings are of samples."""
+        return
 
     def _fractions_within(
         self, bounds: Box, signed_radius: Tensor, groups: list[slice]

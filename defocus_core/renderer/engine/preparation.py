@@ -35,7 +35,7 @@ from defocus_core.renderer.engine.statistics import (
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.inpainting.hidden_layers import PX_AROUND
 from defocus_core.renderer.inpainting.known_layer import KnownLayer
-from defocus_core.renderer.layers.octaves import composite_order, kept_apart
+from defocus_core.renderer.layers.octaves import composite_order, octaves
 from defocus_core.renderer.layers.quality import Quality
 from defocus_core.renderer.layers.slice_radii import SHARP, evenly, layers, slice_radii
 from defocus_core.renderer.layers.stacked_samples import Layered
@@ -213,8 +213,6 @@ def content_of(
     survey: Survey,
     quality: Quality,
     *,
-    quantised: bool = False,
-    uncertain: bool = False,
     layered: bool = False,
     all_ranges: tuple[float, float] | None = None,
 ) -> Content:
@@ -223,8 +221,6 @@ def content_of(
     Args:
         survey: Its statistics.
         quality: Settings of the quality.
-        quantised: Whether radii had few levels before they were repaired.
-        uncertain: Whether edges of depth were soft or averages before they were repaired.
         layered: Whether it is of layers.
         all_ranges: Least and greatest signed radius of all colours that are rendered apart; None
             for those of these pixels.
@@ -234,8 +230,6 @@ def content_of(
         limits=all_ranges or (survey.minimum, survey.maximum),
         edges=layered or max(survey.steepest) > EDGE,
         tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.min_slope**2,
-        quantised=quantised,
-        uncertain=uncertain,
         minimum=min(survey.darkest, 0.0),
         limit=limit,
         highlights=survey.brightest > limit,
@@ -254,13 +248,13 @@ def _slices(
     """The slices of what is visible, known and invented, of fine and of coarse resolution."""
     fine, coarse = resolutions
     order = composite_order(radii, layer_indices)
-    octaves = kept_apart(radii, order.ahead)
-    known = merged_layers(layer_indices, octaves, fine.spreads, tile)
-    invented = merged_layers(layer_indices, octaves, coarse.spreads, _halved(tile, coarse.level))
+    of_hidden = octaves(radii)
+    known = merged_layers(layer_indices, of_hidden, fine.spreads, tile)
+    invented = merged_layers(layer_indices, of_hidden, coarse.spreads, _halved(tile, coarse.level))
     return Slices(
         radii,
         order,
-        octaves,
+        of_hidden,
         visible=slicing(fine, layer_indices, 1),
         known=slicing(fine, known, 1),
         invented=slicing(coarse, invented, stride),

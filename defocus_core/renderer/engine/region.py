@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import partial
 
 import torch
 from torch import Tensor
 
+from defocus_core.depth.matting import Unmixed, unmixed, whole
 from defocus_core.renderer.blur.field_blend import blended
 from defocus_core.renderer.blur.layer_blur import Blur, Sliced
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
@@ -26,6 +26,7 @@ from defocus_core.renderer.compositing.saturating_sum import (
     pair_of,
     picture,
 )
+from defocus_core.renderer.compositing.sight_limits import SightLimits
 from defocus_core.renderer.engine.field import corner_views, frame_at, views_of
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.hidden_fill import Filling
@@ -34,7 +35,6 @@ from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.shared_fill import FillOfColors, continued
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
 from defocus_core.renderer.inpainting.known_layer import known_within, separated
-from defocus_core.renderer.layers.matting import Unmixed, unmixed, whole
 from defocus_core.renderer.layers.samples import Sheet, SurfaceSamples
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.slopes import AROUND as AROUND_SLOPES
@@ -48,9 +48,6 @@ from defocus_core.tensors.views import Views
 
 # Px around a pixel that decide the slope of its radius, and the gradient of its colours.
 _AROUND = max(AROUND_SLOPES, AROUND_SHIFTS)
-# Greatest gap between visible surfaces that may be an error of depth in few levels, as a share of
-# the least slope: half an aperture sees a surface of slope s too thin by 4 / 3 pi of s.
-_DOUBT = 0.5
 
 
 class Region:
@@ -96,6 +93,8 @@ class Region:
         inmost = core.seen_from(outer)
         self._others: list[Sheet] = []
         unmixed_pixels, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
+        positions = slice_position(signed_radius, slices.radii)
+        self._sight = self._limits_of_sight(signed_radius, positions, inmost)
         radius, groups = inmost.of(signed_radius), frame.division.groups
         self._in_frame = self._fractions_within(frame.box, radius, groups[:1])
         self._in_scene = self._fractions_within(frame.scene, radius, groups) if frame.cut else None
@@ -103,13 +102,12 @@ class Region:
         self._fallback = (
             border_fallback(inmost.of(unmixed_pixels.color), frame.trace) if frame.trace else None
         )
-        positions = slice_position(signed_radius, slices.radii) if highlights else None
         self._visible = self._in_front(unmixed_pixels, signed_radius, positions)
         self._hidden: list[Filling] = []
         if backdrop is not None:
             self._hidden = self._fillings(unmixed_pixels.color, signed_radius, backdrop, outer)
         self._highlights: Tensor | None = None
-        if highlights and positions is not None:
+        if highlights:
             occluders = occluders_of(unmixed_pixels, signed_radius, positions, slices.radii)
             self._highlights = self._drawn(highlights, occluders, inmost)
 
@@ -118,13 +116,22 @@ class Region:
     ) -> tuple[Unmixed, Tensor, Highlights | None]:
         """The visible surfaces in the rectangle `outer`: pixels, radii, and highlights apart."""
         frame = self._frame
-        highlights = None
-        if frame.content.highlights:
-            pixels, highlights = split(pixels, signed_radius, frame.content.limit)
         unmixes = frame.content.edges and frame.quality.unmixes
-        unmix = partial(unmixed, uncertain=frame.content.uncertain) if unmixes else whole
-        unmixed_pixels = unmix(pixels, signed_radius)
-        return unmixed_pixels, signed_radius, highlights
+        shown = (unmixed if unmixes else whole)(pixels, signed_radius)
+        if frame.content.highlights:
+            shown, highlights = split(shown, signed_radius, frame.content.limit)
+            return shown, signed_radius, highlights
+        return shown, signed_radius, None
+
+    def _limits_of_sight(
+        self, signed_radius: Tensor, positions: Tensor, core: Box
+    ) -> SightLimits | None:
+        """How far the lens sees at each pixel of the region; None if no surface hides another."""
+        slices = self._frame.slices
+        if not self._frame.content.edges:
+            return None
+        limits = SightLimits.of(signed_radius, positions, slices.visible.layers, slices.octaves)
+        return limits.over(core)
 
     def _drawn(self, highlights: Highlights, occluders: Sequence[Occluder], core: Box) -> Tensor:
         """The discs of highlights behind surfaces, for each part of the aperture."""
@@ -148,14 +155,14 @@ class Region:
         return [blended(fraction, core, core) for fraction in fractions] if seen else fractions
 
     def _in_front(
-        self, unmixed_pixels: Unmixed, signed_radius: Tensor, positions: Tensor | None
+        self, unmixed_pixels: Unmixed, signed_radius: Tensor, positions: Tensor
     ) -> Sliced:
-        """The visible surfaces, from pixels, their radii, and their positions if known."""
+        """The visible surfaces, from pixels, their radii, and their positions."""
         frame, inside = self._frame, self._inside
         radii, (aperture, parts, _, groups) = frame.slices.radii, frame.division
         around = inside.grown(_AROUND, Box(0, 0, *signed_radius.shape[-2:]))
         inner, radius = inside.seen_from(around), around.of(signed_radius)
-        positions = slice_position(radius, radii) if positions is None else around.of(positions)
+        positions = around.of(positions)
         lean = shifts = None
         if frame.content.tilted:
             lean = slopes(radius, frame.quality.min_slope)
@@ -245,14 +252,13 @@ class Region:
 
     def _blank(self, index: int) -> TileCompositor:
         """The views of a tile without surfaces."""
-        content, quality = self._frame.content, self._frame.quality
-        doubt = _DOUBT * quality.min_slope if content.quantised else None
         size, like = self._tiles[index][2:], self._like
         blank = [
             like.new_zeros(group.stop - group.start, len(like) + 1, *like.shape[1:-2], *size)
             for group in self._frame.division.groups
         ]
-        return TileCompositor(blank, self._full(index), doubt)
+        sight = self._sight and self._sight.over(self._tiles[index].seen_from(self._tiles[0]))
+        return TileCompositor(blank, self._full(index), sight)
 
     def _reaching(self, index: int) -> list[Filling]:
         """The hidden surfaces that reach a tile, known before invented."""

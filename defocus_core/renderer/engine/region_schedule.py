@@ -65,7 +65,15 @@ def rendered_regions(
                 in_memory = isinstance(pixels, Tensor)
                 shown = pixels[:-1] if in_memory else layered.picture(alpha=False)
             limit = max(limit, 1.0)  # alpha is no light
-        backdrop = backdrop_of(shown, signed_radius, limit, frame.dtype, threads, content.limits)
+        backdrop = backdrop_of(
+            shown,
+            signed_radius,
+            limit,
+            frame.dtype,
+            threads,
+            content.limits,
+            unmixes=frame.quality.unmixes and scene.layered is None,
+        )
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     at_once = min(threads, len(grids), at_once or threads)
     # a copied pixel has no gradient to the radius

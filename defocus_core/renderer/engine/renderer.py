@@ -146,8 +146,6 @@ class Renderer:
         return content_of(
             surveyed(counted, signed_radius, dtype, self._settings.threads),
             quality,
-            quantised=self.repair.quantised and not self.at_half_size,
-            uncertain=self.repair.uncertain_edges,
             layered=layered,
             all_ranges=limits,
         )

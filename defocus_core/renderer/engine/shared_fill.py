@@ -14,11 +14,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.depth.matting import unmixed, whole
 from defocus_core.renderer.compositing.highlights import split
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, hidden_layer
-from defocus_core.renderer.layers.matting import unmixed, whole
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.source import Pixels, banded
@@ -86,12 +86,10 @@ class SharedFill:
         pixels, radius = (
             outer.of(x).to(frame.dtype).contiguous() for x in (self._pixels, self._radius)
         )
+        shown = (unmixed if frame.quality.unmixes else whole)(pixels, radius)
         if frame.content.highlights:
-            pixels, _ = split(pixels, radius, frame.content.limit)
-        unmixed_pixels = whole(pixels, radius)
-        if frame.quality.unmixes:
-            unmixed_pixels = unmixed(pixels, radius, uncertain=frame.content.uncertain)
-        return continued(unmixed_pixels.color, radius, self._backdrop, outer, inside, frame)
+            shown, _ = split(shown, radius, frame.content.limit)
+        return continued(shown.color, radius, self._backdrop, outer, inside, frame)
 
     @cached_property
     def _frame(self) -> SharedFrame:
@@ -108,6 +106,7 @@ class SharedFill:
             frame.dtype,
             frame.settings.threads,
             frame.content.limits,
+            unmixes=frame.quality.unmixes,
         )
 
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.depth.matting import unmixed
 from defocus_core.renderer.inpainting.coherence_transport import structure
 from defocus_core.renderer.inpainting.disocclusion import Reach, coarse_edges, grain_of, reach_of
 from defocus_core.renderer.inpainting.two_layer_pyramid import (
@@ -37,7 +38,7 @@ _MIXED = 0.25
 # Greatest number of rows of quarter resolution, and of pixels of full resolution, in one band on a
 # CPU, and bytes that a pixel takes elsewhere; rows of quarter resolution around a band that it
 # depends on.
-_BAND, _PIXELS, _BYTES_EACH, _AROUND = 32, 1 << 20, 120, 2
+_BAND, _PIXELS, _BYTES_EACH, _AROUND = 32, 1 << 20, 120, 3
 # The last level has coarse pixels this many times as wide as the range of radii; no round number,
 # so that rounding decides nothing.
 _WIDER = 1.99
@@ -73,6 +74,8 @@ def backdrop_of(
     dtype: torch.dtype | None = None,
     threads: int = 1,
     limits: tuple[float, float] | None = None,
+    *,
+    unmixes: bool = True,
 ) -> Backdrop:
     """The pyramid of a frame, and the reach of its edges.
 
@@ -83,6 +86,7 @@ def backdrop_of(
         dtype: Type to compute in; None for the type of the pixels.
         threads: Number of bands computed at once.
         limits: Least and greatest radius in px; None to find them.
+        unmixes: Whether mixed pixels are taken apart, so that only the farther surface goes on.
     """
     H, W = signed_radius.shape[-2:]
     device = signed_radius.device
@@ -108,6 +112,7 @@ def backdrop_of(
             limit,
             grain,
             axes((H, W), top),
+            unmixes=unmixes,
         )
         start = 0 if rows[0] == 0 else 2 * first + halved_rows
         end = edges.shape[-2] if rows[1] == quarter.length else 2 * last + halved_rows
@@ -150,11 +155,17 @@ def _coarsely(
     limit: float,
     grain: float,
     middle: tuple[Axis, Axis],
+    *,
+    unmixes: bool,
 ) -> tuple[PyramidLevel, Tensor, int]:
     """The level of quarter resolution; edges at half resolution, and the middle row in these."""
     r = signed_radius.detach()
     farther = _beside_edges(r)
     weight = exceeding(pixels.detach().amax(0), limit).logical_not_().to(r.dtype)
+    if unmixes:
+        pixels, _, fringe = unmixed(pixels, signed_radius)
+        mixed = fringe.at[:, 0] * r.shape[-1] + fringe.at[:, 1]
+        weight.flatten()[mixed] *= 1 - fringe.layer.detach()[:, -1]
     weight.flatten()[farther] *= _MIXED
     half = coarser(pixels_of([pixels, signed_radius[None]], signed_radius, middle, weight))
     edges = coarse_edges(r, farther, grain, middle)

@@ -18,8 +18,6 @@ from defocus_core.tensors.device_plan import sent
 # A hidden octave comes before visible layers whose radius is this many times its greatest one.
 # Surfaces of like radii cover each other by chance; for them the order stays.
 _MORE = 1.263
-# Octave of hidden slices too blurred to come before a visible layer.
-_REST = 64
 
 
 class CompositeOrder(NamedTuple):
@@ -69,8 +67,3 @@ def composite_order(radii: tuple[float, ...], layer_indices: list[int]) -> Compo
     around = sum(r <= -ALONE for r in radii)
     first = layer_indices[around] if around < len(radii) else len(radii)
     return CompositeOrder(first, min(minimum, default=len(radii)), ahead)
-
-
-def kept_apart(radii: tuple[float, ...], ahead: dict[int, int]) -> list[int]:
-    """For each slice its octave; octaves that come before no visible layer share one a side."""
-    return [o if o == 0 or o in ahead else int(math.copysign(_REST, o)) for o in octaves(radii)]

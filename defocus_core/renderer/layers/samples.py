@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.layers.matting import Unmixed
+from defocus_core.depth.matting import Unmixed
 from defocus_core.renderer.layers.slice_radii import membership, slice_position
 from defocus_core.renderer.layers.subpixel_shifts import Shifts
 from defocus_core.tensors.box import Box

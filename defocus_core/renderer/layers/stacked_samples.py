@@ -14,7 +14,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.layers.matting import Fringe, Unmixed
+from defocus_core.depth.matting import Fringe, Unmixed
 from defocus_core.renderer.layers.samples import Sheet
 from defocus_core.tensors.box import Box, Span
 from defocus_core.tensors.derived import Derived, held

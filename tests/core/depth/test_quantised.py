@@ -123,7 +123,7 @@ def test_no_thin_lines_show_what_lies_far_behind(quality: str) -> None:
     found = render(image, radius.float(), quality=quality).render[:, 56:-4, 36:-8]
     rough = render(image, without_gaps(radius).float(), quality=quality).render[:, 56:-4, 36:-8]
     assert worst(found, 0.0) < 0.03
-    assert worst(rough, 0.0) > 5 * worst(found, 0.0)
+    assert worst(rough, 0.0) < 0.03  # what is opaque has no holes
 
 
 def without_gaps(radius: Tensor) -> Tensor:

@@ -144,7 +144,8 @@ def test_hard_edges_that_are_displaced_here_and_there_stay() -> None:
 def test_a_slope_beside_an_edge_stays() -> None:
     tilt = 0.2 * (torch.arange(SIZE[0], dtype=torch.float64)[:, None] - SIZE[0] / 2)
     found = with_hard_edges(soft_depth(7, 4) + tilt, two_colors())
-    assert worst(found, hard_depth() + tilt) < 0.2 * 24  # within the longest path
+    off = (found - hard_depth() - tilt).abs() > 0.2 * 24  # the longest path
+    assert int(off.sum(1).amax()) <= 1
     for columns in (slice(None, MIDDLE - 12), slice(MIDDLE + 18, None)):
         assert torch.equal(found[:, columns], (hard_depth() + tilt)[:, columns])
 
@@ -186,7 +187,8 @@ def test_a_window_holds_what_the_whole_holds(seed: int) -> None:
 
 
 def told(radius: Tensor) -> bool:
-    slope = diagnosed(radius, None, threads=1).soft_edges
+    found = diagnosed(radius, None, threads=1)
+    slope = found.soft_edges if found.antialiased is None else None
     if slope is not None:
         assert slope == slope_of_soft_edges(
             float(radius.detach().min()), float(radius.detach().max()), radius.shape
@@ -248,7 +250,7 @@ def test_each_radius_has_one_source() -> None:
 
 @pytest.mark.parametrize("shift", [-5, 5])
 def test_a_sharp_subject_has_neither_a_halo_nor_a_blurred_rim(shift: int) -> None:
-    """Depth that is soft and 5 px off makes the picture that true depth makes."""
+    """Depth that is 5 px off, soft or hard, makes the picture that true depth makes."""
     image = two_colors()
     slats = 1 + 0.8 * torch.sin(torch.arange(SIZE[0], dtype=torch.float64))[:, None]
     image[..., MIDDLE:] *= slats
@@ -256,7 +258,7 @@ def test_a_sharp_subject_has_neither_a_halo_nor_a_blurred_rim(shift: int) -> Non
     found = render(image, soft_depth(7, shift, far=12.0)).render
     off = render(image, soft_depth(1, shift, far=12.0)).render
     assert worst(inner(found, 4), inner(true, 4)) < 1e-6
-    assert worst(inner(off, 4), inner(true, 4)) > 0.1
+    assert worst(inner(off, 4), inner(true, 4)) < 1e-6
 
 
 def test_low_contrast_is_enough() -> None:

@@ -8,7 +8,6 @@ from torch import Tensor
 
 from defocus_core.renderer.compositing.saturating_sum import (
     add_behind,
-    filled_up_to,
     pair_of,
     picture,
 )
@@ -44,14 +43,6 @@ def test_coverage_saturates_at_one() -> None:
     seen = composite((0.6, 1.0), (0.8, 0.5), (0.5, 9.0))
     assert worst(seen[:, 1], 1.0) < EXACT
     assert worst(seen[:, 0], 0.6 + 0.4 * 0.5) < EXACT
-
-
-@pytest.mark.parametrize(("gap", "filled"), [(0.3, 0.3), (0.1, 0.1), (0.05, 0.025), (0.01, 0.001)])
-def test_small_gaps_are_filled_by_their_share_of_the_doubt(gap: float, filled: float) -> None:
-    seen = composite((0.9 - gap, 1.0))
-    maximum = filled_up_to(seen, 0.9, 0.1)
-    assert worst(add_behind(seen, layer(1.0, 0.5), maximum)[:, 1], 0.9 - gap + filled) < EXACT
-    assert worst(filled_up_to(seen, 0.5 - gap, 0.1), seen[:, 1:]) == 0  # more is covered already
 
 
 def test_nothing_adds_nothing() -> None:

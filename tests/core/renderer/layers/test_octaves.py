@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from defocus_core.renderer.layers.octaves import composite_order, kept_apart, octaves
+from defocus_core.renderer.layers.octaves import composite_order, octaves
 
 RADII = (-9.0, -5.0, -2.5, -1.0, 0.0, 1.0, 2.5, 3.5, 5.0, 6.0, 9.0, 12.0, 20.0, 30.0)
 LAYERS = [0, 1, 2, 3, 4, 5, 6, 6, 7, 7, 8, 8, 9, 10]
@@ -25,10 +25,3 @@ def test_where_nothing_is_beyond_focus_nothing_comes_before_it() -> None:
     assert composite_order((-5.0, -2.5, -1.0, 0.0), [0, 1, 2, 3]) == (2, 4, {}, ())
     assert composite_order((-5.0, -2.5), [0, 1]) == (2, 2, {}, ())
     assert composite_order((0.0, 2.5, 3.5), [0, 1, 1]) == (0, 1, {}, ())
-
-
-def test_what_comes_before_nothing_is_not_told_apart() -> None:
-    radii = (-12.0, -5.0, 0.0, 2.5, 5.0, 12.0)
-    far, near, focus, *beyond = kept_apart(radii, composite_order(radii, [*range(6)]).ahead)
-    assert (near, focus, beyond[:2]) == (-2, 0, [1, 2])
-    assert (far, beyond[2]) == (-64, 64)

@@ -1,0 +1,90 @@
+"""A mixed pixel holds two surfaces, whichever of them its depth names."""
+
+import pytest
+import torch
+from torch import Tensor
+from torch.nn.functional import avg_pool2d, max_pool2d, pad
+
+from defocus_core import render
+
+SIZE, FINE, MARGIN = (72, 96), 6, 24
+COLORS = {"dark on grey": (0.02, 0.5), "bright on dark": (0.9, 0.2), "light": (20.0, 0.2)}
+RADII = [(-9.0, 0.0), (0.0, 9.0), (-6.0, 6.0)]
+
+
+def disc() -> Tensor:
+    """Samples of a disc that one row of pixels cuts by any share, many a pixel."""
+    y, x = ((torch.arange(FINE * n, dtype=torch.float64) + 0.5) / FINE for n in SIZE)
+    return ((x - 47.3).square() + (y[:, None] - 36.7).square() < 21.4**2).double()
+
+
+def blurred(samples: Tensor, radius: float) -> Tensor:
+    """The share of the lens that sees the samples, for each pixel: exact to the samples."""
+    by = round(abs(radius) * FINE)
+    if by:
+        offset = torch.arange(-by - FINE, by + FINE + 1, dtype=torch.float64)
+        kernel = (offset.square() + offset.square()[:, None] <= (abs(radius) * FINE) ** 2).double()
+        size = [n + len(kernel) - 1 for n in samples.shape]
+        spectra = (torch.fft.rfft2(each, size) for each in (samples, kernel / kernel.sum()))
+        whole = torch.fft.irfft2(next(spectra) * next(spectra), size)
+        half = len(kernel) // 2
+        samples = whole[half : half + samples.shape[0], half : half + samples.shape[1]]
+    return avg_pool2d(samples[None], FINE)[0]
+
+
+def named(kind: str, coverage: Tensor, near: float, far: float) -> Tensor:
+    """Radii of pixels of a coverage, as files of a kind name their depth."""
+    wide = {"fat": 2, "thin": -2}.get(kind, 0)
+    is_near = coverage >= {"any": 1e-3, "full": 0.999}.get(kind, 0.5)
+    if wide:
+        own = is_near.double() if wide > 0 else 1 - is_near.double()
+        grown = max_pool2d(own[None], 5, 1, 2)[0]
+        is_near = (grown if wide > 0 else 1 - grown) > 0.5
+    if kind == "mean":
+        return coverage * near + (1 - coverage) * far
+    radius = torch.where(is_near, near, far).to(coverage)
+    if kind == "soft":
+        weight = torch.exp(torch.arange(-8, 9, dtype=torch.float64).square() / -8)
+        weight = weight / weight.sum()
+        for dim in (0, 1):
+            lines = pad(radius.movedim(dim, -1)[None], (8, 8), mode="replicate")[0]
+            radius = (lines.unfold(-1, 17, 1) * weight).sum(-1).movedim(-1, dim)
+        step = abs(near - far) / 200
+        radius = (radius / step).round() * step
+    return radius
+
+
+@pytest.mark.parametrize("radii", RADII)
+@pytest.mark.parametrize("kind", ["centre", "any", "full", "mean", "fat", "thin", "soft"])
+def test_the_picture_is_that_of_both_surfaces(kind: str, radii: tuple[float, float]) -> None:
+    samples, (near, far) = disc(), radii
+    coverage = blurred(samples, 0)
+    radius = named(kind, coverage, near, far)
+    for name, (front, back) in COLORS.items():
+        color = coverage * front + (1 - coverage) * back
+        seen = render(color.expand(3, *SIZE), radius, infinity=100.0).render[0]
+        share = blurred(samples, near)
+        off = (seen - share * front - (1 - share) * back).abs() / abs(front - back)
+        assert float(off.amax()) < 0.1, name
+        assert float(off.square().mean().sqrt()) < 0.015, name
+
+
+@pytest.mark.parametrize("light", [5.0, 50.0, 5e4])
+def test_a_light_in_focus_adds_to_the_plane_behind_what_is_the_planes(light: float) -> None:
+    samples = disc()
+    coverage = blurred(samples, 0)
+    color = (coverage * light + (1 - coverage) * 0.2).expand(3, *SIZE)
+    for kind in ("centre", "any", "full"):
+        seen = render(color, named(kind, coverage, 0.0, 12.0)).render[0]
+        outside = coverage < 1e-3
+        assert float(seen[outside].amax()) < 0.2 * 1.03 + 1e-5 * light, kind
+
+
+@pytest.mark.parametrize("light", [2.0, 50.0, 1e4])
+def test_a_light_out_of_focus_keeps_its_energy(light: float) -> None:
+    samples = disc()
+    coverage = blurred(samples, 0)
+    color = (coverage * light).expand(3, *SIZE)
+    for kind in ("centre", "any", "full"):
+        seen = render(color, named(kind, coverage, -6.0, 0.0)).render[0]
+        assert float(seen.sum() / color[0].sum()) == pytest.approx(1, abs=5e-3), kind
