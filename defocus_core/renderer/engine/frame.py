@@ -35,6 +35,7 @@ class Content(NamedTuple):
         tilted: Whether surfaces may be tilted.
         uncertain: Whether edges of depth were soft or averages.
         minimum: Least light, 0 unless pixels are negative (colours outside the gamut).
+        channels: Least and greatest value of each channel; none where more than these are seen.
         limit: Brightness that a highlight exceeds.
         highlights: Whether there are highlights.
         double: Whether float32 is too coarse for the pixels.
@@ -46,6 +47,7 @@ class Content(NamedTuple):
     tilted: bool
     uncertain: bool
     minimum: float
+    channels: tuple[tuple[float, float], ...]
     limit: float
     highlights: bool
     double: bool
@@ -58,6 +60,13 @@ class Content(NamedTuple):
             limits=(min(c.limits[0] for c in contents), max(c.limits[1] for c in contents)),
             edges=any(c.edges for c in contents),
             tilted=any(c.tilted for c in contents),
+            channels=tuple(
+                (min(least), max(greatest))
+                for least, greatest in (
+                    zip(*each, strict=True)
+                    for each in zip(*(c.channels for c in contents), strict=True)
+                )
+            ),
             limit=max(c.limit for c in contents),
             each=tuple(c.limits for c in contents),
         )

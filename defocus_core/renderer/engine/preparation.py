@@ -215,6 +215,7 @@ def content_of(
     *,
     uncertain: bool = False,
     layered: bool = False,
+    whole: bool = True,
     all_ranges: tuple[float, float] | None = None,
 ) -> Content:
     """What a picture holds.
@@ -224,6 +225,7 @@ def content_of(
         quality: Settings of the quality.
         uncertain: Whether edges of depth were soft or averages before they were repaired.
         layered: Whether it is of layers.
+        whole: Whether no other colours than those of its pixels are seen.
         all_ranges: Least and greatest signed radius of all colours that are rendered apart; None
             for those of these pixels.
     """
@@ -234,6 +236,7 @@ def content_of(
         tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.min_slope**2,
         uncertain=uncertain,
         minimum=min(survey.darkest, 0.0),
+        channels=survey.channels if whole else (),
         limit=limit,
         highlights=survey.brightest > limit,
         double=needs_double(survey, limit),

@@ -148,6 +148,7 @@ class Renderer:
             quality,
             uncertain=self.repair.uncertain_edges,
             layered=layered,
+            whole=not layered and self._given.hidden is None,
             all_ranges=limits,
         )
 
