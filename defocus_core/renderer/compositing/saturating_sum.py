@@ -134,17 +134,13 @@ def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tenso
     return total
 
 
-def picture(
-    front: Tensor, weights: Sequence[Scalar] | None = None, *, minimum: float | None = None
-) -> Tensor:
+def picture(front: Tensor, weights: Sequence[Scalar] | None = None) -> Tensor:
     """The image [C, h, w] of all parts together, divided by their coverage.
 
     Args:
         front: [M, C + 1, h, w].
         weights: M shares of the parts in the aperture, tensors if they learn; None if they are
             equal.
-        minimum: Least light of the picture, below which are rounding and overshoot; None bounds
-            none.
 
     A pixel sees its own surface at least through the whole or a half of the aperture: the share is
     positive.
@@ -154,8 +150,7 @@ def picture(
         if learn or max(weights) - min(weights) > _EQUAL:
             front = front * along_first(weights, front)
     total = front.sum(0) if len(front) > 1 else front[0]
-    image = total[:-1] / total[-1:]
-    return image if minimum is None else image.clamp_(min=minimum)
+    return total[:-1] / total[-1:]
 
 
 def count_negative(halves: Tensor, brightest: float, minimum: float = 0.0) -> dict[str, int]:
@@ -195,19 +190,20 @@ def pair_of(
         centre = centre - minimum
     # transforms leave ±1e-8
     left, right = ((half - minimum).clamp(min=0) for half in (left, right))
-    if not _is_half(fraction):
+    if not is_half(fraction):
         share = beside(fraction, centre)
         left, right = left * (2 * share), right * (2 - 2 * share)
     total = left + right
     lit = total > 0
     of_left = torch.where(lit, left / torch.where(lit, total, 1.0), 0.5)
     pair = 2 * centre * torch.stack([of_left, 1 - of_left])
-    if not _is_half(fraction):
+    if not is_half(fraction):
         pair = pair / along_first([2 * fraction, 2 - 2 * fraction], pair)
     return pair + minimum if minimum else pair
 
 
-def _is_half(fraction: Scalar) -> bool:
+def is_half(fraction: Scalar) -> bool:
+    """Whether a share of the aperture is a half of it."""
     value = torch.as_tensor(fraction, dtype=torch.float64).detach()
     return bool(((value - 0.5).abs() <= _EQUAL).all())
 

@@ -12,6 +12,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
+from defocus_core.renderer.compositing.color_range import ColorRange
 from defocus_core.renderer.compositing.saturating_sum import count_negative, pair_of
 from defocus_core.renderer.engine.draft_coarse import HalfSize, means
 from defocus_core.renderer.engine.draft_detail import (
@@ -26,7 +27,6 @@ from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.region_schedule import in_rows
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.checkpointing import recomputed
-from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.source import Pixels, banded
 from defocus_core.tensors.threads import threaded
 from defocus_core.tensors.views import Views, added, joined
@@ -65,9 +65,12 @@ class Enlarging:
         # less than no light in a picture that has none
         unit = self._unit = _UNIT * limit if limit > 0 else -1.0
         self._in_px = (pixels, signed_radius)
-        limits = [range_of(band).tolist() for band in banded(pixels)]
-        self._minimum = min(0.0, *(darkest for darkest, _ in limits))
-        self._maximum = max(brightest for _, brightest in limits)
+        ends = [(band.amin((-2, -1)), band.amax((-2, -1))) for band in banded(pixels)]
+        lows, highs = (torch.stack(each).detach() for each in zip(*ends, strict=True))
+        channels = [*zip(lows.amin(0).tolist(), highs.amax(0).tolist(), strict=True)]
+        self._minimum = min(0.0, *(darkest for darkest, _ in channels))
+        self._maximum = max(brightest for _, brightest in channels)
+        self._channels = channels if frame.content.channels else []
 
         def merged(px: Tensor, radius: Tensor) -> Tensor:
             return torch.cat([means(px), unit * fraction_left(radius)[None]])
@@ -116,12 +119,13 @@ class Enlarging:
         inner = box.seen_from(self._px(wide))
         if len(images) > 1:
             counts |= count_negative(inner.of(images[1:]), content.limit, self._minimum)
-        images = images.clamp(min=self._minimum)
+        limits = ColorRange.of(self._channels, images[0], self._minimum)
+        centre = limits.bounded(images[0])
+        images = torch.cat([centre[None], images[1:]])
         if len(images) > 1:
-            pair = pair_of(
-                *images, minimum=self._minimum, fraction=self._frame.division.left_fraction
-            )
-            images = torch.cat([images[:1], pair])
+            fraction = self._frame.division.left_fraction
+            pair = pair_of(*images, minimum=self._minimum, fraction=fraction)
+            images = torch.cat([images[:1], limits.bounded_pair(pair, centre, fraction)])
         trust = smooth(spread(rendered.trust[None]), part)[0]
         return Views(list(inner.of(images)), inner.of(trust), counts, box)
 

@@ -34,6 +34,7 @@ class Content(NamedTuple):
         edges: Whether surfaces hide others.
         tilted: Whether surfaces may be tilted.
         minimum: Least light, 0 unless pixels are negative (colours outside the gamut).
+        channels: Least and greatest value of each channel; none where more than these are seen.
         limit: Brightness that a highlight exceeds.
         highlights: Whether there are highlights.
         double: Whether float32 is too coarse for the pixels.
@@ -44,6 +45,7 @@ class Content(NamedTuple):
     edges: bool
     tilted: bool
     minimum: float
+    channels: tuple[tuple[float, float], ...]
     limit: float
     highlights: bool
     double: bool
@@ -56,6 +58,13 @@ class Content(NamedTuple):
             limits=(min(c.limits[0] for c in contents), max(c.limits[1] for c in contents)),
             edges=any(c.edges for c in contents),
             tilted=any(c.tilted for c in contents),
+            channels=tuple(
+                (min(least), max(greatest))
+                for least, greatest in (
+                    zip(*each, strict=True)
+                    for each in zip(*(c.channels for c in contents), strict=True)
+                )
+            ),
             limit=max(c.limit for c in contents),
             each=tuple(c.limits for c in contents),
         )

@@ -214,6 +214,7 @@ def content_of(
     quality: Quality,
     *,
     layered: bool = False,
+    whole: bool = True,
     all_ranges: tuple[float, float] | None = None,
 ) -> Content:
     """What a picture holds.
@@ -222,6 +223,7 @@ def content_of(
         survey: Its statistics.
         quality: Settings of the quality.
         layered: Whether it is of layers.
+        whole: Whether no other colours than those of its pixels are seen.
         all_ranges: Least and greatest signed radius of all colours that are rendered apart; None
             for those of these pixels.
     """
@@ -231,6 +233,7 @@ def content_of(
         edges=layered or max(survey.steepest) > EDGE,
         tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.min_slope**2,
         minimum=min(survey.darkest, 0.0),
+        channels=survey.channels if whole else (),
         limit=limit,
         highlights=survey.brightest > limit,
         double=needs_double(survey, limit),

@@ -17,6 +17,7 @@ from defocus_core.renderer.blur.field_blend import blended
 from defocus_core.renderer.blur.layer_blur import Blur, Sliced
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.bokeh_discs import draw
+from defocus_core.renderer.compositing.color_range import ColorRange
 from defocus_core.renderer.compositing.frame_border import border_fallback, fraction_in_frame
 from defocus_core.renderer.compositing.highlights import Highlights, split
 from defocus_core.renderer.compositing.occluders import Occluder, occluders_of
@@ -99,6 +100,7 @@ class Region:
         self._in_frame = self._fractions_within(frame.box, radius, groups[:1])
         self._in_scene = self._fractions_within(frame.scene, radius, groups) if frame.cut else None
         self._like = unmixed_pixels.color
+        self._range = ColorRange.of(content.channels, self._like, content.minimum)
         self._fallback = (
             border_fallback(inmost.of(unmixed_pixels.color), frame.trace) if frame.trace else None
         )
@@ -211,7 +213,7 @@ class Region:
         trust = self._trust(whole[:, -1], compositor.invented, box)
         counts, content = self._counts(index, needed), frame.content
         _, parts, weights, groups = frame.division
-        centre = picture(whole, weights[groups[0]], minimum=content.minimum)
+        centre = self._range.bounded(picture(whole, weights[groups[0]]))
         if not frame.settings.left_right:
             return Views([centre], trust, counts, box)
         both = halves[0] if halves else whole
@@ -228,7 +230,8 @@ class Region:
     def _paired(self, centre: Tensor, left: Tensor, right: Tensor) -> Tensor:
         """Left and right [2, C, h, w], whose mean is the centre [C, h, w]."""
         fraction, minimum = self._frame.division.left_fraction, self._frame.content.minimum
-        return pair_of(centre, left, right, minimum=minimum, fraction=fraction)
+        pair = pair_of(centre, left, right, minimum=minimum, fraction=fraction)
+        return self._range.bounded_pair(pair, centre, fraction)
 
     def _trust(self, covered: Tensor, invented: Tensor | None, box: Box) -> Tensor:
         """The share of the aperture that saw the scene, [1, h, w].

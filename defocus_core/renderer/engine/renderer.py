@@ -147,6 +147,7 @@ class Renderer:
             surveyed(counted, signed_radius, dtype, self._settings.threads),
             quality,
             layered=layered,
+            whole=not layered and self._given.hidden is None,
             all_ranges=limits,
         )
 

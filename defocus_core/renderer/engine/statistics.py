@@ -20,7 +20,8 @@ from defocus_core.tensors.threads import threaded
 _MAX_PX = 1e8
 # Greatest light of either sign: beyond it, sums over an aperture or a frame would overflow float32.
 BRIGHTEST = 1e30
-# Brightness as a multiple of the median, and by itself, beyond which float32 is too coarse.
+# Brightness as a multiple of the median, and by itself (or one divided by it), beyond which
+# float32 is too coarse.
 _RANGE, _SQUARED = 1e3, 1e15
 
 
@@ -31,17 +32,25 @@ class Survey(NamedTuple):
         minimum: Least signed radius in px.
         maximum: Greatest signed radius in px.
         steepest: Greatest differences of radius between neighbours in px: down, across.
-        darkest: Least value of all channels.
-        brightest: Greatest value of all channels.
+        channels: Least and greatest value of each channel.
         brightness: Order statistics of the brightness of all pixels.
     """
 
     minimum: float
     maximum: float
     steepest: tuple[float, float]
-    darkest: float
-    brightest: float
+    channels: tuple[tuple[float, float], ...]
     brightness: Ranks
+
+    @property
+    def darkest(self) -> float:
+        """Least value of all channels."""
+        return min(least for least, _ in self.channels)
+
+    @property
+    def brightest(self) -> float:
+        """Greatest value of all channels."""
+        return max(greatest for _, greatest in self.channels)
 
 
 def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int) -> Survey:
@@ -71,13 +80,13 @@ def _surveyed(
     W, batch = signed_radius.shape[-1], len(signed_radius.shape) > 2
 
     def band_statistics(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
-        """Statistics of radii, the least and greatest value of colours, counts of brightness."""
+        """Statistics of radii, least and greatest values of channels, counts of brightness."""
         band = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
         brightness = band.amax(0)
         radii = signed_radius[..., rows[0] : rows[1] + 1, :].detach().to(dtype)
-        darkest = band.amin() if not batch else band.amin((0, -2, -1))
-        pair = torch.stack([darkest, brightness.amax((-2, -1))], -1)
-        return _radius_statistics(radii, rows), pair, counted(brightness, each=batch)
+        limits = torch.cat([band.amin((-2, -1)), band.amax((-2, -1))])
+        limits = limits.movedim(0, -1)
+        return _radius_statistics(radii, rows), limits, counted(brightness, each=batch)
 
     radius_range, color_range, counts = [], [], torch.zeros((), dtype=torch.long)
     for of_radii, pair, band_counts in threaded(band_statistics, bands(pixels), threads):
@@ -85,9 +94,10 @@ def _surveyed(
         color_range.append(pair)
         counts = band_counts + counts
     every = torch.cat([torch.stack(radius_range), torch.stack(color_range)], -1)
-    every = every if batch else every[:, None]  # [bands, B, 6]
-    least = torch.cat([every[..., :1], every[..., 4:5]], -1).amin(0)
-    greatest = torch.cat([every[..., 1:4], every[..., 5:]], -1).amax(0)
+    every = every if batch else every[:, None]  # [bands, B, 4 + 2 C]
+    least_of = [0, *range(4, 4 + pixels.shape[0])]
+    greatest_of = [1, 2, 3, *range(4 + pixels.shape[0], every.shape[-1])]
+    least, greatest = every[..., least_of].amin(0), every[..., greatest_of].amax(0)
     extremes = torch.cat([least, greatest], 1).tolist()
     of_each = counts.cpu() if batch else counts.cpu()[None]
     pictures = [pixels[:, number] for number in range(len(extremes))] if batch else [pixels]
@@ -101,15 +111,18 @@ def _checked(numbers: list[float], counts: Tensor, pixels: Pixels, dtype: torch.
     """The survey of a picture.
 
     Args:
-        numbers: Least radius, darkest, greatest radius, steepest down and across, and brightest.
+        numbers: Least radius and channels, greatest radius, steepest down and across, and channels.
         counts: Of its brightness.
         pixels: [C, H, W].
         dtype: Type of the numbers to compute with.
     """
-    minimum, darkest, maximum, down, across, brightest = numbers
-    for name, *two in (("signed_radius", minimum, maximum), ("image", darkest, brightest)):
-        if not all(map(math.isfinite, two)):
+    count = pixels.shape[0]
+    minimum, maximum, down, across = numbers[0], *numbers[count + 1 : count + 4]
+    least, greatest = numbers[1 : count + 1], numbers[count + 4 :]
+    for name, every in (("signed_radius", [minimum, maximum]), ("image", least + greatest)):
+        if not all(map(math.isfinite, every)):
             raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
+    darkest, brightest = min(least), max(greatest)
     if max(-minimum, maximum) > _MAX_PX:
         raise ValueError(
             f"signed_radius must be within {_MAX_PX:g} px, got {minimum:.3g} to {maximum:.3g} px; "
@@ -128,8 +141,7 @@ def _checked(numbers: list[float], counts: Tensor, pixels: Pixels, dtype: torch.
         minimum=minimum,
         maximum=maximum,
         steepest=(down, across),
-        darkest=darkest,
-        brightest=brightest,
+        channels=tuple(zip(least, greatest, strict=True)),
         brightness=Ranks(counts, brightness_again, dtype),
     )
 
@@ -174,11 +186,12 @@ def needs_double(survey: Survey, limit: float) -> bool:
     """Whether float32 is too coarse.
 
     Its transforms round to 1e-7 of the brightest, which shows in the dark; and squares of very
-    bright colours are infinite. Pixels brighter than the limit do not count: they are highlights,
-    which are not transformed.
+    bright colours are infinite, of very dark ones 0. Pixels brighter than the limit do not
+    count: they are highlights, which are not transformed.
     """
     bright = min(survey.brightest, limit)
-    if max(bright, -survey.darkest) > _SQUARED:
+    size = max(bright, -survey.darkest)
+    if size > _SQUARED or 0 < size < 1 / _SQUARED:
         return True
     black = int(survey.brightness.counts[0])  # and denormal numbers, which are as dark
     lit = survey.brightness.total - black

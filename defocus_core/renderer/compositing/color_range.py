@@ -1,0 +1,71 @@
+"""The range of colours: what a lens sees is a mean of what there is, neither darker nor brighter.
+
+Layers and discs of lights leave and add light by rounding, and where they are clipped; the detail
+of a draft overshoots. So colours are bounded by the least and greatest value of their channel in
+the picture: an opaque alpha stays opaque. Gradients go on as if there were no bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.renderer.compositing.saturating_sum import is_half
+from defocus_core.tensors.device_plan import beside, sent
+from defocus_core.tensors.source import Scalar
+
+# Share of its range by which detail as fine as a pixel may overshoot in a half of the lens.
+_OVERSHOOT = 0.1
+
+
+class ColorRange(NamedTuple):
+    """Least and greatest value of each channel, [C, 1, 1], or [C, 1, 1, 1] of a batch."""
+
+    least: Tensor
+    greatest: Tensor
+
+    @classmethod
+    def of(
+        cls, channels: Sequence[tuple[float, float]], like: Tensor, minimum: float
+    ) -> ColorRange:
+        """The range of the channels of a picture.
+
+        Args:
+            channels: Least and greatest value of the first channels.
+            like: [C, ..., h, w]; others are bounded by the minimum alone.
+            minimum: Least light.
+        """
+        others = len(like) - len(channels) if channels else 1
+        every = [*channels, *[(minimum, torch.inf)] * others]
+        shape = -1, *[1] * (like.dim() - 1)
+        return cls(*(sent(limits, like).view(shape) for limits in zip(*every, strict=True)))
+
+    def bounded(self, picture: Tensor) -> Tensor:
+        """A picture [C, ..., h, w] within the range."""
+        return _clamped(picture, self.least, self.greatest)
+
+    def bounded_pair(self, pair: Tensor, centre: Tensor, fraction: Scalar) -> Tensor:
+        """Left and right [2, C, ..., h, w] within the range and a tenth of it more on both sides.
+
+        Args:
+            pair: Whose mean is the centre, by the shares of the aperture; it stays so.
+            centre: [C, ..., h, w] within the range.
+            fraction: The share of the aperture's light that the left half has.
+        """
+        more = _OVERSHOOT * (self.greatest - self.least)
+        more = torch.where(more < torch.inf, more, 0.0)
+        least, greatest = self.least - more, self.greatest + more
+        left = beside(fraction, centre)
+        ratio = 1.0 if is_half(fraction) else (1 - left) / left
+        darkest = torch.maximum(centre - ratio * (greatest - centre), least)
+        brightest = torch.minimum(centre + ratio * (centre - least), greatest)
+        added = _clamped(pair[0], darkest, brightest) - pair[0]
+        return torch.stack([pair[0] + added, pair[1] - added / ratio])
+
+
+def _clamped(values: Tensor, least: Tensor, greatest: Tensor) -> Tensor:
+    bounded = values.clamp(least, greatest)
+    return values + (bounded - values).detach() if values.requires_grad else bounded

@@ -1,0 +1,71 @@
+"""What a lens sees is a mean of what there is: nothing is darker, brighter, or of other units."""
+
+import pytest
+import torch
+from torch import Tensor
+
+from defocus_core import render
+
+SIZE = 48, 64
+X = torch.arange(SIZE[1]).expand(SIZE)
+SIGNED_RADIUS = {
+    "far": torch.full(SIZE, 20.0),
+    "edges": torch.where((X - 30).abs() < 10, -6.0, 9.0) + 0.02 * X,
+    "slope": 0.2 * (X - 30.0),
+}
+QUALITIES = ["draft", "standard", "high"]
+
+
+def noise(*size: int) -> Tensor:
+    return torch.rand(size, generator=torch.Generator().manual_seed(0))
+
+
+def with_lights(image: Tensor, light: float) -> Tensor:
+    """The image with a light in a pixel of 200."""
+    return torch.where(noise(*image.shape[-2:]) < 0.005, light, image)
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_opaque_alpha_stays_opaque(quality: str) -> None:
+    image = torch.cat([with_lights(0.5 * noise(3, *SIZE), 80.0), torch.ones(1, *SIZE)])
+    views = render(image, SIGNED_RADIUS["edges"], quality=quality, left_right=True)
+    for view in views.images:
+        assert float((view[3] - 1).abs().max()) < 1e-6
+
+
+@pytest.mark.parametrize("options", [{"quality": q} for q in QUALITIES] + [{"num_layers": 1}])
+@pytest.mark.parametrize("name", SIGNED_RADIUS)
+def test_no_pixel_is_darker_or_brighter_than_all(name: str, options: dict[str, object]) -> None:
+    image = with_lights(torch.full((3, *SIZE), 0.2), 100.0)
+    shown = render(image, SIGNED_RADIUS[name], **options).render  # type: ignore[arg-type]
+    assert float(shown.min()) >= 0.2 * (1 - 1e-6)
+    assert float(shown.max()) <= 100 * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("depth_repair", ["auto", "soft-edges=0.3"])
+@pytest.mark.parametrize("size", [(3, 120), (40, 3), (30, 40)])
+def test_left_and_right_overshoot_by_a_tenth_at_most(
+    quality: str, depth_repair: str, size: tuple[int, int]
+) -> None:
+    image = 0.5 + 0.5 * noise(3, *size)
+    radius = 12 * noise(*size) - 4
+    pair = render(image, radius, quality=quality, depth_repair=depth_repair, left_right=True)
+    for view in pair.images[1:]:
+        assert float(view.min()) >= 0.45 - 1e-6
+        assert float(view.max()) <= 1.05 + 1e-6
+    mean = (pair.images[1] + pair.images[2]) / 2
+    assert float((mean - pair.render).abs().max()) < 1e-6
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("factor", [1e-30, 1e30])
+@pytest.mark.parametrize("light", [0.9, 0.01])
+def test_light_has_no_unit(quality: str, dtype: torch.dtype, factor: float, light: float) -> None:
+    image = with_lights(light * noise(3, *SIZE), 0.9).to(dtype)
+    radius = SIGNED_RADIUS["edges"].to(dtype)
+    expected = render(image, radius, quality=quality, left_right=True)
+    shown = render(image * factor, radius, quality=quality, left_right=True)
+    for view, other in zip(shown.images, expected.images, strict=True):
+        assert float((view.double() / factor - other.double()).abs().max()) < 1e-5 * 0.9
