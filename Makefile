@@ -1,5 +1,6 @@
 # make demo    render the sample scenes to out/
-# make test    ruff, mypy and the tests; those of HTML reports need Chromium (apt install chromium)
+# make test    ruff, mypy and the tests; those of HTML reports are skipped without Chromium
+#              (apt install chromium), which fails the run where CI is set
 # make check   ruff and mypy alone
 # make bench   error and time on the sample scenes, then the tests that measure time
 # make clean   remove what these made, .venv too

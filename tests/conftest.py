@@ -2,13 +2,13 @@
 
 import signal
 import sys
-from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 import torch
 from command_line import color_exr, depth_exr
+from skips import pytest_sessionfinish, pytest_terminal_summary  # noqa: F401 - hooks
 
 from defocus_core.batch.rendering import forecast
 from defocus_core.batch.workers import pipeline
@@ -67,29 +67,3 @@ def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
         return here if config.scheduler == "local" else execute(config)
 
     monkeypatch.setattr(WorkerConfig, "execute", chosen)
-
-
-# Why a test may be skipped: a run fails if another one is, since what never runs rots.
-ALLOWED_SKIPS = ("needs a GPU", "needs ../shared", "runs as root", "not on this system")
-
-
-def skipped(terminal: pytest.TerminalReporter) -> Counter[str]:
-    """How many tests were skipped for each reason."""
-    reports = terminal.stats.get("skipped", [])
-    reasons = (str(report.longrepr[2]) for report in reports if isinstance(report.longrepr, tuple))
-    return Counter(reason.removeprefix("Skipped: ") for reason in reasons)
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_sessionfinish(session: pytest.Session) -> None:
-    terminal = session.config.pluginmanager.get_plugin("terminalreporter")
-    if terminal is None or hasattr(session.config, "workerinput") or session.exitstatus:
-        return
-    if any(not reason.startswith(ALLOWED_SKIPS) for reason in skipped(terminal)):
-        session.exitstatus = pytest.ExitCode.TESTS_FAILED
-
-
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    for reason, count in sorted(skipped(terminalreporter).items()):
-        word = "skipped" if reason.startswith(ALLOWED_SKIPS) else "SKIPPED, which fails the run"
-        terminalreporter.write_line(f"{count} {word}: {reason}")

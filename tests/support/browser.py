@@ -12,7 +12,6 @@ import pytest
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 _SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
-_PATIENCE = 500  # looks, 20 ms apart
 _PIXEL = """([x, y]) => {
   const shown = document.getElementById("canvas"), copy = document.createElement("canvas");
   [copy.width, copy.height] = [shown.width, shown.height];
@@ -26,10 +25,12 @@ _PIXEL = """([x, y]) => {
 @contextmanager
 def chromium() -> Iterator[Any]:
     """A browser; without one, the test is skipped."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="needs playwright; pip install it"
+    )
     path = next(filter(None, map(shutil.which, _NAMES)), None)
     if path is None:
-        pytest.skip("needs Chromium, like Debian's package chromium")
+        pytest.skip("needs Chromium; install it (Debian, Ubuntu: apt install chromium)")
     with playwright.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=path, args=list(_SOFTWARE))
         yield browser
@@ -84,11 +85,9 @@ class Page:
 
     def wait(self, condition: str) -> None:
         """Wait until a condition holds, in JavaScript; the page itself may evaluate none."""
-        for _ in range(_PATIENCE):
-            if self.page.evaluate(condition):
-                return
+        while not self.page.evaluate(condition):
+            assert not self.complaints, condition
             self.page.wait_for_timeout(20)
-        raise AssertionError(f"never: {condition}; {self.complaints}")
 
     def close(self) -> None:
         """Close it; there must have been no complaint, and nothing loaded but the file."""
