@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from batches import JOBS, contents, jobs_file, make_believe, records, without_times
 from command_line import Terminal, color_exr, depth_exr, files_under, ramp, refused, run, texture
+from counting import calls
 
 from defocus_cli.main import main
 from defocus_core.batch.datasets import update
@@ -406,20 +407,18 @@ HEAVY = ("torch", "OpenEXR", "OpenImageIO", "distributed", "pandas")
 def test_a_finished_batch_of_a_thousand_jobs_ends_at_once(
     tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It loads nothing heavy, and takes less than 2 s."""
+    """It loads nothing heavy, and asks little of each job."""
     text = JOBS.replace('["1.5m", "2m"]', '"1m..9m @ 500 in depth"')
     path = jobs_file(tmp_path, text=text)
     monkeypatch.setattr(WorkerConfig, "execute", lambda crew: make_believe(out))
     monkeypatch.setattr(os, "fdatasync", lambda number: None)
     assert main(["batch", str(path), "-o", str(out)]) == 0
     assert len(records(out)) == 1000
+    assert calls(lambda: main(["batch", str(path), "-o", str(out)])) < 1000 * 1200
     script = (
-        "import sys, time; start = time.process_time(); from defocus_cli.main import main; "
-        "main(sys.argv[1:]); print(time.process_time() - start, *sys.modules)"
+        "import sys; from defocus_cli.main import main; main(sys.argv[1:]); print(*sys.modules)"
     )
-    words = [sys.executable, "-c", script, "batch", str(path), "-o", str(out)]
+    words = [sys.executable, "-c", f"{script}; print(*sys.modules)", "batch", path, "-o", out]
     ran = subprocess.run(words, capture_output=True, text=True, check=True)
     assert "1000 jobs: 1000 done before" in ran.stderr
-    seconds, *modules = ran.stdout.split()
-    assert not set(modules) & set(HEAVY)
-    assert float(seconds) < 2
+    assert not set(ran.stdout.split()) & set(HEAVY)

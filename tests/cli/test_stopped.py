@@ -83,7 +83,7 @@ def test_ctrl_c_finishes_what_was_begun_and_the_rest_is_left(
     process = started(*folders, "-o", out, slow=0.5)
     time.sleep(0.2)  # the next is read
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate()
     assert process.returncode == 130
     assert "finishing what is being rendered; press Ctrl-C again" in err
     done = len(records(out))
@@ -101,7 +101,7 @@ def test_ctrl_c_again_stops_at_once(folders: tuple[Path, Path], out: Path) -> No
     process.send_signal(signal.SIGINT)
     assert "press Ctrl-C again" in process.stderr.readline()
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate()
     assert process.returncode == 130
     assert err == "defocus: interrupted; pictures that were finished are kept\n"
 
@@ -116,7 +116,7 @@ def test_the_system_ends_a_run_which_leaves_nothing_half_written(
     process.stdout.readline()  # the first was the run's own note
     process.send_signal(number)
     process.send_signal(number)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate()
     assert process.returncode == 128 + number
     assert err.splitlines()[-1] == f"defocus: ended by {name}; pictures that were finished are kept"
     assert {path.name for path in out.rglob(".*")} <= {".journal.run"}

@@ -227,7 +227,7 @@ def test_ctrl_c_ends_the_process_with_130_and_one_line(tmp_path: Path) -> None:
     assert process.stdout.readline() == "up\n"
     time.sleep(0.1)
     process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=10)
+    _, err = process.communicate()
     refused(Ran(process.returncode, "", err), 130, None)
 
 

@@ -64,13 +64,14 @@ def leave(out: Path) -> Path:
     return path
 
 
-def test_a_second_writer_is_told_who_is_first(tmp_path: Path) -> None:
+def test_a_second_writer_is_told_who_is_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lock, "GLANCE", 1e6)  # it need not wait until the lock seems forgotten
     with held_elsewhere(tmp_path) as first:
         name = f"process {first.pid} on {socket.gethostname()}"
-        start = time.monotonic()
         with refuses("in-use", name):
             try_lock(tmp_path)
-        assert time.monotonic() - start < lock.LEASE / 2
         assert holder(tmp_path) == name
 
 
@@ -134,7 +135,7 @@ def test_a_holder_that_was_suspended_learns_that_it_lost_the_lock(tmp_path: Path
         first.send_signal(signal.SIGSTOP)
         with locked(tmp_path, say=print) as require_held:
             first.send_signal(signal.SIGCONT)
-            told, _ = first.communicate("go on\n", timeout=20)
+            told, _ = first.communicate("go on\n")
             assert f"was taken over by process {os.getpid()}" in told
             assert "run the same command again" in told
             require_held()

@@ -274,7 +274,7 @@ class Gated:
 
 
 def test_pictures_that_fit_beside_each_other_are_let_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert Gated(monkeypatch, each_mb=20, half_mb=100).entered.wait(5)
+    assert Gated(monkeypatch, each_mb=20, half_mb=100).entered.wait()
 
 
 @pytest.mark.parametrize("each_mb", [30.0, 60.0, 400.0])
@@ -283,13 +283,13 @@ def test_others_wait_until_there_is_room(each_mb: float, monkeypatch: pytest.Mon
     time.sleep(0.05)
     assert not gated.entered.is_set()
     gated.gate.leave(0)
-    assert gated.entered.wait(5)
+    assert gated.entered.wait()
 
 
 def test_nobody_waits_at_an_open_gate(monkeypatch: pytest.MonkeyPatch) -> None:
     gated = Gated(monkeypatch, each_mb=60, half_mb=100)
     gated.gate.open()
-    assert gated.entered.wait(5)
+    assert gated.entered.wait()
 
 
 def test_tile_sets_the_grid(tmp_path: Path) -> None:
