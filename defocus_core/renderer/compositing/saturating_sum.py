@@ -17,6 +17,7 @@ from defocus_core.renderer.layers.subpixel_shifts import along_first
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import beside
 from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.ties import greater, tied, with_gradient
 
 # Least room that counts as left: it guards 0 / 0, and shows nothing, however bright.
 _MIN_FRACTION = 1e-30
@@ -47,13 +48,19 @@ def fraction_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) ->
     Returns:
         [M, 1, h, w].
     """
-    left, coverage = (full - front[:, -1:]).clamp_(min=_MIN_FRACTION), layer[:, -1:]
-    added = (coverage * _STEEP).clamp_(left.new_zeros(()), left)
-    fraction = added / torch.maximum(coverage, left)
-    if torch.is_grad_enabled():
-        certain = torch.minimum(coverage, left) > _CERTAIN * torch.finfo(left.dtype).eps
-        fraction = torch.where(certain, fraction, fraction.detach())
-    return fraction
+    room, coverage = full - front[:, -1:], layer[:, -1:]
+    if not (torch.is_grad_enabled() and (room.requires_grad or coverage.requires_grad)):
+        left = room.clamp_(min=_MIN_FRACTION)
+        added = (coverage * _STEEP).clamp_(left.new_zeros(()), left)
+        return added / torch.maximum(coverage, left)
+    # room that rounding leaves or takes has the gradient of room: it opens with the coverage
+    left = room.clamp(min=_MIN_FRACTION)
+    left = torch.where(tied(room, 0.0), with_gradient(left, room), left)
+    added = (coverage * _STEEP).clamp(left.new_zeros(()), left)
+    fraction = added / greater(coverage, left)
+    # coverage that may be noise shows as far as there is room
+    certain = coverage > _CERTAIN * torch.finfo(left.dtype).eps
+    return torch.where(certain, fraction, torch.where(tied(room, 0.0), 0.0, 1.0).to(fraction))
 
 
 def add_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:

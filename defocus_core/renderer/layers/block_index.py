@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from defocus_core.renderer.layers.slice_radii import slice_before
 from defocus_core.tensors.box import Box, Span
 from defocus_core.tensors.tiling import BLOCK
 
@@ -54,27 +55,32 @@ def blocks_of(positions: Tensor, slices: int, present: Tensor | None = None) -> 
 
     Args:
         positions: [..., H, W] positions of pixels among the slice radii, of any picture of a batch.
+            If they learn, a pixel on a slice is in the one before, too: its share in this is 0,
+            and has a gradient.
         slices: K, the number of slices.
         present: [..., H, W] bool, which pixels exist; None if all do.
     """
-    positions = positions.detach()
     if present is not None:
         at = torch.nonzero(present)
         size = positions.shape[-2], positions.shape[-1]
         return blocks_at(positions[at.unbind(1)], at[:, -2:], slices, size)
+    learn, positions = positions.requires_grad, positions.detach()
+
+    def beside(place: Tensor) -> list[Tensor]:
+        return _slices_beside(place, learn=learn)
+
     extremes = block_ranges(positions)
     occupied = torch.zeros((*extremes[0].shape, slices), dtype=torch.bool, device=positions.device)
-    (first, above), (below, last) = (
-        (extreme.floor().long(), extreme.ceil().long()) for extreme in extremes
-    )
-    for slice_index in (first, above, below, last):
+    least, greatest = map(beside, extremes)
+    for slice_index in (*least, *greatest):
         occupied.scatter_(-1, slice_index[..., None], True)
     # which slices between the least and the greatest have a pixel?
-    several = torch.nonzero(below - above > 1)
+    several = torch.nonzero(greatest[0] - least[-1] > 1)
     if len(several):
         mixed = _in_blocks(positions).transpose(-3, -2)[several.unbind(1)].flatten(1)
         slices_held = torch.zeros((len(several), slices), dtype=torch.bool, device=positions.device)
-        slices_held.scatter_(1, mixed.floor().long(), True).scatter_(1, mixed.ceil().long(), True)
+        for slice_index in beside(mixed):
+            slices_held.scatter_(1, slice_index, True)
         occupied[several.unbind(1)] = slices_held
     occupied = occupied if occupied.dim() == 3 else occupied.any(0)
     return occupied.permute(2, 0, 1)
@@ -105,6 +111,16 @@ def blocks_at(positions: Tensor, at: Tensor, slices: int, size: tuple[int, int])
         x.div(BLOCK, rounding_mode="floor") for x in (at[:, 0].remainder(size[0]), at[:, 1])
     )
     number = row * columns + column
-    for slice_index in (positions.detach().floor(), positions.detach().ceil()):
-        occupied.index_fill_(0, slice_index.long() * (rows * columns) + number, True)
+    beside = _slices_beside(positions.detach(), learn=positions.requires_grad)
+    for slice_index in beside:
+        occupied.index_fill_(0, slice_index * (rows * columns) + number, True)
     return occupied.view(slices, rows, columns)
+
+
+def _slices_beside(positions: Tensor, *, learn: bool) -> list[Tensor]:
+    """The slices that hold positions, in ascending order; some may be the same."""
+    before, after = positions.floor(), positions.ceil()
+    if not (learn and torch.is_grad_enabled()):
+        return [before.long(), after.long()]
+    first = slice_before(positions)
+    return [first.long(), torch.minimum(first + 1, after).long()]

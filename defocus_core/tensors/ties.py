@@ -1,0 +1,41 @@
+"""Choices whose gradient does not hang on rounding: values that tie share it alike.
+
+At a tie the derivative has two one-sided values. Half of each lies between them, whatever the order
+of sums, the device or the tile; the value that is chosen is that of torch's own function.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+# Values of order 1 that differ by at most so many roundings tie.
+_ROUNDINGS = 100
+
+
+def tied(a: Tensor, b: Tensor | float) -> Tensor:
+    """Where two values are equal but for rounding."""
+    a = a.detach()
+    difference = a - (b.detach() if isinstance(b, Tensor) else b)
+    return difference.abs() <= _ROUNDINGS * torch.finfo(a.dtype).eps * a.abs().clamp(min=1)
+
+
+def lesser(a: Tensor, b: Tensor) -> Tensor:
+    """`torch.minimum`."""
+    return _shared(torch.minimum(a, b), a, b)
+
+
+def greater(a: Tensor, b: Tensor) -> Tensor:
+    """`torch.maximum`."""
+    return _shared(torch.maximum(a, b), a, b)
+
+
+def with_gradient(values: Tensor, of: Tensor) -> Tensor:
+    """Values that have the gradient of others, which they equal but for rounding."""
+    return of + (values - of).detach()
+
+
+def _shared(chosen: Tensor, a: Tensor, b: Tensor) -> Tensor:
+    if not (torch.is_grad_enabled() and chosen.requires_grad):
+        return chosen
+    return torch.where(tied(a, b), with_gradient(chosen, (a + b) / 2), chosen)
