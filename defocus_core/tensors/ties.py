@@ -30,6 +30,16 @@ def greater(a: Tensor, b: Tensor) -> Tensor:
     return _shared(torch.maximum(a, b), a, b)
 
 
+def positive(values: Tensor) -> Tensor:
+    """`values.clamp(min=0)`."""
+    return greater(values, torch.zeros_like(values))
+
+
+def within(values: Tensor, minimum: Tensor, maximum: Tensor) -> Tensor:
+    """`values.clamp(minimum, maximum)`."""
+    return lesser(greater(values, minimum), maximum)
+
+
 def with_gradient(values: Tensor, of: Tensor) -> Tensor:
     """Values that have the gradient of others, which they equal but for rounding."""
     return of + (values - of).detach()

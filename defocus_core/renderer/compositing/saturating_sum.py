@@ -17,7 +17,7 @@ from defocus_core.renderer.layers.subpixel_shifts import along_first
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import beside
 from defocus_core.tensors.source import Scalar
-from defocus_core.tensors.ties import greater, tied, with_gradient
+from defocus_core.tensors.ties import greater, positive, tied, with_gradient
 
 # Least room that counts as left: it guards 0 / 0, and shows nothing, however bright.
 _MIN_FRACTION = 1e-30
@@ -216,7 +216,7 @@ def pair_of(
     if minimum:
         centre = centre - minimum
     # transforms leave ±1e-8
-    left, right = ((half - minimum).clamp(min=0) for half in (left, right))
+    left, right = (positive(half - minimum) for half in (left, right))
     if not _is_half(fraction):
         share = beside(fraction, centre)
         left, right = left * (2 * share), right * (2 - 2 * share)
