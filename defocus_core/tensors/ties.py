@@ -35,6 +35,14 @@ def positive(values: Tensor) -> Tensor:
     return greater(values, torch.zeros_like(values))
 
 
+def bounded(values: Tensor, minimum: float) -> Tensor:
+    """`values.clamp(min=minimum)` of what rounding alone brings below: the gradient passes."""
+    limited = values.clamp(min=minimum)
+    if not (torch.is_grad_enabled() and values.requires_grad):
+        return limited
+    return torch.where(tied(values, minimum), with_gradient(limited, values), limited)
+
+
 def within(values: Tensor, minimum: Tensor, maximum: Tensor) -> Tensor:
     """`values.clamp(minimum, maximum)`."""
     return lesser(greater(values, minimum), maximum)

@@ -17,7 +17,7 @@ from defocus_core.renderer.layers.subpixel_shifts import along_first
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import beside
 from defocus_core.tensors.source import Scalar
-from defocus_core.tensors.ties import greater, positive, tied, with_gradient
+from defocus_core.tensors.ties import bounded, greater, positive, tied, with_gradient
 
 # Least room that counts as left: it guards 0 / 0, and shows nothing, however bright.
 _MIN_FRACTION = 1e-30
@@ -54,8 +54,7 @@ def fraction_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) ->
         added = (coverage * _STEEP).clamp_(left.new_zeros(()), left)
         return added / torch.maximum(coverage, left)
     # room that rounding leaves or takes has the gradient of room: it opens with the coverage
-    left = room.clamp(min=_MIN_FRACTION)
-    left = torch.where(tied(room, 0.0), with_gradient(left, room), left)
+    left = bounded(room, _MIN_FRACTION)
     added = (coverage * _STEEP).clamp(left.new_zeros(()), left)
     fraction = added / greater(coverage, left)
     # coverage that may be noise shows as far as there is room
@@ -177,7 +176,7 @@ def picture(
             front = front * along_first(weights, front)
     total = front.sum(0) if len(front) > 1 else front[0]
     image = total[:-1] / total[-1:]
-    return image if minimum is None else image.clamp_(min=minimum)
+    return image if minimum is None else bounded(image, minimum)
 
 
 def count_negative(halves: Tensor, brightest: float, minimum: float = 0.0) -> dict[str, int]:
@@ -224,6 +223,8 @@ def pair_of(
     lit = total > 0
     of_left = torch.where(lit, left / torch.where(lit, total, 1.0), 0.5)
     pair = 2 * centre * torch.stack([of_left, 1 - of_left])
+    if torch.is_grad_enabled() and pair.requires_grad:  # the ratio of two roundings says nothing
+        pair = torch.where(tied(total, 0.0), with_gradient(pair, centre.expand_as(pair)), pair)
     if not _is_half(fraction):
         pair = pair / along_first([2 * fraction, 2 - 2 * fraction], pair)
     return pair + minimum if minimum else pair

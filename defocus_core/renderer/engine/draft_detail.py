@@ -18,7 +18,7 @@ from defocus_core.renderer.layers.slice_radii import SHARP, SOFT
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.neighbourhoods import range_of
-from defocus_core.tensors.ties import greater, lesser, positive, within
+from defocus_core.tensors.ties import greater, lesser, positive, tied, within
 
 # Radius in px from which on no detail is left; up to there the share that is left falls as a disc
 # leaves it of random textures, in the mean.
@@ -182,6 +182,8 @@ def doubled(coarse: Tensor, part: Box, brightest: float = torch.inf) -> Tensor:
     if brightest < torch.inf:
         bound = lesser(bound, positive(brightest - middle))
     fraction = bound / greater(rise, bound).clamp(min=torch.finfo(rise.dtype).tiny)
+    if fraction.requires_grad:  # in one colour nothing rises, but for rounding
+        fraction = torch.where(tied(rise, 0.0), 1.0, fraction)
     down, across, bend = down * fraction, across * fraction, bend * fraction
     *others, rows, columns = middle.shape
     px = coarse.new_empty((*others, 2 * rows, 2 * columns))

@@ -29,6 +29,7 @@ from defocus_core.tensors.checkpointing import recomputed
 from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.source import Pixels, banded
 from defocus_core.tensors.threads import threaded
+from defocus_core.tensors.ties import bounded
 from defocus_core.tensors.views import Views, added, joined
 
 _PX = 2  # pixels on a side of a coarse pixel
@@ -116,7 +117,7 @@ class Enlarging:
         inner = box.seen_from(self._px(wide))
         if len(images) > 1:
             counts |= count_negative(inner.of(images[1:]), content.limit, self._minimum)
-        images = images.clamp(min=self._minimum)
+        images = bounded(images, self._minimum)
         if len(images) > 1:
             pair = pair_of(
                 *images, minimum=self._minimum, fraction=self._frame.division.left_fraction

@@ -50,7 +50,9 @@ def _reached(sides: list[Span], reach: Tensor, count: int) -> Tensor:
     return ((block >= first_block[..., None]) & (block < end_block[..., None])).float()
 
 
-def blocks_of(positions: Tensor, slices: int, present: Tensor | None = None) -> Tensor:
+def blocks_of(
+    positions: Tensor, slices: int, present: Tensor | None = None, sharp: int | None = None
+) -> Tensor:
     """For each slice the blocks of 16 px that hold a pixel of it: [K, rows, columns] bool.
 
     Args:
@@ -59,15 +61,16 @@ def blocks_of(positions: Tensor, slices: int, present: Tensor | None = None) -> 
             and has a gradient.
         slices: K, the number of slices.
         present: [..., H, W] bool, which pixels exist; None if all do.
+        sharp: The slice in focus, on which shares have no gradient; None if there is none.
     """
     if present is not None:
         at = torch.nonzero(present)
         size = positions.shape[-2], positions.shape[-1]
-        return blocks_at(positions[at.unbind(1)], at[:, -2:], slices, size)
+        return blocks_at(positions[at.unbind(1)], at[:, -2:], slices, size, sharp)
     learn, positions = positions.requires_grad, positions.detach()
 
-    def beside(place: Tensor) -> list[Tensor]:
-        return _slices_beside(place, learn=learn)
+    def beside(place: Tensor) -> tuple[Tensor, Tensor]:
+        return _slices_beside(place, slices, sharp, learn=learn)
 
     extremes = block_ranges(positions)
     occupied = torch.zeros((*extremes[0].shape, slices), dtype=torch.bool, device=positions.device)
@@ -100,7 +103,9 @@ def _in_blocks(values: Tensor) -> Tensor:
     return torch.unflatten(torch.unflatten(padded, -1, (-1, BLOCK)), -3, (-1, BLOCK))
 
 
-def blocks_at(positions: Tensor, at: Tensor, slices: int, size: tuple[int, int]) -> Tensor:
+def blocks_at(
+    positions: Tensor, at: Tensor, slices: int, size: tuple[int, int], sharp: int | None = None
+) -> Tensor:
     """As `blocks_of`, for n samples: their places [n], and their rows and columns [n, 2].
 
     Rows may be counted on from one picture of a batch to the next.
@@ -111,16 +116,21 @@ def blocks_at(positions: Tensor, at: Tensor, slices: int, size: tuple[int, int])
         x.div(BLOCK, rounding_mode="floor") for x in (at[:, 0].remainder(size[0]), at[:, 1])
     )
     number = row * columns + column
-    beside = _slices_beside(positions.detach(), learn=positions.requires_grad)
+    beside = _slices_beside(positions.detach(), slices, sharp, learn=positions.requires_grad)
     for slice_index in beside:
         occupied.index_fill_(0, slice_index * (rows * columns) + number, True)
     return occupied.view(slices, rows, columns)
 
 
-def _slices_beside(positions: Tensor, *, learn: bool) -> list[Tensor]:
-    """The slices that hold positions, in ascending order; some may be the same."""
+def _slices_beside(
+    positions: Tensor, count: int, sharp: int | None, *, learn: bool
+) -> tuple[Tensor, Tensor]:
+    """The slices before and after positions, which may be one."""
     before, after = positions.floor(), positions.ceil()
-    if not (learn and torch.is_grad_enabled()):
-        return [before.long(), after.long()]
-    first = slice_before(positions)
-    return [first.long(), torch.minimum(first + 1, after).long()]
+    if learn and torch.is_grad_enabled():
+        between = torch.ones_like(positions, dtype=torch.bool)
+        if sharp is not None:
+            between = positions != sharp
+        before = torch.where(between, slice_before(positions), before)
+        after = torch.where(between, (before + 1).clamp(max=count - 1), after)
+    return before.long(), after.long()
