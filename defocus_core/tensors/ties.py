@@ -49,8 +49,8 @@ def within(values: Tensor, minimum: Tensor, maximum: Tensor) -> Tensor:
 
 
 def with_gradient(values: Tensor, of: Tensor) -> Tensor:
-    """Values that have the gradient of others, which they equal but for rounding."""
-    return of + (values - of).detach()
+    """The values, with the gradient of others, which they equal but for rounding."""
+    return values.detach() + (of - of.detach())
 
 
 def _shared(chosen: Tensor, a: Tensor, b: Tensor) -> Tensor:
