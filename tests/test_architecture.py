@@ -3,7 +3,7 @@
 import ast
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -87,6 +87,24 @@ def on_import(node: ast.AST) -> Iterator[str]:
         yield from on_import(child)
 
 
+def of_each(paths: Sequence[Path]) -> Callable[[Callable[[Path], None]], Callable[[], None]]:
+    """A law of files as one test, which names those that break it."""
+
+    def looped(law: Callable[[Path], None]) -> Callable[[], None]:
+        def test() -> None:
+            broken = {}
+            for path in paths:
+                try:
+                    law(path)
+                except AssertionError as error:
+                    broken[name_of(path)] = str(error)
+            assert broken == {}
+
+        return test
+
+    return looped
+
+
 def may_import(importer: str, imported: str) -> bool:
     """Whether a wing of the library may import from another."""
     if importer in TORCH and imported in FILES:
@@ -94,7 +112,7 @@ def may_import(importer: str, imported: str) -> bool:
     return imported in ORDER and ORDER.index(importer) <= ORDER.index(imported)
 
 
-@pytest.mark.parametrize("path", CORE, ids=name_of)
+@of_each(CORE)
 def test_arrows_of_the_library_go_one_way(path: Path) -> None:
     if module(path) == "defocus_core":
         return  # the door to all names
@@ -105,14 +123,14 @@ def test_arrows_of_the_library_go_one_way(path: Path) -> None:
     assert {name for name in own if not may_import(importer, wing(name))} == set()
 
 
-@pytest.mark.parametrize("path", CLI, ids=name_of)
+@of_each(CLI)
 def test_arrows_of_the_command_line_go_one_way(path: Path) -> None:
     order, importer = CLI_ORDER, wing(module(path))
     reached = {wing(name) for name in everywhere(path) if name.startswith("defocus_cli.")}
     assert not {other for other in reached if order.index(other) < order.index(importer)}
 
 
-@pytest.mark.parametrize("path", CORE, ids=name_of)
+@of_each(CORE)
 def test_the_library_does_not_parse_command_lines(path: Path) -> None:
     assert "click" not in {name.split(".")[0] for name in everywhere(path)}
 
@@ -141,7 +159,7 @@ def length(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
     )
 
 
-@pytest.mark.parametrize("path", [*CORE, *CLI], ids=name_of)
+@of_each([*CORE, *CLI])
 def test_functions_are_short(path: Path) -> None:
     functions = (
         node
@@ -152,14 +170,14 @@ def test_functions_are_short(path: Path) -> None:
     assert {name: count for name, count in lines.items() if count > LONGEST_FUNCTION} == {}
 
 
-@pytest.mark.parametrize("path", [*CORE, *CLI], ids=name_of)
+@of_each([*CORE, *CLI])
 def test_each_module_says_what_is_in_it(path: Path) -> None:
     text = ast.get_docstring(ast.parse(path.read_text()))
     assert text
     assert text.splitlines()[0].endswith("."), "the first line is a sentence of its own"
 
 
-@pytest.mark.parametrize("path", TORCH_MODULES, ids=name_of)
+@of_each(TORCH_MODULES)
 def test_what_computes_is_pure_torch_without_files_or_prints(path: Path) -> None:
     roots = {name.split(".")[0] for name in everywhere(path)}
     roots -= TORCH_EXCEPTIONS.get(name_of(path), set())
@@ -173,7 +191,7 @@ def test_what_computes_is_pure_torch_without_files_or_prints(path: Path) -> None
     assert not calls & {"open", "print", "input", "exec", "eval"}
 
 
-@pytest.mark.parametrize("path", LIGHT, ids=name_of)
+@of_each(LIGHT)
 def test_what_is_heavy_is_imported_inside_functions(path: Path) -> None:
     reached = set(on_import(ast.parse(path.read_text())))
     # Pixels are held by numpy; help must not reach the modules that do, as is tested below.
