@@ -9,15 +9,17 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-# Values of order 1 that differ by at most so many roundings tie.
-_ROUNDINGS = 100
+# Values of order 1 that differ by at most so many roundings tie, and by so much in any precision:
+# what differs by 1e-15 of a radius, after a draft's few sums.
+_ROUNDINGS, _LEAST = 8, 2e-14
 
 
 def tied(a: Tensor, b: Tensor | float) -> Tensor:
     """Where two values are equal but for rounding."""
     a = a.detach()
     difference = a - (b.detach() if isinstance(b, Tensor) else b)
-    return difference.abs() <= _ROUNDINGS * torch.finfo(a.dtype).eps * a.abs().clamp(min=1)
+    tolerance = max(_ROUNDINGS * torch.finfo(a.dtype).eps, _LEAST)
+    return difference.abs() <= tolerance * a.abs().clamp(min=1)
 
 
 def lesser(a: Tensor, b: Tensor) -> Tensor:

@@ -48,18 +48,28 @@ def fraction_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) ->
     Returns:
         [M, 1, h, w].
     """
-    room, coverage = full - front[:, -1:], layer[:, -1:]
-    if not (torch.is_grad_enabled() and (room.requires_grad or coverage.requires_grad)):
-        left = room.clamp_(min=_MIN_FRACTION)
-        added = (coverage * _STEEP).clamp_(left.new_zeros(()), left)
-        return added / torch.maximum(coverage, left)
-    # room that rounding leaves or takes has the gradient of room: it opens with the coverage
-    left = bounded(room, _MIN_FRACTION)
-    added = (coverage * _STEEP).clamp(left.new_zeros(()), left)
+    left, coverage = (full - front[:, -1:]).clamp_(min=_MIN_FRACTION), layer[:, -1:]
+    added = (coverage * _STEEP).clamp_(left.new_zeros(()), left)
     fraction = added / greater(coverage, left)
-    # coverage that may be noise shows as far as there is room
-    certain = coverage > _CERTAIN * torch.finfo(left.dtype).eps
-    return torch.where(certain, fraction, torch.where(tied(room, 0.0), 0.0, 1.0).to(fraction))
+    if torch.is_grad_enabled():
+        certain = torch.minimum(coverage, left) > _CERTAIN * torch.finfo(left.dtype).eps
+        fraction = torch.where(certain, fraction, fraction.detach())
+    return fraction
+
+
+def shown_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
+    """A layer and its `fraction_behind`, with the gradient of coverage that is about to begin.
+
+    Where there is room, all of a coverage of 0 shows as soon as there is one, and its gradient with
+    it. What it shows now is rounding, and stays as it is: of this the share is 1.
+    """
+    fraction = fraction_behind(front, layer, full)
+    if not (torch.is_grad_enabled() and layer.requires_grad):
+        return layer, fraction
+    noise = _CERTAIN * torch.finfo(layer.dtype).eps
+    begins = (layer[:, -1:].detach().abs() <= noise) & (full - front[:, -1:].detach() > noise)
+    begun = with_gradient(layer * fraction, layer)
+    return torch.where(begins, begun, layer), torch.where(begins, 1.0, fraction)
 
 
 def add_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
@@ -70,7 +80,7 @@ def add_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tens
         layer: As in `fraction_behind`.
         full: As in `fraction_behind`.
     """
-    fraction = fraction_behind(front, layer, full)
+    layer, fraction = shown_behind(front, layer, full)
     return (
         front.addcmul(layer, fraction)
         if torch.is_grad_enabled()
