@@ -166,10 +166,11 @@ def slice_position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
     fraction = torch.addcmul(c.index_select(0, piece), a.index_select(0, piece), r * r)
     if any(p.b for p in pieces):
         fraction = fraction.addcmul(b.index_select(0, piece), r)
-    share = fraction.clamp(0, 1)
-    if torch.is_grad_enabled() and r.requires_grad:
-        share = torch.where(tied(fraction, share), with_gradient(share, fraction), share)
-    positions = lower.index_select(0, piece) + share
+    lower, share = lower.index_select(0, piece), fraction.clamp(0, 1)
+    if torch.is_grad_enabled() and r.requires_grad:  # positions round more than their fractions
+        rounding = tied(lower + fraction, lower + share)
+        share = torch.where(rounding, with_gradient(share, fraction), share)
+    positions = lower + share
     return positions.reshape(signed_radius.shape)
 
 
