@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.autograd import gradcheck
 
 from defocus_core import DefocusLens, render
+from defocus_core.evaluation.synthetic_scenes import scenery
 
 SIZE = (9, 11)
 PIXEL = 36.0 / 480  # mm
@@ -174,3 +175,38 @@ def test_gradients_to_the_shape_of_the_pupil_are_those_by_differences(
     if at[2] == -1:
         slope = (second - third) / (2 * step)
     assert float(gradient) == pytest.approx(slope, rel=1e-3, abs=1e-4)
+
+
+@pytest.mark.parametrize("quality", ["draft", "standard", "high"])
+@pytest.mark.parametrize("kind", ["cards", "floor"])
+def test_gradients_do_not_hang_on_rounding(kind: str, quality: str) -> None:
+    """Cards lie on slices, and cover pixels fully but for the last bit; the floor has no ties."""
+    made = scenery(kind, 72, 110, 9.0)
+    image, radius = (x[..., :24, :40].double() for x in (made.image, made.signed_radius))
+    by = 1e-15 * torch.randn(radius.shape, generator=torch.Generator().manual_seed(0)).double()
+
+    def gradients(r: Tensor) -> tuple[Tensor, ...]:
+        given = (image.clone().requires_grad_(), r.clone().requires_grad_())
+        seen = render(*given, quality=quality, left_right=True)
+        assert seen.left is not None
+        return torch.autograd.grad(2 * seen.render.sum() + seen.left.square().sum(), given)
+
+    for one, other in zip(gradients(radius), gradients(radius * (1 + by)), strict=True):
+        torch.testing.assert_close(other, one, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("radius", [0.75, 4.5])
+def test_on_a_slice_the_derivative_is_between_those_of_both_sides(radius: float) -> None:
+    image = torch.rand(1, 24, 24, generator=torch.Generator().manual_seed(3)).double()
+    radii = torch.full((24, 24), radius).double().requires_grad_()
+    (slope,) = torch.autograd.grad(render(image, radii, depth_repair="off").render.sum(), radii)
+    step = torch.zeros(24, 24).double()
+    step[12, 12] = 1e-6
+    with torch.no_grad():
+        before, at, after = (
+            float(render(image, radii + by * step, depth_repair="off").render.sum())
+            for by in (-1, 0, 1)
+        )
+    sides = sorted(((at - before) / 1e-6, (after - at) / 1e-6))
+    assert sides[0] - 1e-4 <= float(slope[12, 12]) <= sides[1] + 1e-4
+    assert abs(float(slope[12, 12])) > 1e-3

@@ -17,6 +17,7 @@ from defocus_core.renderer.layers.sliced_surface import Surface
 from defocus_core.renderer.layers.subpixel_shifts import NEAR
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.pyramid import Axis
+from defocus_core.tensors.ties import lesser, positive
 from defocus_core.tensors.tiling import Grid
 
 
@@ -179,7 +180,7 @@ class Blur:
             if shifts is not None and piece.near:
                 # a part gets shifts for the coverage that it sees, no more
                 fraction = sliced.surface.fractions(piece.slice_indices, piece.patch.shown)
-                fraction = torch.minimum(fraction, layers[-1][:, -1:].clamp(min=0))
+                fraction = lesser(fraction, positive(layers[-1][:, -1:]))
                 moved = box.of(shifts) * fraction
             for by_layer, layer in zip(shown, layers, strict=True):
                 by_layer[piece.layer_index] = ShownLayer(

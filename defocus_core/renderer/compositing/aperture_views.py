@@ -13,8 +13,8 @@ from defocus_core.renderer.compositing.known_surfaces import add_known
 from defocus_core.renderer.compositing.openings import Openings
 from defocus_core.renderer.compositing.saturating_sum import (
     add_within,
-    fraction_behind,
     is_full,
+    shown_behind,
     summed,
 )
 from defocus_core.renderer.compositing.sight_limits import SightLimits
@@ -80,7 +80,7 @@ class TileCompositor:
             for number in sorted(surfaces):
                 box, layer, by = surfaces[number]
                 within = box.of(maximum) if isinstance(maximum, Tensor) else maximum
-                fraction = fraction_behind(box.of(front), layer, within)
+                layer, fraction = shown_behind(box.of(front), layer, within)
                 if self.sight and (seen := self.sight.over(box).to(number)) is not None:
                     fraction = fraction * seen
                 front = add_within(front, box, layer, fraction)
@@ -172,7 +172,7 @@ class TileCompositor:
         before, self.invented, since = aside.invented, aside.invented, self.invented
         for group, (front, covered) in enumerate(zip(aside.composited, aside.covered, strict=True)):
             layer = _changed(self.by_group[group], -covered)
-            fraction = fraction_behind(front, layer, self._full[group])
+            layer, fraction = shown_behind(front, layer, self._full[group])
             self.by_group[group] = torch.addcmul(front, layer, fraction)
             if group == 0 and since is not None:
                 share = fraction[:, 0]
@@ -196,7 +196,8 @@ class TileCompositor:
             front, maximum = self.by_group[group], self._maximum(group, known)
             if layer is None or is_full(front, maximum):
                 continue
-            whole, fraction = Box(0, 0, *front.shape[-2:]), fraction_behind(front, layer, maximum)
+            whole = Box(0, 0, *front.shape[-2:])
+            layer, fraction = shown_behind(front, layer, maximum)
             if group == 0 and not known:
                 share, covered = fraction[:, 0], layer[:, -1]
                 self.invented = (

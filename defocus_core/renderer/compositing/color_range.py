@@ -16,6 +16,7 @@ from torch import Tensor
 from defocus_core.renderer.compositing.saturating_sum import is_half
 from defocus_core.tensors.device_plan import beside, sent
 from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.ties import with_gradient
 
 # Share of its range by which detail as fine as a pixel may overshoot in a half of the lens.
 _OVERSHOOT = 0.1
@@ -68,4 +69,4 @@ class ColorRange(NamedTuple):
 
 def _clamped(values: Tensor, least: Tensor, greatest: Tensor) -> Tensor:
     bounded = values.clamp(least, greatest)
-    return values + (bounded - values).detach() if values.requires_grad else bounded
+    return with_gradient(bounded, values) if values.requires_grad else bounded

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from defocus_core.renderer.blur.layer_blur import ShownLayer
 from defocus_core.renderer.compositing.openings import Openings
-from defocus_core.renderer.compositing.saturating_sum import add_within, fraction_behind, is_full
+from defocus_core.renderer.compositing.saturating_sum import add_within, is_full, shown_behind
 from defocus_core.tensors.box import Box
 
 # Coverage below which a hidden share is rounding.
@@ -52,9 +52,9 @@ def add_known(
         before = None if behind is None else behind.box.of(front)[:, -1:].clone()
         if shown is not None:
             within = _of(full, shown.box)
-            fraction = fraction_behind(shown.box.of(front), shown.layer, within)
+            layer, fraction = shown_behind(shown.box.of(front), shown.layer, within)
             fraction = fraction * openings.over(shown.box).to(number)
-            front = add_within(front, shown.box, shown.layer, fraction)
+            front = add_within(front, shown.box, layer, fraction)
             if shown.moved is not None:
                 moved = torch.zeros_like(front[:, :-1]) if moved is None else moved
                 moved = add_within(moved, shown.box, shown.moved, fraction)
@@ -67,8 +67,8 @@ def add_known(
         within, window = _of(full, behind.box), behind.box.of(front)
         if not is_full(window, within):
             rest = behind.layer * (1 - fraction)
-            left = fraction_behind(window, rest, within) * room
-            front = add_within(front, behind.box, rest, left)
+            rest, left = shown_behind(window, rest, within)
+            front = add_within(front, behind.box, rest, left * room)
     return front, moved
 
 

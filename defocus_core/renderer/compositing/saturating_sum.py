@@ -17,6 +17,7 @@ from defocus_core.renderer.layers.subpixel_shifts import along_first
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import beside
 from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.ties import greater, positive, tied, with_gradient
 
 # Least room that counts as left: it guards 0 / 0, and shows nothing, however bright.
 _MIN_FRACTION = 1e-30
@@ -49,11 +50,26 @@ def fraction_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) ->
     """
     left, coverage = (full - front[:, -1:]).clamp_(min=_MIN_FRACTION), layer[:, -1:]
     added = (coverage * _STEEP).clamp_(left.new_zeros(()), left)
-    fraction = added / torch.maximum(coverage, left)
+    fraction = added / greater(coverage, left)
     if torch.is_grad_enabled():
         certain = torch.minimum(coverage, left) > _CERTAIN * torch.finfo(left.dtype).eps
         fraction = torch.where(certain, fraction, fraction.detach())
     return fraction
+
+
+def shown_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
+    """A layer and its `fraction_behind`, with the gradient of coverage that is about to begin.
+
+    Where there is room, all of a coverage of 0 shows as soon as there is one, and its gradient with
+    it. What it shows now is rounding, and stays as it is: of this the share is 1.
+    """
+    fraction = fraction_behind(front, layer, full)
+    if not (torch.is_grad_enabled() and layer.requires_grad):
+        return layer, fraction
+    noise = _CERTAIN * torch.finfo(layer.dtype).eps
+    begins = (layer[:, -1:].detach().abs() <= noise) & (full - front[:, -1:].detach() > noise)
+    begun = with_gradient(layer * fraction, layer)
+    return torch.where(begins, begun, layer), torch.where(begins, 1.0, fraction)
 
 
 def add_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
@@ -64,7 +80,7 @@ def add_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tens
         layer: As in `fraction_behind`.
         full: As in `fraction_behind`.
     """
-    fraction = fraction_behind(front, layer, full)
+    layer, fraction = shown_behind(front, layer, full)
     return (
         front.addcmul(layer, fraction)
         if torch.is_grad_enabled()
@@ -189,7 +205,7 @@ def pair_of(
     if minimum:
         centre = centre - minimum
     # transforms leave ±1e-8
-    left, right = ((half - minimum).clamp(min=0) for half in (left, right))
+    left, right = (positive(half - minimum) for half in (left, right))
     if not is_half(fraction):
         share = beside(fraction, centre)
         left, right = left * (2 * share), right * (2 - 2 * share)
@@ -197,6 +213,8 @@ def pair_of(
     lit = total > 0
     of_left = torch.where(lit, left / torch.where(lit, total, 1.0), 0.5)
     pair = 2 * centre * torch.stack([of_left, 1 - of_left])
+    if torch.is_grad_enabled() and pair.requires_grad:  # the ratio of two roundings says nothing
+        pair = torch.where(tied(total, 0.0), with_gradient(pair, centre.expand_as(pair)), pair)
     if not is_half(fraction):
         pair = pair / along_first([2 * fraction, 2 - 2 * fraction], pair)
     return pair + minimum if minimum else pair

@@ -18,6 +18,7 @@ from defocus_core.renderer.layers.slice_radii import SHARP, SOFT
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.neighbourhoods import range_of
+from defocus_core.tensors.ties import greater, lesser, positive, tied, within
 
 # Radius in px from which on no detail is left; up to there the share that is left falls as a disc
 # leaves it of random textures, in the mean.
@@ -102,7 +103,7 @@ def with_detail(
     for _ in range(_SQUARINGS):
         copied = copied.square()
     centre = torch.addcmul(blurred, left[0], detail).lerp_(pixels, copied)
-    centre.clamp_(torch.minimum(blurred, pixels), torch.maximum(blurred, pixels))
+    centre = within(centre, lesser(blurred, pixels), greater(blurred, pixels))
     if len(views) == 1:
         return centre[None]
     beside = _padded(detail, (1, 1, 0, 0))
@@ -127,7 +128,7 @@ def _visible(shown: Tensor, fraction: Tensor, in_view: list[bool], part: Box) ->
         return shown.new_ones(len(shown), 1, 1)
     # hidden surfaces show there, too, and have no detail
     left, *visible = (
-        smooth(x[None, None], part)[0, 0] for x in (fraction, *torch.minimum(shown, fraction))
+        smooth(x[None, None], part)[0, 0] for x in (fraction, *lesser(shown, fraction))
     )
     return torch.stack(
         [
@@ -175,12 +176,14 @@ def doubled(coarse: Tensor, part: Box, brightest: float = torch.inf) -> Tensor:
     across = _rise(coarse[..., AROUND:-AROUND, :], -1)
     minimum, maximum = _limits(coarse[..., 1:-1, 1:-1])
     rise = down.abs() + across.abs() + bend.abs()
-    kept, differ = torch.minimum(maximum - middle, middle - minimum), maximum - minimum
-    beyond = torch.minimum(differ, middle.abs() - differ).clamp(min=0)
+    kept, differ = lesser(maximum - middle, middle - minimum), maximum - minimum
+    beyond = positive(lesser(differ, middle.abs() - differ))
     bound = torch.add(kept, beyond, alpha=_OVERSHOOT)
     if brightest < torch.inf:
-        bound = torch.minimum(bound, (brightest - middle).clamp(min=0))
-    fraction = bound / torch.maximum(rise, bound).clamp(min=torch.finfo(rise.dtype).tiny)
+        bound = lesser(bound, positive(brightest - middle))
+    fraction = bound / greater(rise, bound).clamp(min=torch.finfo(rise.dtype).tiny)
+    if fraction.requires_grad:  # in one colour nothing rises, but for rounding
+        fraction = torch.where(tied(rise, 0.0), 1.0, fraction)
     down, across, bend = down * fraction, across * fraction, bend * fraction
     *others, rows, columns = middle.shape
     px = coarse.new_empty((*others, 2 * rows, 2 * columns))
@@ -205,7 +208,7 @@ def _limits(coarse: Tensor) -> tuple[Tensor, Tensor]:
         n = coarse.shape[dim] - 2
         minimum, maximum = (
             pick(pick(x.narrow(dim, 0, n), x.narrow(dim, 1, n)), x.narrow(dim, 2, n))
-            for pick, x in ((torch.minimum, minimum), (torch.maximum, maximum))
+            for pick, x in ((lesser, minimum), (greater, maximum))
         )
     return minimum, maximum
 

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from defocus_core.renderer.layers.slice_radii import slice_before
 from defocus_core.tensors.box import Box, Span
 from defocus_core.tensors.tiling import BLOCK
 
@@ -49,32 +50,40 @@ def _reached(sides: list[Span], reach: Tensor, count: int) -> Tensor:
     return ((block >= first_block[..., None]) & (block < end_block[..., None])).float()
 
 
-def blocks_of(positions: Tensor, slices: int, present: Tensor | None = None) -> Tensor:
+def blocks_of(
+    positions: Tensor, slices: int, present: Tensor | None = None, sharp: int | None = None
+) -> Tensor:
     """For each slice the blocks of 16 px that hold a pixel of it: [K, rows, columns] bool.
 
     Args:
         positions: [..., H, W] positions of pixels among the slice radii, of any picture of a batch.
+            If they learn, a pixel on a slice is in the one before, too: its share in this is 0,
+            and has a gradient.
         slices: K, the number of slices.
         present: [..., H, W] bool, which pixels exist; None if all do.
+        sharp: The slice in focus, on which shares have no gradient; None if there is none.
     """
-    positions = positions.detach()
     if present is not None:
         at = torch.nonzero(present)
         size = positions.shape[-2], positions.shape[-1]
-        return blocks_at(positions[at.unbind(1)], at[:, -2:], slices, size)
+        return blocks_at(positions[at.unbind(1)], at[:, -2:], slices, size, sharp)
+    learn, positions = positions.requires_grad, positions.detach()
+
+    def beside(place: Tensor) -> tuple[Tensor, Tensor]:
+        return _slices_beside(place, slices, sharp, learn=learn)
+
     extremes = block_ranges(positions)
     occupied = torch.zeros((*extremes[0].shape, slices), dtype=torch.bool, device=positions.device)
-    (first, above), (below, last) = (
-        (extreme.floor().long(), extreme.ceil().long()) for extreme in extremes
-    )
-    for slice_index in (first, above, below, last):
+    least, greatest = map(beside, extremes)
+    for slice_index in (*least, *greatest):
         occupied.scatter_(-1, slice_index[..., None], True)
     # which slices between the least and the greatest have a pixel?
-    several = torch.nonzero(below - above > 1)
+    several = torch.nonzero(greatest[0] - least[-1] > 1)
     if len(several):
         mixed = _in_blocks(positions).transpose(-3, -2)[several.unbind(1)].flatten(1)
         slices_held = torch.zeros((len(several), slices), dtype=torch.bool, device=positions.device)
-        slices_held.scatter_(1, mixed.floor().long(), True).scatter_(1, mixed.ceil().long(), True)
+        for slice_index in beside(mixed):
+            slices_held.scatter_(1, slice_index, True)
         occupied[several.unbind(1)] = slices_held
     occupied = occupied if occupied.dim() == 3 else occupied.any(0)
     return occupied.permute(2, 0, 1)
@@ -94,7 +103,9 @@ def _in_blocks(values: Tensor) -> Tensor:
     return torch.unflatten(torch.unflatten(padded, -1, (-1, BLOCK)), -3, (-1, BLOCK))
 
 
-def blocks_at(positions: Tensor, at: Tensor, slices: int, size: tuple[int, int]) -> Tensor:
+def blocks_at(
+    positions: Tensor, at: Tensor, slices: int, size: tuple[int, int], sharp: int | None = None
+) -> Tensor:
     """As `blocks_of`, for n samples: their places [n], and their rows and columns [n, 2].
 
     Rows may be counted on from one picture of a batch to the next.
@@ -105,6 +116,21 @@ def blocks_at(positions: Tensor, at: Tensor, slices: int, size: tuple[int, int])
         x.div(BLOCK, rounding_mode="floor") for x in (at[:, 0].remainder(size[0]), at[:, 1])
     )
     number = row * columns + column
-    for slice_index in (positions.detach().floor(), positions.detach().ceil()):
-        occupied.index_fill_(0, slice_index.long() * (rows * columns) + number, True)
+    beside = _slices_beside(positions.detach(), slices, sharp, learn=positions.requires_grad)
+    for slice_index in beside:
+        occupied.index_fill_(0, slice_index * (rows * columns) + number, True)
     return occupied.view(slices, rows, columns)
+
+
+def _slices_beside(
+    positions: Tensor, count: int, sharp: int | None, *, learn: bool
+) -> tuple[Tensor, Tensor]:
+    """The slices before and after positions, which may be one."""
+    before, after = positions.floor(), positions.ceil()
+    if learn and torch.is_grad_enabled():
+        between = torch.ones_like(positions, dtype=torch.bool)
+        if sharp is not None:
+            between = positions != sharp
+        before = torch.where(between, slice_before(positions), before)
+        after = torch.where(between, (before + 1).clamp(max=count - 1), after)
+    return before.long(), after.long()

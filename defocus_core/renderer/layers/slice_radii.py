@@ -17,6 +17,7 @@ from torch import Tensor
 from defocus_core.allowed_values import QUALITIES
 from defocus_core.renderer.layers.quality import Quality, find
 from defocus_core.tensors.device_plan import sent
+from defocus_core.tensors.ties import tied, with_gradient
 from defocus_core.tensors.validation import number
 
 # Up to a radius of SHARP px a pixel counts as in focus: its disc is much narrower than the pixel.
@@ -159,10 +160,17 @@ def slice_position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
     r = signed_radius.flatten()
     limits = sent([p.end for p in pieces[:-1]], r)
     piece = torch.bucketize(r.detach(), limits, right=True, out_int32=True)
+    if torch.is_grad_enabled() and r.requires_grad:  # on a limit, the piece before it
+        before = (piece - 1).clamp(min=0)
+        piece = torch.where(tied(r, limits.index_select(0, before)), before, piece)
     fraction = torch.addcmul(c.index_select(0, piece), a.index_select(0, piece), r * r)
     if any(p.b for p in pieces):
         fraction = fraction.addcmul(b.index_select(0, piece), r)
-    positions = lower.index_select(0, piece) + fraction.clamp(0, 1)
+    lower, share = lower.index_select(0, piece), fraction.clamp(0, 1)
+    if torch.is_grad_enabled() and r.requires_grad:  # positions round more than their fractions
+        rounding = tied(lower + fraction, lower + share)
+        share = torch.where(rounding, with_gradient(share, fraction), share)
+    positions = lower + share
     return positions.reshape(signed_radius.shape)
 
 
@@ -205,6 +213,24 @@ def _sharp(whole: _QuadraticPiece) -> list[_QuadraticPiece]:
 
 
 def membership(positions: Tensor, slices: Tensor) -> Tensor:
-    """Shares [K, ..., H, W] of pixels of places [..., H, W] in slices [K]; all sum to 1."""
+    """Shares [k, ..., H, W] of pixels of places [..., H, W] in slices [k]; all sum to 1.
+
+    A pixel on a slice has the gradient of those between it and the slice before, as in
+    `slice_before`.
+    """
     numbers = slices.view(-1, *[1] * positions.dim())
-    return (1 - (positions - numbers).abs_()).clamp_(min=0)
+    if not (torch.is_grad_enabled() and positions.requires_grad):
+        return (1 - (positions - numbers).abs_()).clamp_(min=0)
+    lower = slice_before(positions.detach())
+    fraction = positions - lower
+    after = torch.where(numbers == lower + 1, fraction, 0.0)
+    return torch.where(numbers == lower, 1 - fraction, after)
+
+
+def slice_before(positions: Tensor) -> Tensor:
+    """The slice before positions [...] that are between two, or on the latter but for rounding.
+
+    The first slice has none before it: what is on it is between it and the next one.
+    """
+    nearest = positions.round()
+    return torch.where(tied(positions, nearest), nearest - 1, positions.floor()).clamp(min=0)

@@ -79,6 +79,7 @@ class Surface:
         self._framed_box = Box(top, left, below - top, beside - left)
         count = len(reaches)
         whole = samples.coverage is None
+        self._sharp = reaches.index(0) if 0 in reaches else None
         visible = self._sample_tensors(self._layer(samples), samples.positions, count, whole=whole)
         others = [
             self._sample_tensors(self._framed([x]), positions, count)
@@ -92,7 +93,7 @@ class Surface:
         if len(samples.at):
             at, layer_index = positions_continued(samples.at, size, around)
             extra, positions = (x[layer_index] for x in (samples.extra, samples.extra_positions))
-            blocks = blocks | blocks_at(positions, at, count, (H, W)).cpu()
+            blocks = blocks | blocks_at(positions, at, count, (H, W), self._sharp).cpu()
             self._fringe = FringeSamples(at, extra, positions, layers, H)
         self.plan = visible_slices(blocks, reaches, grid.tiles)
         self._blocks = blocks
@@ -126,7 +127,7 @@ class Surface:
         if not whole:
             covered = self._unframed(self._own, layer.detach()[-1].bool())
             exists = None if bool(covered.all()) else covered
-        return _SampleTensors(layer, framed, blocks_of(inner, count, exists).cpu())
+        return _SampleTensors(layer, framed, blocks_of(inner, count, exists, self._sharp).cpu())
 
     def _layer(self, samples: SurfaceSamples) -> Tensor:
         """The pixels themselves, colour times coverage and coverage, framed."""

@@ -19,7 +19,7 @@ from torch.nn.functional import pad
 
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import LEFT, Part
-from defocus_core.renderer.layers.slice_radii import SHARP, SOFT
+from defocus_core.renderer.layers.slice_radii import SHARP, SOFT, slice_before
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.source import Scalar
@@ -97,7 +97,7 @@ class Shifts:
         if size.is_cpu and not bool(((size < self._end) & (size > SHARP)).any()):
             return None
         count = self._count
-        lower = positions.detach().floor().clamp(max=max(count - 2, 0))
+        lower = slice_before(positions.detach())
         fraction, number = positions - lower, lower.long()
         pairs = [(number + i).clamp(max=count - 1) for i in (0, 1)]
         if len(self._apparent) > count:  # of each picture
