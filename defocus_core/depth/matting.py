@@ -9,6 +9,7 @@ tells the surfaces apart and is a mixture of them at all.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -27,6 +28,11 @@ AROUND, _NEARBY = 3, 2**0.5
 # Standard deviation in px of the weights of the pixels from whose depth a coverage is expected, and
 # of the coverage from the expected one.
 _PIXEL, _UNCERTAIN = 0.6, 0.2
+# Weight of a light that is no ordinary pixel, beside ordinary ones of its surface.
+_LIGHT = 1e-6
+# Share of another surface up to which a pixel is whole; a greater one d counts as
+# d - _WHOLE² / d.
+_WHOLE = 0.03
 # Least standard deviation of the colours of a surface, as a share of their mean, and as a share of
 # the brightest channel: less may be rounding.
 _MIN_DEVIATION, _ROUNDING = 0.01, 1e-4
@@ -106,11 +112,14 @@ class _Squares(NamedTuple):
         """The index of the pixel itself."""
         return len(self.radii) // 2
 
-    def weights(self) -> Tensor:
+    def weights(self, limit: float) -> Tensor:
         """[k, n] by closeness; 0 for a third surface on the pixel's own side of the edge."""
         alike = (self.radii - self.radii[self.middle]).detach().abs() <= EDGE
         own = self.is_near == self.is_near[self.middle]
-        return _closeness(self.colors, _NEARBY) * (alike | ~own)
+        weights = _closeness(self.colors, _NEARBY) * (alike | ~own)
+        if math.isinf(limit):
+            return weights
+        return weights * torch.where(self.colors.detach().amax(0) > limit, _LIGHT, 1.0)
 
     def have_step(self) -> Tensor:
         """[n] bool, whether the inner nine hold a step between two surfaces."""
@@ -121,12 +130,13 @@ class _Squares(NamedTuple):
         return torch.maximum(*steps) > _STEP
 
 
-def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
+def unmixed(image: Tensor, signed_radius: Tensor, limit: float = math.inf) -> Unmixed:
     """Take mixed pixels apart; a pixel stays as it is where one of its surfaces is not seen.
 
     Args:
         image: [C, ..., H, W] linear.
         signed_radius: [..., H, W] px.
+        limit: Brightness above which a pixel is a light, which tells little of what is beside it.
     """
     r = signed_radius.detach()
     nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
@@ -136,7 +146,7 @@ def unmixed(image: Tensor, signed_radius: Tensor) -> Unmixed:
         return whole(image, signed_radius)
     border = halfway(nearest, farthest)
     chunks = [
-        _taken_apart(at, _squares(image, signed_radius, edge, border, at))
+        _taken_apart(at, _squares(image, signed_radius, edge, border, at), limit)
         for at in torch.split(positions, pieces(positions.device, _AT_ONCE, _BYTES_EACH))
     ]
     at, own, fraction, fringe_at, fringe, fringe_radius = map(torch.cat, zip(*chunks, strict=True))
@@ -170,17 +180,18 @@ def _squares(
     return _Squares(colors, radii, is_near, on_edge)
 
 
-def _taken_apart(at: Tensor, squares: _Squares) -> tuple[Tensor, ...]:
+def _taken_apart(at: Tensor, squares: _Squares, limit: float) -> tuple[Tensor, ...]:
     """Take apart the pixels at [n, 2].
 
     Returns:
         Place, colour and coverage of mixed pixels; place, layer and radius of the fringe in them.
     """
-    near, far = _sides(squares)
+    near, far = _sides(squares, limit)
     color = squares.colors[:, squares.middle]  # [C, n]
     is_near = squares.is_near[squares.middle]
     nearby = _closeness(color, _PIXEL)
-    alpha = _coverage(color, near, far, (nearby * squares.is_near).sum(0) / nearby.sum())
+    expected = (nearby * squares.is_near).sum(0) / nearby.sum()
+    alpha = _as_whole(_coverage(color, near, far, expected), is_near)
     weights = alpha * near.variance, (1 - alpha) * far.variance
     residual = (color - alpha * near.mean - (1 - alpha) * far.mean) / (
         alpha * weights[0] + (1 - alpha) * weights[1]
@@ -211,13 +222,13 @@ def _closeness(like: Tensor, deviation: float) -> Tensor:
     return torch.exp(squares.to(like.dtype) / (-2 * deviation**2))[:, None]
 
 
-def _sides(squares: _Squares) -> tuple[_Side, _Side]:
+def _sides(squares: _Squares, limit: float) -> tuple[_Side, _Side]:
     """The nearer and the farther surface in squares, from their pixels off the edge.
 
     If one is so thin that all of its pixels are on an edge, those that are least like the other
     hold most of it.
     """
-    weight, is_near = squares.weights(), squares.is_near
+    weight, is_near = squares.weights(limit), squares.is_near
     masks = is_near, ~is_near
     near, far = (_side_of(squares, weight * (mask & ~squares.on_edge)) for mask in masks)
     sides = []
@@ -262,6 +273,14 @@ def _coverage(color: Tensor, near: _Side, far: _Side, expected: Tensor) -> Tenso
     misfit = (off * off / (best * near.variance + (1 - best) * far.variance)).sum(0)
     by = (observed - expected * evidence) / (_UNCERTAIN**-2 * (1 + misfit) + evidence)
     return (expected + by).clamp(0, 1)
+
+
+def _as_whole(alpha: Tensor, is_near: Tensor) -> Tensor:
+    """Coverages [n], with those of pixels that are hardly mixed as of their own surface alone."""
+    short = torch.where(is_near, 1 - alpha, alpha)
+    clear = short > _WHOLE
+    short = torch.where(clear, short - _WHOLE**2 / torch.where(clear, short, 1.0), 0.0)
+    return torch.where(is_near, 1 - short, short)
 
 
 def _rest(mixed: Tensor, color: Tensor, fraction: Tensor) -> Tensor:

@@ -147,7 +147,8 @@ def test_what_is_far_away_does_not_matter(r: float) -> None:
     image[..., :80], radius[:, :80] = card
     before = render(image, radius).render
     image[:, 30, -3], radius[30, -3] = 1.0, r
-    assert worst(render(image, radius).render[..., :110], before[..., :110]) < EXACT
+    # but the brightest pixel, which bounds what detail overshoots
+    assert worst(render(image, radius).render[..., :110], before[..., :110]) < 1e-4
 
 
 def test_memory_layout_does_not_matter() -> None:

@@ -145,8 +145,9 @@ def test_a_highlight_keeps_its_sum(r: float, aperture: Aperture) -> None:
     picture = render(*isolated(r, 1e3, ground=0.1), aperture=aperture, left_right=True)
     for image in (picture.render, picture.left, picture.right):
         assert image is not None
-        # a slice radius above r is 20 % wider at most, the frame is 40 % wider: nothing is lost
-        assert float((image - 0.1).sum()) == pytest.approx(1e3 - 0.1, rel=1e-9)
+        # a slice radius above r is 20 % wider at most, the frame is 40 % wider: nothing is lost;
+        # rounding that would be darker than the ground is bounded
+        assert float((image - 0.1).sum()) == pytest.approx(1e3 - 0.1, rel=1e-5)
 
 
 @pytest.mark.parametrize("r", [6.0, -9.3, 20.0])

@@ -119,9 +119,13 @@ class Region:
         """The visible surfaces in the rectangle `outer`: pixels, radii, and highlights apart."""
         frame = self._frame
         unmixes = frame.content.edges and frame.quality.unmixes
-        shown = (unmixed if unmixes else whole)(pixels, signed_radius)
+        limit = frame.content.limit
+        if unmixes:
+            shown = unmixed(pixels, signed_radius, limit)
+        else:
+            shown = whole(pixels, signed_radius)
         if frame.content.highlights:
-            shown, highlights = split(shown, signed_radius, frame.content.limit)
+            shown, highlights = split(shown, signed_radius, limit)
             return shown, signed_radius, highlights
         return shown, signed_radius, None
 

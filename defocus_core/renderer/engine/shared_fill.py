@@ -86,9 +86,13 @@ class SharedFill:
         pixels, radius = (
             outer.of(x).to(frame.dtype).contiguous() for x in (self._pixels, self._radius)
         )
-        shown = (unmixed if frame.quality.unmixes else whole)(pixels, radius)
+        limit = frame.content.limit
+        if frame.quality.unmixes:
+            shown = unmixed(pixels, radius, limit)
+        else:
+            shown = whole(pixels, radius)
         if frame.content.highlights:
-            shown, _ = split(shown, radius, frame.content.limit)
+            shown, _ = split(shown, radius, limit)
         return continued(shown.color, radius, self._backdrop, outer, inside, frame)
 
     @cached_property

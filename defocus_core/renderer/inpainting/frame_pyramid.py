@@ -163,7 +163,7 @@ def _coarsely(
     farther = _beside_edges(r)
     weight = exceeding(pixels.detach().amax(0), limit).logical_not_().to(r.dtype)
     if unmixes:
-        pixels, _, fringe = unmixed(pixels, signed_radius)
+        pixels, _, fringe = unmixed(pixels, signed_radius, limit)
         mixed = fringe.at[:, 0] * r.shape[-1] + fringe.at[:, 1]
         weight.flatten()[mixed] *= 1 - fringe.layer.detach()[:, -1]
     weight.flatten()[farther] *= _MIXED
