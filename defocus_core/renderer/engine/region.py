@@ -120,10 +120,7 @@ class Region:
         frame = self._frame
         unmixes = frame.content.edges and frame.quality.unmixes
         limit = frame.content.limit
-        if unmixes:
-            shown = unmixed(pixels, signed_radius, limit)
-        else:
-            shown = whole(pixels, signed_radius)
+        shown = unmixed(pixels, signed_radius, limit) if unmixes else whole(pixels, signed_radius)
         if frame.content.highlights:
             shown, highlights = split(shown, signed_radius, limit)
             return shown, signed_radius, highlights

@@ -87,10 +87,7 @@ class SharedFill:
             outer.of(x).to(frame.dtype).contiguous() for x in (self._pixels, self._radius)
         )
         limit = frame.content.limit
-        if frame.quality.unmixes:
-            shown = unmixed(pixels, radius, limit)
-        else:
-            shown = whole(pixels, radius)
+        shown = unmixed(pixels, radius, limit) if frame.quality.unmixes else whole(pixels, radius)
         if frame.content.highlights:
             shown, _ = split(shown, radius, limit)
         return continued(shown.color, radius, self._backdrop, outer, inside, frame)
