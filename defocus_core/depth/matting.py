@@ -29,7 +29,7 @@ AROUND, _NEARBY = 3, 2**0.5
 # of the coverage from the expected one.
 _PIXEL, _UNCERTAIN = 0.6, 0.2
 # Weight of a light that is no ordinary pixel, beside ordinary ones of its surface.
-_LIGHT = 1e-6
+_LIGHT = 1e-20
 # Share of another surface up to which a pixel is whole; a greater one d counts as
 # d - _WHOLE² / d.
 _WHOLE = 0.03
