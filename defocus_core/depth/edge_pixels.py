@@ -48,10 +48,7 @@ def are_beside_their_surface(signed_radius: Pixels, pixels: Pixels, threads: int
     Not where averages were those of a pixel, for these say exactly where an edge is; but where
     depth was enlarged.
 
-    Args:
-        signed_radius: [H, W] px, without averages.
-        pixels: [C, H, W] linear.
-        threads: Number of bands of rows examined at once.
+    `signed_radius`: [H, W] px, without averages; `pixels`: [C, H, W] linear.
     """
     H = signed_radius.shape[0]
 

@@ -28,35 +28,21 @@ AT_ONCE, BYTES_EACH = 1 << 12, 1 << 12
 
 
 class Side(NamedTuple):
-    """One of the two surfaces beside n pixels.
+    """One of the two surfaces beside n pixels."""
 
-    Attributes:
-        mean: [n, C] colour.
-        variance: [n, C] of colour.
-        signed_radius: [n] px.
-        known: [n] bool, whether it is seen without the other surface.
-    """
-
-    mean: Tensor
-    variance: Tensor
-    signed_radius: Tensor
-    known: Tensor
+    mean: Tensor  # [n, C] colour
+    variance: Tensor  # [n, C] of colour
+    signed_radius: Tensor  # [n] px
+    known: Tensor  # [n] bool, whether it is seen without the other surface
 
 
 class Around(NamedTuple):
-    """The 25 pixels around each of n.
+    """The 25 pixels around each of n."""
 
-    Attributes:
-        colors: [C, 25, n].
-        radii: [25, n] px.
-        is_near: [25, n] bool, whether they are of the nearer one of two surfaces.
-        nearness: [25, n], their weights: 0 on an edge.
-    """
-
-    colors: Tensor
-    radii: Tensor
-    is_near: Tensor
-    nearness: Tensor
+    colors: Tensor  # [C, 25, n]
+    radii: Tensor  # [25, n] px
+    is_near: Tensor  # [25, n] bool, whether they are of the nearer one of two surfaces
+    nearness: Tensor  # [25, n], their weights: 0 on an edge
 
     @property
     def color(self) -> Tensor:
@@ -114,12 +100,8 @@ def fraction_deviation(
 ) -> Tensor:
     """How far the most probable share [n] of the nearer surface is from the expected one.
 
-    Args:
-        color: [n, C] = share · near + (1 - share) · far.
-        near: The nearer surface.
-        far: The farther surface.
-        expected: [n] shares before the colour is known.
-        deviation: Standard deviation of the expected shares.
+    `color`: [n, C] = share · near + (1 - share) · far; `expected`: [n] shares before the colour is
+    known.
     """
     variance = (near.variance + far.variance) / 2
     apart = near.mean - far.mean

@@ -41,32 +41,22 @@ _CLEAR = 0.1
 
 
 class Fringe(NamedTuple):
-    """Parts of nearer surfaces in pixels whose depth is that of a farther one.
+    """Parts of nearer surfaces in pixels whose depth is that of a farther one."""
 
-    Attributes:
-        at: [n, 2] rows and columns; rows are counted on from one picture of a batch to the next.
-        layer: [n, C + 1], colour premultiplied by coverage, then coverage.
-        signed_radius: [n] px.
-    """
-
+    # [n, 2] rows and columns; rows are counted on from one picture of a batch to the next
     at: Tensor
-    layer: Tensor
-    signed_radius: Tensor
+    layer: Tensor  # [n, C + 1], colour premultiplied by coverage, then coverage
+    signed_radius: Tensor  # [n] px
 
 
 class Unmixed(NamedTuple):
-    """A picture in which every pixel has the colour of its own surface.
+    """A picture in which every pixel has the colour of its own surface."""
 
-    Attributes:
-        color: [C, H, W], not premultiplied by coverage.
-        coverage: [1, H, W], the share of each pixel that its own surface covers, if it is the
-            nearer one of two; the surface behind shows through the rest. None if all are whole.
-        fringe: The parts of nearer surfaces in pixels of farther ones.
-    """
-
-    color: Tensor
+    color: Tensor  # [C, H, W], not premultiplied by coverage
+    # [1, H, W], the share of each pixel that its own surface covers, if it is the nearer one of
+    # two; the surface behind shows through the rest. None if all are whole
     coverage: Tensor | None
-    fringe: Fringe
+    fringe: Fringe  # the parts of nearer surfaces in pixels of farther ones
 
 
 def unmixed(image: Tensor, signed_radius: Tensor, *, uncertain: bool = False) -> Unmixed:
@@ -75,11 +65,7 @@ def unmixed(image: Tensor, signed_radius: Tensor, *, uncertain: bool = False) ->
     A pixel stays as it is if the farther surface is nowhere seen alone beside it. So does a pixel
     of a nearer surface that is nowhere seen alone, like a wire two px wide.
 
-    Args:
-        image: [C, ..., H, W] linear.
-        signed_radius: [..., H, W] px.
-        uncertain: Whether depth says only roughly where edges are: then less colour is enough to
-            take a pixel apart.
+    `image`: [C, ..., H, W] linear; `signed_radius`: [..., H, W] px.
     """
     r = signed_radius.detach()
     nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
@@ -115,11 +101,7 @@ def _taken_apart(
     at: Tensor,
     deviation: float,
 ) -> tuple[Tensor, ...]:
-    """Take apart the mixed ones of the pixels at [n, 2], of coverages with a standard deviation.
-
-    Returns:
-        Place, colour and coverage of mixed pixels; place, layer and radius of the fringe in them.
-    """
+    """Take apart the mixed ones of the pixels at [n, 2], of coverages with a standard deviation."""
     around = around_edge(image, signed_radius, edge, border, at)
     own = side_of(around, around.nearness * around.own())
     unlike = _color_deviation(around.color, own) > _min_deviation(deviation)
@@ -174,11 +156,7 @@ def _with_thin(far: Side, near: Side, around: Around, thin: Tensor) -> Side:
     They may be mixed, too, but on the same line between two colours as the pixels beside them: both
     hold the same colour beside that of the far side.
 
-    Args:
-        far: The far side.
-        near: The near side, from pixels off the edge alone.
-        around: The squares around the pixels.
-        thin: [n] bool, where the near side is thin.
+    `thin`: [n] bool, where the near side is thin.
     """
     thin_index = torch.nonzero(thin)[:, 0]
     if not len(thin_index):
