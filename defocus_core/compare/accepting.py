@@ -15,14 +15,6 @@ def accept_files(a: Path, b: Path, records: Sequence[Comparison]) -> list[Path]:
     """Copy the files of B that differ from A, or that A has not, to A; their new paths.
 
     All appear together, or none. What B lacks stays, and what cannot be read is not accepted.
-
-    Args:
-        a: the file or folder A.
-        b: the file or folder B.
-        records: of all pairs.
-
-    Raises:
-        InputError: a file cannot be read or written.
     """
     pairs = []
     for record in records:

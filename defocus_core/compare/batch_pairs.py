@@ -20,22 +20,15 @@ _VERSIONS = ("version", "renderer")
 
 @dataclass(frozen=True)
 class RecipeChange:
-    """What differs in the recipes of samples that two batches share.
+    """What differs in the recipes of samples that two batches share."""
 
-    Attributes:
-        what: a setting like lens.fnum, ``renderer``, ``version``, or ``input color`` of another
-            role, whose bytes differ.
-        a: what it is in A.
-        b: what it is in B.
-        samples: number of samples that differ so.
-        shared: number of samples that both have.
-    """
-
+    # A setting like lens.fnum, ``renderer``, ``version``, or ``input color`` of another role,
+    # whose bytes differ
     what: str
-    a: str
-    b: str
-    samples: int
-    shared: int
+    a: str  # what it is in A
+    b: str  # what it is in B
+    samples: int  # number of samples that differ so
+    shared: int  # number of samples that both have
 
     @property
     def words(self) -> str:
@@ -68,11 +61,7 @@ def are_batches(*folders: Path) -> bool:
 
 
 def pair_batches(a: Path, b: Path) -> BatchPairs:
-    """The pictures of two batches, paired by sample and kind.
-
-    Raises:
-        InputError: a journal cannot be read, or neither batch has a picture.
-    """
+    """The pictures of two batches, paired by sample and kind."""
     of_a, of_b = _samples(a), _samples(b)
     files_a, files_b = _pictures(a, of_a), _pictures(b, of_b)
     if not files_a and not files_b:

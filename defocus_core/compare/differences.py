@@ -22,11 +22,7 @@ _NAME = "defocus:amplification"
 
 
 def write_differences(folder: Path, record: Comparison, pixels: Pixels) -> tuple[Path, ...]:
-    """Write both images of a pair; its name with its suffix begins theirs.
-
-    Raises:
-        InputError: one cannot be written.
-    """
+    """Write both images of a pair; its name with its suffix begins theirs."""
     exr, png = (folder / f"{record.name}.diff{suffix}" for suffix in (".exr", ".png"))
     with np.errstate(over="ignore"):
         signed = {name: pixels.difference(name).astype(np.float32) for name in pixels.names}

@@ -22,11 +22,7 @@ _BLACK = 1e-6  # a luminance that is as good as 0
 
 
 def measure_flip(pixels: Pixels) -> dict[str, float]:
-    """Mean and maximum of FLIP over the compared, finite pixels; none without colour.
-
-    Raises:
-        UsageProblem: OpenImageIO is too old, or refuses the pair.
-    """
+    """Mean and maximum of FLIP over the compared, finite pixels; none without colour."""
     means, greatest = [], []
     for layer in pixels.color:
         a, b = (_light(pixels, side, layer) for side in ("a", "b"))

@@ -16,18 +16,15 @@ from defocus_core.system.text import counted
 
 @dataclass(frozen=True)
 class Nonfinite:
-    """Pixels that are not finite.
+    """Pixels that are not finite."""
 
-    Attributes:
-        counts: pixels by side and kind: ``a`` and ``b``, ``nan`` and ``inf``.
-        lone: pixels of each kind that one side has and the other has not, by side and kind, with
-            column and row of the first.
-        apart: where a channel is NaN or infinite on one side and another value on the other,
-            [H, W]; None if nowhere.
-    """
-
+    # Pixels by side and kind: ``a`` and ``b``, ``nan`` and ``inf``
     counts: Mapping[str, Mapping[str, int]]
+    # Pixels of each kind that one side has and the other has not, by side and kind, with column
+    # and row of the first
     lone: Mapping[tuple[str, str], tuple[int, int, int]] = field(default_factory=dict)
+    # Where a channel is NaN or infinite on one side and another value on the other, [H, W];
+    # None if nowhere
     apart: Any = field(default=None, compare=False)
 
     def findings(self) -> list[Finding]:
@@ -51,12 +48,7 @@ class Nonfinite:
 
 
 def count_nonfinite(pixels: Pixels, corner: tuple[int, int] = (0, 0)) -> Nonfinite:
-    """Count and compare the pixels of a pair that are not finite.
-
-    Args:
-        pixels: the pair.
-        corner: column and row of the first pixel, in the picture.
-    """
+    """Count and compare the pixels of a pair that are not finite."""
     blank = {side: {"nan": 0, "inf": 0} for side in ("a", "b")}
     if pixels.finite is None or (
         pixels.selected is not None and np.array_equal(pixels.finite, pixels.selected)

@@ -29,40 +29,25 @@ def halves() -> NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class Differences:
-    """The differences of a pair in numbers.
+    """The differences of a pair in numbers."""
 
-    Attributes:
-        greatest: the greatest absolute difference of the channels of each pixel, [H, W].
-        largest: the greatest absolute difference of each channel.
-        magnitude: the sum of all absolute differences.
-        squares: the sum of all squared differences.
-        level: the sum of the absolute values of A, where differences count.
-    """
-
-    greatest: NDArray[Any]
-    largest: dict[str, float]
-    magnitude: float
-    squares: float
-    level: float
+    greatest: NDArray[Any]  # the greatest absolute difference of the channels of each pixel, [H, W]
+    largest: dict[str, float]  # the greatest absolute difference of each channel
+    magnitude: float  # the sum of all absolute differences
+    squares: float  # the sum of all squared differences
+    level: float  # the sum of the absolute values of A, where differences count
 
 
 @dataclass(frozen=True)
 class Pixels:
-    """The common channels of a pair, in the same units.
-
-    Attributes:
-        names: of the channels.
-        a: [H, W] of each channel of A, any type.
-        b: the same of B.
-        gamma: exponent of the power law that decodes the colour, 1 for linear, None for sRGB.
-        selected: pixels that are compared, [H, W]; None for all.
-    """
+    """The common channels of a pair, in the same units."""
 
     names: tuple[str, ...]
-    a: tuple[NDArray[Any], ...]
-    b: tuple[NDArray[Any], ...]
+    a: tuple[NDArray[Any], ...]  # [H, W] of each channel of A, any type
+    b: tuple[NDArray[Any], ...]  # the same of B
+    # Exponent of the power law that decodes the colour, 1 for linear, None for sRGB
     gamma: float | None
-    selected: NDArray[np.bool_] | None = None
+    selected: NDArray[np.bool_] | None = None  # pixels that are compared, [H, W]; None for all
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -43,12 +43,7 @@ class CropRegion:
     def cut(self, size: tuple[int, int], field: str = "region") -> tuple[slice, slice]:
         """Rows and columns of a picture of (height, width).
 
-        Args:
-            size: (height, width) of the picture.
-            field: the option that an error is about.
-
-        Raises:
-            UsageProblem: the region is not within the picture.
+        `size`: (height, width) of the picture.
         """
         height, width = size
         within = self.x >= 0 and self.y >= 0
@@ -61,11 +56,7 @@ class CropRegion:
 
 
 def region(text: str) -> CropRegion:
-    """The region that ``X,Y,W,H`` means.
-
-    Raises:
-        QuantityError: it means none.
-    """
+    """The region that ``X,Y,W,H`` means."""
     match = _REGION.fullmatch(text)
     if match is None:
         raise QuantityError(
@@ -80,13 +71,7 @@ def region(text: str) -> CropRegion:
 def read_mask(path: Path, size: tuple[int, int], *, empty: bool = False) -> NDArray[np.bool_]:
     """Where a mask is not 0 in any channel, [H, W].
 
-    Args:
-        path: of the mask.
-        size: (height, width) of the picture.
-        empty: whether it may be 0 everywhere.
-
-    Raises:
-        InputError: it cannot be read, is of another size, holds NaN, or selects no pixel.
+    `size`: (height, width) of the picture.
     """
     mask = read_picture(path)
     if (mask.height, mask.width) != size:
@@ -138,24 +123,14 @@ def _of_nine(values: NDArray[Any], combine: Any) -> NDArray[Any]:
 def near_edges(folder: Path, name: str, size: tuple[int, int]) -> NDArray[np.bool_]:
     """Pixels near a depth edge, [H, W], by the CoC map of a picture.
 
-    Args:
-        folder: CoC maps, ``NAME.exr`` for a picture of the name NAME, or one map for all.
-        name: of the pair.
-        size: (height, width) of the picture.
-
-    Raises:
-        InputError: there is no such map, it cannot be read or is of another size.
+    `size`: (height, width) of the picture.
     """
     radius = read_radius(coc_file(folder, name), size)
     return widened(beside_jumps(radius), math.ceil(float(np.abs(radius).max(initial=0.0))))
 
 
 def read_radius(path: Path, size: tuple[int, int]) -> NDArray[np.float32]:
-    """The signed radius [H, W] in px of a CoC map, 0 where it is not finite.
-
-    Raises:
-        InputError: the map cannot be read, is of another size or has no radius.
-    """
+    """The signed radius [H, W] in px of a CoC map, 0 where it is not finite."""
     picture = read_picture(path)
     if (picture.height, picture.width) != size:
         problem = f"is {picture.width}x{picture.height}, but the picture is {size[1]}x{size[0]}"
@@ -198,11 +173,7 @@ def widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
 
 
 def coc_file(folder: Path, name: str) -> Path:
-    """The CoC map of a picture, in a folder or the lone one for all.
-
-    Raises:
-        InputError: there is none.
-    """
+    """The CoC map of a picture, in a folder or the lone one for all."""
     if folder.is_file():
         return folder
     stem = Path(name).with_suffix("")

@@ -37,17 +37,11 @@ _SURE, _MAXIMUM = 4.0, 6.0
 
 
 class Silhouette(NamedTuple):
-    """The pixels on the nearer side of edges.
+    """The pixels on the nearer side of edges."""
 
-    Attributes:
-        at: [n, 2] rows and columns.
-        far: [n] number of the farthest pixel beside each.
-        normal: [2, n] direction (y, x) to the farther surface.
-    """
-
-    at: Tensor
-    far: Tensor
-    normal: Tensor
+    at: Tensor  # [n, 2] rows and columns
+    far: Tensor  # [n] number of the farthest pixel beside each
+    normal: Tensor  # [2, n] direction (y, x) to the farther surface
 
 
 def edges_of(radii: Tensor, step: float | Tensor, scale: DistanceScale | None) -> Tensor:
@@ -89,17 +83,11 @@ def silhouette_at(at: Tensor, radii: Tensor) -> Silhouette:
 
 
 class Profiles(NamedTuple):
-    """Lines of pixels across silhouettes, from REACH px within the nearer surface to REACH beyond.
+    """Lines of pixels across silhouettes, from REACH px within the nearer surface to REACH out."""
 
-    Attributes:
-        positions: [n, 2 * REACH + 1] numbers of pixels.
-        inwards: [n] number of px that go on without a gap within the nearer surface.
-        outwards: [n] number of px that go on without a gap beyond it.
-    """
-
-    positions: Tensor
-    inwards: Tensor
-    outwards: Tensor
+    positions: Tensor  # [n, 2 * REACH + 1] numbers of pixels
+    inwards: Tensor  # [n] number of px that go on without a gap within the nearer surface
+    outwards: Tensor  # [n] number of px that go on without a gap beyond it
 
     @property
     def is_seen(self) -> Tensor:
@@ -157,12 +145,7 @@ def displacement_costs(
     Each pixel that a displacement leaves on the wrong side costs up to 1, by how much more likely
     its colour is on the other side; where the colours of both surfaces are alike, nothing.
 
-    Args:
-        profiles: Across silhouettes.
-        moments: From `color_moments`.
-        pixels: [C, H, W] linear.
-        alone: Whether moments are of each profile alone, not averaged along the silhouettes.
-        rims: Whether colours of neither surface may be a rim of the nearer one.
+    `pixels`: [C, H, W] linear.
     """
     color, along, C = _colors(pixels, profiles.positions), _along(pixels), len(pixels)
     sides = torch.split(moments, 1 + C + C * C, 1)

@@ -50,22 +50,14 @@ class _BandEvidence(NamedTuple):
     """The share of a band of rows in the evidence for the repair that a frame needs.
 
     Of a batch of frames each has a first dimension more.
-
-    Attributes:
-        scatter: From `scatter_counts`.
-        limits: [2] least and greatest radius in px.
-        softest: Slope in px per px of the steepest soft edge.
-        ramps: Number of pixels on steep ramps, wide or not.
-        steps: [2, 4], from `steps_of`.
-        averages: [2, 4], from `averages`.
     """
 
     scatter: Tensor
-    limits: Tensor
-    softest: Tensor
-    ramps: Tensor
-    steps: Tensor
-    averages: Tensor
+    limits: Tensor  # [2] least and greatest radius in px
+    softest: Tensor  # slope in px per px of the steepest soft edge
+    ramps: Tensor  # number of pixels on steep ramps, wide or not
+    steps: Tensor  # [2, 4], from `steps_of`
+    averages: Tensor  # [2, 4], from `averages`
 
 
 class DepthRepair(NamedTuple):
@@ -103,11 +95,9 @@ def diagnosed(
 ) -> DepthRepair:
     """The repair that radii need; for noisy radii only the noise, which hides everything else.
 
-    Args:
-        signed_radius: [H, W] px.
-        infinity: Signed radius in px of what is infinitely far; None if that is not known.
-        threads: Number of bands of rows examined at once.
-        noise: Standard deviation in px of the noise that was smoothed; None to look for noise.
+    `signed_radius`: [H, W] px; `infinity`: signed radius in px of what is infinitely far; None if
+    that is not known; `noise`: standard deviation in px of the noise that was smoothed; None to
+    look for noise.
     """
     (found,) = _found(signed_radius, infinity, threads)
     return _diagnosis(signed_radius, found, infinity, noise)
@@ -235,17 +225,11 @@ def _has_ramps(signed_radius: Pixels, pixels: int) -> bool:
 
 
 class _EdgeCounts(NamedTuple):
-    """Edges of a frame.
+    """Edges of a frame."""
 
-    Attributes:
-        soft: Number of pixels on soft edges.
-        hard: Number of steps that are hard edges.
-        width: Median width of soft edges in px.
-    """
-
-    soft: int
-    hard: int
-    width: float
+    soft: int  # number of pixels on soft edges
+    hard: int  # number of steps that are hard edges
+    width: float  # median width of soft edges in px
 
     @property
     def mostly_soft(self) -> bool:

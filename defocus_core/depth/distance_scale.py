@@ -17,17 +17,11 @@ INFINITE = 2.0**-12
 
 
 class DistanceScale(NamedTuple):
-    """The distances of a frame, as px that span the same range as its radii.
+    """The distances of a frame, as px that span the same range as its radii."""
 
-    Attributes:
-        infinity: Signed radius in px of what is infinitely far.
-        nearest: Px of radius between infinity and the nearest surface of the frame.
-        farthest: Px of radius between infinity and its farthest surface.
-    """
-
-    infinity: float
-    nearest: float
-    farthest: float
+    infinity: float  # signed radius in px of what is infinitely far
+    nearest: float  # px of radius between infinity and the nearest surface of the frame
+    farthest: float  # px of radius between infinity and its farthest surface
 
     def of(self, radii: Tensor) -> Tensor:
         """Distances of radii [H, W] px; 0 px for the nearest surface."""
@@ -43,13 +37,9 @@ class DistanceScale(NamedTuple):
 def distance_scale(minimum: float, maximum: float, infinity: float | None) -> DistanceScale | None:
     """The scale of distance of a frame.
 
-    Args:
-        minimum: Least radius in px.
-        maximum: Greatest radius in px.
-        infinity: Signed radius in px of what is infinitely far; None if that is not known.
-
-    Returns:
-        None if distance is not known, infinite somewhere, or the same everywhere.
+    `minimum`: least radius in px; `maximum`: greatest radius in px; `infinity`: signed radius in px
+    of what is infinitely far; None if that is not known. Returns none if distance is not known,
+    infinite somewhere, or the same everywhere.
     """
     if infinity is None or not INFINITE < infinity - maximum < infinity - minimum:
         return None

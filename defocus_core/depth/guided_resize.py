@@ -41,21 +41,13 @@ _GAMMA = 1 / 2.2
 
 
 class _Votes(NamedTuple):
-    """The coarse pixels around n pixels.
+    """The coarse pixels around n pixels."""
 
-    Attributes:
-        disparity: [n, K].
-        here: [n, K] disparity of the surface of each coarse pixel at the pixel.
-        nearness: [n, K] weights.
-        colors: [C, n, K].
-        own: [C, n] colours of the pixels.
-    """
-
-    disparity: Tensor
-    here: Tensor
-    nearness: Tensor
-    colors: Tensor
-    own: Tensor
+    disparity: Tensor  # [n, K]
+    here: Tensor  # [n, K] disparity of the surface of each coarse pixel at the pixel
+    nearness: Tensor  # [n, K] weights
+    colors: Tensor  # [C, n, K]
+    own: Tensor  # [C, n] colours of the pixels
 
 
 class GuidedDepth(Derived):

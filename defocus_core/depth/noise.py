@@ -53,11 +53,8 @@ def scatter_counts(steps: list[Tensor], rows: tuple[int, int], steepest: float) 
     an axis, or between both, as on slopes and on terraces; and the others by their distance from
     that mean.
 
-    Args:
-        steps: Differences in px of each pixel and the next of a band [..., h, W], down and across;
-            the band has the counted rows and at least the rows of the frame beside them.
-        rows: The counted rows of the band, [first, end); the ends of a frame have no scatter.
-        steepest: The greatest size of a step.
+    `steps`: differences in px of each pixel and the next of a band [..., h, W], down and across;
+    the band has the counted rows and at least the rows of the frame beside them.
     """
     down, across = steps
     first, end = max(rows[0], 1), max(min(rows[1], across.shape[-2] - 1), 1)
@@ -89,9 +86,6 @@ def noise_from(counts: list[int]) -> float | None:
 
     Scatter over much of a frame is taken for noise, whatever it is: relief as fine as noise would
     look the same once it is blurred.
-
-    Args:
-        counts: The sum of `scatter_counts` over all rows of the frame.
     """
     apart, alike, *noisy = counts
     together = alike + sum(noisy)
@@ -120,9 +114,7 @@ def without_noise(signed_radius: Tensor, noise: float) -> Tensor:
 def _smoothed(radii: Tensor, maximum: Tensor) -> tuple[Tensor, Tensor]:
     """Means [H, W] of the near pixels around each pixel, and where no pixel is near.
 
-    Args:
-        radii: [H, W] px.
-        maximum: [H, W] px, the greatest difference of a near pixel.
+    `radii`: [H, W] px; `maximum`: [H, W] px, the greatest difference of a near pixel.
     """
     H, W = radii.shape
     framed = pad(radii[None, None], (_NEAR,) * 4, value=_OUTSIDE)[0, 0]

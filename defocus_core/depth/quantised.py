@@ -34,10 +34,8 @@ AROUND = 2 * _WIDE + 2
 def steps_of(sizes: list[Tensor], steepest: float) -> Tensor:
     """The numbers [..., 2, 4] of steps: all, zero, too small to matter, too small for an edge.
 
-    Args:
-        sizes: Of steps in px from each pixel of a part of a frame, or of each of a batch, to the
-            next, down and across: [..., H, W].
-        steepest: The greatest size.
+    `sizes`: of steps in px from each pixel of a part of a frame, or of each of a batch, to the
+    next, down and across: [..., H, W].
     """
     none = torch.zeros(sizes[0].shape[:-2], dtype=torch.long, device=sizes[0].device)
     larger = [
@@ -54,9 +52,7 @@ def steps_of(sizes: list[Tensor], steepest: float) -> Tensor:
 def are_few(steps: list[list[float]], signed_radius: Pixels) -> bool:
     """Whether the depth of a frame has few levels.
 
-    Args:
-        steps: The sum of `steps_of` over all parts of the frame.
-        signed_radius: [H, W] px of the frame.
+    `signed_radius`: [H, W] px of the frame.
     """
     for count, same, minimum, small in steps:
         if same <= _ALIKE * count:

@@ -14,27 +14,18 @@ SOFT_EDGES = "soft-edges="
 
 @dataclass(frozen=True)
 class RepairOptions:
-    """What is known of a depth map before its repair.
+    """What is known of a depth map before its repair."""
 
-    Attributes:
-        on: Whether it is repaired at all.
-        soft_edges: Least slope of soft edges in px of radius per px; None leaves it to the
-            diagnosis whether edges are soft.
-        edge_width: Width of the widest soft edges in px, 0 if none are soft; None leaves it to the
-            diagnosis.
-    """
-
-    on: bool = True
+    on: bool = True  # whether it is repaired at all
+    # Least slope of soft edges in px of radius per px; None leaves it to the diagnosis whether
+    # edges are soft
     soft_edges: float | None = None
+    # Width of the widest soft edges in px, 0 if none are soft; None leaves it to the diagnosis
     edge_width: float | None = None
 
 
 def repair_options(depth_repair: str, edge_width: float | None = None) -> RepairOptions:
-    """The options of `depth_repair` and `edge_width`, as `render` explains both.
-
-    Raises:
-        ValueError: If one is out of its range, or both contradict each other.
-    """
+    """The options of `depth_repair` and `edge_width`, as `render` explains both."""
     slope = _slope(depth_repair)
     if edge_width is None:
         return RepairOptions(depth_repair != "off", slope)
@@ -49,11 +40,7 @@ def repair_options(depth_repair: str, edge_width: float | None = None) -> Repair
 
 
 def _slope(depth_repair: str) -> float | None:
-    """The slope of ``soft-edges=SLOPE``; None for a word.
-
-    Raises:
-        ValueError: If it is neither.
-    """
+    """The slope of ``soft-edges=SLOPE``; None for a word."""
     if isinstance(depth_repair, str):
         if depth_repair in DEPTH_REPAIRS:
             return None

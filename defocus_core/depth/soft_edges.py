@@ -52,8 +52,8 @@ def around_ramps(edge_width: float | None) -> int:
 
 
 def without_ramps(
-    signed_radius: Tensor,
-    steep: float = STEEP,
+    signed_radius: Tensor,  # [H, W] px
+    steep: float = STEEP,  # least slope of a ramp in px per px
     edge_width: float | None = None,
     scale: DistanceScale | None = None,
 ) -> Tensor:
@@ -62,11 +62,8 @@ def without_ramps(
     Hard edges and slopes of up to `steep` px per px stay, and so do slopes wider than edges are.
     Of distance, far slopes are steep, too; they stay if their radii change slowly.
 
-    Args:
-        signed_radius: [H, W] px.
-        steep: Least slope of a ramp in px per px.
-        edge_width: Width of the widest edges in px; None if it is not known, for 16 px.
-        scale: Of distance, if ramps are ramps of distance; None if they are of disparity.
+    `edge_width`: width of the widest edges in px; None if it is not known, for 16 px; `scale`: of
+    distance, if ramps are ramps of distance; None if they are of disparity.
     """
     longest = longest_ramp(edge_width)
     foot_of = max(_FOOT, longest // 2)
@@ -104,11 +101,8 @@ def _path_end(values: Tensor, around: Tensor, index: Tensor, longest: int) -> Te
     Of neighbours that are as steep the one with the lower end is taken, so that rounding decides
     nothing. A path ends at any other pixel.
 
-    Args:
-        values: [H * W].
-        around: [n, 9] numbers of the pixels and of their neighbours.
-        index: [n] numbers of the pixels.
-        longest: Most px of a path.
+    `values`: [H * W]; `around`: [n, 9] numbers of the pixels and of their neighbours; `index`: [n]
+    numbers of the pixels; `longest`: most px of a path.
     """
     beside = values[around]
     steepest = beside <= beside.amin(1, keepdim=True) + _AS_STEEP
@@ -130,8 +124,7 @@ def _least_beside(values: Tensor, at: Tensor, size: tuple[int, int]) -> Tensor:
 def softness(slope: Tensor) -> Tensor:
     """The slope [H, W] in the middle of ramps that are several px wide and long; 0 elsewhere.
 
-    Args:
-        slope: [H, W] px per px, of all ramps, from `steepness`.
+    `slope`: [H, W] px per px, of all ramps, from `steepness`.
     """
     return extreme_around(slope, 1, torch.minimum)
 
@@ -139,10 +132,8 @@ def softness(slope: Tensor) -> Tensor:
 def slope_of_soft_edges(minimum: float, maximum: float, size: Sequence[int]) -> float:
     """The least slope in px per px of a soft edge in a frame with radii from least to most px.
 
-    Args:
-        minimum: Least radius in px.
-        maximum: Greatest radius in px.
-        size: (height, width) of the frame.
+    `minimum`: least radius in px; `maximum`: greatest radius in px; `size`: (height, width) of the
+    frame.
     """
     within = min(_WITHIN, _WITHIN_FRACTION * min(size))
     return min(STEEP, max(MINIMUM, (maximum - minimum) / within))
@@ -151,10 +142,7 @@ def slope_of_soft_edges(minimum: float, maximum: float, size: Sequence[int]) -> 
 def hard_steps(signed_radius: Tensor, steep: float, scale: DistanceScale | None = None) -> Tensor:
     """The number of steps of radii [H, W] px, from one pixel to the next, that are hard edges.
 
-    Args:
-        signed_radius: [H, W] px.
-        steep: Least slope of a soft edge in px per px.
-        scale: Of distance, if a step has to be one of distance, too.
+    `signed_radius`: [H, W] px; `steep`: least slope of a soft edge in px per px.
     """
     count = torch.zeros((), dtype=torch.long, device=signed_radius.device)
     for dim in (-1, -2):

@@ -35,11 +35,7 @@ class Scratch:
     """
 
     def __init__(self, shape: tuple[int, int], dtype: Any) -> None:
-        """Make a file of zeros.
-
-        Raises:
-            InputError: there is no room for it.
-        """
+        """Make a file of zeros."""
         self.shape, self.dtype = shape, np.dtype(dtype)
         size, folder = math.prod(shape) * self.dtype.itemsize, scratch_folder()
         try:
@@ -120,11 +116,7 @@ class LazyArray:
     ) -> None:
         """Keep how it is read; nothing is read yet.
 
-        Args:
-            shape: of the whole array.
-            dtype: of the numbers.
-            read: gives a window: a slice of rows, or a tuple of slices.
-            device: of tensors; None of NumPy's arrays.
+        `device`: of tensors; None of NumPy's arrays.
         """
         self.shape, self.dtype, self.device = tuple(shape), dtype, device
         self._read = read

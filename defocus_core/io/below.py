@@ -21,11 +21,7 @@ _DIRECTORY = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
 def path_fault(name: object) -> str | None:
-    """What is wrong with a name below a folder, as ``leads upwards``; None if nothing is.
-
-    Args:
-        name: what a file holds for the name of another, with slashes: it may be anything.
-    """
+    """What is wrong with a name below a folder, as ``leads upwards``; None if nothing is."""
     if not isinstance(name, str) or not name or "\0" in name or not _is_encodable(name):
         return "is no name of a file"
     if name.startswith("/"):
@@ -43,20 +39,12 @@ def _is_encodable(name: str) -> bool:
 
 
 def open_plain(path: Path) -> BinaryIO:
-    """Open a regular file that the user named, links followed; never waits for a pipe's writer.
-
-    Raises:
-        OSError: it cannot be opened, or is no regular file.
-    """
+    """Open a regular file that the user named, links followed; never waits for a pipe's writer."""
     return os.fdopen(_opened(path, os.O_RDONLY), "rb")
 
 
 def read_plain(path: Path, maximum: int = 2**24) -> bytes:
-    """The bytes of a small regular file that the user named.
-
-    Raises:
-        OSError: it cannot be opened, is no regular file, or has more bytes than ``maximum``.
-    """
+    """The bytes of a small regular file that the user named."""
     with open_plain(path) as file:
         data = file.read(maximum + 1)
     if len(data) > maximum:
@@ -167,19 +155,12 @@ class Folder:
 
 @dataclass
 class Replacement:
-    """A file that was written beside the one that it replaces.
-
-    Attributes:
-        file: open for writing.
-        folder: a handle of the folder of both.
-        sibling: its name.
-        name: that of the file that it replaces.
-    """
+    """A file that was written beside the one that it replaces."""
 
     file: BinaryIO
-    folder: int
+    folder: int  # a handle of the folder of both
     sibling: str
-    name: str
+    name: str  # that of the file that it replaces
 
     def end(self) -> None:
         """Make what was written durable."""

@@ -14,23 +14,13 @@ MALFORMED = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError
 
 
 def damaged(path: Path, why: str, what: str = "is truncated or damaged") -> InputError:
-    """The error for a file that cannot be decoded.
-
-    Args:
-        path: the file.
-        why: the reason, of the decoder.
-        what: what is wrong, in the words of the error.
-    """
+    """The error for a file that cannot be decoded."""
     return InputError("damaged", f"{what} ({why})", AGAIN, path=path)
 
 
 @contextmanager
 def decoding(path: Path, what: str = "is truncated or damaged") -> Iterator[None]:
-    """Turn what a library raises in the block, half a dozen types, into the error for damage.
-
-    Raises:
-        InputError: the block raised an exception.
-    """
+    """Turn what a library raises in the block, half a dozen types, into the error for damage."""
     try:
         yield
     except InputError:

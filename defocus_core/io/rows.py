@@ -20,16 +20,7 @@ Row = tuple[Place, Mapping[str, Any]]  # for errors, and values
 
 
 def read_rows(file: Path, what: str, example: str) -> Iterator[Row]:
-    """Place and values of each row, without those that are empty or null.
-
-    Args:
-        file: the table.
-        what: the noun for it, like ``list of pictures``, for errors.
-        example: a line of it in JSON, for errors.
-
-    Raises:
-        InputError: the file cannot be read, or a line is no row; the line is named.
-    """
+    """Place and values of each row, without those that are empty or null."""
     if file.suffix.lower() not in SUFFIXES:
         remedy = f"name it after its type, {' or '.join(SUFFIXES)}"
         raise InputError("wrong-type", f"is no {what} by its name", remedy, path=file)

@@ -127,19 +127,15 @@ def render(
 
 
 def render_each(
-    pixels: Tensor,
-    signed_radius: Tensor,
+    pixels: Tensor,  # [B, C, H, W]
+    signed_radius: Tensor,  # [B, H, W] px
     settings: Sequence[Settings],
     progress: Callable[[int, int], None] | None = None,
 ) -> Views:
     """`render` of pictures that may have lenses of their own, where an accelerator is, at once.
 
-    Args:
-        pixels: [B, C, H, W].
-        signed_radius: [B, H, W] px.
-        settings: The options of each, which differ in aperture, dual_pixel, cat_eye without
-            vignetting and infinity alone.
-        progress: As for `render`.
+    `settings`: the options of each, which differ in aperture, dual_pixel, cat_eye without
+    vignetting and infinity alone.
     """
     if not fit_together(pixels, settings[0]):
         every = zip(pixels, signed_radius, settings, strict=True)

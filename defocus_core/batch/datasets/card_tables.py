@@ -24,15 +24,9 @@ ENDS = ("min", "p5", "p50", "p95", "max")
 
 @dataclass(frozen=True)
 class CardTable:
-    """A table of a card.
+    """A table of a card."""
 
-    Attributes:
-        title: what it is of; empty for the first.
-        heading: of each column.
-        rows: their cells.
-    """
-
-    title: str
+    title: str  # what it is of; empty for the first
     heading: Sequence[str]
     rows: Sequence[Sequence[str]]
 

@@ -22,23 +22,14 @@ _REMEDY = "run: pip install 'defocus[parquet]'"
 
 
 def require() -> None:
-    """Refuse to write a table without pyarrow, before hours of rendering.
-
-    Raises:
-        UsageProblem: pyarrow is not installed.
-    """
+    """Refuse to write a table without pyarrow, before hours of rendering."""
     if find_spec("pyarrow") is None:
         problem = "needs pyarrow, which is not installed"
         raise UsageProblem("needs-extra", problem, _REMEDY, field="parquet")
 
 
 def write(out: Path) -> Path:
-    """Write the index of OUT as a table, whole or not at all.
-
-    Raises:
-        InputError: there is no index that can be read, or the table cannot be written.
-        UsageProblem: pyarrow is not installed.
-    """
+    """Write the index of OUT as a table, whole or not at all."""
     require()
     import pyarrow as pa
     import pyarrow.parquet
@@ -59,11 +50,7 @@ def write(out: Path) -> Path:
 
 
 def follow(out: Path) -> list[Path]:
-    """Write the table of OUT again if there is one, or remove it if it cannot be; what is written.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Write the table of OUT again if there is one, else remove it; what is written."""
     below = Folder(out)
     try:
         if below.status(NAME) is None:

@@ -81,16 +81,7 @@ def write(out: Path, records: Iterable[Record], limit: int) -> list[Path]:
     A sample larger than that gets a tar to itself. Tars of an earlier batch that are no longer
     needed are removed.
 
-    Args:
-        out: what the outputs' paths are relative to.
-        records: of the journal; those whose status is not ``ok`` are no samples.
-        limit: bytes.
-
-    Returns:
-        The tars, in order.
-
-    Raises:
-        InputError: an output is gone, or a tar cannot be written.
+    `limit`: bytes.
     """
     folder = out / FOLDER
     before = listed(out)

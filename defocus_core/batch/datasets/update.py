@@ -33,18 +33,8 @@ def index(
 ) -> list[Path]:
     """Write the index, and tars and a table if asked for.
 
-    Args:
-        out: what was written to.
-        shards_size: greatest size of a tar in bytes; None to pack only where shards exist.
-        asked: names of the samples to list, as far as they are done; None for all in OUT.
-        parquet: whether to write it as a Parquet table, too; one that is there is written anyway.
-
-    Returns:
-        What was written.
-
-    Raises:
-        InputError: it cannot be.
-        UsageProblem: pyarrow is not installed.
+    `shards_size`: greatest size of a tar in bytes; None to pack only where shards exist; `asked`:
+    names of the samples to list, as far as they are done; None for all in OUT.
     """
     records = Ledger(out, read_all(out)).live
     if asked is not None:
@@ -60,16 +50,7 @@ def index(
 
 
 def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
-    """Take samples that are about to change out of index and card; the names of those taken.
-
-    Args:
-        out: the folder of the batch.
-        changing: names of samples.
-        alone: whether no other process does so at the same time; else index and card are removed.
-
-    Raises:
-        InputError: a file cannot be written.
-    """
+    """Take samples that are about to change out of index and card; the names of those taken."""
     taken = sample_index.withdraw(out, changing, alone=alone)
     if taken:
         for name in card.NAMES:  # it sums up what is no more
@@ -80,16 +61,7 @@ def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
 
 
 def refresh(out: Path, done: Collection[str], withdrawn: Collection[str] = ()) -> None:
-    """Write the index of a batch again if it lists some of the samples that were now done.
-
-    Args:
-        out: the folder of the batch.
-        done: names of samples.
-        withdrawn: those taken out of the index before.
-
-    Raises:
-        InputError: it cannot be.
-    """
+    """Write the index of a batch again if it lists some of the samples that were now done."""
     listed = sample_index.listed(out)
     if listed is not None:
         listed |= set(withdrawn)

@@ -36,29 +36,17 @@ class DepthTarget:
 
 @dataclass(frozen=True)
 class Converted:
-    """A depth file that was converted.
+    """A depth file that was converted."""
 
-    Attributes:
-        place: from where, to where.
-        depth: the depth.
-        range_m: nearest and farthest but sky; None if there is only sky.
-        sky: how many pixels are sky.
-        warnings: what was taken for granted, and what tells of another format.
-    """
-
-    place: DepthTarget
+    place: DepthTarget  # from where, to where
     depth: Depth
-    range_m: tuple[float, float] | None
-    sky: int
-    warnings: tuple[str, ...]
+    range_m: tuple[float, float] | None  # nearest and farthest but sky; None if there is only sky
+    sky: int  # how many pixels are sky
+    warnings: tuple[str, ...]  # what was taken for granted, and what tells of another format
 
 
 def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarget]:
-    """Where each file goes: to OUT itself if that ends in .exr, else to OUT/<stem>.exr.
-
-    Raises:
-        UsageProblem: several files would go to one.
-    """
+    """Where each file goes: to OUT itself if that ends in .exr, else to OUT/<stem>.exr."""
     if out.suffix.lower() == ".exr":
         if len(files) > 1:
             problem = f"is one file, and there are {len(files)} to convert"
@@ -78,11 +66,7 @@ def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarg
 
 
 def refuse_existing(wanted: Sequence[DepthTarget], *, overwrite: bool) -> None:
-    """Refuse to replace files, unless that is asked for; an input is never replaced.
-
-    Raises:
-        InputError: a file is there.
-    """
+    """Refuse to replace files, unless that is asked for; an input is never replaced."""
     for place in wanted:
         for path in place.written:
             if path.exists() and any(path.samefile(p.file) for p in wanted if p.file.exists()):
@@ -99,12 +83,7 @@ def refuse_existing(wanted: Sequence[DepthTarget], *, overwrite: bool) -> None:
 
 
 def convert(place: DepthTarget, reading: Reading) -> Converted:
-    """Read a depth file and write it as EXR.
-
-    Raises:
-        InputError: the file cannot be read, has pixels without depth, or cannot be written.
-        UsageProblem: an option is missing or makes no sense for the file.
-    """
+    """Read a depth file and write it as EXR."""
     with put_off():
         import numpy as np
 
@@ -137,11 +116,7 @@ def convert(place: DepthTarget, reading: Reading) -> Converted:
 
 
 def _refuse_nearly_empty(file: Path) -> None:
-    """Refuse a file of a few MB that would take all memory to say next to nothing.
-
-    Raises:
-        InputError: it is one.
-    """
+    """Refuse a file of a few MB that would take all memory to say next to nothing."""
     info = None
     with suppress(InputError):  # a file without a header has no size; who decodes it says why
         info = describe(file)

@@ -38,13 +38,9 @@ _DIGITS = 9
 
 @dataclass(frozen=True)
 class Animation:
-    """Options of a lens with keys.
+    """Options of a lens with keys."""
 
-    Attributes:
-        keys: by option the frames that have a key, ascending, and the keys.
-        interpolation: linear or ease.
-    """
-
+    # By option the frames that have a key, ascending, and the keys
     keys: Keys = field(default_factory=dict)
     interpolation: str = "linear"
 
@@ -58,11 +54,7 @@ class Animation:
         return next(iter(self.keys[name].values())).where
 
     def texts(self, frame: int) -> dict[str, str]:
-        """The options of a frame as texts; at a key, the text of the key.
-
-        Raises:
-            UsageProblem: values of two keys have nothing between them.
-        """
+        """The options of a frame as texts; at a key, the text of the key."""
         return {name: self._text(name, frame) for name in self.keys}
 
     def _text(self, name: str, frame: int) -> str:
@@ -101,15 +93,7 @@ def read_animation(
 ) -> Animation:
     """The animation of files, or ``option=FILE`` for a curve.
 
-    Args:
-        files: paths, like those of ``--animate``.
-        interpolation: linear or ease; None for that of a TOML file, or linear.
-        keys: further keys.
-        root: the folder that paths are relative to.
-
-    Raises:
-        InputError: a file cannot be read, or makes no sense.
-        UsageProblem: an option is unknown, animated twice, or a value makes no sense.
+    `interpolation`: linear or ease; None for that of a TOML file, or linear.
     """
     every: dict[str, Mapping[int, Key]] = dict(keys or {})
     for text in files:
@@ -126,11 +110,7 @@ def read_animation(
 
 
 def animation_of(keys: Keys, interpolation: str | None) -> Animation:
-    """The animation of keys, once all of them make sense.
-
-    Raises:
-        UsageProblem: an option is unknown, a value makes no sense, or two contradict each other.
-    """
+    """The animation of keys, once all of them make sense."""
     every = {}
     for name, of_option in keys.items():
         if not of_option:
@@ -146,12 +126,7 @@ def animation_of(keys: Keys, interpolation: str | None) -> Animation:
 
 
 def keys_of_table(values: Mapping[str, Any], where: Place) -> dict[str, dict[int, Key]]:
-    """The keys of the table ``[animate]``: of each option a table of values by frame.
-
-    Raises:
-        UsageProblem: an option has no table.
-        InputError: a name in it is no frame.
-    """
+    """The keys of the table ``[animate]``: of each option a table of values by frame."""
     keys: dict[str, dict[int, Key]] = {}
     for name, table in values.items():
         if not isinstance(table, dict) or not table:
@@ -181,11 +156,7 @@ def _of_toml(file: Path, interpolation: str | None) -> tuple[Keys, str | None]:
 
 
 def interpolation_of(values: Mapping[str, Any], where: Place) -> tuple[dict[str, Any], str | None]:
-    """The table ``[animate]`` without its interpolation, and the interpolation.
-
-    Raises:
-        UsageProblem: it is none.
-    """
+    """The table ``[animate]`` without its interpolation, and the interpolation."""
     said = values.get("interpolation")
     if said is not None and said not in INTERPOLATIONS:
         remedy = f"choose from {', '.join(INTERPOLATIONS)}"

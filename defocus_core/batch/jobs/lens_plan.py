@@ -50,24 +50,16 @@ KEYS = (*LENS_OPTIONS, "file", "max-coc", METADATA)
 
 @dataclass(frozen=True)
 class LensPlan:
-    """The lenses that take each picture.
-
-    Attributes:
-        source: the jobs file.
-        options: options of all lenses, as texts.
-        points: the lenses of the sweep.
-        sampling: the options that are drawn, for each point.
-        max_coc: largest CoC radius in px that a lens may have; None for any.
-        taken: options that are swept or drawn, and the name of the table that says so.
-        radii: the depth files hold radii, so that a lens is the shape of its opening alone.
-    """
+    """The lenses that take each picture."""
 
     source: Place
-    options: Mapping[str, str]
-    points: Sequence[Point]
-    sampling: Sampling
-    max_coc: float | None
+    options: Mapping[str, str]  # options of all lenses, as texts
+    points: Sequence[Point]  # the lenses of the sweep
+    sampling: Sampling  # the options that are drawn, for each point
+    max_coc: float | None  # largest CoC radius in px that a lens may have; None for any
+    # Options that are swept or drawn, and the name of the table that says so
     taken: Mapping[str, str]
+    # The depth files hold radii, so that a lens is the shape of its opening alone
     radii: bool = False
 
     @property
@@ -84,12 +76,7 @@ class LensPlan:
     def lenses(self, entry: Entry, numbers: Iterable[int]) -> Iterator[tuple[str, Lens]]:
         """The suffix of each lens for the name of the sample, and the lens.
 
-        Args:
-            entry: the picture.
-            numbers: which of the lenses, ascending from 0.
-
-        Raises:
-            UsageProblem: an option is missing or in two places, or the focus is too near.
+        `numbers`: which of the lenses, ascending from 0.
         """
         own = entry.options
         _refuse_taken(own, self.taken, entry.where)
@@ -115,15 +102,7 @@ class LensPlan:
 def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) -> LensPlan:
     """The lenses that ``[lens]``, ``[sweep]`` and ``[sample]`` ask for.
 
-    Args:
-        lens: ``[lens]``.
-        sweep: ``[sweep]``.
-        sample: ``[sample]``.
-        radii: the depth files hold radii, so that a lens is the shape of its opening alone.
-
-    Raises:
-        InputError: the lens file cannot be read.
-        UsageProblem: a key is unknown, a value makes no sense or two contradict each other.
+    `lens`: ``[lens]``; `sweep`: ``[sweep]``; `sample`: ``[sample]``.
     """
     lens.refuse_unknown(KEYS)
     entry_options = {

@@ -21,12 +21,7 @@ FIELDS = ("stem", "view", *_OPTIONS)
 def of_views(jobs: Sequence[Job], template: str | None) -> list[Job]:
     """The jobs of each view that ``view`` names, like left,right, named by a template.
 
-    Args:
-        jobs: of all pictures.
-        template: of the names, None for the stem, and the view where there are several.
-
-    Raises:
-        UsageProblem: the template has a field that is none, or makes no plain name.
+    `template`: of the names, None for the stem, and the view where there are several.
     """
     views = [job.reading.view or "" for job in jobs]
     if template is None:

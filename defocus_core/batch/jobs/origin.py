@@ -49,22 +49,14 @@ _TEXTS = KEYS[:-1]
 
 
 def read_origin(table: Table) -> Origin:
-    """The origin in ``[dataset]``.
-
-    Raises:
-        UsageProblem: a key is unknown, or its value is no text, of shuffle no whole number.
-    """
+    """The origin in ``[dataset]``."""
     table.refuse_unknown(KEYS)
     texts = {key: text for key in _TEXTS if (text := table.text(key)) is not None}
     return Origin(**texts, shuffle=table.whole("shuffle", 0))
 
 
 def keep(out: Path, jobs: Path | Mapping[str, Any]) -> None:
-    """Keep a jobs file, or the tables of one, in an OUT that exists.
-
-    Raises:
-        InputError: it cannot be read or written.
-    """
+    """Keep a jobs file, or the tables of one, in an OUT that exists."""
     if not out.is_dir():  # there was nothing to do
         return
     if isinstance(jobs, Mapping):

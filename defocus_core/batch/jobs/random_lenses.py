@@ -38,10 +38,7 @@ _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
 def drawn_lens(draw: Draw, source: Place, max_coc: float | None) -> Lens:
     """The lens of a draw.
 
-    Args:
-        draw: its seed, picture, number and options.
-        source: where the focus stands.
-        max_coc: largest CoC radius in px that it may have in its picture.
+    `max_coc`: largest CoC radius in px that it may have in its picture.
     """
     from defocus_core.optics.distributions import drawn
 
@@ -62,11 +59,7 @@ class Sampling:
 
 
 def read_sampling(table: Table) -> Sampling:
-    """The sampling of ``[sample]``; a count of 0 if there is no such table.
-
-    Raises:
-        UsageProblem: a key is unknown or missing, or a distribution makes no sense.
-    """
+    """The sampling of ``[sample]``; a count of 0 if there is no such table."""
     if not table.values:
         return Sampling()
     table.refuse_unknown(KEYS)
@@ -94,11 +87,7 @@ def read_sampling(table: Table) -> Sampling:
 
 @lru_cache(maxsize=4096)
 def distribution(name: str, text: str) -> Distribution | None:
-    """The distribution that an option is drawn from; None if the text is a plain value.
-
-    Raises:
-        QuantityError: the text makes no sense.
-    """
+    """The distribution that an option is drawn from; None if the text is a plain value."""
     call = _CALL.fullmatch(text)
     if not call:
         return None

@@ -26,20 +26,14 @@ LONGEST_SMOOTH = 1001
 
 @dataclass(frozen=True)
 class SharedDecisions:
-    """What the frames of a shot have in common.
+    """What the frames of a shot have in common."""
 
-    Attributes:
-        steady: whether what depth decides is decided once; None for the default.
-        focus_smooth: number of frames over which a focus that depth decides is averaged; None for
-            one focus for all of the shot, or each frame's own if the point moves.
-        motion: layer of motion vectors; None if there is none.
-        place: the place of one of them, for errors.
-    """
-
-    steady: bool | None = None
+    steady: bool | None = None  # whether what depth decides is decided once; None for the default
+    # Number of frames over which a focus that depth decides is averaged; None for one focus for
+    # all of the shot, or each frame's own if the point moves
     focus_smooth: int | None = None
-    motion: str | None = None
-    place: Callable[[str], Place] = CALLER.at
+    motion: str | None = None  # layer of motion vectors; None if there is none
+    place: Callable[[str], Place] = CALLER.at  # the place of one of them, for errors
 
     def refuse_lone(self) -> None:
         """Raise UsageProblem if anything is asked of frames where there is no shot."""
@@ -56,11 +50,7 @@ class SharedDecisions:
 
 
 def read_together(table: Table) -> SharedDecisions:
-    """The table ``[shot]`` of a jobs file.
-
-    Raises:
-        UsageProblem: a key is unknown, or a value makes no sense.
-    """
+    """The table ``[shot]`` of a jobs file."""
     table.refuse_unknown(KEYS)
     return SharedDecisions(
         steady=table.flag("steady"),
@@ -80,15 +70,7 @@ def with_shot(
 ) -> list[Job]:
     """The jobs of frames, each with the frames that decide what it looks like.
 
-    Args:
-        jobs: the jobs.
-        every: all frames of the shot that are there, ascending; empty if there is no shot.
-        lens_of: the lens of a frame, for the suffix of a job.
-        together: what the frames have in common.
-        moving: whether the point in focus has keys.
-
-    Raises:
-        UsageProblem: something is asked that has no effect.
+    `every`: all frames of the shot that are there, ascending; empty if there is no shot.
     """
     if not every:
         together.refuse_lone()

@@ -46,11 +46,7 @@ class Point:
 
 
 def read_sweep(table: Table) -> list[Point]:
-    """The lenses of ``[sweep]``, the first option slowest; one lens without options if it is empty.
-
-    Raises:
-        UsageProblem: an option is unknown, a value makes no sense, or two lenses have one name.
-    """
+    """The lenses of ``[sweep]``, the first option slowest; one without options if empty."""
     table.refuse_unknown((*LENS_OPTIONS, "lenses"))
     axes = [_sets(table)] if "lenses" in table.values else []
     for name in LENS_OPTIONS:

@@ -18,16 +18,7 @@ _MAX_DOTS = 10**8  # sum of the squares of those of each line
 
 
 def read_toml(file: Path, *, what: str, remedy: str) -> dict[str, Any]:
-    """The tables and values of a TOML file.
-
-    Args:
-        file: the file.
-        what: the kind of file, like ``lens file``, for errors.
-        remedy: the remedy if the file is of another kind.
-
-    Raises:
-        InputError: the file cannot be read as TOML.
-    """
+    """The tables and values of a TOML file."""
     try:
         return loads(_text(file, what, remedy))
     except (ValueError, RecursionError) as error:  # ValueError: a number of 5000 digits
@@ -37,12 +28,7 @@ def read_toml(file: Path, *, what: str, remedy: str) -> dict[str, Any]:
 
 
 def loads(text: str) -> dict[str, Any]:
-    """The tables and values of a text of TOML.
-
-    Raises:
-        ValueError: it is none, or would take endless memory.
-        RecursionError: it is nested too deeply.
-    """
+    """The tables and values of a text of TOML."""
     # A key of n parts takes memory of n² bytes, and the square of a line of names is small.
     if sum(line.count(".") ** 2 for line in text.split("\n")) > _MAX_DOTS:
         raise ValueError("it has a line of too many dots")
@@ -120,18 +106,7 @@ class Table:
 def refuse_unknown(
     keys: Iterable[str], known: Sequence[str], where: Place | Path, owner: str, what: str = "key"
 ) -> None:
-    """Refuse keys, or table names, of a file that are not known.
-
-    Args:
-        keys: the keys.
-        known: the keys that are allowed.
-        where: the place, for errors.
-        owner: the file or table that knows them, like ``a lens file``.
-        what: the noun for one of them.
-
-    Raises:
-        UsageProblem: naming the key, and the known one that it resembles.
-    """
+    """Refuse keys, or table names, of a file that are not known."""
     for key in keys:
         if key not in known:
             remedy = did_you_mean(key.replace("_", "-"), known, f"{owner} knows {', '.join(known)}")
@@ -139,11 +114,7 @@ def refuse_unknown(
 
 
 def table(file: Path, tables: Mapping[str, Any], name: str) -> Table:
-    """The table of that name; empty if there is none.
-
-    Raises:
-        UsageProblem: there is a value of that name that is no table.
-    """
+    """The table of that name; empty if there is none."""
     values = tables.get(name, {})
     if not isinstance(values, dict):
         remedy = f"write [{name}] above the keys that belong to it"

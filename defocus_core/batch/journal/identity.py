@@ -116,13 +116,8 @@ def versions() -> dict[str, Any]:
 def stamp(path: Path, root: Path | None = None) -> dict[str, Any]:
     """Size, time of modification and hash of a file.
 
-    Args:
-        path: the file.
-        root: the folder that it lies below, no link of which is followed; None for a file that the
-            user named.
-
-    Raises:
-        OSError: it cannot be read, or is no regular file.
+    `root`: the folder that it lies below, no link of which is followed; None for a file that the
+    user named.
     """
     below = root and path.relative_to(root).as_posix()
     with Folder(root).open(below) if root and below else open_plain(path) as file:
@@ -134,11 +129,7 @@ def stamp(path: Path, root: Path | None = None) -> dict[str, Any]:
 
 
 def settled_stamp(path: Path) -> dict[str, Any]:
-    """The `stamp` of a file, without a time so recent that a later change could have the same.
-
-    Raises:
-        OSError: the file cannot be read.
-    """
+    """The `stamp` of a file, without a time so recent that a later change could have the same."""
     status = path.stat()
     key = (str(path), status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
     if key in _STAMPS:  # frames of a shot share files
@@ -156,10 +147,7 @@ def settled_stamp(path: Path) -> dict[str, Any]:
 def unchanged(path: Path, recorded: Stamp, *, read: bool = False) -> bool:
     """Whether a file is as it was recorded.
 
-    Args:
-        path: the file.
-        recorded: its stamp when it was recorded.
-        read: compare the bytes even if size and time are those recorded.
+    `read`: compare the bytes even if size and time are those recorded.
     """
     try:
         status = path.stat()

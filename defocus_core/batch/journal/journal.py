@@ -67,11 +67,7 @@ def shards(out: Path) -> list[Shard]:
 
 
 def require_journal(out: Path) -> None:
-    """Refuse a directory that no batch has written to.
-
-    Raises:
-        InputError: there is no journal.
-    """
+    """Refuse a directory that no batch has written to."""
     if not any(out.glob("journal*.jsonl")):
         raise InputError(
             "empty", "has no journal", "name the directory that a batch writes to", path=out
@@ -79,11 +75,7 @@ def require_journal(out: Path) -> None:
 
 
 def read_all(out: Path) -> list[Record]:
-    """The records of all journals in OUT, by `in_order`.
-
-    Raises:
-        InputError: a journal cannot be read, or a line of it is broken.
-    """
+    """The records of all journals in OUT, by `in_order`."""
     paths = [journal_path(out), *(journal_path(out, shard) for shard in shards(out))]
     return in_order([read(path) for path in paths], out)
 
@@ -133,11 +125,7 @@ def _true_journals(
 
 
 def read(path: Path) -> list[Record]:
-    """The records of a journal, none if it is missing.
-
-    Raises:
-        InputError: it cannot be read, or a line is no record; a torn last line is ignored.
-    """
+    """The records of a journal, none if it is missing."""
     try:
         data = Folder(path.parent).read(path.name)
     except FileNotFoundError:
@@ -226,11 +214,7 @@ def _input_folder(folder: Path, out: Path, base: Path) -> Path:
 
 
 class Journal:
-    """A journal that records are appended to. Its one writer holds the lock of OUT.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """A journal that records are appended to. Its one writer holds the lock of OUT."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -242,11 +226,7 @@ class Journal:
             raise unwritable(path, error) from error
 
     def append(self, record: Record) -> None:
-        """Add a record; when this returns, no crash loses it.
-
-        Raises:
-            InputError: it cannot be written; nothing of it is. Or the journal is no longer there.
-        """
+        """Add a record; when this returns, no crash loses it."""
         line = json.dumps(record, allow_nan=False).encode() + b"\n"
         end = os.fstat(self._number).st_size
         try:

@@ -127,10 +127,7 @@ class Ledger:
         sample is of another split, or another limit of its radii draws the same lens, it is a new
         record that says so.
 
-        Args:
-            job: the job.
-            recipe: its recipe.
-            read_inputs: compare the bytes of the inputs, not only size and time.
+        `read_inputs`: compare the bytes of the inputs, not only size and time.
         """
         planned = job.names
         records = [self._last.get(path) for path in planned.values()]
@@ -165,11 +162,7 @@ class Ledger:
         return any(self._last.get(path) is record for path in files_of(record))
 
     def refuse_other_pictures(self, jobs: Iterable[Job]) -> None:
-        """Refuse to replace outputs of another picture that has the same name.
-
-        Raises:
-            InputError: a job would.
-        """
+        """Refuse to replace outputs of another picture that has the same name."""
         for job in jobs:
             for name in job.names.values():
                 path, record = self.out / name, self._last.get(name)
@@ -182,11 +175,7 @@ class Ledger:
                     raise InputError("exists", problem, remedy, path=path)
 
     def refuse_other_lenses(self, jobs: Iterable[Job]) -> None:
-        """Refuse to replace outputs that another lens took, or of another view.
-
-        Raises:
-            InputError: a job would.
-        """
+        """Refuse to replace outputs that another lens took, or of another view."""
         for job in jobs:
             now = _lens_and_view(identity.settings(job))
             for name in () if job.outputs.overwrite else job.names.values():

@@ -44,17 +44,7 @@ def lock_path(out: Path, shard: Shard | None = None) -> Path:
 def locked(out: Path, shard: Shard | None = None, *, say: Say) -> Iterator[Check]:
     """Hold the lock of an existing OUT, or of a shard, while the block runs.
 
-    Args:
-        out: the directory.
-        shard: which part of a batch; None for all of it.
-        say: called with a line about a lock whose holder runs no more.
-
-    Yields:
-        A function that raises `LockLost` if the lock has been lost. Who was suspended calls it
-        before the next record.
-
-    Raises:
-        InputError: someone else holds it, or one that excludes it; or it cannot be written.
+    `shard`: which part of a batch; None for all of it.
     """
     path = lock_path(out, shard)
     lease = _acquired(path, say)
@@ -77,11 +67,7 @@ def locked(out: Path, shard: Shard | None = None, *, say: Say) -> Iterator[Check
 
 
 def refuse_held(out: Path, *, say: Say) -> None:
-    """Refuse an OUT that somebody writes to, before its records are read.
-
-    Raises:
-        InputError: someone holds a lock.
-    """
+    """Refuse an OUT that somebody writes to, before its records are read."""
     _refuse_others(out, None, None, say)
 
 

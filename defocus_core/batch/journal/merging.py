@@ -21,11 +21,7 @@ class Merged(NamedTuple):
 
 
 def merge(out: Path) -> Merged:
-    """Put the records of all shards into the journal of OUT, and remove theirs.
-
-    Raises:
-        InputError: there is no journal, one is broken, or somebody is writing one.
-    """
+    """Put the records of all shards into the journal of OUT, and remove theirs."""
     journal.require_journal(out)
     with locked(out, say=note) as require_lock:
         shards = [s for s in journal.shards(out) if journal.journal_path(out, s).exists()]

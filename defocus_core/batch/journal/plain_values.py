@@ -32,11 +32,7 @@ def plain(value: Any) -> Any:
 
 
 def typed(kind: type[T], value: Any) -> T:
-    """The dataclass of a kind that `plain` made a dictionary of.
-
-    Raises:
-        ValueError: it is of no such kind, or of a version that knew other fields.
-    """
+    """The dataclass of a kind that `plain` made a dictionary of."""
     try:
         result: T = _typed(kind, value)
     except (TypeError, KeyError, AttributeError, IndexError) as error:

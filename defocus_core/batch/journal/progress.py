@@ -25,29 +25,21 @@ from defocus_core.errors import InputError
 
 @dataclass
 class Progress:
-    """Progress of a batch: jobs that ended, and jobs that are left.
+    """Progress of a batch: jobs that ended, and jobs that are left."""
 
-    Attributes:
-        statuses: number of jobs by status.
-        reasons: number of jobs without outputs, by reason.
-        left: jobs that runs set out to do and did not do yet.
-        again: how many of these count among ``statuses``, too: inputs or settings changed, or
-            they failed.
-        running: the processes that hold a lock, in words.
-        rate: jobs a second, of the runs that go on or were stopped; None if there are none.
-        seconds: mean rendering time of a finished job.
-        shards: numbers of the parts that have begun, and of how many; None if not in parts.
-        failures: the records that failed or were rejected, oldest first.
-    """
-
-    statuses: Counter[str]
-    reasons: Counter[str]
-    left: int = 0
+    statuses: Counter[str]  # number of jobs by status
+    reasons: Counter[str]  # number of jobs without outputs, by reason
+    left: int = 0  # jobs that runs set out to do and did not do yet
+    # How many of these count among ``statuses``, too: inputs or settings changed, or they
+    # failed
     again: int = 0
-    running: list[str] = field(default_factory=list)
+    running: list[str] = field(default_factory=list)  # the processes that hold a lock, in words
+    # Jobs a second, of the runs that go on or were stopped; None if there are none
     rate: float | None = None
-    seconds: float | None = None
+    seconds: float | None = None  # mean rendering time of a finished job
+    # Numbers of the parts that have begun, and of how many; None if not in parts
     shards: tuple[list[int], int] | None = None
+    # The records that failed or were rejected, oldest first
     failures: list[Record] = field(default_factory=list)
 
     @property
@@ -64,11 +56,7 @@ class Progress:
 
 
 def progress(out: Path) -> Progress:
-    """Read the journals of OUT, without a lock.
-
-    Raises:
-        InputError: there is no journal, or it is broken.
-    """
+    """Read the journals of OUT, without a lock."""
     parts = shards(out)
     runs = (None, *parts)
     if not any(path(out, run).exists() for run in runs for path in (journal_path, run_path)):

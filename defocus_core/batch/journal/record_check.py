@@ -71,12 +71,7 @@ def output_fault(path: object) -> str | None:
 
 
 def fault_of(record: object, linked: frozenset[str] = frozenset()) -> str | None:
-    """What is wrong with a line of a journal, as ``has no lens``; None if it is a record.
-
-    Args:
-        record: what the JSON of the line holds.
-        linked: the kinds whose folder in OUT is a link.
-    """
+    """What is wrong with a line of a journal, as ``has no lens``; None if it is a record."""
     if not isinstance(record, dict):
         return "is no record of a job"
     fault = wrong_type(record, _ALWAYS) or _fault_of_files(record, linked)

@@ -28,11 +28,7 @@ from defocus_core.errors import InputError, Place
 
 
 def failed_jobs(ledger: Ledger, reasons: Collection[str]) -> list[Job]:
-    """The jobs that failed; if reasons are named, all jobs without outputs for one of them.
-
-    Raises:
-        InputError: a record is of a version that knew other settings.
-    """
+    """The jobs that failed; if reasons are named, all jobs without outputs for one of them."""
     return [
         revived(record, ledger.out)
         for record in ledger.live
@@ -41,11 +37,7 @@ def failed_jobs(ledger: Ledger, reasons: Collection[str]) -> list[Job]:
 
 
 def revived(record: Record, out: Path) -> Job:
-    """The job of a record.
-
-    Raises:
-        InputError: it is of a version that knew other settings.
-    """
+    """The job of a record."""
     asked, inputs = record["settings"], record["inputs"]
     try:
         shot = _shot(asked["shot"], inputs, out) if "shot" in asked else None

@@ -27,17 +27,11 @@ SHARDS_FOLDER = "shards"  # of tars
 
 @dataclass(frozen=True)
 class RunPlan:
-    """The jobs of a run.
+    """The jobs of a run."""
 
-    Attributes:
-        begun: when it began, UTC.
-        jobs: the files of each job, relative to OUT.
-        unknown: files that earlier runs left and that no journal knows.
-    """
-
-    begun: str
-    jobs: Sequence[Sequence[str]]
-    unknown: Collection[str]
+    begun: str  # when it began, UTC
+    jobs: Sequence[Sequence[str]]  # the files of each job, relative to OUT
+    unknown: Collection[str]  # files that earlier runs left and that no journal knows
 
     def left(self, records: Iterable[Record]) -> list[Sequence[str]]:
         """The jobs that did not end since the run began, by the records of the journals."""
@@ -46,11 +40,7 @@ class RunPlan:
         return [files for files in self.jobs if ended.isdisjoint(files)]
 
     def write(self, path: Path) -> None:
-        """Write the file of the run.
-
-        Raises:
-            InputError: it cannot be written.
-        """
+        """Write the file of the run."""
         with written_whole(path) as file:
             file.write(json.dumps(asdict(self)).encode() + b"\n")
 
@@ -61,24 +51,12 @@ def run_path(out: Path, shard: Shard | None = None) -> Path:
 
 
 def plan_of(out: Path, shard: Shard | None = None) -> RunPlan | None:
-    """The plan of the run on OUT, or on a shard; None if it got to its end.
-
-    Raises:
-        InputError: the file is no plan.
-    """
+    """The plan of the run on OUT, or on a shard; None if it got to its end."""
     return _read(run_path(out, shard))
 
 
 def planned_files(out: Path, shard: Shard | None = None) -> set[str]:
-    """Files that runs were to write, relative to OUT, and that no journal may know.
-
-    Args:
-        out: the directory.
-        shard: only what the run on this shard was to write.
-
-    Raises:
-        InputError: a file is no plan.
-    """
+    """Files that runs were to write, relative to OUT, and that no journal may know."""
     paths = out.glob(".journal*.run") if shard is None else [run_path(out, shard)]
     plans = [plan for path in paths if (plan := _read(path)) is not None]
     return {name for plan in plans for files in (*plan.jobs, plan.unknown) for name in files}

@@ -11,27 +11,18 @@ from defocus_core.errors import UsageProblem
 
 
 class Colors(NamedTuple):
-    """Channels of a picture that are rendered together.
-
-    Attributes:
-        channels: their numbers.
-        offset: px that their signed radii are apart from those of the lens.
-        color: of their light, where the opening is coloured: red is 0, green 1, blue 2.
-        turned: whether rows are rendered as columns, whose left and right are up and down.
-    """
+    """Channels of a picture that are rendered together."""
 
     channels: tuple[int, ...]
-    offset: float = 0.0
+    offset: float = 0.0  # px that their signed radii are apart from those of the lens
+    # Whether rows are rendered as columns, whose left and right are up and down
     turned: bool = False
+    # Of their light, where the opening is coloured: red is 0, green 1, blue 2
     color: int | None = None
 
 
 def renderings(rendered: Rendered) -> list[Colors]:
-    """What is rendered one after another; what says most of the picture comes last.
-
-    Raises:
-        UsageProblem: halves of a coloured opening are asked for.
-    """
+    """What is rendered one after another; what says most of the picture comes last."""
     rows = [kind for kind in rendered.job.outputs.rows if kind.rendered]
     colors = colors_of(rendered)
     turned = [color._replace(turned=True) for color in colors if any(k.turned for k in rows)]
@@ -40,11 +31,7 @@ def renderings(rendered: Rendered) -> list[Colors]:
 
 
 def colors_of(rendered: Rendered) -> list[Colors]:
-    """The channels that are rendered together: all, or red, blue, then all others.
-
-    Raises:
-        UsageProblem: halves of a coloured opening are asked for.
-    """
+    """The channels that are rendered together: all, or red, blue, then all others."""
     names = rendered.inputs.color.channels
     every = Colors(tuple(range(len(rendered.inputs.color.planes))))
     lens = rendered.lens

@@ -38,35 +38,21 @@ _REPEATS = 2  # the fastest counts: a machine is never faster than it is
 
 @dataclass(frozen=True)
 class Forecast:
-    """Work, time and memory of one job.
+    """Work, time and memory of one job."""
 
-    Attributes:
-        size: (width, height) of the picture in px.
-        coc_px: its least and greatest signed radius.
-        color_note: how the colour is read, for people.
-        depth_note: how the depth is read and repaired.
-        repair: of the depth; None if nothing is rendered.
-        read_seconds: time to decode the inputs, measured.
-        prepare_seconds: time before rendering, measured: repair of depth, search of lights.
-        seconds: time to render, right within a factor of two.
-        write_seconds: time to write, measured on a picture of the same outputs.
-        peak_mb: upper bound of the memory of the process, or of the GPU.
-        scratch_mb: size of its arrays in scratch files; 0 if they are held in memory.
-        renderings: how many times it is rendered, for colours apart, and for up and down; 0 if only
-            maps are written.
-    """
-
-    size: tuple[int, int]
-    coc_px: tuple[float, float]
-    color_note: str
-    depth_note: str
-    repair: DepthRepair | None
-    read_seconds: float
-    prepare_seconds: float
-    seconds: float
-    write_seconds: float
-    peak_mb: float
-    scratch_mb: float
+    size: tuple[int, int]  # (width, height) of the picture in px
+    coc_px: tuple[float, float]  # its least and greatest signed radius
+    color_note: str  # how the colour is read, for people
+    depth_note: str  # how the depth is read and repaired
+    repair: DepthRepair | None  # of the depth; None if nothing is rendered
+    read_seconds: float  # time to decode the inputs, measured
+    prepare_seconds: float  # time before rendering, measured: repair of depth, search of lights
+    seconds: float  # time to render, right within a factor of two
+    write_seconds: float  # time to write, measured on a picture of the same outputs
+    peak_mb: float  # upper bound of the memory of the process, or of the GPU
+    scratch_mb: float  # size of its arrays in scratch files; 0 if they are held in memory
+    # How many times it is rendered, for colours apart, and for up and down; 0 if only maps are
+    # written
     renderings: int
 
 
@@ -96,14 +82,7 @@ def work_per_second(device: str, threads: int) -> float:
 
 
 def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusError]]:
-    """Forecasts of jobs, or of `MAX_READ` spread evenly over more; their inputs are decoded.
-
-    Returns:
-        The forecasts by the number of the job, and the errors of jobs that would fail.
-
-    Raises:
-        UsageProblem: this machine has not got the device.
-    """
+    """Forecasts of jobs, or of `MAX_READ` spread evenly over more; their inputs are decoded."""
     job_steps.load()
     device = job_steps.choose_device(jobs[0].machine.device)
     rate = 0.0

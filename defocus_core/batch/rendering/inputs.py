@@ -30,47 +30,28 @@ from defocus_core.io.images.primaries import refuse_other_primaries
 
 
 class SceneRadii(NamedTuple):
-    """The radii of all that a lens sees.
+    """The radii of all that a lens sees."""
 
-    Attributes:
-        picture: of the picture, or of the element over a plate.
-        plate: of the plate.
-        hidden: of the hidden layer.
-        layers: of each layer of a deep picture.
-        shown: [H, W] px of what is in front: of the plate where the element has nothing.
-        limits: the least and the greatest of those shown.
-    """
-
-    picture: Radii
+    picture: Radii  # of the picture, or of the element over a plate
     plate: Radii | None
-    hidden: Radii | None
-    layers: tuple[Radii, ...]
-    shown: Any
-    limits: tuple[float, float]
+    hidden: Radii | None  # of the hidden layer
+    layers: tuple[Radii, ...]  # of each layer of a deep picture
+    shown: Any  # [H, W] px of what is in front: of the plate where the element has nothing
+    limits: tuple[float, float]  # the least and the greatest of those shown
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """The decoded inputs of a job; jobs of one picture share them.
+    """The decoded inputs of a job; jobs of one picture share them."""
 
-    Attributes:
-        holding: memory of the picture.
-        color: of the picture.
-        depth: of the picture.
-        hidden: colour and depth of the hidden layer, if there is one and it is needed.
-        plate: the plate that it lies over, if it is an element.
-        layers: of a deep picture that is rendered.
-        stamps: of the files, by role.
-        seconds: that decoding took.
-    """
-
-    holding: Holding
+    holding: Holding  # memory of the picture
     color: Color
     depth: Depth
+    # Colour and depth of the hidden layer, if there is one and it is needed
     hidden: tuple[Color, Depth] | None = None
-    plate: Plate | None = None
-    layers: Layers | None = None
-    stamps: Mapping[str, Any] = field(default_factory=dict)
+    plate: Plate | None = None  # the plate that it lies over, if it is an element
+    layers: Layers | None = None  # of a deep picture that is rendered
+    stamps: Mapping[str, Any] = field(default_factory=dict)  # of the files, by role
     seconds: float = 0.0
 
     @property
@@ -98,12 +79,7 @@ class Inputs:
         return *self.color.warnings, *self.depth.warnings, *hidden_warnings, *plate
 
     def radii(self, lens: Lens) -> SceneRadii:
-        """The radii of all of it through a lens with its focus distance.
-
-        Raises:
-            InputError: a depth is so near, or the focus, that no frame would hold the blur.
-            UsageProblem: there is no such lens, or its blur is beyond all numbers.
-        """
+        """The radii of all of it through a lens with its focus distance."""
         keeping, nothing = self.holding.keeping, self.depth.nothing
         own_radii = radii_of(lens, self.depth, keeping)
         plate = None if self.plate is None else radii_of(lens, self.plate.depth, keeping)
@@ -123,12 +99,7 @@ class Inputs:
 
 
 def load_inputs(job: Job) -> Inputs:
-    """Decode the picture of a job, and what lies behind it if that is wanted and there.
-
-    Raises:
-        InputError: an input cannot be used.
-        UsageProblem: the options make no sense for it.
-    """
+    """Decode the picture of a job, and what lies behind it if that is wanted and there."""
     if job.reading.blur_channels and job.outputs.format != "exr":
         problem = f"has no effect in {job.outputs.format}, which holds the picture alone"
         raise UsageProblem("idle-option", problem, "use ‹format› exr", field="blur-channels")
@@ -166,12 +137,7 @@ def load_inputs(job: Job) -> Inputs:
 
 
 def _over_plate(job: Job, held: Holding) -> Inputs:
-    """An element and the plate that it lies over, decoded.
-
-    Raises:
-        InputError: an input cannot be used.
-        UsageProblem: a hidden layer is given, too.
-    """
+    """An element and the plate that it lies over, decoded."""
     if job.picture.hidden is not None:
         raise UsageProblem(
             "contradiction", "stands beside ‹over›", "the plate is what lies behind", field="hidden"

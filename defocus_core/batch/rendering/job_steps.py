@@ -24,17 +24,7 @@ from defocus_core.system.text import counted
 def compute(
     job: Job, inputs: Inputs, progress: Callable[[int, int], None] | None = None
 ) -> Rendered:
-    """The images and maps that a job asks for.
-
-    Args:
-        job: the job.
-        inputs: its decoded inputs.
-        progress: called with (tiles done, tiles in all) while it renders.
-
-    Raises:
-        InputError: the picture cannot be taken with this lens, or does not fit into memory.
-        UsageProblem: the options make no sense for this picture or machine.
-    """
+    """The images and maps that a job asks for."""
     prepared = prepare(job, inputs)
     if not job.outputs.need_rendering:
         return prepared
@@ -43,12 +33,7 @@ def compute(
 
 
 def prepare(job: Job, inputs: Inputs) -> Rendered:
-    """The picture as far as it is known before rendering: its lens, its radii.
-
-    Raises:
-        InputError: the picture cannot be taken with this lens.
-        UsageProblem: the options make no sense for this picture or machine.
-    """
+    """The picture as far as it is known before rendering: its lens, its radii."""
     depth = inputs.depth
     if "depth" in job.outputs.kinds and depth.is_radius:
         holds = "relative disparity" if depth.is_relative else "radii"
@@ -92,11 +77,7 @@ def load() -> None:
 
 
 def choose_device(name: str) -> str:
-    """``cpu`` or ``cuda``.
-
-    Raises:
-        UsageProblem: ``cuda`` was asked for and there is none.
-    """
+    """``cpu`` or ``cuda``."""
     import torch
 
     available = name != "cpu" and torch.cuda.is_available()

@@ -46,35 +46,22 @@ class Pair:
 
 @dataclass(frozen=True)
 class FitOptions:
-    """What is known of the lens, and what is to be found besides focus and f-number.
+    """What is known of the lens, and what is to be found besides focus and f-number."""
 
-    Attributes:
-        foclen: focal length in mm.
-        sensor_width: in mm.
-        blades: numbers of blades to choose from; their rotation is found, too.
-        exposure: whether the pictures may differ by a factor for each channel.
-        gamma: whether the power is to be found by which the files are linear light.
-        shift: whether the pictures may lie apart by a few px, and breathe.
-        dual_pixel: whether the crosstalk of a pair is to be found, and its model.
-        side_shading: whether left and right may have a factor each, a plane over the frame.
-        focus: the distance in focus in mm, if it is known.
-        fnumber: the f-number, if it is known.
-        dp_model: the model of the photodiodes, or the file of their kernels, if it is known.
-        dp_crosstalk: their crosstalk, if it is known.
-    """
-
-    foclen: float
-    sensor_width: float
-    blades: tuple[int, ...] = (0,)
-    exposure: bool = False
-    gamma: bool = False
-    shift: bool = False
-    dual_pixel: bool = False
+    foclen: float  # focal length in mm
+    sensor_width: float  # in mm
+    blades: tuple[int, ...] = (0,)  # numbers of blades to choose from; their rotation is found, too
+    exposure: bool = False  # whether the pictures may differ by a factor for each channel
+    gamma: bool = False  # whether the power is to be found by which the files are linear light
+    shift: bool = False  # whether the pictures may lie apart by a few px, and breathe
+    dual_pixel: bool = False  # whether the crosstalk of a pair is to be found, and its model
+    # Whether left and right may have a factor each, a plane over the frame
     side_shading: bool = False
-    focus: float | None = None
-    fnumber: float | None = None
+    focus: float | None = None  # the distance in focus in mm, if it is known
+    fnumber: float | None = None  # the f-number, if it is known
+    # The model of the photodiodes, or the file of their kernels, if it is known
     dp_model: str | Path | None = None
-    dp_crosstalk: float | None = None
+    dp_crosstalk: float | None = None  # their crosstalk, if it is known
 
     def strength(self, focus: float, width: int) -> float:
         """Px of radius for 1/m, of a focus in 1/m and the f-number that is known."""
@@ -95,11 +82,7 @@ class FitOptions:
 
 
 def _photodiodes(options: FitOptions) -> list[DualPixel]:
-    """The photodiodes to choose from.
-
-    Raises:
-        InputError: the file of their kernels cannot be used.
-    """
+    """The photodiodes to choose from."""
     from defocus_core.batch.look.opening import measured_pair
     from defocus_core.optics.dual_pixel import DualPixel
 
@@ -117,18 +100,7 @@ def fit_pair(
     options: FitOptions,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
-    """The record of the lens of a pair, in plain values.
-
-    Args:
-        pair: the files.
-        reading: how the depth is read.
-        options: what is known.
-        progress: called with (renderings done, about how many in all).
-
-    Raises:
-        InputError: a file cannot be read, the pictures do not belong together, or no lens of the
-            focal length focuses so near.
-    """
+    """The record of the lens of a pair, in plain values."""
     import torch
 
     from defocus_core.fitting.pair import fit
@@ -186,11 +158,7 @@ def fit_pair(
 
 
 def _read_beside(color: Color, path: Path) -> torch.Tensor:
-    """The light of a picture of the size of another.
-
-    Raises:
-        InputError: it cannot be read, or is of another size.
-    """
+    """The light of a picture of the size of another."""
     other = read_color(path)
     require_finite(other)
     if other.shape[:2] != color.shape[:2]:
@@ -259,11 +227,7 @@ def _finite(value: float) -> float | None:
 
 
 def write_lens(path: Path, record: dict[str, Any]) -> None:
-    """Write what was found as a lens file.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """Write what was found as a lens file."""
     focus = record["focus_m"]
     lines = [
         "# Found by 'defocus fit'.",
@@ -341,11 +305,7 @@ def words(record: dict[str, Any]) -> list[str]:
 
 
 def pairs_of(pictures: Sequence[Picture], blurred: Path, right: Path | None) -> list[Pair]:
-    """The pairs of pictures and their blurred files; those of a folder by their stems.
-
-    Raises:
-        InputError: a picture has no blurred file.
-    """
+    """The pairs of pictures and their blurred files; those of a folder by their stems."""
     return [Pair(p, _partner(p, blurred), right and _partner(p, right)) for p in pictures]
 
 

@@ -23,12 +23,11 @@ MEASURES = (*RADII, "clipped_share", "invented_share")
 def measures(rendered: Rendered) -> dict[str, float | None]:
     """The measures of a picture.
 
-    Returns:
-        ``coc_mean_px``, ``coc_p50_px`` and ``coc_p99_px`` of the radii without sign, in px, of
-        pixels that hold something; ``clipped_share`` of the pixels that are white in a colour, not
-        of EXR and HDR; ``invented_share`` of the pixels of which less than 99 % of the lens
-        saw what the picture holds; None where nothing is known. Of a frame of a shot whose depth is
-        in metres ``depth_over_time``, too, see `_over_time`.
+    Returns ``coc_mean_px``, ``coc_p50_px`` and ``coc_p99_px`` of the radii without sign, in px, of
+    pixels that hold something; ``clipped_share`` of the pixels that are white in a colour, not of
+    EXR and HDR; ``invented_share`` of the pixels of which less than 99 % of the lens saw what the
+    picture holds; None where nothing is known. Of a frame of a shot whose depth is in metres
+    ``depth_over_time``, too, see `_over_time`.
     """
     nothing = None if rendered.inputs.nothing is None else evenly(rendered.inputs.nothing)
     pixels = rendered.stats.get("pixels", 0)
@@ -63,9 +62,7 @@ def _over_time(rendered: Rendered) -> dict[str, Any]:
 def radius_measures(radius: Any, nothing: Any) -> dict[str, float]:
     """Mean, median and 99th percentile of the radii without sign, in px, by their keys.
 
-    Args:
-        radius: signed, of any shape.
-        nothing: where pixels hold nothing; None if nowhere.
+    `nothing`: where pixels hold nothing; None if nowhere.
     """
     sizes = np.abs((radius if nothing is None else radius[~nothing]).astype("float64"))
     sizes_px = (sizes.mean(), *np.percentile(sizes, (50, 99))) if sizes.size else (0.0, 0.0, 0.0)

@@ -57,21 +57,13 @@ _BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float16": 2, "uint": 4, "uint32":
 
 @dataclass(frozen=True)
 class Holding:
-    """Memory of a picture, beside the memory of the computation.
+    """Memory of a picture, beside the memory of the computation."""
 
-    Attributes:
-        arrays_mb: size of its inputs and outputs, decoded.
-        whole_mb: size of the files that can only be decoded at once.
-        scratch: whether its arrays are in scratch files.
-        files_mb: memory of its arrays and of those of the pictures in the pipeline beside it.
-        room_mb: memory left to compute in.
-    """
-
-    arrays_mb: float
-    whole_mb: float
-    scratch: bool
-    files_mb: float
-    room_mb: float
+    arrays_mb: float  # size of its inputs and outputs, decoded
+    whole_mb: float  # size of the files that can only be decoded at once
+    scratch: bool  # whether its arrays are in scratch files
+    files_mb: float  # memory of its arrays and of those of the pictures in the pipeline beside it
+    room_mb: float  # memory left to compute in
 
     @property
     def keeping(self) -> Keeping:
@@ -88,13 +80,6 @@ def refuse_small(job: Job, program_mb: float = _PROGRAM_MB) -> None:
     """Refuse a limit below what program and files take in any case, before files are decoded.
 
     What the computation takes beside them depends on the blur, which no header tells.
-
-    Args:
-        job: the job.
-        program_mb: memory of the program; by default the least, before it is loaded.
-
-    Raises:
-        TooLarge: it is.
     """
     if job.machine.memory is None:
         return
@@ -230,11 +215,7 @@ def holds_cells(shape: tuple[int, ...], room_mb: float) -> bool:
 def regions_at_once(
     job: Job, renderer: Renderer, holding: Holding, device: str
 ) -> tuple[int, float]:
-    """How many regions of a picture may be computed at once, and a bound of their memory in MB.
-
-    Raises:
-        TooLarge: not even one fits; the remedy is the option with which it would.
-    """
+    """How many regions of a picture may be computed at once, and a bound of their memory in MB."""
     from defocus_core.evaluation.cost import memory_bound
 
     threads, room = job.machine.threads, room_on(device, holding.room_mb)

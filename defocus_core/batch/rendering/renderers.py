@@ -48,11 +48,8 @@ class Renderers:
     ) -> None:
         """Keep what they share; nothing is read yet.
 
-        Args:
-            rendered: the picture, as far as it is known before rendering.
-            radius: signed radii [H, W] in px of the picture, averaged with other frames; None for
-                its own.
-            seen_behind: what other frames have seen of what is hidden.
+        `radius`: signed radii [H, W] in px of the picture, averaged with other frames; None for its
+        own.
         """
         self.rendered, self._inputs, self._seen = rendered, rendered.inputs, seen_behind
         self._radii = (

@@ -33,17 +33,7 @@ _REPAIRS: dict[object, DepthRepair] = {}
 
 
 def shot_focused(job: Job, depth: Depth, *, deep: bool = False) -> Lens:
-    """The lens of a job with its focus distance, decided with other frames if its shot says so.
-
-    Args:
-        job: the job.
-        depth: of its picture.
-        deep: whether it is a deep picture; these are focused one by one.
-
-    Raises:
-        UsageProblem: the focus lies outside the picture, or too near.
-        Rejected: no frame has depth to focus on, or the blur exceeds ``max_coc``.
-    """
+    """The lens of a job with its focus distance, decided with other frames if its shot says so."""
     shot, lens = job.shot, job.lens
     frames = () if shot is None or deep else shot.focus or shot.sample
     if not frames or lens.draw is not None or not is_found(lens):
@@ -98,13 +88,7 @@ def _read(frame: FrameLens, job: Job) -> tuple[Color, Depth]:
 
 
 def shot_repair(job: Job, inputs: Inputs, radii: Radii) -> DepthRepair | None:
-    """The repair of depth that the shot of a job has decided on; None if each frame decides.
-
-    Args:
-        job: the job.
-        inputs: its decoded inputs; layers are not repaired.
-        radii: of its picture.
-    """
+    """The repair of depth that the shot of a job has decided on; None if each frame decides."""
     from defocus_core.sequences.shot_repair import agreed_repair, repair_through
 
     shot = job.shot

@@ -41,16 +41,8 @@ _DISTANCES = frozenset({1, 3, 6, 10})
 def with_neighbours(rendered: Rendered) -> tuple[Rendered, Any, HiddenLayer | None]:
     """What the neighbours of a frame do for it.
 
-    Args:
-        rendered: the picture, as far as it is known before rendering.
-
-    Returns:
-        The picture, with a note; the radii [H, W] px to render by, averaged over frames, None for
-        its own; and what neighbours have seen of what is hidden.
-
-    Raises:
-        InputError: a neighbour cannot be read, or is unlike the frame.
-        UsageProblem: motion is of no use for it.
+    Returns the picture, with a note; the radii [H, W] px to render by, averaged over frames, None
+    for its own; and what neighbours have seen of what is hidden.
     """
     shot, radius, hidden = rendered.job.shot, None, None
     if shot is None or len(shot.window) < _FEWEST:
@@ -76,11 +68,7 @@ class Neighbours:
     """The neighbours of a frame, decoded when they are needed; neighbours of the last are kept."""
 
     def __init__(self, rendered: Rendered) -> None:
-        """Keep what the neighbours are read with.
-
-        Args:
-            rendered: a picture of a shot.
-        """
+        """Keep what the neighbours are read with."""
         job, inputs = rendered.job, rendered.inputs
         assert job.shot is not None
         self._job, self._inputs, self._lens = job, inputs, rendered.lens

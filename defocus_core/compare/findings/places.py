@@ -43,17 +43,11 @@ _ONE_SIGN = 0.9  # share of the squared difference that makes it brighter, or da
 
 @dataclass(frozen=True)
 class LocatedPair:
-    """A pair where its difference is looked at, and what is known of its scene.
-
-    Attributes:
-        evidence: the pair.
-        radius: signed radius [H, W] in px, if a CoC map is at hand.
-        depth: [H, W], if that is.
-    """
+    """A pair where its difference is looked at, and what is known of its scene."""
 
     evidence: Evidence
-    radius: NDArray[Any] | None = None
-    depth: NDArray[Any] | None = None
+    radius: NDArray[Any] | None = None  # signed radius [H, W] in px, if a CoC map is at hand
+    depth: NDArray[Any] | None = None  # [H, W], if that is
 
     @cached_property
     def cut(self) -> tuple[slice, slice]:
@@ -156,19 +150,13 @@ def _in_one_region(shown: LocatedPair) -> Iterator[tuple[str, _Mask]]:
 
 @dataclass(frozen=True)
 class PlaceRow:
-    """A row of the table.
-
-    Attributes:
-        name: of the finding.
-        masks: the pixels [h, w] that are there, each with what is said of them.
-        least: share of the difference that must lie there.
-        chosen: whether the difference chooses the place in every other block.
-    """
+    """A row of the table."""
 
     name: str
+    # The pixels [h, w] that are there, each with what is said of them
     masks: Callable[[LocatedPair], Iterator[tuple[str, _Mask]]]
-    least: float = _MOST
-    chosen: bool = False
+    least: float = _MOST  # share of the difference that must lie there
+    chosen: bool = False  # whether the difference chooses the place in every other block
 
 
 PLACES = (

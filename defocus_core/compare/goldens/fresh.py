@@ -49,19 +49,7 @@ def rendered(
     listener: Listener,
     only: Sequence[str] = (),
 ) -> Iterator[FreshPictures]:
-    """Render the jobs of a jobs file to a folder that is there in the block.
-
-    Args:
-        jobs_file: the jobs file.
-        machine: how to compute.
-        execution: how the batch is carried out.
-        listener: receives its events.
-        only: patterns of pictures; jobs that write none of them are left out. Empty for all.
-
-    Raises:
-        InputError: the jobs file or a picture cannot be read, or there is no room.
-        UsageProblem: the jobs file makes no sense, or no picture matches a pattern.
-    """
+    """Render the jobs of a jobs file to a folder that is there in the block."""
     try:
         root = Path(tempfile.mkdtemp(prefix="defocus-golden-", dir=scratch_folder()))
     except OSError as error:

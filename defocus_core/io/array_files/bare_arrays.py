@@ -31,11 +31,7 @@ def bare_type(head: bytes) -> str:
 
 
 def read_bare(path: Path) -> NDArray[Any]:
-    """Map a .dpt or COLMAP file into memory: float32 [H, W].
-
-    Raises:
-        InputError: it is damaged, or has several channels.
-    """
+    """Map a .dpt or COLMAP file into memory: float32 [H, W]."""
     head = read_head(path, 32)
     if head.startswith(_DPT_MAGIC):
         if len(head) < 12:
@@ -53,15 +49,7 @@ def read_bare(path: Path) -> NDArray[Any]:
 
 
 def read_headerless(path: Path, size: tuple[int, int]) -> NDArray[Any]:
-    """Map float32 little-endian rows without a header into memory: [H, W].
-
-    Args:
-        path: the file.
-        size: width and height.
-
-    Raises:
-        InputError: it has another number of bytes than such a picture.
-    """
+    """Map float32 little-endian rows without a header into memory: [H, W]."""
     read_head(path)
     return _rows(path, 0, *size)
 

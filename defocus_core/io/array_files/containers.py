@@ -39,16 +39,11 @@ _LARGEST_MATLAB = 2**28  # bytes, since it is decompressed at once
 
 @dataclass(frozen=True)
 class ArrayEntry:
-    """An array in a container.
+    """An array in a container."""
 
-    Attributes:
-        shape: of all of it.
-        dtype: as NumPy names it, like ``float32``.
-        load: reads it, or with a number only that entry of its first axis.
-    """
-
-    shape: tuple[int, ...]
-    dtype: str
+    shape: tuple[int, ...]  # of all of it
+    dtype: str  # as NumPy names it, like ``float32``
+    # Reads it, or with a number only that entry of its first axis
     load: Callable[[int | None], NDArray[Any]]
 
 
@@ -62,11 +57,7 @@ def container_type(head: bytes) -> str:
 
 
 def read_entries(path: Path) -> dict[str, ArrayEntry]:
-    """The arrays of numbers in a container, by name, of two axes or more; none is loaded.
-
-    Raises:
-        InputError: it is damaged, has no such array, or h5py or scipy is missing.
-    """
+    """The arrays of numbers in a container, by name, of two axes or more; none is loaded."""
     kind = container_type(read_head(path))
     list_entries = {"NPZ": _npz, "HDF5": _hdf5, "MATLAB": _matlab}[kind]
     with decoding(path, f"is a truncated or damaged {kind} file"):
@@ -85,11 +76,7 @@ def read_entries(path: Path) -> dict[str, ArrayEntry]:
 
 
 def checked(path: Path, shape: tuple[int, ...], itemsize: int) -> None:
-    """Refuse an array whose header claims more than its file could hold.
-
-    Raises:
-        InputError: it does.
-    """
+    """Refuse an array whose header claims more than its file could hold."""
     check_size(path, shape[-1], math.prod(shape[:-1]), itemsize)
 
 

@@ -26,14 +26,9 @@ _PFM_HEADER = re.compile(rb"(Pf|PF)\s+(\S+)\s+(\S+)\s+(\S+)(?:[ \t\r]*\n|\s)")
 
 @dataclass(frozen=True)
 class FloatMap:
-    """Shape, type and, lazily, the values of a PFM or NPY file.
+    """Shape, type and, lazily, the values of a PFM or NPY file."""
 
-    Attributes:
-        values: float array [H, W], memory mapped; integers only if they were allowed.
-        format: PFM or NPY.
-    """
-
-    values: NDArray[Any]
+    values: NDArray[Any]  # float array [H, W], memory mapped; integers only if they were allowed
     format: str
 
 
@@ -43,15 +38,7 @@ def is_float_map(head: bytes) -> bool:
 
 
 def read_float_map(path: Path, *, integers: bool = False) -> FloatMap:
-    """Map a PFM or NPY file of one map into memory.
-
-    Args:
-        path: the file.
-        integers: whether an NPY of integers will do, since their unit is known.
-
-    Raises:
-        InputError: damaged, or not a single map of floats.
-    """
+    """Map a PFM or NPY file of one map into memory."""
     if not read_head(path).startswith(NPY_MAGIC):
         return FloatMap(_pfm(path), "PFM")
     values = read_npy(path, integers=integers)
@@ -68,15 +55,7 @@ def read_float_map(path: Path, *, integers: bool = False) -> FloatMap:
 
 
 def read_npy(path: Path, *, integers: bool) -> NDArray[Any]:
-    """Map an NPY file of any number of axes into memory.
-
-    Args:
-        path: the file.
-        integers: whether integers will do, since their unit is known.
-
-    Raises:
-        InputError: damaged, without numbers, or of too many.
-    """
+    """Map an NPY file of any number of axes into memory."""
     try:
         # Mapped, since np.load would allocate whatever size the header claims.
         with np.errstate(over="raise"):  # of a size that the header claims

@@ -19,21 +19,13 @@ from defocus_core.io.depth_formats.sidecars import Facts
 
 @dataclass(frozen=True)
 class Declared:
-    """A depth file and the declarations on it.
-
-    Attributes:
-        path: the file.
-        reading: the options of the user.
-        row: the format.
-        samples: its numbers and its metadata.
-        facts: the facts of its sidecar; None if there is none.
-    """
+    """A depth file and the declarations on it."""
 
     path: Path
-    reading: DepthReading
+    reading: DepthReading  # the options of the user
     row: DepthFormat
-    samples: DepthNumbers
-    facts: Facts | None
+    samples: DepthNumbers  # its numbers and its metadata
+    facts: Facts | None  # the facts of its sidecar; None if there is none
 
     @property
     def rule(self) -> str:
@@ -50,11 +42,7 @@ class Declared:
 
 
 def refuse_idle(declared: Declared, rule: str) -> None:
-    """Refuse options that would mean nothing for the rule, or contradict the format.
-
-    Raises:
-        UsageProblem: one is set.
-    """
+    """Refuse options that would mean nothing for the rule, or contradict the format."""
     reading, row = declared.reading, declared.row
     disparity, radial = rule == "inverse", geometry_of(declared) == "radial"
     in_px = disparity and not row.per_metre  # disparity of two cameras
@@ -88,11 +76,7 @@ def refuse_idle(declared: Declared, rule: str) -> None:
 
 
 def ask(declared: Declared, option: str, value: str) -> NoReturn:
-    """Ask for an option that the format cannot do without.
-
-    Raises:
-        UsageProblem: always.
-    """
+    """Ask for an option that the format cannot do without."""
     note = declared.row.note
     problem = f"leaves ‹{option}› open" + (f": {note}" if note else "")
     raise UsageProblem("missing-option", problem, f"add ‹{option}› {value}", **declared.asked_by)
@@ -109,11 +93,7 @@ def geometry_of(declared: Declared) -> str:
 
 
 def focal_of(declared: Declared, picture_width: int, lens_focal: float | None) -> float | None:
-    """Focal length in px of the depth map where it holds distances to the point, else None.
-
-    Raises:
-        UsageProblem: the field of view, or whether it is radial, must be said.
-    """
+    """Focal length in px of the depth map where it holds distances to the point, else None."""
     reading, row, width = declared.reading, declared.row, declared.samples.width
     geometry = geometry_of(declared)
     if geometry == "ask":

@@ -21,30 +21,22 @@ _ENOUGH, _MAXIMUM = 12, 0.8
 
 @dataclass(frozen=True)
 class DepthNumbers:
-    """The numbers of a depth file.
+    """The numbers of a depth file."""
 
-    Attributes:
-        values: [H, W], or [H, W, C] of pixels that are bits; of the type they have in the file,
-            an array or something else that rows can be cut from.
-        type: of the file and its numbers, as the rows of the table have it.
-        words: type of the file and of its numbers, for people.
-        channel: name in the file; empty where it has none.
-        metadata: of the file, by key.
-        nothing: pixels of an alpha of 0, where that means sky, [H, W].
-        holes: pixels without depth by another array of the file, [H, W].
-        within: rows and columns that the file has; the others have no depth. None of all.
-        data_window: its data window in words, if it does not cover the picture.
-    """
-
+    # [H, W], or [H, W, C] of pixels that are bits; of the type they have in the file, an array
+    # or something else that rows can be cut from
     values: Any
-    type: str
-    words: str
-    channel: str = ""
-    metadata: Mapping[str, Any] = field(default_factory=dict)
+    type: str  # of the file and its numbers, as the rows of the table have it
+    words: str  # type of the file and of its numbers, for people
+    channel: str = ""  # name in the file; empty where it has none
+    metadata: Mapping[str, Any] = field(default_factory=dict)  # of the file, by key
+    # Pixels of an alpha of 0, where that means sky, [H, W]
     nothing: NDArray[np.bool_] | None = None
+    # Pixels without depth by another array of the file, [H, W]
     holes: NDArray[np.bool_] | None = None
+    # Rows and columns that the file has; the others have no depth. None of all
     within: tuple[slice, slice] | None = None
-    data_window: str = ""
+    data_window: str = ""  # its data window in words, if it does not cover the picture
 
     @property
     def width(self) -> int:
@@ -66,15 +58,7 @@ class DepthNumbers:
 def divided(path: Path, values: Any, alpha: Any, how: str, keeping: Keeping) -> tuple[Any, str]:
     """The numbers of a depth file without the alpha in them, and what was done, in words.
 
-    Args:
-        path: the file.
-        values: its numbers [H, W].
-        alpha: [H, W] of the colour; None if it has none.
-        how: on, off, or auto: on if the edges tell that the numbers were multiplied.
-        keeping: where the result is kept.
-
-    Raises:
-        InputError: it is to be divided and there is no alpha of its size.
+    `values`: its numbers [H, W]; `alpha`: [H, W] of the colour; None if it has none.
     """
     usable = alpha is not None and tuple(alpha.shape) == tuple(values.shape[:2])
     if how == "on" and not usable:

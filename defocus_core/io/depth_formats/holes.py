@@ -42,10 +42,7 @@ def fill_from_farther(metres: Any, valid: Valid, farther: np.ufunc = np.maximum)
     A hole is nearly always behind the edge that made it (shadows of stereo, laser and structured
     light). Rows without any depth take the farther of the nearest rows above and below.
 
-    Args:
-        metres: [H, W].
-        valid: where it has a depth.
-        farther: the farther of two numbers: the greater, or the less of disparity.
+    `metres`: [H, W].
     """
     height, _ = metres.shape
     empty = np.ones(height, bool)

@@ -32,21 +32,12 @@ def resolved(
     reading: DepthReading,
     samples: DepthNumbers,
     *,
-    picture_width: int,
+    picture_width: int,  # px of the colour, or of the depth if there is no colour
     lens_focal: float | None,
 ) -> Decoding:
     """The decoding of the numbers of a file to depth.
 
-    Args:
-        path: the file.
-        reading: the options of the user.
-        samples: its numbers.
-        picture_width: px of the colour, or of the depth if there is no colour.
-        lens_focal: focal length of the lens in widths of its sensor, None if there is no lens.
-
-    Raises:
-        UsageProblem: an option is missing, or two declarations contradict each other.
-        InputError: a sidecar cannot be understood, or the type of file has no custom.
+    `lens_focal`: focal length of the lens in widths of its sensor, None if there is no lens.
     """
     if reading.relative:
         near = "black" if reading.invert else "white"
@@ -102,11 +93,7 @@ def _rule(declared: Declared) -> str:
 
 
 def _ends(declared: Declared, *, disparity: bool) -> tuple[float, float] | None:
-    """Near and far in metres, where a range is set.
-
-    Raises:
-        UsageProblem: the format needs a range, or of disparity a scale, and neither is set.
-    """
+    """Near and far in metres, where a range is set."""
     reading, row = declared.reading, declared.row
     ends, is_relative = reading.depth_range, "depth-range" in row.needs or not row.rule
     if ends is None:
@@ -124,11 +111,7 @@ def _ends(declared: Declared, *, disparity: bool) -> tuple[float, float] | None:
 
 
 def _within(declared: Declared) -> None:
-    """Refuse floats beyond 0 and 1, whose ends no range can be of.
-
-    Raises:
-        InputError: there are such numbers.
-    """
+    """Refuse floats beyond 0 and 1, whose ends no range can be of."""
     values = declared.samples.values
     if declared.samples.is_integer:
         return
@@ -199,11 +182,7 @@ def _disparity_decoding(declared: Declared) -> Decoding:
 
 
 def _by_calibration(declared: Declared) -> Decoding:
-    """Disparity by focal length and baseline, or by a scale alone.
-
-    Raises:
-        UsageProblem: neither is set.
-    """
+    """Disparity by focal length and baseline, or by a scale alone."""
     reading, row, facts = declared.reading, declared.row, declared.facts
     beside = Facts("") if facts is None else facts
     own_baseline = None if reading.baseline is None else reading.baseline / MM_PER_M

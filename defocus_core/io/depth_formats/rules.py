@@ -33,124 +33,75 @@ ANY = (*FLOATS, "16-bit PNG", "8-bit PNG", "8-bit RGB", "integer EXR", "integer 
 
 @dataclass(frozen=True)
 class Mask:
-    """An image or array beside the depth file that marks pixels.
+    """An image or array beside the depth file that marks pixels."""
 
-    Attributes:
-        places: where it may lie, relative to the depth file's folder; ``{stem}`` is the stem of
-            the depth file, ``{folder}`` the name of its folder, ``{number}`` the last digits of
-            the stem.
-        marks: ``invalid`` or ``sky``.
-        where: pixels it marks: ``zero``, ``nonzero``, or the number of a class.
-    """
-
+    # Where it may lie, relative to the depth file's folder; ``{stem}`` is the stem of the depth
+    # file, ``{folder}`` the name of its folder, ``{number}`` the last digits of the stem
     places: tuple[str, ...]
     marks: str
-    where: str | int
+    where: str | int  # pixels it marks: ``zero``, ``nonzero``, or the number of a class
 
 
 @dataclass(frozen=True)
 class DepthFormat:
-    """A depth convention: one row of the table.
+    """A depth convention: one row of the table."""
 
-    Attributes:
-        name: as ``depth_format`` has it.
-        title: which data set, renderer or network writes it.
-        files: types of file it may come in, as `DepthNumbers.type` has them.
-        rule: scale, inverse, log, or radius, whose numbers are signed CoC radii in px; empty
-            where ``depth_kind`` must say whether they are depth or disparity.
-        scale: what 1 in the file is: metres of depth, px of disparity.
-        integer_scale: what 1 is where the numbers are integers; None for `scale`.
-        per_metre: whether disparity is in 1/m rather than in px.
-        bits: ``float32`` or ``float16`` where the bits of a pixel are those of a float.
-        weights: of R, G and B, where a pixel is an integer spread over them.
-        channels: names of EXR channels and of arrays in a container, patterns allowed, the first
-            that is there wins; empty for the usual names.
-        holes: name of the array in the same file whose zeros are invalid.
-        radial_channels: which of these hold the distance to the point.
-        plane: which entry of a last axis of several; of EXR channels in the order of the file.
-        axes: order of axes in the file, N for frames.
-        stride: every so many rows and columns are taken.
-        size: width and height of a file without a header.
-        geometry: planar, radial, or ask where the user must say it.
-        invalid: numbers that mean no depth, beside NaN and what is not in front of the camera.
-        invalid_infinity: whether +inf means no depth rather than sky.
-        sky: numbers from this one on are sky.
-        sky_numbers: single numbers that are sky.
-        focal_px: focal length in px of its pictures, where it is fixed.
-        focal_width: width of the pictures that `focal_px` is of; None for any width.
-        baseline: metres between its two cameras, where it is fixed.
-        sidecar: name of what else holds a part of the rule, as `sidecars`
-            has it.
-        mask: what marks pixels.
-        alpha: whether nothing is where the alpha of the EXR is 0.
-        needs: options without which it cannot be decoded.
-        unitless: whether its unit is that of a scene, so that ``depth_unit`` may say it.
-        note: what else a user should know.
-        aliases: other names.
-    """
-
-    name: str
-    title: str
-    files: tuple[str, ...]
+    name: str  # as ``depth_format`` has it
+    title: str  # which data set, renderer or network writes it
+    files: tuple[str, ...]  # types of file it may come in, as `DepthNumbers.type` has them
+    # Scale, inverse, log, or radius, whose numbers are signed CoC radii in px; empty where
+    # ``depth_kind`` must say whether they are depth or disparity
     rule: str = "scale"
-    scale: float = 1.0
-    integer_scale: float | None = None
-    per_metre: bool = False
-    bits: str = ""
-    weights: tuple[float, ...] = ()
+    scale: float = 1.0  # what 1 in the file is: metres of depth, px of disparity
+    integer_scale: float | None = None  # what 1 is where the numbers are integers; None for `scale`
+    per_metre: bool = False  # whether disparity is in 1/m rather than in px
+    bits: str = ""  # ``float32`` or ``float16`` where the bits of a pixel are those of a float
+    weights: tuple[float, ...] = ()  # of R, G and B, where a pixel is an integer spread over them
+    # Names of EXR channels and of arrays in a container, patterns allowed, the first that is
+    # there wins; empty for the usual names
     channels: tuple[str, ...] = ()
-    holes: str = ""
-    radial_channels: tuple[str, ...] = ()
+    holes: str = ""  # name of the array in the same file whose zeros are invalid
+    radial_channels: tuple[str, ...] = ()  # which of these hold the distance to the point
+    # Which entry of a last axis of several; of EXR channels in the order of the file
     plane: int | None = None
-    axes: str = "HW"
-    stride: int = 1
-    size: tuple[int, int] | None = None
-    geometry: str = "planar"
+    axes: str = "HW"  # order of axes in the file, N for frames
+    stride: int = 1  # every so many rows and columns are taken
+    size: tuple[int, int] | None = None  # width and height of a file without a header
+    geometry: str = "planar"  # planar, radial, or ask where the user must say it
+    # Numbers that mean no depth, beside NaN and what is not in front of the camera
     invalid: tuple[float, ...] = ()
-    invalid_infinity: bool = False
-    sky: float = SKY
-    sky_numbers: tuple[float, ...] = ()
-    focal_px: float | None = None
+    invalid_infinity: bool = False  # whether +inf means no depth rather than sky
+    sky: float = SKY  # numbers from this one on are sky
+    sky_numbers: tuple[float, ...] = ()  # single numbers that are sky
+    focal_px: float | None = None  # focal length in px of its pictures, where it is fixed
+    # Width of the pictures that `focal_px` is of; None for any width
     focal_width: int | None = None
-    baseline: float | None = None
-    sidecar: str = ""
+    baseline: float | None = None  # metres between its two cameras, where it is fixed
+    sidecar: str = ""  # name of what else holds a part of the rule, as `sidecars` has it
     mask: Mask | None = None
-    alpha: bool = False
-    needs: tuple[str, ...] = ()
-    unitless: bool = False
-    note: str = ""
+    alpha: bool = False  # whether nothing is where the alpha of the EXR is 0
+    needs: tuple[str, ...] = ()  # options without which it cannot be decoded
+    unitless: bool = False  # whether its unit is that of a scene, so that ``depth_unit`` may say it
+    note: str = ""  # what else a user should know
     aliases: tuple[str, ...] = field(default=())
 
 
 @dataclass(frozen=True)
 class Decoding:
-    """The decoding of one file: its format, completed by the user and the sidecar.
+    """The decoding of one file: its format, completed by the user and the sidecar."""
 
-    Attributes:
-        rule: scale, inverse, log or radius.
-        scale: multiplies the numbers.
-        shift: added to that.
-        focal_baseline: metres · px over disparity in px; 1 of disparity in 1/m.
-        ends: depth in metres at number 1 and at 65534, of log.
-        sky: numbers from this one on are sky; of disparity, numbers up to this one.
-        sky_numbers: single numbers that are sky.
-        invalid: single numbers that are no depth.
-        invalid_infinity: whether +inf is no depth.
-        focal_px: of a distance to the point, the focal length of the picture; None of depth.
-        words: the rule, for people.
-    """
-
-    rule: str
+    rule: str  # scale, inverse, log or radius
     scale: float = 1.0
     shift: float = 0.0
-    focal_baseline: float = 1.0
-    ends: tuple[float, float] = (1.0, 1.0)
-    sky: float = SKY
-    sky_numbers: tuple[float, ...] = ()
-    invalid: tuple[float, ...] = ()
-    invalid_infinity: bool = False
+    focal_baseline: float = 1.0  # metres · px over disparity in px; 1 of disparity in 1/m
+    ends: tuple[float, float] = (1.0, 1.0)  # depth in metres at number 1 and at 65534, of log
+    sky: float = SKY  # numbers from this one on are sky; of disparity, numbers up to this one
+    sky_numbers: tuple[float, ...] = ()  # single numbers that are sky
+    invalid: tuple[float, ...] = ()  # single numbers that are no depth
+    invalid_infinity: bool = False  # whether +inf is no depth
+    # Of a distance to the point, the focal length of the picture; None of depth
     focal_px: float | None = None
-    words: str = ""
+    words: str = ""  # the rule, for people
 
 
 LOG_STEPS = 65533  # between the numbers 1 and 65534
@@ -179,12 +130,7 @@ def decoded(
 ) -> NDArray[np.float32]:
     """Planar metres of numbers [h, W] of a file: +inf is sky; NaN, 0 and less are invalid.
 
-    Args:
-        numbers: of any type.
-        decoding: how to read them; of rule ``radius`` the result is the radii themselves.
-        first_row: which row of the frame is the first of `numbers`.
-        frame: rows and columns of the frame; None if `numbers` has all of them.
-        overscan: pixels of the frame beyond the picture, whose middle is on the optical axis.
+    `frame`: rows and columns of the frame; None if `numbers` has all of them.
     """
     with np.errstate(over="ignore"):  # as below
         metres = _metres(numbers, decoding)
@@ -257,11 +203,7 @@ def _cosine(
     x and y are those of pixel centres from the middle of the frame: M. Roberts et al.: Hypersim,
     2021 (issue 9 of its code).
 
-    Args:
-        shape: (h, w) of the window.
-        focal_px: focal length in px.
-        first: row and column of the frame at which the window begins; negative beyond it.
-        size: rows and columns of the frame.
+    `focal_px`: focal length in px.
     """
     y, x = (
         np.arange(start, start + count) - (length - 1) / 2
@@ -274,10 +216,7 @@ def _cosine(
 def disparity_range(near: float, far: float, top: float) -> tuple[float, float]:
     """Scale and shift with which number 0 is the disparity 1/far, and `top` is 1/near.
 
-    Args:
-        near: metres.
-        far: metres, or inf.
-        top: the greatest number of the type.
+    `near`: metres; `far`: metres, or inf.
     """
     minimum = 0.0 if math.isinf(far) else 1 / far
     return (1 / near - minimum) / top, minimum

@@ -34,11 +34,7 @@ def is_chroma(name: str) -> bool:
 def planes_of(
     path: Path, headers: Sequence[Header], wanted: Wanted, overscan: Overscan
 ) -> list[dict[str, NDArray[Any]]]:
-    """The channels of each part in the frame, chroma interpolated; others of fewer samples are not.
-
-    Raises:
-        Exception: whatever OpenEXR raises of a damaged file.
-    """
+    """The channels of each part in the frame; of those of fewer samples, chroma is interpolated."""
     with put_off():
         import OpenEXR
 
@@ -77,11 +73,7 @@ def rgb_of(
 
 
 def weights_of(header: Header, path: Path) -> tuple[float, ...]:
-    """How much R, G and B are in the luminance of a part, by its primaries; they add up to 1.
-
-    Raises:
-        InputError: the primaries of the file span no colours.
-    """
+    """How much R, G and B are in the luminance of a part, by its primaries; they add up to 1."""
     try:
         weights = xyz_of_primaries(declared_primaries(header.attributes))[1]
     except ValueError as error:

@@ -31,17 +31,11 @@ _COMPRESSIONS = NONE, RLE, ZIPS = 0, 1, 2
 
 
 class Samples(NamedTuple):
-    """The samples of some rows of a part, in any order of the pixels.
+    """The samples of some rows of a part, in any order of the pixels."""
 
-    Attributes:
-        rows: the first and the last row.
-        pixel: [N] number of the pixel of each sample, row by row.
-        values: [N] by name of the channel.
-    """
-
-    rows: tuple[int, int]
-    pixel: NDArray[np.int64]
-    values: dict[str, NDArray[np.generic]]
+    rows: tuple[int, int]  # the first and the last row
+    pixel: NDArray[np.int64]  # [N] number of the pixel of each sample, row by row
+    values: dict[str, NDArray[np.generic]]  # [N] by name of the channel
 
 
 class _Chunk(NamedTuple):
@@ -57,23 +51,14 @@ class _Chunk(NamedTuple):
 
 @dataclass(frozen=True)
 class _Part:
-    """A deep part: where its rows lie, and how they are packed.
+    """A deep part: where its rows lie, and how they are packed."""
 
-    Attributes:
-        data: its data window: x0, y0, x1, y1.
-        tile: width and height of its tiles; of parts in scan lines, of a row.
-        is_tiled: whether it has tiles.
-        compression: of the file format.
-        channels: all, in the order of the file.
-        number: of the part, if there may be several.
-    """
-
-    data: tuple[int, int, int, int]
-    tile: tuple[int, int]
-    is_tiled: bool
-    compression: int
-    channels: tuple[Channel, ...]
-    number: int | None
+    data: tuple[int, int, int, int]  # its data window: x0, y0, x1, y1
+    tile: tuple[int, int]  # width and height of its tiles; of parts in scan lines, of a row
+    is_tiled: bool  # whether it has tiles
+    compression: int  # of the file format
+    channels: tuple[Channel, ...]  # all, in the order of the file
+    number: int | None  # of the part, if there may be several
 
     @property
     def across(self) -> int:
@@ -92,22 +77,14 @@ class _Part:
 
 
 def decoded(path: Path, header: Header) -> Iterator[Samples]:
-    """The samples of a deep part, some rows at a time.
-
-    Raises:
-        InputError: the file is damaged, or promises more than it can hold.
-    """
+    """The samples of a deep part, some rows at a time."""
     with _opened(path, header) as (file, part, chunks):
         for strip_chunks in _strips(part, chunks):
             yield _samples(file, part, strip_chunks)
 
 
 def max_count(path: Path, header: Header) -> int:
-    """The number of samples of the pixel with most of them, of which none is decoded.
-
-    Raises:
-        InputError: the file is damaged, or promises more than it can hold.
-    """
+    """The number of samples of the pixel with most of them, of which none is decoded."""
     with _opened(path, header) as (file, part, chunks):
         counts = (_counts(file, part, chunk) for chunk in chunks if chunk.unpacked)
         return max((int(count.max()) for count in counts), default=0)

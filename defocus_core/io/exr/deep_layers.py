@@ -25,29 +25,17 @@ _DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
 
 @dataclass(frozen=True)
 class DeepLayers:
-    """The samples of a deep picture as layers of its frame, nearest first.
+    """The samples of a deep picture as layers of its frame, nearest first."""
 
-    Attributes:
-        layers: for each the arrays [H, W] by name of the channel; with volumes `FRONT`, too.
-        merged: number of pixels that had more samples than there are layers.
-    """
-
+    # For each the arrays [H, W] by name of the channel; with volumes `FRONT`, too
     layers: tuple[Mapping[str, Any], ...]
-    merged: int
+    merged: int  # number of pixels that had more samples than there are layers
 
 
 def flat_channels(
     path: Path, header: Header, names: Mapping[str, str], keeping: Keeping, overscan: Overscan
 ) -> dict[str, Any]:
-    """The picture in focus: the channels of the frame by name.
-
-    Args:
-        path: the file.
-        header: of the deep part.
-        names: the channels that are wanted, and their types.
-        keeping: where they are kept.
-        overscan: pixels beyond the display window.
-    """
+    """The picture in focus: the channels of the frame by name."""
     frame = header.display.grown(overscan)
     light = {n for n, kind in names.items() if kind != "uint" and not _is_distance(n)}
     planes = {
@@ -77,15 +65,7 @@ def deep_layers(
     keeping: Keeping,
     overscan: Overscan = NO_OVERSCAN,
 ) -> DeepLayers:
-    """The samples as layers, of which there are as many as the pixel with most samples needs.
-
-    Args:
-        path: the file.
-        header: of the deep part.
-        names: the channels of light that are wanted.
-        keeping: where the layers are kept.
-        overscan: pixels beyond the display window.
-    """
+    """The samples as layers, of which there are as many as the pixel with most samples needs."""
     frame, crowded = header.display.grown(overscan), 0
     layers: list[dict[str, Any]] = []
     kinds = {channel.name: channel.type for channel in header.channels}

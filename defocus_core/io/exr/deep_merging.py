@@ -64,10 +64,7 @@ def _merge_pixels(
 ) -> tuple[list[NDArray[Any]], NDArray[Any]]:
     """Values [P, K] of pixels, and 1 / distance; -1 where a sample was merged into the one before.
 
-    Args:
-        strip: the samples.
-        pixels: [P] pixels that have too many.
-        light: channels to merge, alpha the last.
+    `pixels`: [P] pixels that have too many.
     """
     chosen = np.flatnonzero(np.isin(strip.pixel, pixels))
     at = np.searchsorted(pixels, strip.pixel[chosen]), strip.rank[chosen]
@@ -101,9 +98,8 @@ def _nearest_pairs(near: NDArray[Any], excess: NDArray[Any]) -> tuple[NDArray[An
     is of samples farther apart than as many steps are; up to there the pairs that are nearer to
     each other than to their neighbours are merged as they are, whichever comes first.
 
-    Args:
-        near: [P, K] 1 / distance of samples in order, -1 behind the last.
-        excess: [P] how many samples are to be merged into others.
+    `near`: [P, K] 1 / distance of samples in order, -1 behind the last; `excess`: [P] how many
+    samples are to be merged into others.
     """
     step = np.where(near[:, 1:] >= 0, near[:, :-1] - near[:, 1:], np.inf)
     row = np.arange(len(near))

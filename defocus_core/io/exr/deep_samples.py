@@ -27,18 +27,12 @@ _ROUNDING = 2e-3  # alpha beyond 1 by less is rounding of half
 
 
 class Strip(NamedTuple):
-    """The samples of some rows, sorted by pixel and in each pixel by depth.
-
-    Attributes:
-        window: of the rows.
-        pixel: [N] number of the pixel of each sample in the window.
-        rank: [N] number of the sample in its pixel, 0 is the nearest.
-        values: [N] by channel; coverage and depth of a view by their plain names, too.
-    """
+    """The samples of some rows, sorted by pixel and in each pixel by depth."""
 
     window: Window
-    pixel: NDArray[Any]
-    rank: NDArray[Any]
+    pixel: NDArray[Any]  # [N] number of the pixel of each sample in the window
+    rank: NDArray[Any]  # [N] number of the sample in its pixel, 0 is the nearest
+    # [N] by channel; coverage and depth of a view by their plain names, too
     values: dict[str, NDArray[Any]]
 
     @property
@@ -60,27 +54,17 @@ class Strip(NamedTuple):
 
 
 class DeepSummary(NamedTuple):
-    """Samples of a deep part.
+    """Samples of a deep part."""
 
-    Attributes:
-        maximum: of the pixel that has most.
-        total: in all.
-        pixels: number of pixels that have some.
-        ends: least and greatest finite depth, as it stands in the file; None if there is none.
-    """
-
-    maximum: int
+    maximum: int  # of the pixel that has most
     total: int
-    pixels: int
+    pixels: int  # number of pixels that have some
+    # Least and greatest finite depth, as it stands in the file; None if there is none
     ends: tuple[float, float] | None
 
 
 def max_samples(path: Path, header: Header) -> int:
-    """The number of samples of the pixel with most of them.
-
-    Raises:
-        InputError: the file cannot be decoded.
-    """
+    """The number of samples of the pixel with most of them."""
     return _max_samples(path, header, _version(path))
 
 
@@ -90,11 +74,7 @@ def _max_samples(path: Path, header: Header, version: object) -> int:
 
 
 def summary(path: Path, header: Header) -> DeepSummary:
-    """The samples of a deep part, in figures.
-
-    Raises:
-        InputError: the file cannot be decoded.
-    """
+    """The samples of a deep part, in figures."""
     maximum = total = pixels = 0
     ends: list[float] = []
     for strip in strips(path, header):
@@ -110,14 +90,6 @@ def strips(path: Path, header: Header, *, last: bool = False) -> Iterator[Strip]
     """The samples of a deep part, some rows at a time.
 
     Those of one part are held, if they are not too many, until they are read for the last time.
-
-    Args:
-        path: the file.
-        header: of the part.
-        last: whether they are not needed again.
-
-    Raises:
-        InputError: the file cannot be decoded, or alpha is no coverage.
     """
     key = path, header, _version(path)
     held = _held.pop(key, None)
@@ -168,11 +140,7 @@ def _strip(path: Path, samples: Samples, header: Header) -> Strip:
 
 
 def _check_alpha(path: Path, values: dict[str, NDArray[Any]]) -> None:
-    """Add an alpha of 1 if there is none, and make 1 what rounding has made more.
-
-    Raises:
-        InputError: alpha is no coverage.
-    """
+    """Add an alpha of 1 if there is none, and make 1 what rounding has made more."""
     some = next(iter(values.values()))
     alpha = values.get(ALPHA, np.ones(len(some), np.float32))
     wrong = int(np.count_nonzero(~((alpha >= 0) & (alpha <= 1 + _ROUNDING))))

@@ -20,13 +20,7 @@ _OPAQUE = 1e6  # absorption of alpha 1
 
 
 def tidy(strip: Strip, light: tuple[str, ...], mixed: NDArray[Any]) -> Strip:
-    """The samples in which no volume holds another one.
-
-    Args:
-        strip: samples with `FRONT` and `BACK`, of each pixel those of one place by rank.
-        light: premultiplied channels, alpha the last.
-        mixed: numbers of the pixels whose surfaces in one place are mixed: others stay in order.
-    """
+    """The samples in which no volume holds another one."""
     import numpy as np
 
     front, back = strip.values[FRONT], strip.values[BACK]

@@ -27,16 +27,11 @@ _EXAMPLE = "write them like 1001-1240, 1001-1240x2 or 1001,1005-1010"
 
 @dataclass(frozen=True)
 class FrameChoice:
-    """Which frames of a shot are rendered.
+    """Which frames of a shot are rendered."""
 
-    Attributes:
-        numbers: the frames, ascending; None for all that are there.
-        missing: ``error`` or ``skip``, for frames without a file.
-        source: the option that chooses, for errors.
-    """
-
-    numbers: tuple[int, ...] | None = None
-    missing: str = "error"
+    numbers: tuple[int, ...] | None = None  # the frames, ascending; None for all that are there
+    missing: str = "error"  # ``error`` or ``skip``, for frames without a file
+    # The option that chooses, for errors
     source: Place = field(default=CALLER.at("frames"), compare=False)
 
 
@@ -53,14 +48,8 @@ def frame_choice(
 ) -> FrameChoice:
     """The frames wanted.
 
-    Args:
-        frames: a list like 1001-1240, ``keys``, or None for all.
-        missing: error or skip, or None for the default.
-        places: of both in errors.
-        keyed: the frames that have keys.
-
-    Raises:
-        UsageProblem: the text names no frames, or keys where there are none.
+    `frames`: a list like 1001-1240, ``keys``, or None for all; `missing`: error or skip, or None
+    for the default.
     """
     missing, source = missing or ALL.missing, places[frames is None]
     if frames is None:
@@ -75,11 +64,7 @@ def frame_choice(
 
 
 def frame_numbers(text: str, where: Place) -> tuple[int, ...]:
-    """The frames of a text like ``1001-1240x2,1300``, ascending.
-
-    Raises:
-        UsageProblem: it names no frames; the error names ``where``.
-    """
+    """The frames of a text like ``1001-1240x2,1300``, ascending."""
     from fileseq.exceptions import MaxSizeException
     from fileseq.frameset import FrameSet
 
@@ -96,11 +81,7 @@ def frame_numbers(text: str, where: Place) -> tuple[int, ...]:
 
 
 def frames_of(pattern: Path) -> dict[int, Path]:
-    """The files of a frame pattern by number, ascending.
-
-    Raises:
-        InputError: there are none, or the pattern has several numbers.
-    """
+    """The files of a frame pattern by number, ascending."""
     from fileseq.constants import PAD_STYLE_HASH1
     from fileseq.filesequence import FileSequence
 
@@ -144,15 +125,7 @@ def _negative(pattern: Path) -> dict[int, Path]:
 def chosen(
     patterns: Mapping[Path, Mapping[int, Path]], choice: FrameChoice
 ) -> tuple[tuple[int, ...], str]:
-    """The frames to render, which all patterns have, and which frames were skipped, in words.
-
-    Args:
-        patterns: the files of each pattern by number.
-        choice: the frames wanted.
-
-    Raises:
-        InputError: frames are missing, and are not to be skipped; or nothing is left.
-    """
+    """The frames to render, which all patterns have, and which frames were skipped, in words."""
     wanted = choice.numbers or expected({n for files in patterns.values() for n in files})
     lacking = {
         pattern: lost

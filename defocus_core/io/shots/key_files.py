@@ -57,13 +57,7 @@ Keys = Mapping[str, Mapping[int, Key]]  # by option, by frame
 def read_keys(file: Path, option: str | None) -> Keys:
     """The keys of a file that is no TOML.
 
-    Args:
-        file: the file.
-        option: the option that a curve is of; None for a file that names its options.
-
-    Raises:
-        InputError: the file cannot be read, or a line makes no sense; the line is named.
-        UsageProblem: a curve is given without its option, or a file of columns with one.
+    `option`: the option that a curve is of; None for a file that names its options.
     """
     rows = _rows(file)
     first = next(rows, None)
@@ -83,15 +77,7 @@ def read_keys(file: Path, option: str | None) -> Keys:
 
 
 def frame_of(text: str, where: Place) -> int:
-    """The number of a frame.
-
-    Args:
-        text: the number as it is written.
-        where: the line or the key that it stands in, for errors.
-
-    Raises:
-        InputError: the text is none.
-    """
+    """The number of a frame."""
     if not _is_frame(text):
         remedy = "begin the line with a frame, like 1001"
         raise InputError("malformed", f"'{text}' is no frame", remedy, path=where)

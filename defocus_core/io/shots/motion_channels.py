@@ -32,16 +32,7 @@ class Motion(NamedTuple):
 
 
 def read_motion(files: Iterable[Path], channel: str, overscan: Overscan = NO_OVERSCAN) -> Motion:
-    """The motion of a frame.
-
-    Args:
-        files: its colour and depth files; the first that has the channel is read.
-        channel: like ``ViewLayer.Vector``, or ``forward``.
-        overscan: the pixels beyond the display window that are wanted, too.
-
-    Raises:
-        InputError: no file has such a channel, or it cannot be read.
-    """
+    """The motion of a frame."""
     names: list[str] = []
     for path in dict.fromkeys(files):
         if not is_exr(read_head(path)):

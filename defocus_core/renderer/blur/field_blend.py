@@ -15,14 +15,7 @@ CORNERS = 4
 
 
 def blended(layer: Tensor, box: Box, region: Box) -> Tensor:
-    """One layer [m, C + 1, h, w] of layers [4 m, C + 1, h, w].
-
-    Args:
-        layer: For each of m parts as the corners see it: upper left, upper right, lower left, lower
-            right.
-        box: The place of the layer.
-        region: The place of the region, counted from the same pixel.
-    """
+    """One layer [m, C + 1, h, w] of layers [4 m, C + 1, h, w]."""
     down, across = (
         ((torch.arange(side.first, side.end).to(layer) + 0.5 - whole.first) / whole.length).clamp(
             0, 1

@@ -49,8 +49,8 @@ def transform_length(n: int) -> int:
 
 
 def kernels(
-    radii: Tensor,
-    extent: int,
+    radii: Tensor,  # [K] signed radii in px, float64
+    extent: int,  # greatest reach of the kernels in px
     aperture: Aperture,
     parts: list[Part],
     *,
@@ -60,18 +60,8 @@ def kernels(
 ) -> Tensor:
     """Kernels of all parts, in the middle of a square.
 
-    Args:
-        radii: [K] signed radii in px, float64.
-        extent: Greatest reach of the kernels in px.
-        aperture: The pupil.
-        parts: M parts of the pupil; with views, each of them once with each.
-        views: Views of the pupil.
-        leaning: Whether to add kernels times u.x and times u.y, for tilted surfaces.
-        wanted: For each pupil of a batch whether it is wanted at each radius, for it is 0 else.
-
-    Returns:
-        [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning; [K, 1 or 3, M, B, ...] of
-        the pupils of a batch.
+    Returns [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning; [K, 1 or 3, M, B, ...]
+    of the pupils of a batch.
     """
     view = joined(views) if views else None
     pupils, pictures = [(aperture, view)], wanted or [[True] * len(radii)]
@@ -118,10 +108,9 @@ def _kernel(
 def kernel_spectra(kernels: Tensor, window: tuple[int, int]) -> Tensor:
     """Transforms [..., height, width // 2 + 1] of kernels, centred on pixel (0, 0).
 
-    Args:
-        kernels: [..., S, S], S an odd number.
-        window: (height, width) of the transform, more than S // 2 each. Offsets beyond it reach no
-            sample that is computed, see `min_transform`, and are left out.
+    `kernels`: [..., S, S], S an odd number; `window`: (height, width) of the transform, more than S
+    // 2 each. Offsets beyond it reach no sample that is computed, see `min_transform`, and are left
+    out.
     """
     size = kernels.shape[-1]
     centred, nothing = kernels, kernels.new_zeros(())
@@ -172,10 +161,7 @@ def sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:
 def crop_inverse(spectrum: Tensor, window: tuple[int, int], box: Box) -> Tensor:
     """Inverse transform of [..., h, w // 2 + 1], computed within a box alone.
 
-    Args:
-        spectrum: Half spectrum of a window.
-        window: (height, width) of the transform.
-        box: The rectangle of the window to compute.
+    `window`: (height, width) of the transform.
     """
     top, left, height, width = box
     rows = torch.fft.ifft(spectrum, dim=-2)[..., top : top + height, :]

@@ -25,51 +25,32 @@ _PLANES = 4
 
 
 class Spread(NamedTuple):
-    """The blur of a slice: its resolution and its reach.
+    """The blur of a slice: its resolution and its reach."""
 
-    Attributes:
-        level: How many times resolution is halved.
-        coarse: Reach of its kernel in pixels of that resolution.
-        px: Greatest reach of its light in pixels of the picture.
-    """
-
-    level: int
-    coarse: int
-    px: int
+    level: int  # how many times resolution is halved
+    coarse: int  # reach of its kernel in pixels of that resolution
+    px: int  # greatest reach of its light in pixels of the picture
 
 
 @dataclass(frozen=True)
 class TransformWindow:
-    """The transform that the slices of a layer share.
+    """The transform that the slices of a layer share."""
 
-    Attributes:
-        margin: Greatest reach of the slices in px; 0 if they are not blurred at all.
-        size: (height, width) of the largest transform.
-        level: How many times resolution is halved; margin and size are in px of that resolution.
-        slices: Numbers of the slices that are used.
-        radii: [k] radii of the slices in px, float64.
-        aperture: The pupil.
-        parts: The parts of the pupil.
-        views: Views of the pupil: M counts each part once with each.
-        each: The slices of each picture of a batch, if their pupils differ.
-        like: A tensor of the dtype and device of the spectra.
-        kernels: Cached kernels, by number of the slice.
-        spectra: Cached spectra, by number of the slice, size, and whether they lean.
-        planes: Cached spectra of kernels tilted for planes, by number, size, and slope.
-    """
-
-    margin: int
-    size: tuple[int, int]
-    level: int
-    slices: list[int]
-    radii: Tensor
+    margin: int  # greatest reach of the slices in px; 0 if they are not blurred at all
+    size: tuple[int, int]  # (height, width) of the largest transform
+    level: int  # how many times resolution is halved; margin and size are in px of that resolution
+    slices: list[int]  # numbers of the slices that are used
+    radii: Tensor  # [k] radii of the slices in px, float64
     aperture: Aperture
-    parts: list[Part]
-    like: Tensor
-    views: tuple[View, ...] = ()
-    each: tuple[range, ...] = ()
+    parts: list[Part]  # the parts of the pupil
+    like: Tensor  # a tensor of the dtype and device of the spectra
+    views: tuple[View, ...] = ()  # views of the pupil: M counts each part once with each
+    each: tuple[range, ...] = ()  # the slices of each picture of a batch, if their pupils differ
+    # Cached kernels, by number of the slice
     kernels: dict[int, Tensor] = field(default_factory=dict)
+    # Cached spectra, by number of the slice, size, and whether they lean
     spectra: dict[tuple[int, tuple[int, int], bool], Tensor] = field(default_factory=dict)
+    # Cached spectra of kernels tilted for planes, by number, size, and slope
     planes: dict[tuple[int, tuple[int, int]], dict[tuple[float, float], Tensor]] = field(
         default_factory=dict
     )
@@ -187,7 +168,7 @@ class TransformWindow:
 
 
 def windows(
-    radii: tuple[float, ...],
+    radii: tuple[float, ...],  # radii of the slices in px
     spreads: list[Spread],
     layers: list[int],
     side: tuple[int, int],
@@ -201,18 +182,8 @@ def windows(
 ) -> list[TransformWindow]:
     """The window of each slice, one for each layer.
 
-    Args:
-        radii: Radii of the slices in px.
-        spreads: Spreads of the slices; slices of a layer have the same level.
-        layers: For each slice the number of its layer.
-        side: (height, width) in px of a tile, which is blurred at once at full resolution.
-        region: (height, width) in px of a region, which is blurred at once at reduced resolution.
-        aperture: The pupil.
-        parts: M parts of the pupil.
-        dtype: Type of the pictures.
-        device: Device of the pictures.
-        stride: Whether every slice (1) or every other (2) is used.
-        each: The slices of each picture of a batch, if their pupils differ.
+    `side`: (height, width) in px of a tile, which is blurred at once at full resolution; `region`:
+    (height, width) in px of a region, which is blurred at once at reduced resolution.
     """
     sharing: dict[int, list[int]] = {}
     for k, slice_index in enumerate(layers):
@@ -240,11 +211,7 @@ def merged_layers(
 ) -> list[int]:
     """Merge neighbouring layers of one side whose transforms have the same size.
 
-    Args:
-        layers: For each slice the number of its layer.
-        sides: For each slice its side; layers of different sides are not merged.
-        spreads: Spreads of the slices; slices of a layer have the same level.
-        side: (height, width) of a tile in px.
+    `side`: (height, width) of a tile in px.
     """
     widest: dict[int, int] = {}
     for slice_index, spread in zip(layers, spreads, strict=True):
@@ -267,12 +234,8 @@ def spreads_of(
 ) -> list[Spread]:
     """The spread of each slice; slices of a layer are blurred at one resolution.
 
-    Args:
-        radii: Radii of the slices in px.
-        layers: For each slice the number of its layer.
-        full_resolution: Radius in px from which on resolution is halved, and halved again at
-            each doubling.
-        limit: Greatest reach in px, the size of the frame.
+    `radii`: radii of the slices in px; `full_resolution`: radius in px from which on resolution is
+    halved, and halved again at each doubling; `limit`: greatest reach in px, the size of the frame.
     """
     minimum: dict[int, float] = {}
     for radius, slice_index in zip(radii, layers, strict=True):

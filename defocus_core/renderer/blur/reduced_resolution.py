@@ -35,18 +35,7 @@ class Reduced:
         core: Box,
         middle: tuple[Axis, Axis],
     ) -> None:
-        """Blur the slices of a layer.
-
-        Args:
-            surface: The surface of the slices.
-            window: The window that the slices share.
-            slices: For each slice radius of the surface that reaches the core, the number of its
-                slice.
-            tilted: The indices of slices that have slopes.
-            groups: Groups of aperture parts.
-            core: The rectangle to blur, counted from the first sample of the surface.
-            middle: The middle of the frame, counted from the first sample, too.
-        """
+        """Blur the slices of a layer."""
         self._middle, self._level = middle, window.level
         self._fractions: dict[tuple[float, int], AxisWeights] = {}
         self._coarse_size: tuple[Span, Span] | None = None
@@ -85,9 +74,8 @@ class Reduced:
     def over(self, box: Box) -> tuple[Box, list[Tensor]] | None:
         """The layer at full resolution within a rectangle, counted from the first sample.
 
-        Returns:
-            The part of the rectangle where the layer is not 0, and the layer there for each group
-            of m parts, [m, C + 1, h, w]; None if it is 0 all over.
+        Returns the part of the rectangle where the layer is not 0, and the layer there for each
+        group of m parts, [m, C + 1, h, w]; None if it is 0 all over.
         """
         if self._coarse_size is None:
             return None

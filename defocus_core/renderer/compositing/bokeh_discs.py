@@ -36,23 +36,14 @@ _NEAR_FOCUS = 1.0
 
 
 class _Alike(NamedTuple):
-    """Highlights that are drawn together.
-
-    Attributes:
-        highlights: n of them.
-        radii: [U] px, the different radii of their kernels.
-        which: [n] the index in `radii` of each highlight, ascending.
-        weights: [U] of the kernel; the rest of the light stays in its pixel.
-        extent: Greatest distance in px from a highlight to a pixel of its disc.
-        barrel: The pupil, as each radius sees it.
-    """
+    """Highlights that are drawn together."""
 
     highlights: Highlights
-    radii: Tensor
-    which: Tensor
-    weights: Tensor
-    extent: int
-    barrel: View | None = None
+    radii: Tensor  # [U] px, the different radii of their kernels
+    which: Tensor  # [n] the index in `radii` of each highlight, ascending
+    weights: Tensor  # [U] of the kernel; the rest of the light stays in its pixel
+    extent: int  # greatest distance in px from a highlight to a pixel of its disc
+    barrel: View | None = None  # the pupil, as each radius sees it
 
     def between(self, start: int, end: int) -> _Alike:
         """The highlights from `start` to before `end`."""
@@ -77,17 +68,7 @@ def draw(
     box: Box,
     barrel: View | None = None,
 ) -> Tensor:
-    """The discs of all highlights as the parts of the aperture see them: [M, C, height, width].
-
-    Args:
-        highlights: As `highlights.split` finds them.
-        occluders: The surfaces of all pixels.
-        radii: The radii of slices.
-        aperture: The pupil.
-        parts: M parts of the pupil.
-        box: The rectangle of the frame to draw.
-        barrel: The pupil, as each highlight sees it.
-    """
+    """The discs of all highlights as the parts of the aperture see them: [M, C, height, width]."""
     maximum = max(*occluders[0].positions.shape, box.top + box.height, box.left + box.width)
     canvas = _Canvas(len(parts), highlights.light, box)
     obstruction = Obstruction(occluders, radii)
@@ -219,10 +200,7 @@ class _Canvas:
     def __init__(self, parts: int, colors: Tensor, box: Box) -> None:
         """Begin without changes.
 
-        Args:
-            parts: M, the number of aperture parts.
-            colors: [n, C] of the highlights.
-            box: The rectangle of the frame to draw.
+        `colors`: [n, C] of the highlights.
         """
         self._box = box
         # one more row and column take changes beyond the box; one tensor for each channel of each
@@ -244,11 +222,8 @@ class _Canvas:
     def subtract(self, part: int, corner: Tensor, values: Tensor, colors: Tensor) -> None:
         """Subtract occluded squares of discs.
 
-        Args:
-            part: Number of the aperture part.
-            corner: [n, 2] row and column of the first pixel.
-            values: [n, side, side].
-            colors: [n, C].
+        `corner`: [n, 2] row and column of the first pixel; `values`: [n, side, side]; `colors`: [n,
+        C].
         """
         changes = pad(values, (1, 1)).double().diff(dim=-1)
         rows, columns = (torch.arange(n, device=corner.device) for n in changes.shape[1:])

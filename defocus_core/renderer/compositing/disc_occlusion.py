@@ -34,17 +34,11 @@ _SAMPLES = 1 << 17
 
 
 class Squares(NamedTuple):
-    """The division of discs into a square number of squares.
+    """The division of discs into a square number of squares."""
 
-    Attributes:
-        extent: Px from the middle of a disc to its farthest pixel.
-        across: Number of squares along one axis.
-        side: Width of a square in px.
-    """
-
-    extent: int
-    across: int
-    side: int
+    extent: int  # px from the middle of a disc to its farthest pixel
+    across: int  # number of squares along one axis
+    side: int  # width of a square in px
 
     @classmethod
     def of(cls, extent: int) -> Squares:
@@ -64,39 +58,23 @@ class Squares(NamedTuple):
 
 
 class Occluded(NamedTuple):
-    """Squares of discs that are occluded in part.
+    """Squares of discs that are occluded in part."""
 
-    Attributes:
-        light: [n] index of the light.
-        row: [n] row of the square in the disc.
-        column: [n] column of the square in the disc.
-        fraction: [n, side, side] in [0, 1], the occluded share.
-    """
-
-    light: Tensor
-    row: Tensor
-    column: Tensor
-    fraction: Tensor
+    light: Tensor  # [n] index of the light
+    row: Tensor  # [n] row of the square in the disc
+    column: Tensor  # [n] column of the square in the disc
+    fraction: Tensor  # [n, side, side] in [0, 1], the occluded share
 
 
 class _Lights(NamedTuple):
-    """Lights, and the slices that may stand before them.
+    """Lights, and the slices that may stand before them."""
 
-    Attributes:
-        at: [n, 2] rows and columns.
-        limit: [n] px, radii below which a surface stands before each.
-        before: [n, k] bool, whether each slice may stand before each light.
-        scale: [n, k] px in a slice per px in the disc.
-        small: [n] bool, whether a disc has few pixels.
-        spread: [n, k] px in a slice per radius of the lens.
-    """
-
-    at: Tensor
-    limit: Tensor
-    before: Tensor
-    scale: Tensor
-    small: Tensor
-    spread: Tensor
+    at: Tensor  # [n, 2] rows and columns
+    limit: Tensor  # [n] px, radii below which a surface stands before each
+    before: Tensor  # [n, k] bool, whether each slice may stand before each light
+    scale: Tensor  # [n, k] px in a slice per px in the disc
+    small: Tensor  # [n] bool, whether a disc has few pixels
+    spread: Tensor  # [n, k] px in a slice per radius of the lens
 
     def select(self, which: Tensor | slice) -> _Lights:
         """The lights of these indices."""
@@ -107,12 +85,7 @@ class Obstruction:
     """Surfaces before lights."""
 
     def __init__(self, occluders: Sequence[Occluder], radii: tuple[float, ...]) -> None:
-        """Find which blocks hold pixels of which slices.
-
-        Args:
-            occluders: The surfaces, at least one.
-            radii: The slice radii.
-        """
+        """Find which blocks hold pixels of which slices."""
         self._radii, self._occluders = radii, Occluders(occluders, len(radii))
         blocks = self._occluders.blocks
         self._sums = pad(blocks.cumsum(1).cumsum(2), (1, 0, 1, 0))  # [K, rows + 1, columns + 1]
@@ -122,11 +95,8 @@ class Obstruction:
     ) -> Iterator[Occluded]:
         """The squares of the discs of lights that are occluded in part.
 
-        Args:
-            at: [n, 2] rows and columns.
-            radius: [n] px.
-            squares: The division of the discs.
-            wanted: [n, across, across] bool, squares to test.
+        `at`: [n, 2] rows and columns; `radius`: [n] px; `wanted`: [n, across, across] bool, squares
+        to test.
         """
         slice_indices, lights = self._lights(at, radius)
         if not len(slice_indices):
@@ -190,12 +160,9 @@ class Obstruction:
     ) -> Tensor:
         """The occluded share of squares of discs: [m, side, side].
 
-        Args:
-            lights: The light of each of m squares.
-            slice_indices: [k] slices to test.
-            slices: [m, k] bool, whether each slice is before the square.
-            corner: [m, 2] px from the light to the first pixel of its square.
-            side: Width of a square in px.
+        `slice_indices`: [k] slices to test; `slices`: [m, k] bool, whether each slice is before the
+        square; `corner`: [m, 2] px from the light to the first pixel of its square; `side`: width
+        of a square in px.
         """
         H, W = self._occluders.size
         offset = corner[..., None] + torch.arange(side, device=corner.device)  # [m, 2, side]

@@ -32,9 +32,9 @@ _STEPS = 128
 
 
 def fraction_in_frame(
-    signed_radius: Tensor,
+    signed_radius: Tensor,  # [..., h, w] px
     box: Box,
-    size: tuple[int, int],
+    size: tuple[int, int],  # (height, width) of the rectangle
     aperture: Aperture,
     parts: list[Part],
     views: Sequence[View] = (),
@@ -43,16 +43,7 @@ def fraction_in_frame(
 
     Lens point u images the surface at pixel q to q + r u: pixel x sees the surface at x - r u.
 
-    Args:
-        signed_radius: [..., h, w] px.
-        box: The place of these pixels in the rectangle.
-        size: (height, width) of the rectangle.
-        aperture: The pupil; a gaussian one counts as evenly lit.
-        parts: M parts of the pupil.
-        views: Views of the pupil; M counts each part once with each.
-
-    Returns:
-        [M, 1, ..., h, w] in [0.01, 1].
+    Returns [M, 1, ..., h, w] in [0.01, 1].
     """
     positions = (sent(torch.arange(s.first, s.end), signed_radius) + 0.5 for s in box.sides)
     # [h, 2] and [w, 2] px from both borders of an axis to a pixel

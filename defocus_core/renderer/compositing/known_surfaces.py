@@ -25,7 +25,7 @@ _MINIMUM = 1e-6
 
 
 def add_known(
-    front: Tensor,
+    front: Tensor,  # [M, C + 1, h, w], zeros; overwritten unless gradients are enabled
     visible: dict[int, ShownLayer],
     hidden: dict[int, ShownLayer],
     full: Tensor | float,
@@ -33,19 +33,7 @@ def add_known(
     *,
     closed: bool,
 ) -> tuple[Tensor, Tensor | None]:
-    """Composite the layers of one group of aperture parts over a tile.
-
-    Args:
-        front: [M, C + 1, h, w], zeros; overwritten unless gradients are enabled.
-        visible: Visible layers by number, nearest first.
-        hidden: Hidden layers by number.
-        full: Greatest coverage.
-        openings: Where the lens sees past opaque samples.
-        closed: Whether every pixel is covered fully, so that hidden samples fill all gaps.
-
-    Returns:
-        The front, and the change of its colours by sub-pixel shifts if there are any.
-    """
+    """Composite the layers of one group of aperture parts over a tile."""
     moved, hidden_fractions = None, []
     for number in sorted({*visible, *hidden}):
         shown, behind = visible.get(number), hidden.get(number)
@@ -78,23 +66,14 @@ def _of(full: Tensor | float, box: Box) -> Tensor | float:
 
 
 def _fraction_hidden(
-    before: Tensor,
-    front: Tensor,
+    before: Tensor,  # [M, 1, h, w], coverage of the front in this box before the layer
+    front: Tensor,  # [M, C + 1, H, W], the front with what is visible of the layer
     shown: ShownLayer | None,
     behind: ShownLayer,
     full: Tensor | float,
-    room: Tensor,
+    room: Tensor,  # [h, w], the share of a gap in this box that is no error
 ) -> Tensor:
-    """The share [M, 1, h, w] of a hidden layer that is seen, in its box.
-
-    Args:
-        before: [M, 1, h, w], coverage of the front in this box before the layer.
-        front: [M, C + 1, H, W], the front with what is visible of the layer.
-        shown: What is visible of the layer.
-        behind: What is hidden of the layer.
-        full: Greatest coverage.
-        room: [h, w], the share of a gap in this box that is no error.
-    """
+    """The share [M, 1, h, w] of a hidden layer that is seen, in its box."""
     box, maximum = behind.box, _of(full, behind.box)
     coverage = behind.layer[:, -1:].clamp(min=0)
     whole = coverage

@@ -26,24 +26,17 @@ _SAMPLES_AT_ONCE = 1 << 18
 
 
 class Openings(NamedTuple):
-    """Where a lens sees past the nearest opaque sample of each pixel.
+    """Where a lens sees past the nearest opaque sample of each pixel."""
 
-    Attributes:
-        room: [h, w] from 0, where no edge of opaque samples is in reach, to 1.
-        layer_index: [h, w] of the layer that the sample is in; inf where there is none.
-    """
-
-    room: Tensor
-    layer_index: Tensor
+    room: Tensor  # [h, w] from 0, where no edge of opaque samples is in reach, to 1
+    layer_index: Tensor  # [h, w] of the layer that the sample is in; inf where there is none
 
     @classmethod
     def of(cls, opaque: Tensor, radii: tuple[float, ...], layer_of: list[int]) -> Openings:
         """The openings of opaque samples.
 
-        Args:
-            opaque: Radii [L, h, w] px of the samples of each pixel; inf of those that are clear.
-            radii: Signed radius of each slice in px.
-            layer_of: For each slice the number of its layer.
+        `opaque`: radii [L, h, w] px of the samples of each pixel; inf of those that are clear;
+        `radii`: signed radius of each slice in px.
         """
         opaque = opaque.detach()
         nearest = opaque.amin(0)

@@ -34,9 +34,8 @@ class HalfSize(Derived):
     def __init__(self, merge: Callable[..., Tensor], *pictures: Pixels) -> None:
         """Keep the pictures.
 
-        Args:
-            merge: Makes coarse pixels [..., h, w] of the px [..., 2 h, 2 w] of each picture.
-            pictures: [..., H, W]; `merge` gets them in float32 at least.
+        `merge`: makes coarse pixels [..., h, w] of the px [..., 2 h, 2 w] of each picture;
+        `pictures`: [..., H, W]; `merge` gets them in float32 at least.
         """
         self._merge, self._pictures = merge, pictures
         H, W = pictures[0].shape[-2:]
@@ -51,14 +50,7 @@ class HalfSize(Derived):
 
 
 def half_size(merge: Callable[..., Tensor], *pictures: Pixels, threads: int, hold: bool) -> Pixels:
-    """Coarse pixels of pictures, `held` or merged whenever they are cut.
-
-    Args:
-        merge: As for `HalfSize`.
-        pictures: As for `HalfSize`.
-        threads: Number of bands merged at once.
-        hold: Whether there is room for the coarse pixels.
-    """
+    """Coarse pixels of pictures, `held` or merged whenever they are cut."""
     return held(HalfSize(merge, *pictures), *pictures, threads=threads, hold=hold)
 
 
@@ -86,9 +78,7 @@ def means(values: Tensor) -> Tensor:
 def surface_radii(signed_radius: Tensor, pixels: Tensor) -> Tensor:
     """Radii [h, w] in px of the surfaces that coarse pixels show.
 
-    Args:
-        signed_radius: [2 h, 2 w] px.
-        pixels: [C, 2 h, 2 w].
+    `signed_radius`: [2 h, 2 w] px; `pixels`: [C, 2 h, 2 w].
     """
     radii = torch.stack(_corners(signed_radius))
     steps = radii.detach().amax(0).sub_(radii.detach().amin(0))
@@ -122,9 +112,8 @@ def _any_known(known: Tensor) -> Tensor:
 def _majority_radius(radii: Tensor, fraction: Tensor) -> Tensor:
     """The mean radius [...] in px of the surface that has most of the pixels of a coarse pixel.
 
-    Args:
-        radii: [4, ...] px of the pixels.
-        fraction: [4, ...], 1 for the pixels that count, 0 for the others.
+    `radii`: [4, ...] px of the pixels; `fraction`: [4, ...], 1 for the pixels that count, 0 for the
+    others.
     """
     minimum = torch.where(fraction > 0, radii, torch.inf).amin(0).detach()
     maximum = torch.where(fraction > 0, radii, -torch.inf).amax(0).detach()

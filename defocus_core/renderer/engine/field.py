@@ -49,14 +49,7 @@ def corner_views(frame: SharedFrame, box: Box) -> list[View]:
 
 
 def views_of(frame: SharedFrame, at: Tensor, core: Box, region: Box) -> View | None:
-    """The pupil as pixels [n, 2], rows and columns, see it: [n] places.
-
-    Args:
-        frame: The frame.
-        at: Rows and columns of pixels, counted as `core` is.
-        core: A region, counted from any pixel.
-        region: The same region, counted from the first pixel of the frame.
-    """
+    """The pupil as pixels [n, 2], rows and columns, see it: [n] places."""
     field = frame.settings.field
     if field is None:
         return None
@@ -71,10 +64,7 @@ def views_of(frame: SharedFrame, at: Tensor, core: Box, region: Box) -> View | N
 def darkened(part: Views, cat_eye: CatEye, frame: tuple[int, int]) -> Views:
     """A part of a picture with the light that the rim takes away from its pixels.
 
-    Args:
-        part: The part.
-        cat_eye: The rim.
-        frame: (height, width) of the picture in px.
+    `frame`: (height, width) of the picture in px.
     """
     like = part.images[0]
     y, x = (torch.arange(s.first, s.end).to(like) + 0.5 for s in part.box.sides)

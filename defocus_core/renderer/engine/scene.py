@@ -23,29 +23,21 @@ _DECODE = "decode integers to linear light first"
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Surfaces in front of the lens: one at each pixel, or layers of them.
+    """Surfaces in front of the lens: one at each pixel, or layers of them."""
 
-    Attributes:
-        image: [C, H, W], linear light, premultiplied if it has alpha; a tensor or a `Source`. Of a
-            batch [C, B, H, W].
-        signed_radius: [H, W] px, negative nearer than focus, the same; of a batch [B, H, W].
-        hidden: The known layer behind the visible surface.
-        layered: The layers of which `image`, with alpha, is the `picture` in focus and
-            `signed_radius` the `nearest` radius; their views have alpha, too.
-        fill: What is continued for all colours of which these are some; None if it is not shared.
-        repair: The repair by which the radii were made; None if they are to be repaired.
-        content: Of a batch whose radii are repaired, what all its pictures hold together.
-
-    Raises:
-        ValueError: If shapes do not match, or a tensor is not of floats.
-    """
-
+    # [C, H, W], linear light, premultiplied if it has alpha; a tensor or a `Source`. Of a batch
+    # [C, B, H, W]
     image: Pixels
-    signed_radius: Pixels
-    hidden: KnownLayer | None = None
+    signed_radius: Pixels  # [H, W] px, negative nearer than focus, the same; of a batch [B, H, W]
+    hidden: KnownLayer | None = None  # the known layer behind the visible surface
+    # The layers of which `image`, with alpha, is the `picture` in focus and `signed_radius` the
+    # `nearest` radius; their views have alpha, too
     layered: Layered | None = None
+    # What is continued for all colours of which these are some; None if it is not shared
     fill: FillOfColors | None = None
+    # The repair by which the radii were made; None if they are to be repaired
     repair: DepthRepair | None = None
+    # Of a batch whose radii are repaired, what all its pictures hold together
     content: Content | None = None
 
     def __post_init__(self) -> None:
@@ -68,13 +60,9 @@ class Scene:
     def of_layers(cls, colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Scene:
         """The scene of layers with coverage; of one that covers all, a picture of its own.
 
-        Args:
-            colors: [L, C, H, W], linear light, premultiplied by coverage.
-            signed_radius: [L, H, W] px; unused where coverage is 0.
-            coverage: [L, H, W] in [0, 1], the share of each pixel that the layer covers.
-
-        Raises:
-            ValueError: If shapes do not match, or numbers are out of their range.
+        `colors`: [L, C, H, W], linear light, premultiplied by coverage; `signed_radius`: [L, H, W]
+        px; unused where coverage is 0; `coverage`: [L, H, W] in [0, 1], the share of each pixel
+        that the layer covers.
         """
         tensors = {"colors": colors, "signed_radius": signed_radius, "coverage": coverage}
         for name, tensor in tensors.items():
@@ -112,10 +100,7 @@ class Scene:
     ) -> Scene:
         """The scene in some channels, with px added to its radii; of layers, of their colours.
 
-        Args:
-            channels: Their numbers.
-            px: The px.
-            fill: What is continued for all channels.
+        `px`: the px.
         """
         if self.layered is not None:
             layers = self.layered._replace(colors=chosen(self.layered.colors, channels))
@@ -157,9 +142,6 @@ def check_hidden(hidden: object, shape: tuple[int, ...], size: tuple[int, ...]) 
     """Refuse what is no hidden layer of pictures of a shape and radii of a size.
 
     One picture of a batch may have a layer that is of none.
-
-    Raises:
-        ValueError: If it is something else, not of floats, or of another shape.
     """
     if not (
         isinstance(hidden, tuple)

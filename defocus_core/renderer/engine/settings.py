@@ -25,14 +25,7 @@ _BY_SCENE = "None lets the scene decide"
 
 @dataclass(frozen=True)
 class Settings:
-    """The options that `render` explains.
-
-    Attributes:
-        decided: The repair of depth, where it is known already, as for a frame of a shot.
-
-    Raises:
-        ValueError: If an option is out of its range.
-    """
+    """The options that `render` explains."""
 
     aperture: Aperture = field(default_factory=Aperture)
     quality: str = "standard"
@@ -44,6 +37,7 @@ class Settings:
     infinity: float | None = None
     depth_repair: str = "auto"
     edge_width: float | None = None
+    # The repair of depth, where it is known already, as for a frame of a shot
     decided: DepthRepair | None = None
     dual_pixel: DualPixel = field(default_factory=DualPixel)
     cat_eye: CatEye | None = None

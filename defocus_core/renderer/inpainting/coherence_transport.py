@@ -33,8 +33,7 @@ def structure(half: PyramidLevel) -> PyramidLevel:
     The tensor is made of slopes between neighbours on one surface, summed over channels (Di Zenzo
     1986); depth edges have no slope.
 
-    Args:
-        half: Linear colour and radius in px, at half of the resolution.
+    `half`: linear colour and radius in px, at half of the resolution.
     """
     radius = torch.where(half.edges, torch.nan, half.first.maximum)
     picture, r = (x.reshape(*x.shape[:-1], *half.shape) for x in (half.first.values, radius))
@@ -65,24 +64,17 @@ def _sum_beside(steps: Tensor, dim: int) -> Tensor:
 
 
 def transported(
-    picture: Tensor,
-    at: Tensor,
-    border: Tensor,
-    smooth: Tensor,
-    tensor: Tensor,
+    picture: Tensor,  # [C + 1, ..., H, W] linear colour and radius in px
+    at: Tensor,  # [n, 2] rows and columns of pixels
+    border: Tensor,  # [n] px of radius, beyond which a pixel is of a farther surface
+    smooth: Tensor,  # [n, C + 1] colour and radius as continued without a direction
+    tensor: Tensor,  # [n, 3] structure tensor, continued without a direction
     level: int = 0,
     of: Tensor | None = None,
 ) -> Tensor:
     """Colours [n, C] behind nearer surfaces, with lines continued from the visible picture.
 
-    Args:
-        picture: [C + 1, ..., H, W] linear colour and radius in px.
-        at: [n, 2] rows and columns of pixels.
-        border: [n] px of radius, beyond which a pixel is of a farther surface.
-        smooth: [n, C + 1] colour and radius as continued without a direction.
-        tensor: [n, 3] structure tensor, continued without a direction.
-        level: How many times the resolution of the picture is halved.
-        of: [n] the picture of a batch that each pixel is of; None if there is one.
+    `of`: [n] the picture of a batch that each pixel is of; None if there is one.
     """
     r, color, size = picture[-1].detach().flatten(), smooth[:, :-1], picture.shape[-2:]
     along, coherence = _direction(tensor, color)
@@ -119,27 +111,18 @@ def _direction(tensor: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _first_beyond(
-    r: Tensor,
+    r: Tensor,  # [H * W] px
     size: tuple[int, ...],
-    at: Tensor,
-    border: Tensor,
-    along: Tensor,
-    scale: float,
+    at: Tensor,  # [n, 2]
+    border: Tensor,  # [n]
+    along: Tensor,  # [n, 2] of length 1
+    scale: float,  # pixels of the picture in one px
     first: Tensor | None,
 ) -> tuple[Tensor, Tensor]:
     """The first pixel along a direction that lies beyond the border, and its distance.
 
-    Args:
-        r: [H * W] px.
-        size: (H, W).
-        at: [n, 2].
-        border: [n].
-        along: [n, 2] of length 1.
-        scale: Pixels of the picture in one px.
-        first: [n] index in r of the first pixel of each one's picture; None if there is one.
-
-    Returns:
-        [n] index in r, and [n] px; infinitely far where there is none.
+    `first`: [n] index in r of the first pixel of each one's picture; None if there is one. Returns
+    [n] index in r, and [n] px; infinitely far where there is none.
     """
     H, W = size
     spots = torch.zeros_like(at[:, 0])

@@ -42,49 +42,33 @@ _PIXELS, _BYTES_EACH = 1 << 20, 8
 
 
 class Revealed(NamedTuple):
-    """The surface that may show behind each coarse pixel.
+    """The surface that may show behind each coarse pixel."""
 
-    Attributes:
-        shown: [h, w] px, the radius in front of which the surface shows; below all radii where no
-            surface does.
-        source: [h, w] px, the radius of the edge from which the surface is continued.
-        front: [h, w] px, the radius of the surface before it: the visible one, or the surface of
-            the closest edge where that is left out, being more blurred.
-        ceiling: [h, w] px, the radius from which on a surface lies behind the continued one;
-            infinite where the continued one is the farthest.
-    """
-
+    # [h, w] px, the radius in front of which the surface shows; below all radii where no
+    # surface does
     shown: Tensor
-    source: Tensor
+    source: Tensor  # [h, w] px, the radius of the edge from which the surface is continued
+    # [h, w] px, the radius of the surface before it: the visible one, or the surface of the
+    # closest edge where that is left out, being more blurred
     front: Tensor
+    # [h, w] px, the radius from which on a surface lies behind the continued one; infinite
+    # where the continued one is the farthest
     ceiling: Tensor
 
 
 class Reach(NamedTuple):
-    """The edges of a frame, by coarse pixels of half resolution; radii are integers, in grains.
+    """The edges of a frame, by coarse pixels of half resolution; radii are integers, in grains."""
 
-    Attributes:
-        farthest: [h, w], the greatest cone in the upper bits, and the radius of its edge in the
-            lower ones.
-        closest: [h, w], minus the px to the closest edge, and its radius likewise.
-        grain: Px of one grain.
-        fine: Where the middle of the frame is at full resolution.
-    """
-
+    # [h, w], the greatest cone in the upper bits, and the radius of its edge in the lower ones
     farthest: Tensor
-    closest: Tensor
-    grain: float
-    fine: tuple[Axis, Axis]
+    closest: Tensor  # [h, w], minus the px to the closest edge, and its radius likewise
+    grain: float  # px of one grain
+    fine: tuple[Axis, Axis]  # where the middle of the frame is at full resolution
 
     def behind(self, near: Tensor, coarse: Box, middle: tuple[Axis, Axis], level: int) -> Revealed:
         """The surface that may show behind each coarse pixel.
 
-        Args:
-            near: [height, width] px, the surface in front.
-            coarse: The coarse pixels, at full (0) or half (1) of the resolution, in a part of the
-                frame.
-            middle: Where the middle of the frame is in that part.
-            level: 0 or 1.
+        `near`: [height, width] px, the surface in front.
         """
         cone, far = self._read(self.farthest, coarse, middle, level)
         # two pixels of neighbouring coarse pixels may be a px apart, and not two
@@ -134,11 +118,7 @@ def grain_of(minimum: float, maximum: float) -> float:
 def coarse_edges(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis, Axis]) -> Tensor:
     """The radii of the farther pixels at edges, at half resolution: cones that reach nowhere yet.
 
-    Args:
-        r: [..., H, W] px.
-        farther: Numbers of the farther pixels.
-        grain: Px of one grain.
-        middle: Of the frame.
+    `r`: [..., H, W] px.
     """
     grains = r.flatten()[farther].clamp(-_MAXIMUM, _MAXIMUM) / grain
     radii = (grains + _BETWEEN).round().to(torch.int32)

@@ -54,26 +54,17 @@ class HiddenLayer(NamedTuple):
 
 
 def hidden_layer(
-    image: Tensor,
-    signed_radius: Tensor,
-    backdrop: Backdrop | None = None,
+    image: Tensor,  # [C, ..., H, W] linear
+    signed_radius: Tensor,  # [..., H, W] px
+    backdrop: Backdrop | None = None,  # the frame that this is a part of; None if it is the whole
     box: Box | None = None,
-    wanted: Box | None = None,
+    wanted: Box | None = None,  # where in it the layer matters; None if everywhere
     *,
     level: int = 0,
 ) -> HiddenLayer | None:
     """Continue farther surfaces behind nearer ones, as far as the aperture sees them.
 
-    Args:
-        image: [C, ..., H, W] linear.
-        signed_radius: [..., H, W] px.
-        backdrop: The frame that this is a part of; None if it is the whole.
-        box: Where in the frame it is.
-        wanted: Where in it the layer matters; None if everywhere.
-        level: How many times the resolution of the layer is halved, at most once.
-
-    Returns:
-        The layer within `wanted`, None where nothing is hidden.
+    Returns the layer within `wanted`, None where nothing is hidden.
     """
     H, W = signed_radius.shape[-2:]
     backdrop = backdrop or backdrop_of(image, signed_radius)
@@ -123,12 +114,7 @@ def hidden_layer(
 def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tensor, Tensor]:
     """The farther surfaces around pixels of a frame, at a quarter of its resolution and less.
 
-    Args:
-        backdrop: The frame.
-        asked: n pixels, by their rows and columns in the frame.
-
-    Returns:
-        Colour and radius [C + 1, n] times weights, structure tensors [3, n], and weights [n].
+    Returns colour and radius [C + 1, n] times weights, structure tensors [3, n], and weights [n].
     """
     finest, *levels = backdrop.levels
     both, weight = nearby(finest, asked, backdrop.fine)

@@ -32,10 +32,7 @@ def separated(
 ) -> tuple[HiddenLayer, HiddenLayer]:
     """The hidden part of a known layer, and the part of an invented layer that is still needed.
 
-    Args:
-        known: The known layer, [H, W].
-        hidden: The invented layer, at full or half resolution.
-        middle: The middle of the frame, in px.
+    `known`: the known layer, [H, W]; `middle`: the middle of the frame, in px.
     """
     size = (known.mask.shape[-2], known.mask.shape[-1])
     halved = hidden.mask.shape != known.mask.shape

@@ -25,19 +25,12 @@ _PIXELS, _BYTES_EACH = 1 << 15, 1 << 10
 
 
 class HiddenQueries(NamedTuple):
-    """Hidden pixels, and the range of radii of the surfaces that are continued to each.
+    """Hidden pixels, and the range of radii of the surfaces that are continued to each."""
 
-    Attributes:
-        at: [n, 2] rows and columns, also between pixels.
-        border: [n] px, the radius that a surface must exceed.
-        ceiling: [n] px, the radius that a surface must not reach.
-        of: [n] the picture of a batch that each is of; None if there is one.
-    """
-
-    at: Tensor
-    border: Tensor
-    ceiling: Tensor
-    of: Tensor | None = None
+    at: Tensor  # [n, 2] rows and columns, also between pixels
+    border: Tensor  # [n] px, the radius that a surface must exceed
+    ceiling: Tensor  # [n] px, the radius that a surface must not reach
+    of: Tensor | None = None  # [n] the picture of a batch that each is of; None if there is one
 
     def select(self, index: Tensor) -> HiddenQueries:
         """The pixels of these indices."""
@@ -54,15 +47,8 @@ def continued(
 ) -> tuple[Tensor, Tensor]:
     """Values of hidden pixels, each from the surfaces that are continued to it.
 
-    Args:
-        finest: Values and weights from the finest level, in the form of the result.
-        levels: The coarser levels, from fine to coarse, K channels; and which pixels [n] have them,
-            None if all do.
-        asked: The hidden pixels, at full resolution.
-        fine: Where the middle of the frame is at full resolution.
-
-    Returns:
-        [K, n] values times weights, and [n] weights in [0, 1].
+    `levels`: the coarser levels, from fine to coarse, K channels; and which pixels [n] have them,
+    None if all do. Returns [K, n] values times weights, and [n] weights in [0, 1].
     """
     values, weight = finest
     for level, exists in levels:
@@ -132,8 +118,7 @@ def _weighed(
 def _neighbours(position: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
     """The two coarse pixels beside each place [2, n] along both axes, and their shares; 0 outside.
 
-    Returns:
-        Numbers and shares, each [2, 2, n]: rows first, then columns.
+    Returns numbers and shares, each [2, 2, n]: rows first, then columns.
     """
     below = position.floor()
     last = sent(size, below)[:, None] - 1

@@ -15,21 +15,13 @@ _Axes = tuple[Axis, Axis]
 
 
 class View(NamedTuple):
-    """A part of a frame whose coarse pixels are pixels or, at half resolution, two by two pixels.
+    """A part of a frame whose coarse pixels are pixels or, at half resolution, two by two."""
 
-    Attributes:
-        picture: [C + 1, ..., h, w], colour and radius in px of the farthest surface in each coarse
-            pixel.
-        near: [..., h, w] px, the least radius in each coarse pixel.
-        middle: Where the middle of the frame is among coarse pixels.
-        fine: Where the middle of the frame is among pixels.
-        level: 0 or 1.
-    """
-
+    # [C + 1, ..., h, w], colour and radius in px of the farthest surface in each coarse pixel
     picture: Tensor
-    near: Tensor
-    middle: _Axes
-    fine: _Axes
+    near: Tensor  # [..., h, w] px, the least radius in each coarse pixel
+    middle: _Axes  # where the middle of the frame is among coarse pixels
+    fine: _Axes  # where the middle of the frame is among pixels
     level: int
 
     def pixels(self, at: Tensor) -> Tensor:

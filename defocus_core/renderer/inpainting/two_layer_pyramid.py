@@ -30,13 +30,9 @@ _FEW = 1 << 14
 
 
 class CellSurface(NamedTuple):
-    """A surface in each of n coarse pixels.
+    """A surface in each of n coarse pixels."""
 
-    Attributes:
-        data: [K + 3, n], all of the below, one after another.
-    """
-
-    data: Tensor
+    data: Tensor  # [K + 3, n], all of the below, one after another
 
     @property
     def values(self) -> Tensor:
@@ -77,28 +73,19 @@ class CellSurface(NamedTuple):
 
 
 class PyramidLevel(NamedTuple):
-    """A picture, or a part of one, at some resolution.
+    """A picture, or a part of one, at some resolution."""
 
-    Attributes:
-        size: (height, width) in coarse pixels.
-        first: The farthest surface in each coarse pixel, row by row, picture by picture of a batch.
-        second: The surface in front of the first, for the coarse pixels that hold two.
-        second_index: [height * width] the index of each coarse pixel in `second`, or -1; None if
-            all are -1.
-        middle: The middle of the frame, in coarse pixels.
-        level: How many times resolution is halved.
-        edges: [height * width] bool, the coarse pixels that hold a depth edge.
-        whole: Whether all weights are 1.
-    """
-
-    size: tuple[int, int]
+    size: tuple[int, int]  # (height, width) in coarse pixels
+    # The farthest surface in each coarse pixel, row by row, picture by picture of a batch
     first: CellSurface
+    # The surface in front of the first, for the coarse pixels that hold two
     second: CellSurface | None
+    # [height * width] the index of each coarse pixel in `second`, or -1; None if all are -1
     second_index: Tensor | None
-    middle: tuple[Axis, Axis]
-    level: int
-    edges: Tensor
-    whole: bool = False
+    middle: tuple[Axis, Axis]  # the middle of the frame, in coarse pixels
+    level: int  # how many times resolution is halved
+    edges: Tensor  # [height * width] bool, the coarse pixels that hold a depth edge
+    whole: bool = False  # whether all weights are 1
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -113,19 +100,12 @@ class PyramidLevel(NamedTuple):
 
 
 def pixels_of(
-    values: Sequence[Tensor],
-    signed_radius: Tensor,
+    values: Sequence[Tensor],  # each [k, ..., H, W], together K channels
+    signed_radius: Tensor,  # [..., H, W] px
     middle: tuple[Axis, Axis],
-    weight: Tensor | None = None,
+    weight: Tensor | None = None,  # [..., H, W] in [0, 1], weights of pixels; None if all are 1
 ) -> PyramidLevel:
-    """A picture at full resolution.
-
-    Args:
-        values: Each [k, ..., H, W], together K channels.
-        signed_radius: [..., H, W] px.
-        middle: The middle of the frame.
-        weight: [..., H, W] in [0, 1], weights of pixels; None if all are 1.
-    """
+    """A picture at full resolution."""
     r = signed_radius.detach()
     size = (r.shape[-2], r.shape[-1])
     minimum = maximum = r = r.flatten()
@@ -186,8 +166,7 @@ def _dense(
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """The coarse pixels of half resolution as if all that is in one were of one surface.
 
-    Returns:
-        Means [K, n], weights [n], minus the least radius [n], and the greatest one [n].
+    Returns means [K, n], weights [n], minus the least radius [n], and the greatest one [n].
     """
     H, W = pyramid_level.size
     odd = (axes[0].axis.odd, axes[1].axis.odd)
@@ -245,17 +224,9 @@ def _split(
     coarse: Tensor,
     axes: tuple[AxisHalving, AxisHalving],
     overlapping: bool,
-    alike: float,
+    alike: float,  # range of radii in px that counts as one surface
 ) -> tuple[CellSurface, CellSurface]:
-    """The farthest surface and the next one in coarse pixels [n] of half resolution.
-
-    Args:
-        pyramid_level: The level whose resolution is halved.
-        coarse: Numbers of the coarse pixels.
-        axes: How rows and columns are halved.
-        overlapping: Whether coarse pixels share pixels.
-        alike: Range of radii in px that counts as one surface.
-    """
+    """The farthest surface and the next one in coarse pixels [n] of half resolution."""
     row = coarse.div(axes[1].length, rounding_mode="floor")
     column, above = coarse - row * axes[1].length, None
     if len(pyramid_level.shape) > 2:
@@ -307,13 +278,7 @@ def _joined(sheets: list[CellSurface]) -> CellSurface:
 def stacked(
     bands: Iterable[tuple[PyramidLevel, int, int]], height: int, axis: Axis
 ) -> PyramidLevel:
-    """A level joined from bands of rows.
-
-    Args:
-        bands: From top to bottom: a level, and its rows to take, first and end.
-        height: Rows of the result.
-        axis: The middle of the frame among these rows.
-    """
+    """A level joined from bands of rows."""
     whole: PyramidLevel | None = None
     seconds: list[CellSurface] = []
     done = held = 0

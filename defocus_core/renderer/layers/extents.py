@@ -14,17 +14,11 @@ from defocus_core.tensors.tiling import BLOCK
 
 
 class Patch(NamedTuple):
-    """The rectangles of a layer in and around a tile.
+    """The rectangles of a layer in and around a tile."""
 
-    Attributes:
-        lit: Where the layer has pixels whose blur reaches the tile.
-        shown: Where in the tile the blurred layer shows.
-        margin: Blur radius of the layer, in px.
-    """
-
-    lit: Box
-    shown: Box
-    margin: int
+    lit: Box  # where the layer has pixels whose blur reaches the tile
+    shown: Box  # where in the tile the blurred layer shows
+    margin: int  # blur radius of the layer, in px
 
     @property
     def minimum(self) -> tuple[int, int]:
@@ -54,10 +48,7 @@ class Patch(NamedTuple):
 def patch_of(held: tuple[Span, Span], wanted: tuple[Span, Span], margin: int) -> Patch | None:
     """The patch of a layer in a rectangle; None if the layer does not reach it.
 
-    Args:
-        held: Rows and columns in which the layer has pixels.
-        wanted: Rows and columns of the rectangle.
-        margin: Blur radius of the layer, in px.
+    `margin`: blur radius of the layer, in px.
     """
     lit = [
         layer_side.within(wanted_side.grown(margin))
@@ -77,11 +68,8 @@ def patches(
 ) -> list[list[Patch | None]]:
     """For each layer its patch in each tile; None if the layer does not reach the tile.
 
-    Args:
-        occupied: [L, rows, columns] bool, the blocks in which layers have pixels.
-        tiles: Counted from the first sample of the layers.
-        margins: Blur radius of each layer, in px.
-        size: (height, width) of the layers in px.
+    `occupied`: [L, rows, columns] bool, the blocks in which layers have pixels; `margins`: blur
+    radius of each layer, in px; `size`: (height, width) of the layers in px.
     """
     whole, margin_px = Box(0, 0, *size), torch.tensor(margins)[:, None]
     corners = torch.tensor(tiles)
@@ -118,10 +106,9 @@ def _in_px(held: Sequence[list[int]], whole: Box) -> tuple[Span, Span]:
 def _extents(occupied: Tensor, along: Tensor, beside: Tensor) -> list[list[list[int]]]:
     """In each of n rectangles the first occupied row and the one after the last: L x n x 2.
 
-    Args:
-        occupied: [L, rows, columns] bool.
-        along: [L, n, 2] the first row of each rectangle, and the one after the last.
-        beside: [L, n, 2] the first column of each rectangle, and the one after the last.
+    `occupied`: [L, rows, columns] bool; `along`: [L, n, 2] the first row of each rectangle, and the
+    one after the last; `beside`: [L, n, 2] the first column of each rectangle, and the one after
+    the last.
     """
     rows = occupied.shape[1]
     count = pad(occupied.to(torch.int32), (1, 0)).cumsum(2)

@@ -20,13 +20,9 @@ class FringeSamples:
     ) -> None:
         """Sort samples by layer and by rows of blocks.
 
-        Args:
-            at: [n, 2] rows and columns; rows are counted on from one picture of a batch to the
-                next.
-            samples: [n, C + 1], colour premultiplied by coverage, then coverage.
-            positions: [n] positions between slice radii.
-            layers: For each slice, the number of its layer.
-            height: Rows of the surface.
+        `at`: [n, 2] rows and columns; rows are counted on from one picture of a batch to the next;
+        `samples`: [n, C + 1], colour premultiplied by coverage, then coverage; `positions`: [n]
+        positions between slice radii.
         """
         lower = positions.detach().floor()
         slice_index = torch.cat([lower, lower + 1])
@@ -53,12 +49,7 @@ class FringeSamples:
     def add(self, slices: Tensor, layer_index: int, first: int, window: Box, lit: Box) -> None:
         """Add the samples in a rectangle to slices of a layer.
 
-        Args:
-            slices: [C + 1, k, ..., height, width]; changed in place.
-            layer_index: Number of the layer.
-            first: Rung of the first slice; the others follow.
-            window: The rectangle of the slices.
-            lit: The rectangle, within the window.
+        `slices`: [C + 1, k, ..., height, width]; changed in place.
         """
         chosen = self._range(layer_index, lit.top // BLOCK, -(-(lit.top + lit.height) // BLOCK))
         if chosen.start == chosen.stop:
@@ -88,14 +79,7 @@ class FringeSamples:
     ) -> None:
         """Add the samples of a slice to this slice at reduced resolution.
 
-        Args:
-            pixels: [C + 1, ..., height, width], the slice without the samples; changed in place.
-            layer_index: Number of its layer.
-            slice_index: Rung of the slice.
-            step: Px from one coarse pixel to the next.
-            coarse: The rectangle of the slice, in coarse pixels from the first at or after the
-                middle of the frame.
-            middle: The middle of the frame, counted from the first sample.
+        `pixels`: [C + 1, ..., height, width], the slice without the samples; changed in place.
         """
         layer_range = self._range(layer_index, 0, self._rows)
         index_of_slice = (

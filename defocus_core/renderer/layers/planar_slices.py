@@ -27,9 +27,8 @@ class Planes:
     def __init__(self, slopes: Tensor, blocks: Tensor) -> None:
         """Look for slices that are planes.
 
-        Args:
-            slopes: [2, ..., H, W], x and y, px per px.
-            blocks: [K, rows, columns] bool, where slices are, on the CPU.
+        `slopes`: [2, ..., H, W], x and y, px per px; `blocks`: [K, rows, columns] bool, where
+        slices are, on the CPU.
         """
         lowest, highest = block_ranges(slopes)
         if slopes.dim() > 3:  # of all pictures of a batch
@@ -41,12 +40,7 @@ class Planes:
         self._everywhere = self._common(every, all_blocks, all_blocks)
 
     def slopes(self, slice_indices: list[int], box: Box) -> list[tuple[float, float] | None]:
-        """The slopes of slices, x and y; None for a slice of several slopes within the rectangle.
-
-        Args:
-            slice_indices: Numbers of slices that have pixels in the rectangle.
-            box: The rectangle.
-        """
+        """Slopes of slices, x and y; None for a slice of several slopes within the rectangle."""
         everywhere = [self._everywhere[number] for number in slice_indices]
         if None not in everywhere:
             return everywhere

@@ -13,44 +13,32 @@ class Quality:
 
     Thresholds of radii and slopes are no round numbers, so that rounding does not decide a
     comparison.
-
-    Attributes:
-        near_spacing: Distance in px between the radii of neighbouring slices near focus.
-        far_spacing: The same as a share of the radius, where that is more.
-        layer_ratio: Greatest ratio of radii within a layer: slices of one layer add up, layers
-            occlude each other.
-        unmixes: Whether a pixel that holds parts of two surfaces is taken apart; pictures that are
-            rendered at half size gain nothing by it.
-        hidden_stride: Hidden content uses every slice (1) or every other (2).
-        hidden_level: How many times the resolution of hidden content is halved.
-        min_slope: Slopes of the radius in px per px below which a surface counts as not tilted.
-        full_resolution: Radius in px from which on slices are blurred at half resolution; from
-            twice this radius at a quarter, and so on.
-        half_size: Whether a picture is rendered at half its size, and gets the detail of its parts
-            in focus afterwards.
-        parts: Number of parts of the aperture that are composited one by one for the centre image:
-            1, 4 or 16. With 1, the dual-pixel pair composites its halves in addition.
-        known_parts: The same where layers say what is hidden: more parts are more accurate then.
     """
 
-    near_spacing: float
-    far_spacing: float
+    near_spacing: float  # distance in px between the radii of neighbouring slices near focus
+    far_spacing: float  # the same as a share of the radius, where that is more
+    # Greatest ratio of radii within a layer: slices of one layer add up, layers occlude each
+    # other
     layer_ratio: float
+    # Whether a pixel that holds parts of two surfaces is taken apart; pictures that are
+    # rendered at half size gain nothing by it
     unmixes: bool
-    hidden_stride: int
-    hidden_level: int
-    min_slope: float
+    hidden_stride: int  # hidden content uses every slice (1) or every other (2)
+    hidden_level: int  # how many times the resolution of hidden content is halved
+    min_slope: float  # slopes of the radius in px per px below which a surface counts as not tilted
+    # Radius in px from which on slices are blurred at half resolution; from twice this radius
+    # at a quarter, and so on
     full_resolution: float
+    # Whether a picture is rendered at half its size, and gets the detail of its parts in focus
+    # afterwards
     half_size: bool
+    # Number of parts of the aperture that are composited one by one for the centre image: 1, 4
+    # or 16. With 1, the dual-pixel pair composites its halves in addition
     parts: int
-    known_parts: int
+    known_parts: int  # the same where layers say what is hidden: more parts are more accurate then
 
     def of_layers(self, deepest: int) -> Quality:
-        """The same settings for layers, which are not rendered at half size.
-
-        Args:
-            deepest: The greatest number of samples in one pixel.
-        """
+        """The same settings for layers, which are not rendered at half size."""
         parts = self.parts if deepest == 1 else self.known_parts
         return replace(self, half_size=False, parts=parts)
 
@@ -109,11 +97,7 @@ QUALITY: dict[str, Quality] = dict(
 
 
 def find(name: str) -> Quality:
-    """The settings of a quality.
-
-    Raises:
-        ValueError: If no quality has that name.
-    """
+    """The settings of a quality."""
     if name not in QUALITIES:  # a name that has no hash is refused, too
         raise ValueError(
             f"quality must be one of {', '.join(QUALITIES)}, got {name!r}; standard suits most"

@@ -30,13 +30,7 @@ def slopes(signed_radius: Tensor, minimum: float = 0.0) -> Tensor | None:
     At an edge of depth it is the slope of the pixel's own surface, to 0.01. Beyond a length of 1
     some lens points see its back.
 
-    Args:
-        signed_radius: [..., H, W] px.
-        minimum: Slopes up to this become 0. So do steep lines, like the limb of a ball: a steep
-            pixel counts if a third of the pixels around it are steep.
-
-    Returns:
-        None if all slopes are 0.
+    `signed_radius`: [..., H, W] px. Returns none if all slopes are 0.
     """
     x, y = _limited(signed_radius, -1), _limited(signed_radius, -2)
     square = torch.addcmul(x * x, y, y)
