@@ -119,7 +119,7 @@ class _Squares(NamedTuple):
         weights = _closeness(self.colors, _NEARBY) * (alike | ~own)
         if math.isinf(limit):
             return weights
-        return weights * torch.where(self.colors.detach().amax(0) > limit, _LIGHT, 1.0)
+        return torch.where(self.colors.detach().amax(0) > limit, _LIGHT * weights, weights)
 
     def have_step(self) -> Tensor:
         """[n] bool, whether the inner nine hold a step between two surfaces."""

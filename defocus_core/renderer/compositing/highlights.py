@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
 
 from defocus_core.depth.matting import Unmixed
 from defocus_core.renderer.layers.stacked_samples import Sampled
@@ -84,6 +83,8 @@ def split(
     samples, highlights = split_samples(
         Sampled(unmixed, []), len(unmixed.color), signed_radius, limit
     )
+    if highlights is not None:
+        highlights = highlights._replace(light=highlights.light[:, :-1])
     return samples.nearest, highlights
 
 
@@ -122,7 +123,7 @@ def split_samples(
         row, column = at.unbind(1)
         drawn.append((at, color[:, row, column].T, radius[row, column]))
     at, light, radius = (torch.cat(each) for each in zip(*drawn, strict=True))
-    light = pad(light, (0, len(nearest.color) - channels))
+    light = torch.cat([light, torch.zeros_like(light[:, :1])], 1)
     nearest = nearest._replace(color=dark, fringe=nearest.fringe._replace(layer=rest))
     return Sampled(nearest, farther), Highlights(at, light, radius)
 
