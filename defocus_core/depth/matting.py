@@ -30,9 +30,11 @@ AROUND, _NEARBY = 3, 2**0.5
 _PIXEL, _UNCERTAIN = 0.6, 0.2
 # Weight of a light that is no ordinary pixel, beside ordinary ones of its surface.
 _LIGHT = 1e-20
-# Share of another surface up to which a pixel is whole; a greater one d counts as
-# d - _WHOLE² / d.
-_WHOLE = 0.03
+# Radius in px up to which a nearer surface is in focus: its pixels stay as they are.
+_SHARP = 0.5
+# Share of another surface up to which a pixel is whole, if that is within so many deviations of its
+# own surface; a greater one d counts as d - w² / d.
+_WHOLE, _WITHIN = 0.03, 2.0
 # Least standard deviation of the colours of a surface, as a share of their mean, and as a share of
 # the brightest channel: less may be rounding.
 _MIN_DEVIATION, _ROUNDING = 0.01, 1e-4
@@ -191,7 +193,7 @@ def _taken_apart(at: Tensor, squares: _Squares, limit: float) -> tuple[Tensor, .
     is_near = squares.is_near[squares.middle]
     nearby = _closeness(color, _PIXEL)
     expected = (nearby * squares.is_near).sum(0) / nearby.sum()
-    alpha = _as_whole(_coverage(color, near, far, expected), is_near)
+    alpha = _as_whole(_coverage(color, near, far, expected), is_near, near, far)
     weights = alpha * near.variance, (1 - alpha) * far.variance
     residual = (color - alpha * near.mean - (1 - alpha) * far.mean) / (
         alpha * weights[0] + (1 - alpha) * weights[1]
@@ -237,7 +239,7 @@ def _sides(squares: _Squares, limit: float) -> tuple[_Side, _Side]:
         if len(index):
             thin = _Squares(*(x.index_select(-1, index) for x in squares))
             variance = other.variance.index_select(-1, index)
-            off = thin.colors.detach() - other.mean.detach().index_select(-1, index)[:, None]
+            off = thin.colors - other.mean.index_select(-1, index)[:, None]
             own = (weight * mask).index_select(-1, index)
             off = off.square().sum(0) * (own > 0)
             purity = off / off.amax(0).clamp(min=torch.finfo(off.dtype).tiny)
@@ -271,15 +273,19 @@ def _coverage(color: Tensor, near: _Side, far: _Side, expected: Tensor) -> Tenso
     best = (observed / torch.where(evidence > 0, evidence, 1.0)).clamp(0, 1)
     off = color - far.mean - best * apart
     misfit = (off * off / (best * near.variance + (1 - best) * far.variance)).sum(0)
-    by = (observed - expected * evidence) / (_UNCERTAIN**-2 * (1 + misfit) + evidence)
-    return (expected + by).clamp(0, 1)
+    doubt = (1 + misfit) / _UNCERTAIN**2
+    return ((observed + expected * doubt) / (evidence + doubt)).clamp(0, 1)
 
 
-def _as_whole(alpha: Tensor, is_near: Tensor) -> Tensor:
+def _as_whole(alpha: Tensor, is_near: Tensor, near: _Side, far: _Side) -> Tensor:
     """Coverages [n], with those of pixels that are hardly mixed as of their own surface alone."""
+    apart = (near.mean - far.mean).square()
+    own = torch.where(is_near, near.variance, far.variance)
+    limit = _WITHIN / (apart / own).sum(0).clamp(min=(_WITHIN / _WHOLE) ** 2).sqrt()
+    limit = torch.where(is_near & (near.signed_radius.detach().abs() <= _SHARP), 1.0, limit)
     short = torch.where(is_near, 1 - alpha, alpha)
-    clear = short > _WHOLE
-    short = torch.where(clear, short - _WHOLE**2 / torch.where(clear, short, 1.0), 0.0)
+    clear = short > limit
+    short = torch.where(clear, short - limit.square() / torch.where(clear, short, 1.0), 0.0)
     return torch.where(is_near, 1 - short, short)
 
 

@@ -32,7 +32,7 @@ _WITHIN, _WITHIN_FRACTION, MINIMUM = 60, 1 / 4, 0.1513
 # share of the step.
 _STEP, _LEVEL = 2.013, 0.2513
 # Foot of a ramp: the pixels within so many px of a steep one that have this share of its slope.
-_FOOT, FOOT_FRACTION = 10, 0.3
+_FOOT, FOOT_FRACTION = 10, 0.3013
 # Longest path to an end of a ramp, in px, unless the width of edges is known; difference of radii
 # in px by which steps are as steep.
 _LONGEST, _AS_STEEP = 16, 2.0**-10
@@ -82,9 +82,12 @@ def without_ramps(
     index = at[:, 0] * W + at[:, 1]
     radii, around = signed_radius.flatten(), squares_around(at, (H, W)).flatten(1)
     flat = values.flatten()
+    lowest, highest = (
+        extreme_around(values, 1, end).flatten() for end in (torch.minimum, torch.maximum)
+    )
     near, far = (
-        _least_beside(each, _path_end(each, around, index, longest), (H, W))
-        for each in (flat, -flat)
+        _least_beside(each, ramp, _path_end(each, lows, around, index, longest))
+        for each, lows in ((flat, lowest), (-flat, -highest))
     )
     found = ~(ramp.flatten()[near] | ramp.flatten()[far])
     if scale is not None:
@@ -95,30 +98,36 @@ def without_ramps(
     return radii.index_copy(0, index, torch.where(found, limits, radii[index])).reshape(H, W)
 
 
-def _path_end(values: Tensor, around: Tensor, index: Tensor, longest: int) -> Tensor:
+def _path_end(values: Tensor, lows: Tensor, around: Tensor, index: Tensor, longest: int) -> Tensor:
     """The pixels [n] at the lower ends of the paths of steepest descent from n pixels.
 
     Of neighbours that are as steep the one with the lower end is taken, so that rounding decides
     nothing. A path ends at any other pixel.
 
-    `values`: [H * W]; `around`: [n, 9] numbers of the pixels and of their neighbours; `index`: [n]
-    numbers of the pixels; `longest`: most px of a path.
+    `values`: [H * W]; `lows`: the least value around each, by which ends are lower; `around`:
+    [n, 9] numbers of the pixels and of their neighbours; `index`: [n] numbers of the pixels;
+    `longest`: most px of a path.
     """
     beside = values[around]
     steepest = beside <= beside.amin(1, keepdim=True) + _AS_STEEP
     end = torch.arange(len(values), device=values.device)
     for _ in range(longest):
         limits = end[around]
-        lowest = torch.where(steepest, values[limits], torch.inf).argmin(1, keepdim=True)
+        lowest = torch.where(steepest, lows[limits], torch.inf).argmin(1, keepdim=True)
         end.index_copy_(0, index, limits.gather(1, lowest)[:, 0])
     return end[index]
 
 
-def _least_beside(values: Tensor, at: Tensor, size: tuple[int, int]) -> Tensor:
-    """The least of the pixels around the ends [n] of paths: levels end a ramp too soon at times."""
-    row = at.div(size[1], rounding_mode="floor")
+def _least_beside(values: Tensor, ramp: Tensor, at: Tensor) -> Tensor:
+    """The least of the pixels around the ends [n] of paths: levels end a ramp too soon at times.
+
+    Of pixels that are as low one is taken that is on no ramp [H, W].
+    """
+    row = at.div(ramp.shape[1], rounding_mode="floor")
+    size = ramp.shape[0], ramp.shape[1]
     beside = squares_around(torch.stack([row, at - row * size[1]], 1), size).flatten(1)
-    return beside.gather(1, values[beside].argmin(1, keepdim=True))[:, 0]
+    around = values[beside] + _AS_STEEP * ramp.flatten()[beside]
+    return beside.gather(1, around.argmin(1, keepdim=True))[:, 0]
 
 
 def softness(slope: Tensor) -> Tensor:

@@ -315,7 +315,7 @@ def test_nor_do_they_on_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 # Launches and waits of a picture, whatever its size; half as many again with left and right.
-@pytest.mark.parametrize(("kind", "maximum", "waits"), [("floor", 1200, 30), ("cards", 4000, 80)])
+@pytest.mark.parametrize(("kind", "maximum", "waits"), [("floor", 1200, 30), ("cards", 5000, 80)])
 def test_a_picture_takes_few_launches(device: Device, kind: str, maximum: int, waits: int) -> None:
     counted: list[Launches] = []
     for size, both in ((SIZE, False), (SIZE, True), ((2 * SIZE[0], 2 * SIZE[1]), False)):

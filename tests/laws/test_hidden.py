@@ -75,7 +75,8 @@ def test_what_is_unknown_is_invented_as_ever() -> None:
     image, radius = flatten(card_layers(-5.0, 6.0), SIZE)
     hidden = behind(-5.0, 6.0)
     nothing = hidden._replace(mask=torch.zeros(SIZE, dtype=torch.bool))
-    assert worst(render(image, radius, hidden=nothing).render, render(image, radius).render) < 1e-12
+    # but for the range of colours, which is not known of what is hidden
+    assert worst(render(image, radius, hidden=nothing).render, render(image, radius).render) < 1e-3
 
 
 @pytest.mark.parametrize("kind", ["slanted", "level", "focused"])

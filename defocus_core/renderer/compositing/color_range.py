@@ -2,7 +2,7 @@
 
 Layers and discs of lights leave and add light by rounding, and where they are clipped; the detail
 of a draft overshoots. So colours are bounded by the least and greatest value of their channel in
-the picture: an opaque alpha stays opaque. Gradients go on as if there were no bounds.
+the picture: an opaque alpha stays opaque.
 """
 
 from __future__ import annotations
@@ -16,10 +16,13 @@ from torch import Tensor
 from defocus_core.renderer.compositing.saturating_sum import is_half
 from defocus_core.tensors.device_plan import beside, sent
 from defocus_core.tensors.source import Scalar
-from defocus_core.tensors.ties import with_gradient
+from defocus_core.tensors.ties import tied, with_gradient
 
 # Share of its range by which detail as fine as a pixel may overshoot in a half of the lens.
 _OVERSHOOT = 0.1
+# Share of the least and the greatest value by which rounding may exceed them: bounding more would
+# change the energy of discs.
+_SLACK = 1e-3
 
 
 class ColorRange(NamedTuple):
@@ -46,7 +49,8 @@ class ColorRange(NamedTuple):
 
     def bounded(self, picture: Tensor) -> Tensor:
         """A picture [C, ..., h, w] within the range."""
-        return _clamped(picture, self.least, self.greatest)
+        slack = [_SLACK * torch.minimum(x.abs(), self.greatest - self.least) for x in self]
+        return _clamped(picture, self.least - slack[0], self.greatest + slack[1])
 
     def bounded_pair(self, pair: Tensor, centre: Tensor, fraction: Scalar) -> Tensor:
         """Left and right [2, C, ..., h, w] within the range and a tenth of it more on both sides.
@@ -69,4 +73,6 @@ class ColorRange(NamedTuple):
 
 def _clamped(values: Tensor, least: Tensor, greatest: Tensor) -> Tensor:
     bounded = values.clamp(least, greatest)
-    return with_gradient(bounded, values) if values.requires_grad else bounded
+    if not values.requires_grad:
+        return bounded
+    return torch.where(tied(values, bounded), with_gradient(bounded, values), bounded)

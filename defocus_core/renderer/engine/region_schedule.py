@@ -50,30 +50,9 @@ def rendered_regions(
         at_once: Greatest number of regions computed at once; None for as many as threads.
         progress: As for `render`.
     """
-    threads, content = frame.settings.threads, frame.content
-    pixels, signed_radius, layered, fill = (
-        scene.image,
-        scene.signed_radius,
-        scene.layered,
-        scene.fill,
-    )
-    backdrop: Backdrop | FillOfColors | None = fill if content.edges else None
-    if fill is None and content.edges and (layered is None or layered.is_continued):
-        shown, limit = pixels, content.limit
-        if layered is not None:
-            if not layered.blurs_alpha:
-                in_memory = isinstance(pixels, Tensor)
-                shown = pixels[:-1] if in_memory else layered.picture(alpha=False)
-            limit = max(limit, 1.0)  # alpha is no light
-        backdrop = backdrop_of(
-            shown,
-            signed_radius,
-            limit,
-            frame.dtype,
-            threads,
-            content.limits,
-            unmixes=frame.quality.unmixes and scene.layered is None,
-        )
+    threads = frame.settings.threads
+    pixels, signed_radius, layered = scene.image, scene.signed_radius, scene.layered
+    backdrop = _backdrop(frame, scene)
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     at_once = min(threads, len(grids), at_once or threads)
     # a copied pixel has no gradient to the radius
@@ -109,6 +88,30 @@ def rendered_regions(
             yield part
 
     return in_order()
+
+
+def _backdrop(frame: SharedFrame, scene: Scene) -> Backdrop | FillOfColors | None:
+    """What hidden surfaces are continued from; None if none is."""
+    content, layered = frame.content, scene.layered
+    if not content.edges or scene.fill is not None:
+        return scene.fill if content.edges else None
+    if layered is not None and not layered.is_continued:
+        return None
+    shown, limit = scene.image, content.limit
+    if layered is not None:
+        if not layered.blurs_alpha:
+            in_memory = isinstance(shown, Tensor)
+            shown = shown[:-1] if in_memory else layered.picture(alpha=False)
+        limit = max(limit, 1.0)  # alpha is no light
+    return backdrop_of(
+        shown,
+        scene.signed_radius,
+        limit,
+        frame.dtype,
+        frame.settings.threads,
+        content.limits,
+        unmixes=frame.quality.unmixes and layered is None,
+    )
 
 
 def _copied(frame: SharedFrame, grid: Grid, pixels: Pixels, part: Views | None = None) -> Views:

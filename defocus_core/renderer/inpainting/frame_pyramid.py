@@ -162,11 +162,13 @@ def _coarsely(
     r = signed_radius.detach()
     farther = _beside_edges(r)
     weight = exceeding(pixels.detach().amax(0), limit).logical_not_().to(r.dtype)
+    weight.flatten()[farther] *= _MIXED
     if unmixes:
         pixels, _, fringe = unmixed(pixels, signed_radius, limit)
-        mixed = fringe.at[:, 0] * r.shape[-1] + fringe.at[:, 1]
-        weight.flatten()[mixed] *= 1 - fringe.layer.detach()[:, -1]
-    weight.flatten()[farther] *= _MIXED
+        index = fringe.at[:, 0] * r.shape[-1] + fringe.at[:, 1]
+        weights = weight.flatten()
+        of_farther = weights.index_select(0, index) * (1 - fringe.layer[:, -1])
+        weight = weights.index_copy(0, index, of_farther).view_as(weight)
     half = coarser(pixels_of([pixels, signed_radius[None]], signed_radius, middle, weight))
     edges = coarse_edges(r, farther, grain, middle)
     return coarser(structure(half)), edges, half.middle[0].middle
