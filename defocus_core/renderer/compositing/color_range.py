@@ -22,7 +22,7 @@ from defocus_core.tensors.ties import tied, with_gradient
 _OVERSHOOT = 0.1
 # Share of the least and the greatest value by which rounding may exceed them: bounding more would
 # change the energy of discs.
-_SLACK = 1e-3
+_SLACK = 9e-5
 
 
 class ColorRange(NamedTuple):

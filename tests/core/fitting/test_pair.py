@@ -183,7 +183,7 @@ def test_pictures_of_which_all_is_clipped_are_refused() -> None:
     flat = torch.full_like(image, 0.5)
     flat[:, 0, 0] = 1.0  # beyond which nothing is clipped
     found = fit(flat, disparity, flat)
-    assert any("the strength is known to more than 10 %" in doubt for doubt in found.doubts)
+    assert [refusal.code for refusal in found.refusals] == ["not-explained"]
 
 
 def test_depth_is_repaired_in_a_fit_as_it_is_asked_for() -> None:
