@@ -22,26 +22,29 @@ def noise(size: tuple[int, int], dtype: torch.dtype = torch.float64) -> Tensor:
     return torch.rand(3, *size, generator=generator, dtype=torch.float64).to(dtype)
 
 
-def pair(image: Tensor, radius: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    o = render(image, radius, left_right=True)
+def pair(image: Tensor, radius: Tensor, quality: str = "standard") -> tuple[Tensor, Tensor, Tensor]:
+    o = render(image, radius, left_right=True, quality=quality)
     assert o.left is not None
     assert o.right is not None
     return o.render, o.left, o.right
 
 
+@pytest.mark.parametrize("quality", ["draft", "standard"])
 @pytest.mark.parametrize("kind", RADII)
 @pytest.mark.parametrize("size", SIZES)
 def test_flips_change_nothing_and_a_mirror_swaps_left_and_right(
-    size: tuple[int, int], kind: str
+    size: tuple[int, int], kind: str, quality: str
 ) -> None:
     image, radius = noise(size), RADII[kind](size)
-    centre, left, right = pair(image, radius)
-    mirrored = [x.flip(-1) for x in pair(image.flip(-1), radius.flip(-1))]
-    upset = [x.flip(-2) for x in pair(image.flip(-2), radius.flip(-2))]
+    centre, left, right = pair(image, radius, quality)
+    mirrored = [x.flip(-1) for x in pair(image.flip(-1), radius.flip(-1), quality)]
+    upset = [x.flip(-2) for x in pair(image.flip(-2), radius.flip(-2), quality)]
+    # where a draft's tile is in full view, what rounding hides of it is ignored
+    tolerance = 1e-6 if quality == "draft" else EXACT
     for one, other in zip(mirrored, (centre, right, left), strict=True):
-        assert worst(one, other) < EXACT
+        assert worst(one, other) < tolerance
     for one, other in zip(upset, (centre, left, right), strict=True):
-        assert worst(one, other) < EXACT
+        assert worst(one, other) < tolerance
 
 
 def turned(image: Tensor, radius: Tensor, quality: str) -> Tensor:
@@ -55,8 +58,6 @@ def turned(image: Tensor, radius: Tensor, quality: str) -> Tensor:
 @pytest.mark.parametrize("size", [(41, 57), (130, 150)])
 def test_a_quarter_turn_changes_nothing(size: tuple[int, int], kind: str, quality: str) -> None:
     """Of the centre: left and right are an upright pair."""
-    if quality == "draft":  # its coarse pixels begin at the upper left
-        size = size[0] + size[0] % 2, size[1] + size[1] % 2
     image, radius = noise(size), RADII[kind](size)
     difference = render(image, radius, quality=quality).render - turned(image, radius, quality)
     assert worst(difference, 0.0) < EXACT

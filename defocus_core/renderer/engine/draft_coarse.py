@@ -1,6 +1,7 @@
 """Drafts: a picture at half size, in coarse pixels of two by two px.
 
-The colour of a coarse pixel is the mean of its pixels. Where a depth edge runs through a coarse
+The middle row or column of an odd number of them counts twice, so that flips change nothing. The
+colour of a coarse pixel is the mean of its pixels. Where a depth edge runs through a coarse
 pixel, its radius is that of the surface that has more of its pixels, and of the nearer one if both
 have two. But if a pixel is much brighter than the others, the coarse pixel has the radius of this
 pixel, for most of its light comes from there.
@@ -15,6 +16,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.inpainting.known_layer import KnownLayer
+from defocus_core.tensors.box import Box, Span
 from defocus_core.tensors.derived import Derived, held
 from defocus_core.tensors.neighbourhoods import halfway
 from defocus_core.tensors.pyramid import halved
@@ -28,6 +30,35 @@ _BRIGHTER = 4.0
 _EVEN = (False, False)
 
 
+class Evened(Derived):
+    """Px [..., 2 h, 2 w] of a picture, the middle row or column of an odd number twice."""
+
+    def __init__(self, picture: Pixels) -> None:
+        """Keep the picture [..., H, W]; its windows are in float32 at least, but for masks."""
+        self._picture, self.device = picture, picture.device
+        is_mask = picture.dtype == torch.bool
+        self.dtype = torch.bool if is_mask else torch.promote_types(picture.dtype, torch.float32)
+        *others, height, width = picture.shape
+        self.shape = (*others, height + height % 2, width + width % 2)
+
+    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        """The window [rows, columns], each a pair of first and end."""
+        spans = [_of_odd(Span(*x), n) for x, n in self._sides(rows, columns)]
+        window = self._picture[..., slice(*spans[0]), slice(*spans[1])].to(self.dtype)
+        for dim, (asked, count) in zip((-2, -1), self._sides(rows, columns), strict=True):
+            middle = _middle(Span(*asked), count)
+            if middle is not None:
+                first, second = window.tensor_split([middle + 1], dim)
+                window = torch.cat([first, first.narrow(dim, middle, 1), second], dim)
+        return window
+
+    def _sides(
+        self, rows: tuple[int, int], columns: tuple[int, int]
+    ) -> list[tuple[tuple[int, int], int]]:
+        """A window's rows and columns, each with their number in the picture."""
+        return [*zip((rows, columns), self._picture.shape[-2:], strict=True)]
+
+
 class HalfSize(Derived):
     """Coarse pixels [..., ceil(H / 2), ceil(W / 2)] of pictures, merged when they are cut."""
 
@@ -37,7 +68,7 @@ class HalfSize(Derived):
         `merge`: makes coarse pixels [..., h, w] of the px [..., 2 h, 2 w] of each picture;
         `pictures`: [..., H, W]; `merge` gets them in float32 at least.
         """
-        self._merge, self._pictures = merge, pictures
+        self._merge, self._pictures = merge, [Evened(each) for each in pictures]
         H, W = pictures[0].shape[-2:]
         first = self.computed((0, 1), (0, 1))
         self.shape = (*first.shape[:-2], (H + 1) // 2, (W + 1) // 2)
@@ -46,7 +77,27 @@ class HalfSize(Derived):
     def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
         """The window [rows, columns] of coarse pixels, each from the first to before the end."""
         down, across = (slice(2 * first, 2 * max(end, first)) for first, end in (rows, columns))
-        return self._merge(*(_evened(x[..., down, across]) for x in self._pictures))
+        return self._merge(*(x[..., down, across] for x in self._pictures))
+
+
+def px_of(coarse: Box, size: tuple[int, int]) -> Box:
+    """The px that a rectangle of coarse pixels of a picture of a (height, width) gives.
+
+    A middle row or column that two coarse pixels hold is given by the second.
+    """
+    spans = zip(coarse.sides, size, strict=True)
+    down, across = (Span(*(_in_odd(2 * end, count) for end in side)) for side, count in spans)
+    return Box.over(down, across)
+
+
+def not_evened(px: Tensor, coarse: Box, size: tuple[int, int]) -> Tensor:
+    """Px of a picture from evened ones [..., 2 h, 2 w], both middles averaged."""
+    for dim, side, count in zip((-2, -1), coarse.sides, size, strict=True):
+        middle = _middle(Span(2 * side.first, 2 * side.end), count)
+        if middle is not None:
+            first, both, second = px.tensor_split([middle, middle + 2], dim)
+            px = torch.cat([first, both.mean(dim, keepdim=True), second], dim)
+    return px
 
 
 def half_size(merge: Callable[..., Tensor], *pictures: Pixels, threads: int, hold: bool) -> Pixels:
@@ -128,12 +179,19 @@ def _corners(px: Tensor) -> list[Tensor]:
     return [px[..., y::2, x::2] for y in (0, 1) for x in (0, 1)]
 
 
-def _evened(px: Tensor) -> Tensor:
-    """Px [..., H, W] in float32 at least, the last row or column repeated if its number is odd."""
-    if px.dtype != torch.bool:
-        px = px.to(torch.promote_types(px.dtype, torch.float32))
-    if px.shape[-2] % 2:
-        px = torch.cat([px, px[..., -1:, :]], -2)
-    if px.shape[-1] % 2:
-        px = torch.cat([px, px[..., -1:]], -1)
-    return px
+def _in_odd(px: int, count: int) -> int:
+    """The number of a pixel among `count`, from the number when they are evened."""
+    return px - (count % 2 and px > count // 2)
+
+
+def _of_odd(evened: Span, count: int) -> Span:
+    """The pixels among `count` that a span of evened ones shows."""
+    first = _in_odd(evened.first, count)
+    return Span(first, max(_in_odd(evened.end - 1, count) + 1, first))
+
+
+def _middle(evened: Span, count: int) -> int | None:
+    """The place in a span of the first of both middle pixels, None if it has not both."""
+    middle = count // 2
+    has_both = count % 2 and evened.first <= middle and evened.end > middle + 1
+    return middle - evened.first if has_both else None

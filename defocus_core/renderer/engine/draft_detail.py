@@ -84,18 +84,17 @@ def with_detail(
             bright.
     """
     pixels, r = original.pixels, original.signed_radius
-    height, width = r.shape
     maxima = [brightest, *[2 * brightest] * (len(images) - 1)]
     if not float(original.fraction.detach().amax()) > 0:
         px = [doubled(x, part, limit) for x, limit in zip(images, maxima, strict=True)]
-        return torch.stack(px)[..., :height, :width]
+        return torch.stack(px)
     in_view = [_is_in_view(image, original.fraction) for image in shown]
     if all(in_view) and _is_in_focus(r):
         return pixels.expand(len(images), *pixels.shape)
     # one by one: the rounding of the last numbers of a tensor depends on how many there are
     coarse = zip((*images, original.coarse), (*maxima, torch.inf), strict=True)
-    *views, sharp = (doubled(x, part, limit)[..., :height, :width] for x, limit in coarse)
-    visible = _visible(shown, original.fraction, in_view, part)[..., :height, :width]
+    *views, sharp = (doubled(x, part, limit) for x, limit in coarse)
+    visible = _visible(shown, original.fraction, in_view, part)
     blurred, detail = views[0], pixels - sharp
     left = (left_of_detail(r) * visible)[:, None]
     # in full view and in focus the pixel itself, edges too

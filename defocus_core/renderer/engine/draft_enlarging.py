@@ -14,7 +14,7 @@ from torch import Tensor
 
 from defocus_core.renderer.compositing.color_range import ColorRange
 from defocus_core.renderer.compositing.saturating_sum import count_negative, pair_of
-from defocus_core.renderer.engine.draft_coarse import HalfSize, means
+from defocus_core.renderer.engine.draft_coarse import Evened, HalfSize, means, not_evened, px_of
 from defocus_core.renderer.engine.draft_detail import (
     AROUND,
     Original,
@@ -60,11 +60,11 @@ class Enlarging:
             signed_radius: [H, W] px of the picture.
         """
         self._frame, self._threads = frame, frame.settings.threads
-        self._frame_px = Box(0, 0, *signed_radius.shape)
+        self._size = signed_radius.shape[-2], signed_radius.shape[-1]
         limit = frame.content.limit
         # less than no light in a picture that has none
         unit = self._unit = _UNIT * limit if limit > 0 else -1.0
-        self._in_px = (pixels, signed_radius)
+        self._in_px = Evened(pixels), Evened(signed_radius)
         ends = [(band.amin((-2, -1)), band.amax((-2, -1))) for band in banded(pixels)]
         lows, highs = (torch.stack(each).detach() for each in zip(*ends, strict=True))
         channels = [*zip(lows.amin(0).tolist(), highs.amax(0).tolist(), strict=True)]
@@ -79,7 +79,7 @@ class Enlarging:
             fraction = HalfSize(fraction_left, signed_radius).at_once(self._threads)
             self.coarse: Pixels = torch.cat([image, unit * fraction[None]])
         else:
-            self.coarse = HalfSize(merged, *self._in_px)
+            self.coarse = HalfSize(merged, pixels, signed_radius)
 
     def enlarged(self, parts: Iterator[Views]) -> Iterator[Views]:
         """Tiles in pixels, from regions in coarse pixels; the last rows wait for those below."""
@@ -110,13 +110,15 @@ class Enlarging:
         part, rendered = wide.seen_from(around), coarse.within(around)
         images = torch.stack(list(rendered.images))
         sharp = around.of(self.coarse).to(images.dtype)
-        px = (self._px(wide).of(x).to(images.dtype) for x in self._in_px)
+        in_px = Box(*(_PX * n for n in wide))
+        px = (in_px.of(x).to(images.dtype) for x in self._in_px)
         original = Original(sharp[:-1], sharp[-1] / self._unit, *px)
         images = with_detail(
             images[:, :-1], images[:, -1] / self._unit, original, part, self._maximum
         )
-        content, counts, box = self._frame.content, dict[str, int](), self._px(tile)
-        inner = box.seen_from(self._px(wide))
+        images = not_evened(images, wide, self._size)
+        content, counts, box = self._frame.content, dict[str, int](), px_of(tile, self._size)
+        inner = box.seen_from(px_of(wide, self._size))
         if len(images) > 1:
             counts |= count_negative(inner.of(images[1:]), content.limit, self._minimum)
         limits = ColorRange.of(self._channels, images[0], self._minimum)
@@ -127,15 +129,12 @@ class Enlarging:
             pair = pair_of(*images, minimum=self._minimum, fraction=fraction)
             images = torch.cat([images[:1], limits.bounded_pair(pair, centre, fraction)])
         trust = smooth(spread(rendered.trust[None]), part)[0]
+        trust = not_evened(trust, wide, self._size)
         return Views(list(inner.of(images)), inner.of(trust), counts, box)
-
-    def _px(self, coarse: Box) -> Box:
-        """The pixels of a rectangle of coarse pixels."""
-        return Box(*(_PX * n for n in coarse)).grown(0, self._frame_px)
 
     def _counts(self, part: Views) -> dict[str, int]:
         """The counts of a part in coarse pixels, with pixels counted in pixels."""
-        pixels = self._px(part.box).area
+        pixels = px_of(part.box, self._size).area
         copied = part.stats["pixels_copied"] * pixels // part.box.area
         counts = {**part.stats, "pixels": pixels, "pixels_copied": copied}
         counts.pop("pixels_clamped", None)  # of coarse pixels
