@@ -111,7 +111,7 @@ def _bytes_of_tile(renderer: Renderer) -> float:
 
 def _bytes_of_fill(renderer: Renderer, grids: list[Grid]) -> float:
     """Bytes of what is continued for all colours, which is kept until each has taken it."""
-    frame, fill = renderer.frame, renderer.scene.fill
+    frame, fill = renderer.frame, renderer.scene.surfaces
     if fill is None or not fill.shared.keeps:
         return 0.0
     reach = frame.farthest + frame.farthest % 2

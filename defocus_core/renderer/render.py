@@ -16,7 +16,7 @@ from defocus_core.optics.axial_color import apart
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.renderer.engine.batches import batches, fit_together
-from defocus_core.renderer.engine.renderer import Renderer, repaired_once, shared_fill
+from defocus_core.renderer.engine.renderer import Renderer, repaired_once, shared_surfaces
 from defocus_core.renderer.engine.scene import Scene, check_hidden
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
@@ -155,11 +155,11 @@ def _rendered(
     progress: Callable[[int, int], None] | None,
 ) -> Views:
     """One picture, its colours apart if the px that are added to their radii differ."""
-    fill = None
+    surfaces = None
     if len(colors) > 1:
         scene = repaired_once(scene, settings)
-        fill = shared_fill(scene, settings, [px for _, px in colors])
-    passes = (scene.of_colors(*color, fill) for color in colors)
+        surfaces = shared_surfaces(scene, settings, [px for _, px in colors])
+    passes = (scene.of_colors(*color, surfaces) for color in colors)
     views = [Renderer(each, settings).picture(progress) for each in passes]
     return views[0] if len(views) == 1 else of_channels(views, colors)
 

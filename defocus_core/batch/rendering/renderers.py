@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from defocus_core.renderer.engine.renderer import Renderer
     from defocus_core.renderer.engine.scene import Scene
     from defocus_core.renderer.engine.settings import Settings
-    from defocus_core.renderer.engine.shared_fill import SharedFill
+    from defocus_core.renderer.engine.shared_surfaces import SharedSurfaces
     from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
     from defocus_core.renderer.inpainting.known_layer import KnownLayer
     from defocus_core.renderer.layers.stacked_samples import Layered
@@ -56,7 +56,7 @@ class Renderers:
             rendered.radii.picture if radius is None else rendered.radii.picture._replace(px=radius)
         )
         self.lights: int | None = None
-        self._scenes: dict[bool, tuple[Scene, SharedFill | None]] = {}
+        self._scenes: dict[bool, tuple[Scene, SharedSurfaces | None]] = {}
 
     def of(self, colors: Colors | None = None) -> Renderer:
         """The renderer of some channels, which works region by region; of all without any."""
@@ -69,9 +69,9 @@ class Renderers:
             return Renderer(scene.of_colors(self._light_of(colors), px), settings)
         return Renderer(scene.of_colors(channels, px, fill), settings, hold=self._holds)
 
-    def _scene(self, turned: bool) -> tuple[Scene, SharedFill | None]:
+    def _scene(self, turned: bool) -> tuple[Scene, SharedSurfaces | None]:
         """The scene of all colours, and what is continued for all of them if they are apart."""
-        from defocus_core.renderer.engine.renderer import shared_fill
+        from defocus_core.renderer.engine.renderer import shared_surfaces
         from defocus_core.renderer.engine.scene import Scene
 
         if turned not in self._scenes:
@@ -84,7 +84,7 @@ class Renderers:
             colors = [c for c in renderings(self.rendered) if c.turned == turned]
             if len(colors) > 1 and self._layers is None:
                 offsets = [self._longer * c.offset for c in colors]
-                fill = shared_fill(scene, self._settings(colors[0]), offsets, keep=self._holds)
+                fill = shared_surfaces(scene, self._settings(colors[0]), offsets, keep=self._holds)
             self._scenes[turned] = scene, fill
         return self._scenes[turned]
 

@@ -20,7 +20,7 @@ from defocus_core.renderer.engine.hidden_fill import Filling
 from defocus_core.renderer.engine.layer_order import add_in_order
 from defocus_core.renderer.engine.region import Region
 from defocus_core.renderer.engine.scene import Scene
-from defocus_core.renderer.engine.shared_fill import FillOfColors, continued
+from defocus_core.renderer.engine.shared_surfaces import SurfacesOfColors, continued
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.renderer.inpainting.known_layer import separated
@@ -43,7 +43,7 @@ class LayeredRegion(Region):
         frame: SharedFrame,
         grid: Grid,
         scene: Scene,
-        backdrop: Backdrop | FillOfColors | None,
+        backdrop: Backdrop | SurfacesOfColors | None,
     ) -> None:
         """Find the samples of a region, and prepare their blur.
 
@@ -132,11 +132,12 @@ class LayeredRegion(Region):
         self,
         color: Tensor,
         signed_radius: Tensor,
-        backdrop: Backdrop | FillOfColors,
+        backdrop: Backdrop | SurfacesOfColors,
         outer: Box,
     ) -> list[Filling]:
         """What is continued: surfaces behind pixels of which no sample tells what is behind."""
         frame, held, inside = self._frame, self._held, self._inside
+        assert isinstance(backdrop, Backdrop), "layers of all colours"
         invented = continued(color, signed_radius, backdrop, outer, inside, frame)
         if invented is not None and self._is_known is not None:
             everywhere = torch.full_like(signed_radius, torch.inf)

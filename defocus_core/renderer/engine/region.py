@@ -33,7 +33,7 @@ from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.hidden_fill import Filling
 from defocus_core.renderer.engine.layer_order import add_in_order
 from defocus_core.renderer.engine.scene import Scene
-from defocus_core.renderer.engine.shared_fill import FillOfColors, continued
+from defocus_core.renderer.engine.shared_surfaces import Surfaces, SurfacesOfColors, continued
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
 from defocus_core.renderer.inpainting.known_layer import known_within, separated
 from defocus_core.renderer.layers.samples import Sheet, SurfaceSamples
@@ -59,7 +59,7 @@ class Region:
         frame: SharedFrame,
         grid: Grid,
         scene: Scene,
-        backdrop: Backdrop | FillOfColors | None,
+        backdrop: Backdrop | SurfacesOfColors | None,
     ) -> None:
         """Find the surfaces of a region, and prepare their blur.
 
@@ -93,6 +93,9 @@ class Region:
             pixels, signed_radius = pixels.contiguous(), signed_radius.contiguous()
         inmost = core.seen_from(outer)
         self._others: list[Sheet] = []
+        self._shared: Surfaces | None = None
+        if isinstance(backdrop, SurfacesOfColors):
+            self._shared = backdrop.at(outer, self._inside)
         unmixed_pixels, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
         positions = slice_position(signed_radius, slices.radii)
         self._sight = self._limits_of_sight(signed_radius, positions, inmost)
@@ -120,7 +123,12 @@ class Region:
         frame = self._frame
         unmixes = frame.content.edges and frame.quality.unmixes
         limit = frame.content.limit
-        shown = unmixed(pixels, signed_radius, limit) if unmixes else whole(pixels, signed_radius)
+        if self._shared is not None:
+            shown = self._shared.shown
+        else:
+            shown = (
+                unmixed(pixels, signed_radius, limit) if unmixes else whole(pixels, signed_radius)
+            )
         if frame.content.highlights:
             shown, highlights = split(shown, signed_radius, limit)
             return shown, signed_radius, highlights
@@ -187,12 +195,15 @@ class Region:
         self,
         color: Tensor,
         signed_radius: Tensor,
-        backdrop: Backdrop | FillOfColors,
+        backdrop: Backdrop | SurfacesOfColors,
         outer: Box,
     ) -> list[Filling]:
         """The hidden surfaces that have pixels; nothing is invented where a surface is known."""
         frame, held, inside = self._frame, self._held, self._inside
-        invented = continued(color, signed_radius, backdrop, outer, inside, frame)
+        if isinstance(backdrop, Backdrop):
+            invented = continued(color, signed_radius, backdrop, outer, inside, frame)
+        else:
+            invented = self._shared.hidden if self._shared else None
         if invented is None:
             return []
         surfaces = [(invented, False)]

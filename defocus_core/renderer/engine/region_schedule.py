@@ -14,7 +14,7 @@ from defocus_core.renderer.engine.frame import NEIGHBOURHOOD, SharedFrame
 from defocus_core.renderer.engine.layered_region import LayeredRegion
 from defocus_core.renderer.engine.region import Region
 from defocus_core.renderer.engine.scene import Scene
-from defocus_core.renderer.engine.shared_fill import FillOfColors
+from defocus_core.renderer.engine.shared_surfaces import SurfacesOfColors
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.layers.slice_radii import SHARP
 from defocus_core.tensors.box import Box, Span
@@ -90,11 +90,11 @@ def rendered_regions(
     return in_order()
 
 
-def _backdrop(frame: SharedFrame, scene: Scene) -> Backdrop | FillOfColors | None:
+def _backdrop(frame: SharedFrame, scene: Scene) -> Backdrop | SurfacesOfColors | None:
     """What hidden surfaces are continued from; None if none is."""
     content, layered = frame.content, scene.layered
-    if not content.edges or scene.fill is not None:
-        return scene.fill if content.edges else None
+    if not content.edges or scene.surfaces is not None:
+        return scene.surfaces if content.edges else None
     if layered is not None and not layered.is_continued:
         return None
     shown, limit = scene.image, content.limit

@@ -25,7 +25,7 @@ from defocus_core.renderer.engine.preparation import computed_in, content_of, fr
 from defocus_core.renderer.engine.region_schedule import assembled, rendered_regions, total
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import STANDARD, Settings
-from defocus_core.renderer.engine.shared_fill import SharedFill
+from defocus_core.renderer.engine.shared_surfaces import SharedSurfaces
 from defocus_core.renderer.engine.statistics import border_range, surveyed
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.layers.quality import Quality, find
@@ -109,8 +109,8 @@ class Renderer:
             counted = image[:-1] if isinstance(image, Tensor) else layered.picture(alpha=False)
             self.reaching = layered.most_blurred()
             border = border_range(self.reaching)
-        fill = None if self.at_half_size else scene.fill
-        limits = fill and fill.shared.limits
+        surfaces = None if self.at_half_size else scene.surfaces
+        limits = surfaces and surfaces.shared.limits
         content = scene.content or self._content(
             counted, signed_radius, quality, limits, layered=layered is not None
         )
@@ -129,7 +129,7 @@ class Renderer:
             self._enlarging = Enlarging(self.frame, image, scene.image, in_px)
             image = self._enlarging.coarse
         self.scene = replace(
-            scene, image=image, signed_radius=signed_radius, hidden=hidden, fill=fill
+            scene, image=image, signed_radius=signed_radius, hidden=hidden, surfaces=surfaces
         )
 
     def _content(
@@ -210,29 +210,30 @@ class Renderer:
         return total(self.frame, self._counts)
 
 
-def shared_fill(
+def shared_surfaces(
     scene: Scene, settings: Settings, offsets: Sequence[Scalar], *, keep: bool = True
-) -> SharedFill | None:
-    """What is continued for all colours that are rendered apart.
-
-    None where gradients are wanted, or where no surface hides another.
+) -> SharedSurfaces | None:
+    """The surfaces of all colours that are rendered apart; None where none hides another.
 
     Args:
         scene: The picture, with all channels, repaired.
         settings: The options.
         offsets: Px that are added to the radii of each group of colours.
-        keep: Whether there is room to keep it for all of them; it is the same without.
+        keep: Whether there is room to keep the hidden ones; they are the same without.
     """
     image, radius = scene.image, scene.signed_radius
     requires_grad = (getattr(x, "requires_grad", False) for x in (image, radius, *offsets))
     wanted = torch.is_grad_enabled() and any(requires_grad)
-    if wanted or not any(_has_edges(band) for band in banded(radius)):
+    if not any(_has_edges(band) for band in banded(radius)):
         return None
 
     def frame() -> SharedFrame:
         return Renderer(replace(scene, hidden=None), settings).frame
 
-    return SharedFill(frame, image, radius, [float(px) for px in offsets], keep=keep)
+    shared = SharedSurfaces(frame, image, radius, offsets, keep=keep and not wanted)
+    if wanted:  # before regions that are computed again in the backward pass
+        shared.prepare()
+    return shared
 
 
 def repaired_once(scene: Scene, settings: Settings) -> Scene:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.renderer.engine.frame import Content
-from defocus_core.renderer.engine.shared_fill import FillOfColors, SharedFill
+from defocus_core.renderer.engine.shared_surfaces import SharedSurfaces, SurfacesOfColors
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.renderer.inpainting.known_layer import KnownLayer
 from defocus_core.renderer.layers.stacked_samples import Layered
@@ -33,8 +33,8 @@ class Scene:
     # The layers of which `image`, with alpha, is the `picture` in focus and `signed_radius` the
     # `nearest` radius; their views have alpha, too
     layered: Layered | None = None
-    # What is continued for all colours of which these are some; None if it is not shared
-    fill: FillOfColors | None = None
+    # The surfaces of all colours of which these are some; None if they are not shared
+    surfaces: SurfacesOfColors | None = None
     # The repair by which the radii were made; None if they are to be repaired
     repair: DepthRepair | None = None
     # Of a batch whose radii are repaired, what all its pictures hold together
@@ -96,7 +96,7 @@ class Scene:
         return [x for x in every if isinstance(x, Tensor)]
 
     def of_colors(
-        self, channels: Sequence[int], px: Scalar, fill: SharedFill | None = None
+        self, channels: Sequence[int], px: Scalar, surfaces: SharedSurfaces | None = None
     ) -> Scene:
         """The scene in some channels, with px added to its radii; of layers, of their colours.
 
@@ -117,7 +117,7 @@ class Scene:
             image=chosen(self.image, channels),
             signed_radius=plus(self.signed_radius, px),
             hidden=hidden,
-            fill=None if fill is None else fill.of(channels, float(px)),
+            surfaces=None if surfaces is None else surfaces.of(channels, px),
         )
 
     def turned(self) -> Scene:
