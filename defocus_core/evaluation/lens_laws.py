@@ -22,15 +22,17 @@ from defocus_core.renderer.layers.quality import find
 
 # Wider bounds of checks at qualities that render in coarse pixels of 2 px.
 _IN_COARSE_PIXELS = {
-    "second-moment radius off r, |r| 4 to 32 px": 8.0,
-    "disc of a light, from 90 % to 10 %": 3.0,
+    "slope of second-moment radius over r, off 1": 1.5,
+    "second-moment radius off r, |r| 4 to 32 px": 10.0,
+    "disc of a light, from 90 % to 10 %": 3.5,
     "of a surface, beyond a step of slices": 2.0,
     "of the disc, off the point": 2.5,
     "distance left to right, off 8 r/(3 pi)": 4.0,
     "near focus, off 8 r/(3 pi), |r| to 1 px": 0.3,
     "card in focus before blur, change": 0.05,
     "spill of the card on a plain ground": 1e-3,
-    "slope off a finite difference": 1e-3,
+    "sum of an isolated point, off 1": 5e-6,
+    "slope off a finite difference": 3e-3,
 }
 _RADII = (4.0, 5.3, 7.7, 12.0, 17.0, 23.9, 32.0)  # px, on slice radii and between them
 _NEAR = (0.3, 0.5, 0.8, 1.0)  # px

@@ -62,12 +62,14 @@ class Original(NamedTuple):
         fraction: [h, w], `fraction_left` of the same coarse pixels.
         pixels: [C, H, W].
         signed_radius: [H, W] px.
+        odd: Whether the number of rows, and of columns, of the picture is odd.
     """
 
     coarse: Tensor
     fraction: Tensor
     pixels: Tensor
     signed_radius: Tensor
+    odd: tuple[bool, bool] = (False, False)
 
 
 def with_detail(
@@ -83,18 +85,19 @@ def with_detail(
         brightest: As for `doubled`, of the centre view; a half of the lens may see lights twice as
             bright.
     """
-    pixels, r = original.pixels, original.signed_radius
+    pixels, r, odd = original.pixels, original.signed_radius, original.odd
     maxima = [brightest, *[2 * brightest] * (len(images) - 1)]
     if not float(original.fraction.detach().amax()) > 0:
         px = [doubled(x, part, limit) for x, limit in zip(images, maxima, strict=True)]
-        return torch.stack(px)
+        return between(torch.stack(px), odd)
     in_view = [_is_in_view(image, original.fraction) for image in shown]
     if all(in_view) and _is_in_focus(r):
         return pixels.expand(len(images), *pixels.shape)
     # one by one: the rounding of the last numbers of a tensor depends on how many there are
     coarse = zip((*images, original.coarse), (*maxima, torch.inf), strict=True)
-    *views, sharp = (doubled(x, part, limit) for x, limit in coarse)
+    *views, sharp = (between(doubled(x, part, limit), odd) for x, limit in coarse)
     visible = _visible(shown, original.fraction, in_view, part)
+    visible = visible if all(in_view) else between(visible, odd)
     blurred, detail = views[0], pixels - sharp
     left = (left_of_detail(r) * visible)[:, None]
     # in full view and in focus the pixel itself, edges too
@@ -210,6 +213,15 @@ def _limits(coarse: Tensor) -> tuple[Tensor, Tensor]:
             for pick, x in ((lesser, minimum), (greater, maximum))
         )
     return minimum, maximum
+
+
+def between(px: Tensor, odd: tuple[bool, bool]) -> Tensor:
+    """Px [..., H, W] between those of coarse pixels in whose middle a pixel lies: one less."""
+    for dim in (-2, -1):
+        if odd[dim]:
+            n = px.shape[dim] - 1
+            px = (px.narrow(dim, 0, n) + px.narrow(dim, 1, n)) / 2
+    return px
 
 
 def spread(coarse: Tensor) -> Tensor:

@@ -14,10 +14,11 @@ from torch import Tensor
 
 from defocus_core.renderer.compositing.color_range import ColorRange
 from defocus_core.renderer.compositing.saturating_sum import count_negative, pair_of
-from defocus_core.renderer.engine.draft_coarse import Evened, HalfSize, means, not_evened, px_of
+from defocus_core.renderer.engine.draft_coarse import HalfSize, means
 from defocus_core.renderer.engine.draft_detail import (
     AROUND,
     Original,
+    between,
     fraction_left,
     smooth,
     spread,
@@ -60,11 +61,12 @@ class Enlarging:
             signed_radius: [H, W] px of the picture.
         """
         self._frame, self._threads = frame, frame.settings.threads
-        self._size = signed_radius.shape[-2], signed_radius.shape[-1]
+        height, width = self._size = signed_radius.shape[-2], signed_radius.shape[-1]
+        self._odd = height % 2 == 1, width % 2 == 1
         limit = frame.content.limit
         # less than no light in a picture that has none
         unit = self._unit = _UNIT * limit if limit > 0 else -1.0
-        self._in_px = Evened(pixels), Evened(signed_radius)
+        self._in_px = (pixels, signed_radius)
         ends = [(band.amin((-2, -1)), band.amax((-2, -1))) for band in banded(pixels)]
         lows, highs = (torch.stack(each).detach() for each in zip(*ends, strict=True))
         channels = [*zip(lows.amin(0).tolist(), highs.amax(0).tolist(), strict=True)]
@@ -79,7 +81,7 @@ class Enlarging:
             fraction = HalfSize(fraction_left, signed_radius).at_once(self._threads)
             self.coarse: Pixels = torch.cat([image, unit * fraction[None]])
         else:
-            self.coarse = HalfSize(merged, pixels, signed_radius)
+            self.coarse = HalfSize(merged, *self._in_px)
 
     def enlarged(self, parts: Iterator[Views]) -> Iterator[Views]:
         """Tiles in pixels, from regions in coarse pixels; the last rows wait for those below."""
@@ -110,15 +112,16 @@ class Enlarging:
         part, rendered = wide.seen_from(around), coarse.within(around)
         images = torch.stack(list(rendered.images))
         sharp = around.of(self.coarse).to(images.dtype)
-        in_px = Box(*(_PX * n for n in wide))
-        px = (in_px.of(x).to(images.dtype) for x in self._in_px)
-        original = Original(sharp[:-1], sharp[-1] / self._unit, *px)
+        # between the middles of the first and the last coarse pixels if their number is odd
+        top, left, height, width = (_PX * n for n in wide)
+        wide_px = Box(top, left, height - self._odd[0], width - self._odd[1])
+        px, radius = (wide_px.of(x).to(images.dtype) for x in self._in_px)
+        original = Original(sharp[:-1], sharp[-1] / self._unit, px, radius, self._odd)
         images = with_detail(
             images[:, :-1], images[:, -1] / self._unit, original, part, self._maximum
         )
-        images = not_evened(images, wide, self._size)
-        content, counts, box = self._frame.content, dict[str, int](), px_of(tile, self._size)
-        inner = box.seen_from(px_of(wide, self._size))
+        content, counts, box = self._frame.content, dict[str, int](), self._px(tile)
+        inner = box.seen_from(wide_px)
         if len(images) > 1:
             counts |= count_negative(inner.of(images[1:]), content.limit, self._minimum)
         limits = ColorRange.of(self._channels, images[0], self._minimum)
@@ -128,13 +131,16 @@ class Enlarging:
             fraction = self._frame.division.left_fraction
             pair = pair_of(*images, minimum=self._minimum, fraction=fraction)
             images = torch.cat([images[:1], limits.bounded_pair(pair, centre, fraction)])
-        trust = smooth(spread(rendered.trust[None]), part)[0]
-        trust = not_evened(trust, wide, self._size)
+        trust = between(smooth(spread(rendered.trust[None]), part)[0], self._odd)
         return Views(list(inner.of(images)), inner.of(trust), counts, box)
+
+    def _px(self, coarse: Box) -> Box:
+        """The pixels of a rectangle of coarse pixels."""
+        return Box(*(_PX * n for n in coarse)).grown(0, Box(0, 0, *self._size))
 
     def _counts(self, part: Views) -> dict[str, int]:
         """The counts of a part in coarse pixels, with pixels counted in pixels."""
-        pixels = px_of(part.box, self._size).area
+        pixels = self._px(part.box).area
         copied = part.stats["pixels_copied"] * pixels // part.box.area
         counts = {**part.stats, "pixels": pixels, "pixels_copied": copied}
         counts.pop("pixels_clamped", None)  # of coarse pixels

@@ -5,18 +5,14 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.engine.draft_coarse import (
-    Evened,
     HalfSize,
     coarse_radii,
     half_size,
     hidden_at_half_size,
     means,
-    not_evened,
-    px_of,
     surface_radii,
 )
 from defocus_core.tensors import derived
-from defocus_core.tensors.box import Box
 
 
 def noise(*size: int) -> Tensor:
@@ -29,16 +25,16 @@ def test_colours_of_a_cell_are_the_means_of_its_pixels() -> None:
     assert torch.allclose(means(image), expected, atol=1e-15)
 
 
-@pytest.mark.parametrize("size", [(5, 7), (7, 5), (3, 1)])
-def test_the_middle_of_an_odd_frame_counts_twice(size: tuple[int, int]) -> None:
-    image, frame = noise(3, *size), Box(0, 0, *((n + 1) // 2 for n in size))
-    rows, columns = (sorted([*range(n), n // 2]) for n in size)
-    twice = image[:, rows][..., columns]
-    assert torch.equal(Evened(image)[...], twice)
-    assert torch.equal(HalfSize(means, image)[...], means(twice))
-    assert torch.equal(not_evened(twice, frame, size), image)
-    parts = [px_of(Box(top, 0, 1, frame.width), size) for top in range(frame.height)]
-    assert torch.equal(torch.cat([part.of(image) for part in parts], 1), image)
+def test_cells_of_an_odd_frame_are_pixels_with_half_of_those_beside_them() -> None:
+    image = noise(3, 5, 8)
+    coarse = HalfSize(means, image)
+    assert tuple(coarse.shape) == (3, 3, 4)
+    pairs = image.view(3, 5, 4, 2).mean(-1)
+    assert torch.allclose(
+        coarse[...][:, 1], pairs[:, 1:4].mT @ torch.tensor([0.25, 0.5, 0.25]).double()
+    )
+    assert torch.allclose(coarse[...][:, 2], 0.75 * pairs[:, 4] + 0.25 * pairs[:, 3])
+    assert torch.allclose(coarse[...].flip(1), HalfSize(means, image.flip(1))[...])
 
 
 @pytest.mark.parametrize(

@@ -119,12 +119,13 @@ def test_a_renderer_of_a_draft_is_its_rendering(
     assert renderer.stats == whole.stats
 
 
-def test_gradients_of_a_draft_are_slopes() -> None:
-    image, radius = noise(3, 12, 14).double(), torch.linspace(-3.1, 4.2, 14).expand(12, 14).double()
-    weight = noise(3, 12, 14).double()
+@pytest.mark.parametrize("size", [(12, 14), (13, 15)])
+def test_gradients_of_a_draft_are_slopes(size: tuple[int, int]) -> None:
+    image, radius = noise(3, *size).double(), torch.linspace(-3.1, 4.2, size[1]).double()
+    radius, weight = radius.expand(size), noise(3, *size).double()
     at = [x.clone().requires_grad_() for x in (image, radius)]
     (render(*at, quality="draft").render * weight).sum().backward()
-    for k, direction in enumerate((noise(3, 12, 14).double(), noise(12, 14).double())):
+    for k, direction in enumerate((noise(3, *size).double(), noise(*size).double())):
         moved = []
         for step in (1e-4, -1e-4):  # rounding: 1e-9
             scene = [image, radius]
