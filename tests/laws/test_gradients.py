@@ -10,7 +10,7 @@ from scenes import RADII, pattern, slanted
 from torch import Tensor
 from torch.autograd import gradcheck
 
-from defocus_core import DefocusLens, render
+from defocus_core import QUALITIES, DefocusLens, render
 from defocus_core.evaluation.synthetic_scenes import scenery
 
 SIZE = (9, 11)
@@ -177,7 +177,7 @@ def test_gradients_to_the_shape_of_the_pupil_are_those_by_differences(
     assert float(gradient) == pytest.approx(slope, rel=1e-3, abs=1e-4)
 
 
-@pytest.mark.parametrize("quality", ["draft", "standard", "high"])
+@pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("kind", ["cards", "floor"])
 def test_gradients_do_not_hang_on_rounding(kind: str, quality: str) -> None:
     """Cards lie on slices, and cover pixels fully but for the last bit; the floor has no ties."""

@@ -25,6 +25,8 @@ from defocus_core.tensors.validation import number
 SHARP, SOFT = 0.15, 0.25
 # Radius in px below which each slice is a layer of its own.
 ALONE = 2.0
+# Px by which radii exceed the first and the last slice at most: less may be rounding.
+_ROUNDING = 1e-6
 _PX = "radii are in px, negative nearer than focus"
 
 
@@ -61,6 +63,7 @@ def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float
     It begins and ends on slice radii that are an even number from focus, and has three at least:
     every other one gives such radii over the same range.
     """
+    minimum, maximum = minimum + _ROUNDING, maximum - _ROUNDING
     reach = max(abs(minimum), abs(maximum))
     side = [0.0]
     while side[-1] < reach or len(side) % 2 == 0 or len(side) < 3:
