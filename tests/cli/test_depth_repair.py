@@ -73,7 +73,7 @@ def test_the_record_stands_in_words_json_journal_and_header(tmp_path: Path) -> N
     assert record["edge_width_px"] == pytest.approx(8, abs=0.5)
     assert record["share"] == pytest.approx(7 / WIDTH, abs=0.02)
     assert planned["forecast"]["depth_repair"] == record
-    assert "soft edges made steps, 8 px wide before" in ran.err
+    assert "edges soft over 8 px" in ran.err
     assert "of the pixels changed" in ran.err
     assert '"depth_repair": {"kinds": ["soft-edges"' in (out / "journal.jsonl").read_text()
     text = header(out / "render" / "rgb.exr")["defocus:depth_repair"]
@@ -167,7 +167,7 @@ def test_info_draws_where_edges_are_repaired(tmp_path: Path) -> None:
     files, path = two_surfaces(tmp_path, 8), tmp_path / "repair.png"
     ran = run("info", *files, *LENS, "--preview", path)
     assert ran.code == 0, ran.err
-    assert "soft edges made steps, 8 px wide before; its edges moved" in ran.out
+    assert "edges soft over 8 px and " in ran.out
     assert str(path) in ran.out
     shown, repair = drawing(path)
     assert shown[0, 0, 0] > 0.85 > 0.4 > shown[0, -1, 0]

@@ -184,7 +184,7 @@ def test_soft_edges_of_depth_are_said_to_be_made_steps(tmp_path: Path) -> None:
         depth = depth_exr(tmp_path / f"{name}.exr", metres)
         ran = run("render", color, depth, *lens, "-o", tmp_path / name, "-v", "--json")
         assert ran.code == 0
-        note = "its soft edges made steps"
+        note = "edges soft"
         assert (note in ran.err) is said
         assert (note in ran.json["pictures"][0]["depth_note"]) is said
 
@@ -200,7 +200,7 @@ def test_anti_aliased_depth_is_said_to_be_made_hard(tmp_path: Path) -> None:
         out = ("-o", tmp_path / name, "--outputs", "render,coc")
         ran = run("render", color, depth, *lens, *out, "-v", "--json")
         assert ran.code == 0
-        note = "anti-aliased as averages of distance, its edges made hard"
+        note = "edges averaged in distance"
         dry = ("render", color, depth, *lens, *out, "--dry-run", "--overwrite")
         for words in (dry, ("info", depth, *lens)):
             assert (note in run(*words).out) is said

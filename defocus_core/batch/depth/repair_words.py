@@ -18,21 +18,29 @@ def repair_words(repair: DepthRepair | None) -> str:
     done = []
     if repair.noise is not None:
         done.append(f"noisy by {repair.noise:.2g} px of radius, smoothed within surfaces")
-    if repair.antialiased is not None:
-        of = "disparity" if math.isinf(repair.antialiased) else "distance"
-        done.append(f"anti-aliased as averages of {of}, its edges made hard")
-    elif repair.soft_edges is not None:
-        wide = "" if repair.edge_width is None else f", {repair.edge_width:.3g} px wide before"
-        of = "" if repair.ramps_of is None else " of distance"
-        done.append(f"its soft edges{of} made steps{wide}")
-    if repair.edge_shifts is not None:
-        shift = round(repair.edge_shifts.median, 1) + 0.0  # no minus before 0
-        done.append(f"its edges moved to those of the colours, {shift:+.1f} px in the median")
+    done += _edge_words(repair)
     if repair.quantised:
         done.append("of few levels, smoothed between them")
     if done and repair.fraction:
         done.append(f"{percent(repair.fraction)} of the pixels changed")
     return "; ".join(done)
+
+
+def _edge_words(repair: DepthRepair) -> list[str]:
+    """What was found at edges, in one phrase."""
+    found = []
+    if repair.antialiased is not None:
+        found.append(f"averaged in {'disparity' if math.isinf(repair.antialiased) else 'distance'}")
+    elif repair.soft_edges is not None:
+        of = "" if repair.ramps_of is None else " in distance"
+        over = "" if repair.edge_width is None else f" over {repair.edge_width:.3g} px"
+        found.append(f"soft{of}{over}")
+    if repair.edge_shifts is not None:
+        shift = round(repair.edge_shifts.median, 1)
+        found.append(
+            f"{abs(shift)} px too {'far out' if shift > 0 else 'far in'}" if shift else "uneven"
+        )
+    return [f"edges {' and '.join(found)}, made hard where the colours change"] if found else []
 
 
 def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
