@@ -1,5 +1,7 @@
 """A mixed pixel holds two surfaces, whichever of them its depth names."""
 
+from collections.abc import Callable
+
 import pytest
 import torch
 from torch import Tensor
@@ -67,6 +69,43 @@ def test_the_picture_is_that_of_both_surfaces(kind: str, radii: tuple[float, flo
         off = (seen - share * front - (1 - share) * back).abs() / abs(front - back)
         assert float(off.amax()) < 0.1, name
         assert float(off.square().mean().sqrt()) < 0.015, name
+
+
+def half_plane() -> Tensor:
+    """Samples left of a line at 17 degrees."""
+    y, x = ((torch.arange(FINE * n, dtype=torch.float64) + 0.5) / FINE for n in SIZE)
+    return (x - 47.3 + 0.3057 * (y[:, None] - 36.7) < 0).double()
+
+
+def crossings(shown: Tensor, half: float) -> Tensor:
+    """[n] the place in each row where pixels pass a value; nan if they do not pass it once."""
+    left, right = shown[MARGIN:-MARGIN, :-1] - half, shown[MARGIN:-MARGIN, 1:] - half
+    passes = left * right < 0
+    place = torch.arange(left.shape[1]) + left / torch.where(passes, left - right, 1.0)
+    return torch.where(passes.sum(1) == 1, torch.where(passes, place, 0.0).sum(1), torch.nan)
+
+
+@pytest.mark.parametrize("shape", [disc, half_plane])
+@pytest.mark.parametrize("radii", [*RADII, (0.0, 15.0), (-15.0, 0.0)])
+def test_silhouettes_of_soft_depth_are_smooth(
+    radii: tuple[float, float], shape: Callable[[], Tensor]
+) -> None:
+    """The half-way point of the rendered edge is that of the true one."""
+    samples = shape()
+    coverage = blurred(samples, 0)
+    radius = named("soft", coverage, *radii)
+    for front, back in ((0.02, 0.5), (0.9, 0.2)):
+        color = coverage * front + (1 - coverage) * back
+        seen = render(color.expand(3, *SIZE), radius, infinity=100.0).render[0]
+        share = blurred(samples, radii[0])
+        true = share * front + (1 - share) * back
+        columns = slice(0, 48) if shape is disc else slice(None)
+        half = (front + back) / 2
+        strays = crossings(seen[:, columns], half) - crossings(true[:, columns], half)
+        strays = strays[strays.isfinite()]
+        assert len(strays) > 10
+        assert float(strays.square().mean().sqrt()) < 0.5
+        assert float(strays.abs().amax()) < 1.5
 
 
 @pytest.mark.parametrize("light", [5.0, 50.0, 5e4])
