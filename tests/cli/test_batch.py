@@ -31,8 +31,8 @@ def test_each_picture_is_taken_by_each_lens_and_indexed(tmp_path: Path, out: Pat
     assert ran.out == ""
     assert ran.err.startswith("4 jobs: 4 done; ")
     wanted = {f"coc/{name}.exr" for name in NAMES} | {
+        "README.md",
         "card.json",
-        "card.md",
         "jobs.toml",
         "metadata.jsonl",
     }

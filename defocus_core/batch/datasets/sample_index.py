@@ -158,7 +158,7 @@ def _entry(record: Record) -> dict[str, Any]:
     width, height = record["size"]
     return {
         f"{first}_file_name" if "image" in paths else "file_name": paths[first],
-        **{f"{kind}_file_name": paths[kind] for kind in others if _decoded(paths[kind])},
+        **{f"{kind}_file_name": paths[kind] for kind in others if decoded(paths[kind])},
         "sample_id": record["sample_id"],
         "split": record.get("split") or None,
         "width": width,
@@ -182,7 +182,8 @@ def _entry(record: Record) -> dict[str, Any]:
     }
 
 
-def _decoded(path: str) -> bool:
+def decoded(path: str) -> bool:
+    """Whether image libraries without EXR decode a file of this name."""
     return path.endswith(_DECODED)
 
 
