@@ -134,6 +134,17 @@ def test_the_card_sums_the_samples_up(folder: Path) -> None:
     assert "| f-number | 1 | 2 |" in text
 
 
+def test_other_shares_move_no_scene_of_the_journal(folder: Path) -> None:
+    batch(folder)
+    before = {entry["sample_id"]: entry["split"] for entry in entries(folder)}
+    text = JOBS.replace("0.5\ntest = 0.5", "0.999\ntest = 0.001").replace("[2, 4]", "[2, 3]")
+    (folder / "jobs.toml").write_text(text)
+    ran = run("batch", folder / "jobs.toml", "-o", folder / "out")
+    assert "kept where the journal has it" in ran.err
+    after = {entry["sample_id"]: entry["split"] for entry in entries(folder)}
+    assert all(after[f"{name}_f3"] == before[f"{name}_f2"] for name in "abcd")
+
+
 def test_a_readme_of_somebody_elses_stays(folder: Path) -> None:
     batch(folder, "--limit", "1")
     readme = folder / "out" / "README.md"
