@@ -95,7 +95,7 @@ class LensPlan:
                 continue
             texts = tuple(options.items())
             for index in (number % draws for number in mine):
-                draw = Draw(self.sampling.seed, stem, index, texts)
+                draw = Draw(self.sampling.seed, stem + point.suffix, index, texts)
                 yield f"{point.suffix}_s{index:03}", drawn_lens(draw, source, self.max_coc)
 
 
