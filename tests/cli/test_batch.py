@@ -426,7 +426,7 @@ def test_a_finished_batch_of_a_thousand_jobs_ends_at_once(
     monkeypatch.setattr(os, "fdatasync", lambda number: None)
     assert main(["batch", str(path), "-o", str(out)]) == 0
     assert len(records(out)) == 1000
-    assert calls(lambda: main(["batch", str(path), "-o", str(out)])) < 1000 * 1200
+    assert calls(lambda: main(["batch", str(path), "-o", str(out)])) < 1000 * 750
     script = (
         "import sys; from defocus_cli.main import main; main(sys.argv[1:]); print(*sys.modules)"
     )

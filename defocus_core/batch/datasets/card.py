@@ -17,7 +17,6 @@ from pathlib import Path
 from statistics import quantiles
 from typing import Any
 
-from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.datasets.card_tables import ENDS, WORDS, tables_of
 from defocus_core.batch.jobs.origin import Origin
 from defocus_core.batch.jobs.splits import NAME
@@ -84,14 +83,16 @@ def _is_own(out: Path) -> bool:
         return isinstance(error, FileNotFoundError)
 
 
-def card_of(records: Sequence[Record], origin: Origin = NO_ORIGIN) -> dict[str, Any]:
+def card_of(
+    records: Sequence[Record], entries: Sequence[Record], origin: Origin = NO_ORIGIN
+) -> dict[str, Any]:
     """The card of a batch as plain values.
 
     Args:
         records: of its journal, oldest first.
+        entries: of its index.
         origin: what it says of itself.
     """
-    entries = list(sample_index.entries(records))
     ids = {entry["sample_id"] for entry in entries}
     done = [r for r in records if r["status"] == "ok" and r["sample_id"] in ids]
     failed = [r for r in records if r["status"] != "ok"]

@@ -73,12 +73,13 @@ def refresh(out: Path, done: Collection[str], withdrawn: Collection[str] = ()) -
 def _written(out: Path, records: list[Record]) -> list[Path]:
     """Write the index, the list of each split, and the card."""
     origin, before = origin_of(out), card.splits(out)
-    summary = card.card_of(records, origin)
     entries = list(sample_index.entries(records, origin))
+    summary = card.card_of(records, entries, origin)
     split_lists.remove(out, before - summary["splits"].keys())
-    lists = split_lists.write(out, entries)
+    lines = list(map(sample_index.line, entries))
+    lists = split_lists.write(out, entries, lines)
     cards = card.write(out, summary, split_lists.configs(entries))
-    return [sample_index.write(out, records), *lists, *cards]
+    return [sample_index.write(out, lines), *lists, *cards]
 
 
 def _followed(out: Path, records: list[Record]) -> list[Path]:

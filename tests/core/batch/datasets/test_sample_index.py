@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-from records import record
+from records import record, write_index
 from refusals import refuses
 
 from defocus_core.batch.datasets import sample_index, update
@@ -19,7 +19,7 @@ from defocus_core.batch.lenses.lens import Lens
 
 
 def written(out: Path, *records: dict[str, Any]) -> list[dict[str, Any]]:
-    path = sample_index.write(out, records)
+    path = write_index(out, records)
     assert path == out / "metadata.jsonl"
     return [json.loads(line) for line in path.read_text().splitlines()]
 
@@ -88,7 +88,7 @@ def test_an_index_is_replaced_as_a_whole(tmp_path: Path, monkeypatch) -> None:
     broken = record(tmp_path, "c")
     del broken["size"]
     with pytest.raises(KeyError):
-        sample_index.write(tmp_path, [record(tmp_path, "b"), broken])
+        written(tmp_path, record(tmp_path, "b"), broken)
     assert (tmp_path / "metadata.jsonl").read_bytes() == before
 
 
