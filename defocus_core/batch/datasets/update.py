@@ -19,9 +19,11 @@ from defocus_core.batch.jobs.origin import origin_of
 from defocus_core.batch.journal.journal import Record, read_all
 from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.system.log import note
+from defocus_core.system.memory import without_collections
 from defocus_core.system.text import counted
 
 
+@without_collections()
 def index(
     out: Path,
     shards_size: int | None,

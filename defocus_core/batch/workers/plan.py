@@ -13,6 +13,7 @@ from defocus_core.batch.journal.journal import Record, Shard, read_all
 from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.workers.lost_records import outputs_without_record
 from defocus_core.batch.workers.output_checks import refuse_misplaced, refuse_unknown
+from defocus_core.system.memory import without_collections
 
 Chunk = list[tuple[int, Job]]  # jobs of one picture, with their numbers
 Done = Callable[[int, Record], None]
@@ -55,6 +56,7 @@ class Plan:
     unknown: set[str]  # files that runs which did not end have written, and that no journal knows
 
 
+@without_collections()
 def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
     """Sort the jobs of a batch into those that are done and those that are to do."""
     refuse_misplaced(jobs)
