@@ -73,12 +73,13 @@ def drawn(steps: int, size: int) -> Iterator[tuple[Tensor, Tensor]]:
         max_radius=MAX_PX,
         left_right=True,
         quality="draft",
+        depth_unit="m",
     )
     for step in range(steps):
         seeds = [step * size + number for number in range(size)]
         scenes = [scene(seed) for seed in seeds]
         images = torch.stack([image for image, _ in scenes])
-        depths = torch.stack([1000 * metres for _, metres in scenes])
+        depths = torch.stack([metres for _, metres in scenes])
         views, lenses = defocus(images, depths, seeds)
         yield torch.cat([views.left, views.right], dim=1), lenses.signed_radius
 

@@ -25,10 +25,10 @@ from defocus_core.tensors.validation import (
     between,
     broadcast,
     device_named,
+    each_positive,
     floating,
     number,
     numbers,
-    positive,
 )
 
 _UNITS = "lengths are in mm, an f-number has no unit"
@@ -49,7 +49,8 @@ def fnum_of_strength(strength: float, focus: float, foclen: float, pixel_size: f
 class ThinLens(PinholeCamera):
     """A thin lens in front of a sensor of square pixels.
 
-    Every parameter may be a float or a tensor of one number, and gradients flow to it. Results
+    Every parameter may be a float or a tensor of one number, and gradients flow to it; `foclen`,
+    `fnum` and the focus also [B], a lens for each picture of a batch of depths [B, …]. Results
     follow the dtype (at least float32) and the device of the tensor that is passed in; `dtype` and
     `device` serve for arguments that are plain numbers.
 
@@ -78,8 +79,8 @@ class ThinLens(PinholeCamera):
         """Describe lens and sensor; the focus is at 20 m, or at infinity if foclen is not less.
 
         Args:
-            foclen: Focal length in mm, > 0.
-            fnum: F-number, > 0.
+            foclen: Focal length in mm, > 0, or one of each picture [B].
+            fnum: F-number, > 0, or one of each picture [B].
             sensor_size: (width, height) in mm.
             sensor_res: (width, height) in px.
             device: Where results for plain numbers live; by default a CUDA device if there is one,
@@ -91,7 +92,7 @@ class ThinLens(PinholeCamera):
                 by more than 1 %, or dtype is not floating point.
         """
         for name, value in {"foclen": foclen, "fnum": fnum}.items():
-            positive(name, value, _UNITS)
+            each_positive(name, value, _UNITS)
         self.foclen = foclen
         self.fnum = fnum
         self.set_sensor(sensor_size, sensor_res)
@@ -101,12 +102,13 @@ class ThinLens(PinholeCamera):
         self.d_close = 0.0
         self.sharp_range: tuple[float, float] | None = None
         self.obj_depth = -20000.0
-        self.refocus(-20000.0 if number("foclen", foclen) < 20000.0 else -math.inf)
+        longest = float(torch.as_tensor(foclen).detach().max())
+        self.refocus(-20000.0 if longest < 20000.0 else -math.inf)
 
     def __repr__(self) -> str:
         names = ("foclen", "fnum", "sensor_size", "sensor_res", "foc_dist", "device", "dtype")
         values = (getattr(self, name) for name in names)
-        plain = (number("it", v) if isinstance(v, Tensor) else v for v in values)
+        plain = (v.detach().squeeze().tolist() if isinstance(v, Tensor) else v for v in values)
         shown = ", ".join(f"{name}={value}" for name, value in zip(names, plain, strict=True))
         return f"{type(self).__name__}({shown})"
 
@@ -129,9 +131,11 @@ class ThinLens(PinholeCamera):
         """Focus at a distance of |foc_dist| mm, which may be infinite.
 
         Raises:
-            ValueError: Unless foc_dist is one number, and foclen < |foc_dist|.
+            ValueError: Unless foc_dist is one number, or one for each picture [B], and
+                foclen < |foc_dist|.
         """
-        number("foc_dist", foc_dist)
+        if not (isinstance(foc_dist, Tensor) and foc_dist.dim() == 1):
+            number("foc_dist", foc_dist)
         self._require_real_image("foc_dist", foc_dist)
         self._focus = foc_dist
 
@@ -160,7 +164,7 @@ class ThinLens(PinholeCamera):
         self._require_real_image("foc_dist", self.foc_dist)
         z = self._limited(self._distance("depth", depth))
         s = self._parameter("foc_dist", z).abs()
-        coc = self._coc_per_disparity(s) * (1 / s - 1 / z)
+        coc = self._coc_per_disparity(s, z) * (1 / s - 1 / z)
         return coc if self.sharp_range is None else coc.masked_fill(self._is_sharp(z), 0.0)
 
     def signed_radius(self, depth: Scalar) -> Tensor:
@@ -182,9 +186,12 @@ class ThinLens(PinholeCamera):
 
     def radius_at_infinity(self) -> float:
         """Signed CoC radius in px of what is infinitely far, whatever `d_far` is."""
+        return number("radius", self.radii_at_infinity(), "radii_at_infinity has all")
+
+    def radii_at_infinity(self) -> Tensor:
+        """`radius_at_infinity` of each lens, [B], or of the one, without gradients."""
         s = numbers("foc_dist", self.foc_dist, floating(self.dtype), torch.device("cpu")).abs()
-        radius = self._coc_per_disparity(s) / s / (2 * self.pixel_size)
-        return float(radius.detach())
+        return (self._coc_per_disparity(s, s) / s / (2 * self.pixel_size)).detach()
 
     def radius_terms(self, dtype: torch.dtype) -> Tensor:
         """A v, 1/s and 2 p [3], on the CPU, of the radius A v (1/s - 1/z) / (2 p) of a depth z.
@@ -192,7 +199,9 @@ class ThinLens(PinholeCamera):
         With them radii of many lenses are one operation; `d_close` and the like are left out.
         """
         s = self._parameter("foc_dist", torch.empty(0, dtype=dtype, device="cpu")).abs()
-        return torch.stack([self._coc_per_disparity(s), 1 / s, s.new_tensor(2 * self.pixel_size)])
+        return torch.stack(
+            [self._coc_per_disparity(s, s), 1 / s, s.new_tensor(2 * self.pixel_size)]
+        )
 
     def coc(self, depth: Scalar) -> Tensor:
         """Diameter of the circle of confusion in mm, unsigned; as `signed_coc` otherwise."""
@@ -251,7 +260,7 @@ class ThinLens(PinholeCamera):
                 f"coc must be one diameter or one for each of {list(s.shape)} distances, got "
                 f"{list(c.shape)}; 0.03 mm suits 36×24 mm"
             )
-        margin = c.to(s) / self._coc_per_disparity(s)
+        margin = c.to(s) / self._coc_per_disparity(s, s)
         # what `hyperfocal` says is the limit, though rounding may leave a rest of disparity there
         finite = (s < self._far_point(c).to(s)) & (1 / s > margin)
         far = torch.where(finite, 1 / torch.where(finite, 1 / s - margin, 1.0), math.inf)
@@ -262,10 +271,10 @@ class ThinLens(PinholeCamera):
         f = self._parameter("foclen", c)
         return f + f * f / (self._parameter("fnum", c) * c)
 
-    def _coc_per_disparity(self, s: Tensor) -> Tensor:
-        """A v in mm² for a focus distance s: f² / (N (1 - f / s))."""
-        f = self._parameter("foclen", s)
-        return f * f / (self._parameter("fnum", s) * (1 - f / s))
+    def _coc_per_disparity(self, s: Tensor, depth: Tensor) -> Tensor:
+        """A v in mm² for a focus distance s: f² / (N (1 - f / s)), in the shape of a depth."""
+        f = self._parameter("foclen", depth)
+        return f * f / (self._parameter("fnum", depth) * (1 - f / s))
 
     def _limited(self, z: Tensor) -> Tensor:
         """Distances, none nearer than d_close or farther than d_far."""
@@ -287,11 +296,17 @@ class ThinLens(PinholeCamera):
         return between("sharp_range", self.sharp_range, z)
 
     def _parameter(self, name: str, other: Tensor) -> Tensor:
-        """The attribute of that name as a 0-dim tensor like another."""
+        """The attribute of that name, like another tensor: of 0 dimensions, or [B, 1, …]."""
         value = getattr(self, name)
         if name != "foc_dist":  # which `refocus` looks at, infinity and all
-            positive(name, value, _UNITS)
-        return torch.as_tensor(value, dtype=other.dtype, device=other.device).reshape(())
+            each_positive(name, value, _UNITS)
+        value = torch.as_tensor(value, dtype=other.dtype, device=other.device)
+        if value.numel() == 1:
+            return value.reshape(())
+        if other.dim() and len(other) not in (1, len(value)):
+            problem = f"{name} must be one number, or one for each of {len(other)} pictures"
+            raise ValueError(f"{problem}, got {len(value)}; expand repeats pictures, too")
+        return value.reshape(-1, *[1] * (other.dim() - 1))
 
     def _tensor(self, name: str, value: Scalar) -> Tensor:
         """A tensor of at least float32."""
@@ -304,13 +319,13 @@ class ThinLens(PinholeCamera):
         return z
 
     def _require_real_image(self, name: str, distance: Scalar) -> None:
-        foclen = positive("foclen", self.foclen, _UNITS)
         if not isinstance(distance, Tensor):
             distance = torch.tensor(number(name, distance), dtype=torch.float64, device="cpu")
         distances = distance.detach().abs()
+        foclen = self._parameter("foclen", distances).detach()
         if not bool((distances > foclen).all()):
             raise ValueError(
-                f"{name} must be farther than foclen={foclen:g} mm, got "
+                f"{name} must be farther than foclen={float(foclen.max()):g} mm, got "
                 f"{float(distances.min()):g} mm; distances are in mm and infinity is math.inf"
             )
 

@@ -1,8 +1,9 @@
 """DefocusLens: the thin lens with DeepLens' interface, its PSFs and its renderer.
 
 Methods that take object-space z (`psf`, `coc`, `dof`, `refocus`) follow the optics habit z < 0 in
-front of the lens; a positive depth means the same distance. Renderers take maps of planar depth in
-mm, positive; `render_rgbd_dp` takes negative ones, too. The response does not vary over the image.
+front of the lens; a positive depth means the same distance. Renderers take maps of planar depth,
+positive, in mm or in the `depth_unit`; `render_rgbd_dp` takes negative ones, too. The response does
+not vary over the image.
 """
 
 from __future__ import annotations
@@ -16,7 +17,10 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.point_spread import PsfLens
 from defocus_core.renderer.render import render
 from defocus_core.tensors.source import Scalar
-from defocus_core.tensors.validation import depth_maps, described, floating, number
+from defocus_core.tensors.torch_modes import graph_break
+from defocus_core.tensors.validation import depth_maps, described, floating, one_of
+
+DEPTH_UNITS = {"mm": 1.0, "m": 1000.0}  # mm
 
 
 class DefocusLens(PsfLens):
@@ -32,17 +36,20 @@ class DefocusLens(PsfLens):
         dtype: torch.dtype = torch.float32,
         *,
         aperture: Aperture | None = None,
+        depth_unit: str = "mm",
     ) -> None:
         """Describe lens and sensor, as `ThinLens` does, and the opening.
 
         Args:
-            foclen: Focal length in mm, > 0.
-            fnum: F-number, > 0.
+            foclen: Focal length in mm, > 0, or one of each picture [B].
+            fnum: F-number, > 0, or one of each picture [B].
             sensor_size: (width, height) in mm.
             sensor_res: (width, height) in px.
             device: As for `ThinLens`.
             dtype: As for `ThinLens`.
             aperture: The opening of all that is rendered; None for the psf_type of each call.
+            depth_unit: "mm" or "m", of the depth maps of `render_rgbd`, `render_rgbd_dp` and
+                `signed_radius`; all else is in mm.
 
         Raises:
             ValueError: As `ThinLens`, or aperture is none.
@@ -52,7 +59,13 @@ class DefocusLens(PsfLens):
             problem = f"aperture must be an Aperture, got {described(aperture)}"
             raise ValueError(f"{problem}; a picture of it is Aperture(image=…)")
         self.aperture = aperture
+        self.depth_unit = one_of("depth_unit", depth_unit, tuple(DEPTH_UNITS))
 
+    def signed_radius(self, depth: Scalar) -> Tensor:
+        """Signed CoC radius in px of a depth in the `depth_unit`; as of `ThinLens` otherwise."""
+        return super().signed_radius(self._tensor("depth", depth) * DEPTH_UNITS[self.depth_unit])
+
+    @graph_break
     def render_rgbd(
         self,
         img_obj: Tensor,
@@ -66,7 +79,7 @@ class DefocusLens(PsfLens):
 
         Args:
             img_obj: [B, C, H, W], scene-linear, at most as large as sensor_res.
-            depth_map: [B, 1, H, W] or [B, H, W], planar depth in mm, > 0, inf for the sky.
+            depth_map: [B, 1, H, W] or [B, H, W], planar depth, > 0, inf for the sky.
             psf_ks: Largest kernel allowed in px; None lets the scene decide.
             num_layers: Exactly this many slices; None lets the scene decide.
             psf_type: "pillbox", the thin lens, or "gaussian".
@@ -85,10 +98,11 @@ class DefocusLens(PsfLens):
             aperture=self._opening(psf_type),
             num_layers=num_layers,
             psf_ks=psf_ks,
-            infinity=self.radius_at_infinity(),
+            infinity=self.radii_at_infinity(),
             depth_repair=depth_repair,
         ).render
 
+    @graph_break
     def render_rgbd_dp(
         self,
         rgb_img: Tensor,
@@ -121,7 +135,7 @@ class DefocusLens(PsfLens):
             left_right=True,
             num_layers=num_layers,
             psf_ks=psf_ks,
-            infinity=self.radius_at_infinity(),
+            infinity=self.radii_at_infinity(),
             depth_repair=depth_repair,
         )
         assert rendering.left is not None
@@ -141,10 +155,13 @@ class DefocusLens(PsfLens):
         planes = depth_maps(image, depth, floating(self.dtype), image.device)
         if either_sign and bool((planes < 0).all()):
             planes = -planes
-        finite = planes.detach()[planes.isfinite()]
-        if len(finite) and float(finite.max()) <= number("foclen", self.foclen):
+        finite = planes.detach()[planes.isfinite()] * DEPTH_UNITS[self.depth_unit]
+        if len(finite) and float(finite.max()) <= float(
+            torch.as_tensor(self.foclen).detach().min()
+        ):
             problem = f"depth of at most {float(finite.max()):g} mm is within the focal length"
-            warnings.warn(f"{problem}; are these metres?", UserWarning, stacklevel=3)
+            remedy = 'say DefocusLens(…, depth_unit="m") if these are metres'
+            warnings.warn(f"{problem}; {remedy}", UserWarning, stacklevel=4)
         height, width = planes.shape[1:]
         radius = self.signed_radius(planes[:, None])  # which looks at the sensor, too
         if width > self.sensor_res[0] or height > self.sensor_res[1]:

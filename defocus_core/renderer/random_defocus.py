@@ -15,7 +15,7 @@ from torch import Tensor
 
 from defocus_core.optics.distributions import ATTEMPTS, Distribution, drawn
 from defocus_core.optics.dual_pixel import DualPixel
-from defocus_core.renderer.defocus_lens import DefocusLens
+from defocus_core.renderer.defocus_lens import DEPTH_UNITS, DefocusLens
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.random_lens import (
     OPTIONS,
@@ -29,8 +29,8 @@ from defocus_core.renderer.random_lens import (
 )
 from defocus_core.renderer.render import render_each
 from defocus_core.tensors.order_statistics import percentile_rank
-from defocus_core.tensors.torch_modes import own_modes
-from defocus_core.tensors.validation import bad_depth, depth_maps, described, positive
+from defocus_core.tensors.torch_modes import graph_break, own_modes
+from defocus_core.tensors.validation import bad_depth, depth_maps, described, one_of, positive
 from defocus_core.tensors.views import Views
 
 _FOCLEN = Distribution("loguniform", (24.0, 85.0))
@@ -104,6 +104,7 @@ class RandomDefocus(torch.nn.Module):
         quality: str = "standard",
         depth_repair: str = "auto",
         threads: int = 1,
+        depth_unit: str = "mm",
     ) -> None:
         """Set the options that lenses are drawn from.
 
@@ -128,6 +129,7 @@ class RandomDefocus(torch.nn.Module):
             quality: As for `render`.
             depth_repair: As for `render`.
             threads: As for `render`.
+            depth_unit: "mm" or "m", of the depth of pictures; all else is in mm.
 
         Raises:
             ValueError: If a distribution or a value is out of its range.
@@ -151,6 +153,7 @@ class RandomDefocus(torch.nn.Module):
         self.quality = quality
         self.depth_repair = depth_repair
         self.threads = threads
+        self.depth_unit = depth_unit
         self._check()
 
     def _check(self) -> None:
@@ -158,6 +161,7 @@ class RandomDefocus(torch.nn.Module):
         for name in OPTIONS:
             check_option(name, getattr(self, name))
         check_rim(self.rim_size, self.rim_shift)
+        one_of("depth_unit", self.depth_unit, tuple(DEPTH_UNITS))
         if self.max_radius is not None:
             self.max_radius = positive("max_radius", self.max_radius, "None is no bound")
         Settings(
@@ -169,9 +173,18 @@ class RandomDefocus(torch.nn.Module):
 
     def extra_repr(self) -> str:
         """The options by name, for the module's repr."""
-        names = (*OPTIONS, "max_radius", "left_right", "quality", "depth_repair", "threads")
+        names = (
+            *OPTIONS,
+            "max_radius",
+            "left_right",
+            "quality",
+            "depth_repair",
+            "threads",
+            "depth_unit",
+        )
         return ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
 
+    @graph_break
     def forward(
         self, image: Tensor, depth: Tensor, seeds: Sequence[int] | Tensor | torch.Generator
     ) -> tuple[Views, Lenses]:
@@ -179,7 +192,7 @@ class RandomDefocus(torch.nn.Module):
 
         Args:
             image: [B, C, H, W], scene-linear.
-            depth: [B, 1, H, W] or [B, H, W], planar depth in mm, > 0, inf for the sky.
+            depth: [B, 1, H, W] or [B, H, W], planar depth, > 0, inf for the sky.
             seeds: A whole number for each picture, or a generator to draw them from.
 
         Returns:
@@ -197,7 +210,7 @@ class RandomDefocus(torch.nn.Module):
         self, image: Tensor, depth: Tensor, seeds: Sequence[int] | Tensor | torch.Generator
     ) -> tuple[Views, Lenses]:
         """`forward` with options that are checked."""
-        maps = depth_maps(image, depth, torch.float32, image.device)
+        maps = depth_maps(image, depth, torch.float32, image.device) * DEPTH_UNITS[self.depth_unit]
         drawings = self._draw(maps, _seeds(seeds, len(image)))
         radii = radii_of_each([drawing.lens for drawing in drawings], maps)
         views = render_each(image, radii, [self._settings(drawing) for drawing in drawings])
@@ -251,7 +264,7 @@ class RandomDefocus(torch.nn.Module):
             if isinstance(drawing, str):
                 raise ValueError(
                     f"{drawing} with the last of {ATTEMPTS} lenses drawn for seed {seed}; depth is "
-                    f"in mm, and drawn are {self.extra_repr()}"
+                    f"in {self.depth_unit}, and drawn are {self.extra_repr()}"
                 )
         return [drawing for drawing in found.values() if not isinstance(drawing, str)]
 

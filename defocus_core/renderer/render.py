@@ -7,6 +7,8 @@ mean, weighted by the areas of the halves.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -22,11 +24,12 @@ from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.tensors.checkpointing import recorded_for
 from defocus_core.tensors.source import Scalar
-from defocus_core.tensors.torch_modes import own_modes
-from defocus_core.tensors.validation import check_image, numbers
+from defocus_core.tensors.torch_modes import graph_break, own_modes
+from defocus_core.tensors.validation import check_image, maps_of, numbers
 from defocus_core.tensors.views import Views, batch, in_order, of_channels
 
 
+@graph_break
 def render(
     image: Tensor,
     signed_radius: Tensor,
@@ -39,7 +42,7 @@ def render(
     hidden: HiddenLayer | None = None,
     threads: int = 1,
     tile: int | None = None,
-    infinity: float | None = None,
+    infinity: float | Sequence[float] | Tensor | None = None,
     depth_repair: str = "auto",
     edge_width: float | None = None,
     dual_pixel: DualPixel | None = None,
@@ -76,7 +79,7 @@ def render(
             side changes results in the last digits.
         infinity: Signed radius in px of infinitely far surfaces: where depth is anti-aliased, it
             distinguishes averages of distance from averages of disparity. None takes all for
-            averages of disparity.
+            averages of disparity. One for each picture where lenses differ.
         depth_repair: "auto" repairs depth that is noisy, anti-aliased, soft at edges or quantised;
             "off" leaves it as it is. "soft-edges=0.3" says that edges are soft: ramps of 0.3 px of
             radius per px and more, up to 16 px wide, become steps where the colours change, and
@@ -108,7 +111,6 @@ def render(
         psf_ks=psf_ks,
         threads=threads,
         tile=tile,
-        infinity=infinity,
         depth_repair=depth_repair,
         edge_width=edge_width,
         dual_pixel=DualPixel() if dual_pixel is None else dual_pixel,
@@ -117,11 +119,12 @@ def render(
     pictures, radii = _batched(image, signed_radius)
     behind = _behind(hidden, pictures, radii)
     colors = apart(color_offsets, pictures.shape[1])
+    every = _settings_of_each(settings, infinity, len(pictures))
     if hidden is None and color_offsets is None and image.dim() == 4:
-        return render_each(pictures, radii, [settings] * len(pictures), progress)
+        return render_each(pictures, radii, every, progress)
     views = [
-        _rendered(Scene(*each), settings, colors, progress)
-        for each in zip(pictures, radii, behind, strict=True)
+        _rendered(Scene(*each), own, colors, progress)
+        for *each, own in zip(pictures, radii, behind, every, strict=True)
     ]
     return batch(views) if image.dim() == 4 else views[0]
 
@@ -164,6 +167,7 @@ def _rendered(
     return views[0] if len(views) == 1 else of_channels(views, colors)
 
 
+@graph_break
 def render_layers(
     colors: Tensor,
     signed_radius: Tensor,
@@ -235,14 +239,20 @@ def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
     check_image(image, alone=True)
     signed_radius = numbers("signed_radius", signed_radius, torch.float32, image.device, "in px")
     pixels = image.reshape(-1, *image.shape[-3:])
-    count, size = pixels.shape[0], pixels.shape[-2:]
-    shapes = {(count, 1, *size), (count, *size)} | ({tuple(size)} if count == 1 else set())
-    if tuple(signed_radius.shape) not in shapes:
-        raise ValueError(
-            f"signed_radius must be [B, 1, H, W] or [B, H, W] of the image "
-            f"{tuple(image.shape)}, got {tuple(signed_radius.shape)}; resample depth by nearest"
-        )
-    return pixels, signed_radius.to(image.device).reshape(count, *size)
+    return pixels, maps_of("signed_radius", signed_radius, pixels).to(image.device)
+
+
+def _settings_of_each(
+    settings: Settings, infinity: float | Sequence[float] | Tensor | None, count: int
+) -> list[Settings]:
+    """The settings of each picture, with its radius at infinity."""
+    radii: Any = infinity.tolist() if isinstance(infinity, Tensor) else infinity
+    if not isinstance(radii, list | tuple):
+        return [replace(settings, infinity=radii)] * count
+    if len(radii) != count:
+        problem = f"infinity must be one radius, or one for each of {count} pictures"
+        raise ValueError(f"{problem}, got {len(radii)}; None if not known")
+    return [replace(settings, infinity=radius) for radius in radii]
 
 
 def _behind(

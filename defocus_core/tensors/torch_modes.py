@@ -3,10 +3,34 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import wraps
+from typing import ParamSpec, TypeVar
 
 import torch
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def graph_break(function: Callable[P, R]) -> Callable[P, R]:
+    """The same function, which `torch.compile` of a caller leaves as it is.
+
+    What it does hangs on the values of tensors: to compile it takes minutes, and fails.
+    """
+    uncompiled: Callable[P, R] | None = None
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        nonlocal uncompiled
+        if "_dynamo" not in vars(torch):  # nobody compiles, and to load it takes a second
+            return function(*args, **kwargs)
+        if uncompiled is None:
+            uncompiled = torch.compiler.disable(function)  # type: ignore[no-untyped-call]
+        return uncompiled(*args, **kwargs)
+
+    return call
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import torch
 from torch import Tensor
+from torch.autograd import forward_ad
 from torch.nn import Parameter
 
 T = TypeVar("T")
@@ -47,6 +48,17 @@ def positive(name: str, value: Any, remedy: str) -> float:
     if not 0 < size < math.inf:
         raise ValueError(f"{name} must be positive and finite, got {size:g}; {remedy}")
     return size
+
+
+def each_positive(name: str, value: Any, remedy: str) -> None:
+    """Refuse what is not above 0 and finite: one number, or one of each picture [B]."""
+    if not (isinstance(value, Tensor) and value.dim() == 1 and len(value) > 1):
+        positive(name, value, remedy)
+        return
+    dense(name, value)
+    values = value.detach()
+    if not bool(((values > 0) & values.isfinite()).all()):
+        raise ValueError(f"{name} must be positive and finite, got {values.tolist()}; {remedy}")
 
 
 def numbers(
@@ -90,6 +102,19 @@ def _kind(value: Tensor) -> str:
     if value.is_quantized:
         return "quantized"
     return "meta" if value.is_meta and type(value) in (Tensor, Parameter) else ""
+
+
+def backward_only(name: str, value: Any) -> None:
+    """Refuse a tensor whose derivative, or place in a batch, the renderer would lose."""
+    if not isinstance(value, Tensor):
+        return
+    what = "one within torch.func or vmap"
+    if not torch._C._functorch.is_functorch_wrapped_tensor(value):
+        what = "one with a forward derivative"
+        if forward_ad.unpack_dual(value).tangent is None:  # type: ignore[no-untyped-call]
+            return
+    remedy = "batches are its first dimension, gradients flow by backward and torch.autograd"
+    raise ValueError(f"{name} must be a tensor of its own, got {what}; {remedy}")
 
 
 def flag(name: str, value: Any) -> bool:
@@ -148,10 +173,16 @@ def check_image(image: Any, *, alone: bool = False) -> None:
     `alone`: whether one image [C, H, W] is accepted, too.
     """
     dense("image", image)
-    floats = isinstance(image, Tensor) and image.is_floating_point() and image.dtype.itemsize > 1
+    is_tensor = isinstance(image, Tensor)
+    floats = is_tensor and image.is_floating_point() and image.dtype.itemsize > 1
     if not floats or image.dim() not in ((3, 4) if alone else (4,)):
         wanted = "[B, C, H, W] or [C, H, W]" if alone else "[B, C, H, W]"
-        remedy = "decode integers to linear light first" if alone else "one image is image[None]"
+        remedy = "torch.from_numpy makes a tensor of an array"
+        if is_tensor and not floats:
+            remedy = "decode integers to linear light first, as read_color does"
+        elif is_tensor:
+            remedy = f"one image is image[{', '.join(['None'] * (4 - image.dim()))}]"
+            remedy = remedy if image.dim() < 4 else "several batches are image.flatten(0, -4)"
         raise ValueError(
             f"image must be a tensor {wanted} of floats, got {described(image)}; {remedy}"
         )
@@ -159,25 +190,39 @@ def check_image(image: Any, *, alone: bool = False) -> None:
         raise ValueError(
             f"image must hold a pixel, got {list(image.shape)}; leave out what holds none"
         )
+    backward_only("image", image)
+
+
+def maps_of(name: str, maps: Tensor, image: Tensor) -> Tensor:
+    """The maps [B, H, W] of a batch of images [B, C, H, W]: depths, or radii.
+
+    `maps`: [B, 1, H, W] or [B, H, W]; of one image [H, W], too.
+    """
+    backward_only(name, maps)
+    count, size = image.shape[0], tuple(image.shape[-2:])
+    shapes = [(count, 1, *size), (count, *size)] + [size] * (count == 1)
+    if tuple(maps.shape) in shapes:
+        return maps.reshape(count, *size)
+    remedy = f"resample it to {size[1]}x{size[0]} px by nearest neighbour"
+    if maps.shape[-2:] == size:
+        remedy = f"give one map for each of {count} pictures"
+    elif tuple(image.shape[1:3]) in (maps.shape[-2:], maps.shape[-3:-1]):
+        remedy = "channels come before rows and columns, image.movedim(-1, -3)"
+    elif tuple(maps.shape[-3:]) == (*size, 1):
+        remedy = f"rows and columns come last, {name}[..., 0]"
+    raise ValueError(
+        f"{name} must be [B, 1, H, W] or [B, H, W] of the image {list(image.shape)}, got "
+        f"{list(maps.shape)}; {remedy}"
+    )
 
 
 def depth_maps(image: Tensor, depth: Any, dtype: torch.dtype, device: torch.device) -> Tensor:
     """The depth [B, H, W] of a batch of images.
 
-    `image`: [B, C, H, W]; `depth`: [B, 1, H, W] or [B, H, W].
+    `image`: [B, C, H, W]; `depth`: as of `maps_of`.
     """
     check_image(image)
-    count, _, height, width = image.shape
-    depth = numbers("depth", depth, dtype, device)
-    maps: Tensor = depth[:, 0] if depth.ndim == 4 and depth.shape[1] == 1 else depth
-    if maps.shape != (count, height, width):
-        is_one = depth.shape == (height, width)
-        remedy = "one map is depth[None]" if is_one else "resample it by nearest neighbour"
-        raise ValueError(
-            f"depth must be [B, 1, H, W] or [B, H, W] with the image's B={count}, H={height}, "
-            f"W={width}, got {list(depth.shape)}; {remedy}"
-        )
-    return maps
+    return maps_of("depth", numbers("depth", depth, dtype, device), image)
 
 
 def described(value: Any) -> str:

@@ -115,6 +115,7 @@ def test_other_shares_render_nothing_again(folder: Path) -> None:
     batch(folder)
     assert {entry["split"] for entry in entries(folder)} == {"all"}
     assert card(folder)["splits"] == {"all": 8}
+    assert [path.name for path in (folder / "out").glob("*set.jsonl")] == ["allset.jsonl"]
     assert (folder / "out" / "render").stat().st_mtime_ns == before
 
 
@@ -127,13 +128,31 @@ def test_the_card_sums_the_samples_up(folder: Path) -> None:
     assert (fnumbers["min"], fnumbers["max"], fnumbers["mean"]) == (2, 4, 3)
     radii = [entry["coc_p99_px"] for entry in entries(folder)]
     assert found["distributions"]["coc_p99_px"]["max"] == max(radii) > 0
-    text = (folder / "out" / "card.md").read_text()
-    head = text.split("---\n")[1]
-    assert "size_categories: [n<1K]" in head
-    assert all(
-        ": " in line or line.endswith(":") or line.startswith("- ") for line in head.splitlines()
-    )
+    text = (folder / "out" / "README.md").read_text()
+    head = pytest.importorskip("yaml").safe_load(text.split("---\n")[1])
+    assert (head["size_categories"], head["tags"][0]) == (["n<1K"], "depth-of-field")
     assert "| f-number | 1 | 2 |" in text
+
+
+def test_other_shares_move_no_scene_of_the_journal(folder: Path) -> None:
+    batch(folder)
+    before = {entry["sample_id"]: entry["split"] for entry in entries(folder)}
+    text = JOBS.replace("0.5\ntest = 0.5", "0.999\ntest = 0.001").replace("[2, 4]", "[2, 3]")
+    (folder / "jobs.toml").write_text(text)
+    ran = run("batch", folder / "jobs.toml", "-o", folder / "out")
+    assert "kept where the journal has it" in ran.err
+    after = {entry["sample_id"]: entry["split"] for entry in entries(folder)}
+    assert all(after[f"{name}_f3"] == before[f"{name}_f2"] for name in "abcd")
+
+
+def test_a_readme_of_somebody_elses_stays(folder: Path) -> None:
+    batch(folder, "--limit", "1")
+    readme = folder / "out" / "README.md"
+    assert readme.read_text().startswith("---\n# Written by defocus; without")
+    readme.write_text("---\nlicense: mit\n---\n")
+    ran = run("batch", folder / "jobs.toml", "-o", folder / "out")
+    assert f"{readme}: is not of this batch, and stays" in ran.err
+    assert "mit" in readme.read_text()
 
 
 def test_the_card_counts_what_failed_by_its_reason(folder: Path) -> None:

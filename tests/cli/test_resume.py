@@ -23,8 +23,8 @@ from command_line import (
     run,
     texture,
 )
+from records import write_index
 
-from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.rendering import delivery, job_steps
 from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.batch.workers import pipeline
@@ -236,7 +236,7 @@ def test_a_journal_cut_at_any_byte_resumes_to_the_same_files(
     for cut in (0, ends[0] - 7, ends[0], ends[0] + 1, ends[1] - 1, ends[2] - 1):
         journal.write_bytes(data[:cut] + bytes(9))
         if told_by == "index":
-            sample_index.write(out, done)
+            write_index(out, done)
         ran = again(folders, out, *options)
         assert ran.code == 0, ran.err
         assert len(records(out)) == 3

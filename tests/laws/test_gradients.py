@@ -1,5 +1,6 @@
 """Law 9: the shipped renderer is differentiable in image, depth and lens parameters."""
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -9,8 +10,9 @@ from measures import worst
 from scenes import RADII, pattern, slanted
 from torch import Tensor
 from torch.autograd import gradcheck
+from torch.autograd.forward_ad import dual_level, make_dual
 
-from defocus_core import QUALITIES, DefocusLens, render
+from defocus_core import QUALITIES, DefocusLens, RandomDefocus, render
 from defocus_core.evaluation.synthetic_scenes import scenery
 
 SIZE = (9, 11)
@@ -63,6 +65,56 @@ def test_gradients_to_depth_and_lens_are_exact() -> None:
 
     lens = [torch.tensor(x, dtype=torch.float64).requires_grad_() for x in (50.0, 2.0, 2000.0)]
     assert gradcheck(defocused, (*lens, depth.requires_grad_()), eps=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("door", ["render", "lens", "random"])
+@pytest.mark.parametrize("transform", ["jvp", "vmap", "grad", "dual"])
+def test_what_would_lose_a_derivative_is_refused(transform: str, door: str) -> None:
+    image, depth = picture().float()[None], torch.full((1, *SIZE), 1500.0)
+
+    def rendered(image: Tensor) -> Tensor:
+        if door == "render":
+            return render(image, depth / 1000).render
+        if door == "random":
+            return RandomDefocus()(image, depth, [1])[0].render
+        return DefocusLens(50.0, 2.0, (36.0, 36.0), (11, 11)).render_rgbd(image, depth)
+
+    def dual() -> None:
+        with dual_level():
+            rendered(make_dual(image, image))
+
+    transforms: dict[str, Callable[[], object]] = {
+        "jvp": lambda: torch.func.jvp(rendered, (image,), (image,)),
+        "vmap": lambda: torch.func.vmap(rendered)(image[None]),
+        "grad": lambda: torch.func.grad(lambda image: rendered(image).sum())(image),
+        "dual": dual,
+    }
+    with pytest.raises(ValueError, match="image must be a tensor of its own"):
+        transforms[transform]()
+
+
+@pytest.mark.parametrize("door", ["render", "lens", "random"])
+def test_a_compiled_caller_gets_the_same(door: str) -> None:
+    """It leaves the renderer as it is; the backend eager traces as every other does."""
+    image, depth = picture().float()[None].requires_grad_(), torch.full((1, *SIZE), 3000.0)
+    depth[..., 5:] = 1500.0
+    lens, random = DefocusLens(50.0, 2.0, (36.0, 36.0), (11, 11)), RandomDefocus(max_radius=4.0)
+    doors: dict[str, Callable[[Tensor], Tensor]] = {
+        "render": lambda image: render(image, depth / 1000).render,
+        "lens": lambda image: lens.render_rgbd(image, depth),
+        "random": lambda image: random(image, depth, [1])[0].render,
+    }
+
+    def loss(image: Tensor) -> Tensor:
+        return doors[door]((2 * image).sin()).cos().sum()
+
+    compiled = torch.compile(loss, backend="eager")
+    for found, wanted in zip(
+        (compiled(image), *torch.autograd.grad(compiled(image), image)),
+        (loss(image), *torch.autograd.grad(loss(image), image)),
+        strict=True,
+    ):
+        torch.testing.assert_close(found, wanted)
 
 
 def test_a_highlight_passes_its_gradient() -> None:

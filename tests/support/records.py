@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,17 @@ from typing import Any
 import numpy as np
 from image_files import save
 
+from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.jobs.output_kinds import KINDS
 
 
 def png(path: Path, level: int = 0) -> bytes:
     path.parent.mkdir(parents=True, exist_ok=True)
     return save(path, np.full((3, 4, 3), level, np.uint8)).read_bytes()
+
+
+def write_index(out: Path, records: Iterable[dict[str, Any]]) -> Path:
+    return sample_index.write(out, map(sample_index.line, sample_index.entries(records)))
 
 
 def record(

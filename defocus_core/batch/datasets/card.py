@@ -1,7 +1,8 @@
-"""The card of a finished batch: ``OUT/card.json``, and ``OUT/card.md`` for people.
+"""The card of a finished batch: ``OUT/card.json``, and ``OUT/README.md`` for people.
 
-The head of ``card.md`` is YAML, as dataset cards of Hugging Face have it. The same records make the
-same bytes: a card holds no time, and no place of a file.
+The head of ``README.md`` is YAML, as dataset cards of Hugging Face have it. The same records make
+the same bytes: a card holds no time, and no place of a file. A README.md without the line that says
+whose it is stays as it is.
 """
 
 from __future__ import annotations
@@ -11,17 +12,21 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from statistics import quantiles
 from typing import Any
 
-from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.datasets.card_tables import ENDS, WORDS, tables_of
 from defocus_core.batch.jobs.origin import Origin
+from defocus_core.batch.jobs.splits import NAME
 from defocus_core.errors import NoteKinds, one_line
+from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
+from defocus_core.system.log import note
 
-NAMES = ("card.json", "card.md")
+_JSON, _README = "card.json", "README.md"
+_HEAD = ("---", "# Written by defocus; without this line it stays as it is.")
 NO_ORIGIN = Origin()
 _TITLE = "Defocused pictures"
 Record = Mapping[str, Any]
@@ -30,32 +35,64 @@ _SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "
 _MARKUP = re.compile(r"[\\`*{}\[\]<>#|!~&$]")  # what Markdown takes for its own
 
 
-def write(out: Path, card: Mapping[str, Any]) -> list[Path]:
+def write(out: Path, card: Mapping[str, Any], configs: Iterable[str] = ()) -> list[Path]:
     """Write a card, each file whole or not at all.
 
     Args:
         out: the folder of the batch.
         card: from `card_of`.
+        configs: lines of the head of README.md that tell where the samples are.
 
     Raises:
         InputError: a file cannot be written.
     """
-    texts = (json.dumps(card, indent=1, ensure_ascii=False, allow_nan=False) + "\n", markdown(card))
-    paths = [out / name for name in NAMES]
-    for path, text in zip(paths, texts, strict=True):
-        with written_whole(path) as file:
+    as_json = json.dumps(card, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    texts = {_JSON: as_json, _README: markdown(card, configs)}
+    if not _is_own(out):
+        del texts[_README]
+        note(f"{out / _README}: is not of this batch, and stays; no card is written for people")
+    for name, text in texts.items():
+        with written_whole(out / name) as file:
             file.write(text.encode("utf-8", "replace"))
-    return paths
+    return [out / name for name in texts]
 
 
-def card_of(records: Sequence[Record], origin: Origin = NO_ORIGIN) -> dict[str, Any]:
+def remove(out: Path) -> None:
+    """Remove the card of OUT."""
+    Folder(out).remove(_JSON)
+    if _is_own(out):
+        Folder(out).remove(_README)
+
+
+def splits(out: Path) -> set[str]:
+    """The splits that the card of OUT counts; none if it cannot be read."""
+    with suppress(OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        return {
+            name for name in json.loads(Folder(out).read(_JSON))["splits"] if NAME.fullmatch(name)
+        }
+    return set()
+
+
+def _is_own(out: Path) -> bool:
+    """Whether README.md is ours, or missing."""
+    head = "".join(f"{line}\n" for line in _HEAD).encode()
+    try:
+        with Folder(out).open(_README) as file:
+            return file.read(len(head)) == head
+    except OSError as error:
+        return isinstance(error, FileNotFoundError)
+
+
+def card_of(
+    records: Sequence[Record], entries: Sequence[Record], origin: Origin = NO_ORIGIN
+) -> dict[str, Any]:
     """The card of a batch as plain values.
 
     Args:
         records: of its journal, oldest first.
+        entries: of its index.
         origin: what it says of itself.
     """
-    entries = list(sample_index.entries(records))
     ids = {entry["sample_id"] for entry in entries}
     done = [r for r in records if r["status"] == "ok" and r["sample_id"] in ids]
     failed = [r for r in records if r["status"] != "ok"]
@@ -117,17 +154,18 @@ def _common(settings: Iterable[Mapping[str, Any] | None]) -> dict[str, Any]:
     return {k: v for k, v in shared.items() if v not in (None, "", False, [], ())}
 
 
-def markdown(card: Mapping[str, Any]) -> str:
+def markdown(card: Mapping[str, Any], configs: Iterable[str] = ()) -> str:
     """A card for people.
 
     Args:
         card: from `card_of`.
+        configs: as of `write`.
     """
     size = next((words for maximum, words in _SIZES if card["samples"] < maximum), "n>1M")
     origin = {key: one_line(text) for key, text in card["origin"].items()}
     title = origin.get("title", _TITLE)
     head = [
-        "---",
+        *_HEAD,
         f"pretty_name: {json.dumps(title, ensure_ascii=False)}",
         *(f"license: {json.dumps(text)}" for text in [origin.get("licence")] if text),
         "task_categories:",
@@ -135,6 +173,7 @@ def markdown(card: Mapping[str, Any]) -> str:
         "- depth-estimation",
         "tags: [depth-of-field, defocus, bokeh, synthetic]",
         f"size_categories: [{size}]",
+        *configs,
         "---",
         "",
     ]

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.batch.jobs.job import FRAME_ROLE
-from defocus_core.batch.jobs.origin import Origin, origin_of
+from defocus_core.batch.jobs.origin import Origin
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.lenses.lens import EFFECTS
 from defocus_core.batch.rendering.measures import MEASURES
@@ -30,15 +30,12 @@ _TAKEN = ("lens", "size", "coc_px", "quality", "renderer")  # keys that say how 
 _DECODED = (".png", ".jpg", ".tif")  # types that image libraries without EXR decode
 
 
-def write(out: Path, records: Iterable[Record]) -> Path:
-    """Write the index of the samples that are done, whole or not at all.
+def write(out: Path, lines: Iterable[bytes]) -> Path:
+    """Write the index, whole or not at all.
 
     Args:
         out: what the outputs' paths are relative to.
-        records: of the journal; those whose status is not ``ok`` are no samples. Of the others are
-            read: sample_id, size, coc_px, quality, warnings, version, renderer,
-            lens (as `lens_record` has it), and by role or kind inputs and outputs, each with
-            its path and, where it is known, its blake2b.
+        lines: of `entries`.
 
     Returns:
         The file.
@@ -48,8 +45,7 @@ def write(out: Path, records: Iterable[Record]) -> Path:
     """
     path = out / NAME
     with written_whole(path) as file:
-        for entry in entries(records, origin_of(out)):
-            file.write(line(entry))
+        file.writelines(lines)
     return path
 
 
@@ -57,8 +53,12 @@ def entries(records: Iterable[Record], origin: Origin | None = None) -> Iterator
     """What the index says of each sample, sorted by sample_id.
 
     Args:
-        records: oldest first. Records of one sample are joined if they differ in their outputs
-            alone; else the last holds, as the earlier outputs were taken by another lens.
+        records: of the journal, oldest first; those whose status is not ``ok`` are no samples. Of
+            the others are read: sample_id, size, coc_px, quality, warnings, version, renderer, lens
+            (as `lens_record` has it), and by role or kind inputs and outputs, each with its path
+            and, where it is known, its blake2b. Records of one sample are joined if they differ in
+            their outputs alone; else the last holds, as the earlier outputs were taken by another
+            lens.
         origin: whose licence and source stand in each line.
     """
     done: dict[str, Record] = {}
@@ -158,7 +158,7 @@ def _entry(record: Record) -> dict[str, Any]:
     width, height = record["size"]
     return {
         f"{first}_file_name" if "image" in paths else "file_name": paths[first],
-        **{f"{kind}_file_name": paths[kind] for kind in others if _decoded(paths[kind])},
+        **{f"{kind}_file_name": paths[kind] for kind in others if decoded(paths[kind])},
         "sample_id": record["sample_id"],
         "split": record.get("split") or None,
         "width": width,
@@ -182,7 +182,8 @@ def _entry(record: Record) -> dict[str, Any]:
     }
 
 
-def _decoded(path: str) -> bool:
+def decoded(path: str) -> bool:
+    """Whether image libraries without EXR decode a file of this name."""
     return path.endswith(_DECODED)
 
 

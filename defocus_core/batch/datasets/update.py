@@ -12,18 +12,18 @@ A Parquet table that is there is as true as the index.
 from __future__ import annotations
 
 from collections.abc import Collection
-from contextlib import suppress
 from pathlib import Path
 
-from defocus_core.batch.datasets import card, parquet_index, sample_index, tar_shards
+from defocus_core.batch.datasets import card, parquet_index, sample_index, split_lists, tar_shards
 from defocus_core.batch.jobs.origin import origin_of
 from defocus_core.batch.journal.journal import Record, read_all
 from defocus_core.batch.journal.ledger import Ledger
-from defocus_core.io.below import Folder
 from defocus_core.system.log import note
+from defocus_core.system.memory import without_collections
 from defocus_core.system.text import counted
 
 
+@without_collections()
 def index(
     out: Path,
     shards_size: int | None,
@@ -41,8 +41,7 @@ def index(
         own = [record for record in records if record["sample_id"] in asked]
         _tell_of_others(out, sample_index.names(records) - sample_index.names(own))
         records = own
-    origin = origin_of(out)
-    written = [sample_index.write(out, records), *card.write(out, card.card_of(records, origin))]
+    written = _written(out, records)
     written += [parquet_index.write(out)] if parquet else parquet_index.follow(out)
     if shards_size is None:
         return written + _followed(out, records)
@@ -53,9 +52,8 @@ def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
     """Take samples that are about to change out of index and card; the names of those taken."""
     taken = sample_index.withdraw(out, changing, alone=alone)
     if taken:
-        for name in card.NAMES:  # it sums up what is no more
-            with suppress(FileNotFoundError):
-                Folder(out).remove(name)
+        split_lists.remove(out, card.splits(out))
+        card.remove(out)  # it sums up what is no more
         parquet_index.follow(out)
     return taken
 
@@ -68,12 +66,22 @@ def refresh(out: Path, done: Collection[str], withdrawn: Collection[str] = ()) -
     if listed is None or listed.isdisjoint(done):
         return
     records = [one for one in Ledger(out, read_all(out)).live if one["sample_id"] in listed]
-    origin = origin_of(out)
-    path = sample_index.write(out, records)
+    path, *_ = _written(out, records)
     parquet_index.follow(out)
-    card.write(out, card.card_of(records, origin))
     note(f"{path}: written again, as it lists samples that were done now")
     _followed(out, records)
+
+
+def _written(out: Path, records: list[Record]) -> list[Path]:
+    """Write the index, the list of each split, and the card."""
+    origin, before = origin_of(out), card.splits(out)
+    entries = list(sample_index.entries(records, origin))
+    summary = card.card_of(records, entries, origin)
+    split_lists.remove(out, before - summary["splits"].keys())
+    lines = list(map(sample_index.line, entries))
+    lists = split_lists.write(out, entries, lines)
+    cards = card.write(out, summary, split_lists.configs(entries))
+    return [sample_index.write(out, lines), *lists, *cards]
 
 
 def _followed(out: Path, records: list[Record]) -> list[Path]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from defocus_core.batch.jobs.output_kinds import KINDS, PREVIEW, Kind
 from defocus_core.batch.lenses.lens import Lens
@@ -194,6 +195,17 @@ def reading_through(reading: Reading, lens: Lens | None) -> Reading:
     return reading
 
 
+class Split(NamedTuple):
+    """The split of a scene in a dataset; it changes nothing in the outputs."""
+
+    name: str = ""  # empty for none
+    scene: str = ""
+    choices: tuple[str, ...] = ()  # the splits that there are
+
+
+NO_SPLIT = Split()
+
+
 @dataclass(frozen=True)
 class Job:
     """One picture to render."""
@@ -205,7 +217,7 @@ class Job:
     machine: Machine
     suffix: str = ""  # tells this lens from others of the same picture
     shot: Shot | None = None
-    split: str = ""  # of a dataset; it changes nothing in the outputs
+    split: Split = NO_SPLIT
 
     def __post_init__(self) -> None:
         """Read depth as the lens needs it.

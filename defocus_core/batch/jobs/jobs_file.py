@@ -119,11 +119,12 @@ class Batch:
         by_entry = groupby(
             range(self.count) if numbers is None else numbers, lambda number: number // count
         )
-        splits = read_splits(self.tables["split"]).assign(self.entries)
+        splits = read_splits(self.tables["split"])
         jobs = [
-            Job(picture, lens, self.reading, self.outputs, self.machine, suffix, split=splits[own])
+            Job(picture, lens, self.reading, self.outputs, self.machine, suffix, split=split)
             for own, mine in by_entry
             for picture in [self.entries[own].picture]
+            for split in [splits.of(picture)]
             for suffix, lens in self.plan.lenses(self.entries[own], (n % count for n in mine))
         ]
         every = read_whole_shot(self.tables["inputs"])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -87,15 +88,13 @@ class LensPlan:
         draws, stem = self.sampling.count, entry.picture.stem
         for which, mine in groupby(numbers, lambda number: number // max(draws, 1)):
             point = self.points[which]
-            options = merged(shared, point.options)
-            _check_lens(options, source, radii=self.radii)
+            texts = tuple(merged(shared, point.options).items())
             if not draws:
-                values = {name: parsed(name, text) for name, text in options.items()}
-                yield point.suffix, replace(lens_of(values, source), max_coc=self.max_coc)
+                yield point.suffix, _lens(texts, source, self.max_coc, radii=self.radii)
                 continue
-            texts = tuple(options.items())
+            _check_lens(dict(texts), source, radii=self.radii)
             for index in (number % draws for number in mine):
-                draw = Draw(self.sampling.seed, stem, index, texts)
+                draw = Draw(self.sampling.seed, stem + point.suffix, index, texts)
                 yield f"{point.suffix}_s{index:03}", drawn_lens(draw, source, self.max_coc)
 
 
@@ -142,6 +141,16 @@ def read_plan(lens: Table, sweep: Table, sample: Table, *, radii: bool = False) 
         taken=taken,
         radii=radii,
     )
+
+
+@lru_cache(maxsize=4096)
+def _lens(
+    options: tuple[tuple[str, str], ...], source: Place, max_coc: float | None, *, radii: bool
+) -> Lens:
+    """The lens of options as texts, which pictures share."""
+    _check_lens(dict(options), source, radii=radii)
+    values = {name: parsed(name, text) for name, text in options}
+    return replace(lens_of(values, source), max_coc=max_coc)
 
 
 def lens_file_of(lens: Table) -> Path | None:

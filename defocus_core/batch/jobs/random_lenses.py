@@ -1,10 +1,10 @@
 """Random lenses of a jobs file: their number and their distributions, from ``[sample]``.
 
 ``n`` lenses for each picture and each lens of the sweep, numbered in their names: ``_s000``. What
-is drawn depends on ``seed``, the picture's name and that number alone, not on other pictures or
-draws. What an option is drawn from is written ``uniform(a, b)``, ``loguniform(a, b)``,
-``disparity(a, b)`` (a focus uniform in 1/distance), ``percentile(a, b)`` (a focus uniform in the
-percentile of the depth) or ``choice(a, b, …)``.
+is drawn depends on ``seed`` and that name alone, not on other pictures, values or draws. What an
+option is drawn from is written ``uniform(a, b)``, ``loguniform(a, b)``, ``disparity(a, b)`` (a
+focus uniform in 1/distance), ``percentile(a, b)`` (a focus uniform in the percentile of the depth)
+or ``choice(a, b, …)``.
 """
 
 from __future__ import annotations

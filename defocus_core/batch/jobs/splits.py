@@ -4,20 +4,21 @@
 regular expression whose first group, or else whole match, is the scene in the name of a picture.
 Without it the name of a picture is its scene, and the frames of a shot are one. A hash of its name
 decides the split of a scene, so that it stays where it is whatever other scenes come and go; the
-counts are those of the shares in the long run.
+counts are those of the shares in the long run. What the journal has of a scene stays, too.
 """
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from hashlib import blake2b
 from itertools import accumulate
 
 from defocus_core.batch.jobs.inputs import Entry
-from defocus_core.batch.jobs.job import Picture
+from defocus_core.batch.jobs.job import NO_SPLIT, Job, Picture, Split
 from defocus_core.batch.jobs.scene_pattern import ScenePattern
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.errors import CALLER, Place, UsageProblem
@@ -37,22 +38,16 @@ class Splits:
     scene: ScenePattern | None = None
     where: Place = CALLER
 
-    def assign(self, pictures: Sequence[Picture | Entry]) -> list[str]:
-        """The split of each picture; empty words without splits.
-
-        A line says which splits have no scene.
+    def of(self, picture: Picture | Entry) -> Split:
+        """The split of a picture.
 
         Raises:
-            UsageProblem: the name of a picture has no scene in it.
+            UsageProblem: the name of the picture has no scene in it.
         """
         if not self.fractions:
-            return [""] * len(pictures)
-        split_of = {scene: self._split_of(scene) for scene in map(self._scene_of, pictures)}
-        empty = [name for name in self.fractions if name not in split_of.values()]
-        if empty:
-            scenes = counted(len(split_of), "scene")
-            note(f"[split]: none of {scenes} is in {', '.join(empty)}: a hash of its name decides")
-        return [split_of[self._scene_of(picture)] for picture in pictures]
+            return NO_SPLIT
+        scene = self._scene_of(picture)
+        return Split(self._split_of(scene), scene, tuple(self.fractions))
 
     def _split_of(self, scene: str) -> str:
         digest = blake2b(os.fsencode(scene), digest_size=8).digest()
@@ -73,6 +68,39 @@ class Splits:
         if picture.frame is not None:
             return re.sub(r"\d+$", "", picture.stem)
         return picture.stem
+
+
+def with_recorded(jobs: Sequence[Job], recorded: Mapping[str, Collection[str]]) -> list[Job]:
+    """Jobs whose scenes stay in the split that is recorded of their pictures, if it is one.
+
+    Lines say how many scenes stay where their hash would not put them, how many others are in
+    another split than before, and which splits have no scene.
+
+    `recorded`: splits by the name of a picture.
+    """
+    before: dict[Split, set[str]] = defaultdict(set)
+    for job in jobs:
+        before[job.split].update(recorded.get(job.picture.stem, ()))
+    now = {
+        split: split._replace(name=next(iter(names)))
+        if len(names) == 1 and names <= set(split.choices)
+        else split
+        for split, names in before.items()
+    }
+    stay = sum(old != new for old, new in now.items())
+    moved = sum(bool(old.choices) and not before[old] <= {new.name} for old, new in now.items())
+    empty = {name for split in now for name in split.choices} - {s.name for s in now.values()}
+    if stay:
+        kept = f"{counted(stay, 'scene')} kept where the journal has it"
+        note(f"[split]: {kept}, not where a hash of its name says; another -o splits anew")
+    if moved:
+        note(f"[split]: {counted(moved, 'scene')} in another split than before")
+    if empty:
+        none = f"none of {counted(len(now), 'scene')} is in {', '.join(sorted(empty))}"
+        note(f"[split]: {none}: a hash of its name decides")
+    return [
+        replace(job, split=now[job.split]) if job.split != now[job.split] else job for job in jobs
+    ]
 
 
 def read_splits(section: Table) -> Splits:

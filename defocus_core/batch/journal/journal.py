@@ -199,9 +199,14 @@ def files_of(record: Record) -> list[str]:
 
 def input_path(path: Path, out: Path) -> str:
     """The path of an input as a journal has it: as given if absolute, else relative to OUT."""
+    return _input_path(path, out, os.getcwd())  # noqa: PTH109 - it is asked of each job
+
+
+@lru_cache(maxsize=4096)
+def _input_path(path: Path, out: Path, base: str) -> str:
     if path.is_absolute():
         return str(path)
-    return (_input_folder(path.parent, out, Path.cwd()) / path.name).as_posix()
+    return (_input_folder(path.parent, out, Path(base)) / path.name).as_posix()
 
 
 @lru_cache(maxsize=1024)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -101,10 +102,13 @@ class Ledger:
         """Whether a record names a file that a job writes."""
         return any(name in self._last for name in job.names.values())
 
-    def split_of(self, job: Job) -> str:
-        """The split that a job's outputs were in; empty if in none."""
-        record = self._last.get(next(iter(job.names.values())), {})
-        return str(record.get("split", ""))
+    def splits(self) -> dict[str, set[str]]:
+        """The splits that pictures were in, by their names."""
+        found: dict[str, set[str]] = defaultdict(set)
+        for record in self._last.values():
+            if split := record.get("split"):
+                found[str(record["settings"].get("stem"))].add(split)
+        return found
 
     def previews_replaced(self, job: Job) -> dict[str, identity.Stamp]:
         """Path and stamp of the previews of pictures that a job replaces, and which it leaves."""
@@ -155,7 +159,8 @@ class Ledger:
             record = _with_limit(record, job, recipe)
         if moved:
             record = {**record, "inputs": {**record["inputs"], **moved}}
-        return record if record.get("split", "") == job.split else {**record, "split": job.split}
+        split = job.split.name
+        return record if record.get("split", "") == split else {**record, "split": split}
 
     def has(self, record: Record) -> bool:
         """Whether this very record is one that the journals have, and not superseded."""

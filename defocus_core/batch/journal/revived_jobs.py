@@ -18,6 +18,7 @@ from defocus_core.batch.jobs.job import (
     Picture,
     Reading,
     Shot,
+    Split,
 )
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.journal.ledger import Ledger
@@ -56,7 +57,7 @@ def revived(record: Record, out: Path) -> Job:
             ),
             asked["suffix"],
             shot,
-            record.get("split", ""),
+            Split(record.get("split", "")),
         )
         if set(job.names.values()) != {stamp["path"] for stamp in record["outputs"].values()}:
             raise ValueError("its settings name other files than its outputs")

@@ -15,11 +15,11 @@ from defocus_core.errors import CALLER, Place
 
 @dataclass(frozen=True)
 class Draw:
-    """Which of the random lenses of a picture this is."""
+    """Which of the random lenses of a picture and a lens of the sweep this is."""
 
     seed: int  # the seed of the jobs file
-    picture: str  # name of the picture
-    index: int  # number of the draw for this picture
+    picture: str  # name of the picture, with that of the lens of the sweep
+    index: int  # number of the draw for these
     options: tuple[tuple[str, str], ...]  # all options of the lens as texts, drawn or not
     attempt: int = 0  # number of draws before this one that did not suit the picture
 

@@ -22,8 +22,13 @@ def refuse_misplaced(jobs: Sequence[Job]) -> None:
             where there can be no folder.
     """
     _refuse_clashes(jobs)
-    for outputs in {job.outputs for job in jobs}:
+    for outputs in _outputs_of(jobs):
         list(_places_of(outputs))
+
+
+def _outputs_of(jobs: Sequence[Job]) -> Collection[Outputs]:
+    """The outputs of jobs, most of which share theirs, without a hash of each."""
+    return set({id(job.outputs): job.outputs for job in jobs}.values())
 
 
 def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
@@ -93,15 +98,13 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
         raise _written_twice(twice)
     for root, name in count:
         _refuse_long(root, name)
-    pictures = {job.picture for job in jobs}
+    pictures = set({id(job.picture): job.picture for job in jobs}.values())
     pictures |= {other for picture in pictures for other in picture.others.values()}
     named = {path for one in pictures for path in (one.color, one.depth)}
     # Path.resolve raises where a link leads in a circle; who reads it says it better.
     named |= {Path(os.path.realpath(path)) for path in named if path.is_symlink()}
     places = {folder: folder.resolve() for folder in {path.parent for path in named}}
-    own = {
-        folder.resolve() for outputs in {job.outputs for job in jobs} for folder in outputs.folders
-    }
+    own = {folder.resolve() for outputs in _outputs_of(jobs) for folder in outputs.folders}
     inputs = {place / path.name for path in named if (place := places[path.parent]) in own}
     if not inputs:  # a batch has many outputs, and hardly ever such inputs
         return

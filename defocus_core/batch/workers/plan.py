@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.jobs.splits import with_recorded
 from defocus_core.batch.journal import identity, run_file
 from defocus_core.batch.journal.journal import Record, Shard, read_all
 from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.workers.lost_records import outputs_without_record
 from defocus_core.batch.workers.output_checks import refuse_misplaced, refuse_unknown
-from defocus_core.system.log import note
-from defocus_core.system.text import counted
+from defocus_core.system.memory import without_collections
 
 Chunk = list[tuple[int, Job]]  # jobs of one picture, with their numbers
 Done = Callable[[int, Record], None]
@@ -56,6 +56,7 @@ class Plan:
     unknown: set[str]  # files that runs which did not end have written, and that no journal knows
 
 
+@without_collections()
 def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
     """Sort the jobs of a batch into those that are done and those that are to do."""
     refuse_misplaced(jobs)
@@ -64,6 +65,7 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
     settled: list[tuple[Job, Record]] = []
     changed = 0
     forced = execution.again or any(job.outputs.overwrite for job in jobs)
+    jobs = with_recorded(jobs, {} if forced else ledger.splits())
     for job in jobs if execution.shard is None else _part(jobs, execution.shard):
         recipe = identity.recipe(job)
         record = None
@@ -75,9 +77,6 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
         todo.append((job, recipe))
         changed += not forced and any(name in ledger.files for name in job.names.values())
     moved = [record for _, record in settled if not ledger.has(record)]
-    resplit = sum(ledger.split_of(job) not in ("", job.split) for job, _ in settled)
-    if resplit:
-        note(f"{out}: {counted(resplit, 'sample')} of another split than before")
     now = todo if execution.limit is None else todo[: execution.limit]
     ledger.refuse_other_pictures(job for job, _ in todo)
     if execution.keep_lenses:

@@ -254,7 +254,7 @@ def completed(record: Record, job: Job, recipe: str, out: Path) -> Record:
     notes = ("color_note", "depth_note", "depth_repair", "measures")
     return {
         "sample_id": job.sample_id,
-        **({"split": job.split} if job.split else {}),
+        **({"split": job.split.name} if job.split.name else {}),
         "job": identity.name(recipe, inputs),
         "recipe": recipe,
         **{key: record[key] for key in ("status", "reason", "message")},

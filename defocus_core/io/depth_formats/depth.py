@@ -23,6 +23,7 @@ from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading
 from defocus_core.io.depth_formats.resolving import resolved
 from defocus_core.io.depth_formats.rules import HALF_MAX, Decoding, DepthFormat, decoded, unpacked
 from defocus_core.io.depth_formats.sidecars import marked_pixels
+from defocus_core.io.depth_formats.signs import refuse_named
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.raster import SIDEWAYS, upright
 from defocus_core.system.text import counted
@@ -169,6 +170,7 @@ def read_depth(
         marks = (*marks, turned)
     by_custom = samples.type == "16-bit PNG" and not reading.says_scale
     if by_custom:
+        refuse_named(path, values)
         _refuse_scaled(path, values)
     words = (samples.words, division, decoding.words, *marks)
     note = f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}"

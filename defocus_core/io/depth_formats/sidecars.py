@@ -99,6 +99,11 @@ def _calib(path: Path, _: Path) -> Facts:
     return Facts(path.name, _positive(focal), _positive(baseline), float(lines.get("doffs", 0)))
 
 
+def _dmin(path: Path, _: Path) -> Facts:
+    """Middlebury 2005 and 2006, whose camera is one: px by which the crops differ, of full size."""
+    return Facts(path.name, focal_px=3740.0, baseline=0.16, doffs=float(_text(path)))
+
+
 def _parameters(path: Path, _: Path) -> Facts:
     """4D light field benchmark: disparity is 0 at the focus distance."""
     parser = configparser.ConfigParser(interpolation=None)
@@ -203,6 +208,7 @@ _METADATA_READERS: dict[str, Callable[[Mapping[str, Any]], Facts | None]] = {
 }
 _SIDECAR_READERS: dict[str, Callable[[Path, Path], Facts]] = {
     "calib.txt": _calib,
+    "dmin.txt": _dmin,
     "parameters.cfg": _parameters,
     "camera.json": _cityscapes,
     "intrinsics.txt": _intrinsics,
@@ -210,6 +216,7 @@ _SIDECAR_READERS: dict[str, Callable[[Path, Path], Facts]] = {
 }
 _PLACES: dict[str, Callable[[Path], list[Path]]] = {
     "calib.txt": lambda path: [path.with_name("calib.txt")],
+    "dmin.txt": lambda path: [path.with_name("dmin.txt")],
     "parameters.cfg": lambda path: [path.with_name("parameters.cfg")],
     "camera.json": _cityscapes_cameras,
     "intrinsics.txt": lambda path: [

@@ -220,7 +220,7 @@ def write_map(path: Path, plane: Any) -> None:
         InputError: the file cannot be written.
     """
     strips = (plane[rows][..., None].astype("float32") for rows in bands(plane.shape))
-    write_samples(path, plane.shape, strips, "tiff", {})
+    write_samples(path, plane.shape, strips, "tiff", {"tiff:predictor": 1})  # none: not all read it
 
 
 def write_samples(
@@ -228,7 +228,7 @@ def write_samples(
     size: tuple[int, int],
     samples: Iterable[NDArray[Any]],
     codec: str,
-    attributes: Mapping[str, str | Tag | Embedded],
+    attributes: Mapping[str, str | int | Tag | Embedded],
 ) -> None:
     """Write uint8, uint16 or float32 samples as they are.
 
@@ -256,7 +256,7 @@ def encoded_samples(
     size: tuple[int, int],
     samples: Iterable[NDArray[Any]],
     codec: str,
-    attributes: Mapping[str, str | Tag | Embedded],
+    attributes: Mapping[str, str | int | Tag | Embedded],
 ) -> Iterator[Path]:
     """A file in memory with what `write_samples` writes to ``path``."""
     with _memory(path) as memory:
@@ -297,7 +297,7 @@ def _encoder_error(
     size: tuple[int, int],
     samples: Iterator[NDArray[Any]],
     codec: str,
-    attributes: Mapping[str, str | Tag | Embedded],
+    attributes: Mapping[str, str | int | Tag | Embedded],
 ) -> str:
     """Encode samples to a file in memory; what the encoder complains about, empty if nothing."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
@@ -320,7 +320,7 @@ def _spec(
     size: tuple[int, int],
     samples: NDArray[Any],
     codec: str,
-    attributes: Mapping[str, str | Tag | Embedded],
+    attributes: Mapping[str, str | int | Tag | Embedded],
 ) -> Any:
     import OpenImageIO as oiio  # noqa: N813
 

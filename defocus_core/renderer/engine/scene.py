@@ -16,7 +16,7 @@ from defocus_core.renderer.inpainting.known_layer import KnownLayer
 from defocus_core.renderer.layers.stacked_samples import Layered
 from defocus_core.tensors.derived import chosen, plus, transposed
 from defocus_core.tensors.source import Pixels, Scalar
-from defocus_core.tensors.validation import dense, described
+from defocus_core.tensors.validation import backward_only, dense, described
 
 _DECODE = "decode integers to linear light first"
 
@@ -67,6 +67,7 @@ class Scene:
         tensors = {"colors": colors, "signed_radius": signed_radius, "coverage": coverage}
         for name, tensor in tensors.items():
             dense(name, tensor)
+            backward_only(name, tensor)
             if not (isinstance(tensor, Tensor) and tensor.is_floating_point()):
                 problem = f"{name} must be a tensor of floats, got {described(tensor)}"
                 raise ValueError(f"{problem}; {_DECODE}")
@@ -154,6 +155,7 @@ def check_hidden(hidden: object, shape: tuple[int, ...], size: tuple[int, ...]) 
         )
     for name, value in zip(HiddenLayer._fields, hidden, strict=True):
         dense(f"hidden {name}", value)
+        backward_only(f"hidden {name}", value)
     kinds = [x.dtype for x in hidden[:2]]
     if not all(kind.is_floating_point for kind in kinds):
         got = ", ".join(map(str, kinds))

@@ -163,7 +163,7 @@ def slice_position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
     r = signed_radius.flatten()
     limits = sent([p.end for p in pieces[:-1]], r)
     piece = torch.bucketize(r.detach(), limits, right=True, out_int32=True)
-    if torch.is_grad_enabled() and r.requires_grad:  # on a limit, the piece before it
+    if torch.is_grad_enabled() and r.requires_grad and len(limits):  # on one, the piece before it
         before = (piece - 1).clamp(min=0)
         piece = torch.where(tied(r, limits.index_select(0, before)), before, piece)
     fraction = torch.addcmul(c.index_select(0, piece), a.index_select(0, piece), r * r)

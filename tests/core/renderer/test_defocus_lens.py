@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tolerances import ROUNDING, SUM
 from torch import Tensor
 
-from defocus_core import DefocusLens
+from defocus_core import DefocusLens, RandomDefocus
 
 DEPTHS = torch.tensor([120.0, 800.0, 1999.0, 2000.0, 2500.0, 1e5, math.inf], dtype=torch.float64)
 
@@ -32,6 +32,54 @@ def camera(foc_dist: float | Tensor = 2000.0, **changes) -> DefocusLens:
 
 def parameter(value: float) -> Tensor:
     return torch.tensor(value, dtype=torch.float64, requires_grad=True)
+
+
+def shot(pictures: int) -> tuple[Tensor, Tensor]:
+    """Pictures of two planes each, and their depth in mm."""
+    image = torch.rand(pictures, 2, 12, 16, generator=torch.Generator().manual_seed(3)).double()
+    depth = torch.full((pictures, 12, 16), 2600.0, dtype=torch.float64)
+    depth[:, 3:9, 5:11] = 1500.0
+    return image, depth * torch.linspace(1.0, 1.2, pictures).double()[:, None, None]
+
+
+def test_a_lens_of_each_picture_renders_as_alone_and_has_its_gradients() -> None:
+    image, depth = shot(3)
+    values = torch.tensor([[50.0, 35.0, 85.0], [1.4, 2.0, 4.0], [2000.0, 1700.0, 2400.0]]).double()
+    foclen, fnum, focus = together = [row.clone().requires_grad_() for row in values]
+    seen = camera(focus, foclen=foclen, fnum=fnum).render_rgbd(image, depth)
+    gradients = torch.stack(torch.autograd.grad(seen.square().sum(), together))
+    for n in range(3):
+        own = [parameter(float(value)) for value in values[:, n]]
+        lens = camera(own[2], foclen=own[0], fnum=own[1])
+        alone = lens.render_rgbd(image[n : n + 1], depth[n : n + 1])
+        torch.testing.assert_close(seen[n : n + 1], alone)
+        wanted = torch.stack(torch.autograd.grad(alone.square().sum(), own))
+        torch.testing.assert_close(gradients[:, n], wanted)
+
+
+def test_a_lens_of_each_picture_needs_as_many_pictures() -> None:
+    lens = camera(fnum=torch.tensor([1.4, 2.0]))
+    with pytest.raises(ValueError, match="fnum must be one number, or one for each of 3 pictures"):
+        lens.render_rgbd(*shot(3))
+    with pytest.raises(ValueError, match="radii_at_infinity has all"):
+        lens.radius_at_infinity()
+
+
+def test_depth_may_be_in_metres() -> None:
+    image, depth = shot(1)
+    lens = camera(depth_unit="m")
+    assert torch.equal(lens.signed_radius(depth / 1000), camera().signed_radius(depth))
+    assert torch.equal(lens.render_rgbd(image, depth / 1000), camera().render_rgbd(image, depth))
+    for seen, wanted in zip(
+        lens.render_rgbd_dp(image, -depth / 1000),
+        camera().render_rgbd_dp(image, depth),
+        strict=True,
+    ):
+        assert torch.equal(seen, wanted)
+    drawn = RandomDefocus(depth_unit="m", max_radius=9.0)(image, depth / 1000, [7])[1]
+    assert drawn.fnum == RandomDefocus(max_radius=9.0)(image, depth, [7])[1].fnum
+    with pytest.warns(UserWarning, match='say DefocusLens.*depth_unit="m"'):
+        camera().render_rgbd(image, depth / 100_000)
 
 
 @settings(deadline=None)
@@ -321,8 +369,8 @@ def test_the_pitch_follows_the_sensor():
     ("image", "depth", "said"),
     [
         ((2, 3, 20, 30), (2, 1, 19, 30), r"depth must be .* got \[2, 1, 19, 30\]"),
-        ((2, 3, 20, 30), (1, 1, 20, 30), r"B=2, H=20, W=30, got \[1, 1, 20, 30\]"),
-        ((1, 3, 20, 30), (20, 30), r"got \[20, 30\]; one map is depth\[None\]"),
+        ((2, 3, 20, 30), (1, 1, 20, 30), r"got \[1, 1, 20, 30\]; give one map for each of 2"),
+        ((2, 3, 20, 30), (20, 30), r"got \[20, 30\]; give one map for each of 2"),
         ((3, 20, 30), (20, 30), r"image must be .* \[3, 20, 30\]; one image is image\[None\]"),
         ((1, 3, 271, 30), (1, 271, 30), r"within sensor_res=\(480, 270\)"),
     ],

@@ -15,10 +15,11 @@ from typing import Any
 import pytest
 from command_line import header, read_exr
 from jobs_files import INPUTS, LENS, SAMPLE, jobs, jobs_file, pictures
+from records import write_index
 
 from defocus_cli.words import batch as batch_report
 from defocus_core import run_batch
-from defocus_core.batch.datasets import sample_index, tar_shards
+from defocus_core.batch.datasets import tar_shards
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
@@ -43,7 +44,7 @@ def test_a_drawn_lens_is_the_same_in_file_journal_index_and_shard(tmp_path: Path
     pictures(tmp_path)
     summary, records = carried_out(tmp_path, LENS + SAMPLE)
     assert summary.statuses == {"ok": 8}
-    sample_index.write(tmp_path / "out", records)
+    write_index(tmp_path / "out", records)
     found = {sample.sample_id: sample for sample in samples(tmp_path / "out")}
     assert sorted(found) == [f"{name}_s00{index}" for name in "ab" for index in range(4)]
     again = [sample.record["lens"]["draw_attempt"] for sample in found.values()]
@@ -66,14 +67,14 @@ def test_a_rejected_picture_is_in_the_journal_and_not_in_the_index(tmp_path: Pat
     summary, records = carried_out(tmp_path, text)
     assert summary.statuses["ok"]
     assert summary.reasons == {"coc-too-large": summary.statuses["rejected"]}
-    sample_index.write(tmp_path / "out", records)
+    write_index(tmp_path / "out", records)
     assert len(list(samples(tmp_path / "out"))) == summary.statuses["ok"]
     assert carried_out(tmp_path, text)[0].skipped == 6
 
 
 def index(folder: Path, text: str) -> list[dict[str, Any]]:
     _, records = carried_out(folder, text)
-    lines = sample_index.write(folder / "out", records).read_text().splitlines()
+    lines = write_index(folder / "out", records).read_text().splitlines()
     return [json.loads(line) for line in lines]
 
 

@@ -5,19 +5,21 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
-from records import record
+from records import record, write_index
 from refusals import refuses
 
-from defocus_core.batch.datasets import sample_index
+from defocus_core.batch.datasets import sample_index, update
 from defocus_core.batch.datasets.finished import samples
+from defocus_core.batch.journal.journal import Journal, journal_path
 from defocus_core.batch.lenses.lens import Lens
 
 
 def written(out: Path, *records: dict[str, Any]) -> list[dict[str, Any]]:
-    path = sample_index.write(out, records)
+    path = write_index(out, records)
     assert path == out / "metadata.jsonl"
     return [json.loads(line) for line in path.read_text().splitlines()]
 
@@ -86,7 +88,7 @@ def test_an_index_is_replaced_as_a_whole(tmp_path: Path, monkeypatch) -> None:
     broken = record(tmp_path, "c")
     del broken["size"]
     with pytest.raises(KeyError):
-        sample_index.write(tmp_path, [record(tmp_path, "b"), broken])
+        written(tmp_path, record(tmp_path, "b"), broken)
     assert (tmp_path / "metadata.jsonl").read_bytes() == before
 
 
@@ -110,25 +112,47 @@ def test_what_is_no_index_is_told(tmp_path: Path) -> None:
         list(samples(tmp_path))
 
 
-def test_image_folders_of_hugging_face_load(tmp_path: Path, monkeypatch) -> None:
-    pytest.importorskip("PIL")
-    datasets = pytest.importorskip("datasets")
-    out = tmp_path / "out"
-    far = {**record(out, "a_f1.4")["lens"], "focus_mm": "inf"}
+def test_hugging_face_loads_the_splits(tmp_path: Path, datasets: ModuleType) -> None:
+    """Whatever the pictures are named, and whatever one split alone has to say."""
+    far = {**record(tmp_path, "a")["lens"], "focus_mm": "inf"}
+    kinds = ("render", "left", "coc")
     records = [
-        record(out, "a_f1.4", ("render", "left", "coc"), level=10),
-        record(out, "b_f1.4", ("render", "left", "coc"), level=20, lens=far, warnings=["clipped"]),
+        record(tmp_path, "test_a", kinds, level=10, split="train", warnings=["clipped"]),
+        record(tmp_path, "b_train", kinds, level=20, split="train"),
+        record(tmp_path, "c", kinds, level=30, split="holdout", lens=far),
     ]
-    (out / "journal.jsonl").write_text('{"sample_id": "a"}\n')
-    (out / "render" / "a_f1.4.preview.png").write_bytes((out / "render/a_f1.4.png").read_bytes())
-    sample_index.write(out, records)
-    loaded = datasets.load_dataset(
-        "imagefolder", data_dir=str(out), split="train", cache_dir=str(tmp_path / "cache")
-    )
-    assert loaded["sample_id"][:] == ["a_f1.4", "b_f1.4"]
-    assert [image.getpixel((0, 0))[0] for image in loaded["image"]] == [10, 20]
-    assert [image.getpixel((0, 0))[0] for image in loaded["left"]] == [10, 20]
-    assert [lens["focus_dioptres"] for lens in loaded["lens"]] == [0.5, 0.0]
+    write_all(tmp_path, records)
+    loaded = datasets.load_dataset(str(tmp_path), cache_dir=str(tmp_path / "cache"))
+    assert loaded["train"]["sample_id"][:] == ["b_train", "test_a"]
+    for kind in ("image", "left"):
+        assert loaded["train"][0][kind].getpixel((0, 0)) == (20, 20, 20)
+    (alone,) = loaded["holdout"]
+    assert (alone["sample_id"], alone["lens"]["focus_dioptres"], alone["width"]) == ("c", 0, 4)
+
+
+@pytest.mark.parametrize("kinds", [("render", "coc"), ("coc",)])
+def test_hugging_face_loads_a_set_without_splits(
+    kinds: tuple[str, ...], tmp_path: Path, datasets: ModuleType
+) -> None:
+    write_all(tmp_path, [record(tmp_path, name, kinds, level=10) for name in ("a", "test_b")])
+    loaded = datasets.load_dataset(str(tmp_path), cache_dir=str(tmp_path / "cache"))
+    assert {split: list(rows["sample_id"]) for split, rows in loaded.items()} == {
+        "train": ["a", "test_b"]
+    }
+    assert ("image" in loaded["train"].features) == ("render" in kinds)
+
+
+def write_all(out: Path, records: list[dict[str, Any]]) -> None:
+    with Journal(journal_path(out)) as journal:
+        for each in records:
+            journal.append(each)
+    update.index(out, None)
+
+
+@pytest.fixture
+def datasets() -> ModuleType:
+    pytest.importorskip("PIL")
+    return pytest.importorskip("datasets")
 
 
 def test_pandas_reads_the_index(tmp_path: Path) -> None:

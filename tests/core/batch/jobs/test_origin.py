@@ -52,7 +52,7 @@ def test_card_and_index_have_what_the_jobs_file_says(by: str, tmp_path: Path) ->
         run_batch(tables(tmp_path, **ABOUT), out)
     (sample,) = samples(out)
     assert (sample.record["licence"], sample.record["source"]) == ("CC-BY-4.0", "cups.org")
-    card = (out / "card.md").read_text()
+    card = (out / "README.md").read_text()
     title = r"# Blurred \| \*cups\* \<img src=x onerror=alert(1)\> \# \[x\](//y)"
     for told in (f"\n{title}\n", 'license: "CC-BY-4.0"', "Source: cups.org", "\nC.\n"):
         assert told in card
@@ -63,7 +63,7 @@ def test_without_a_word_there_is_none(tmp_path: Path) -> None:
     run_batch(tables(tmp_path), tmp_path / "out")
     (sample,) = samples(tmp_path / "out")
     assert sample.record["licence"] is None
-    assert "license:" not in (tmp_path / "out" / "card.md").read_text()
+    assert "license:" not in (tmp_path / "out" / "README.md").read_text()
 
 
 def test_an_unknown_word_is_refused(tmp_path: Path) -> None:

@@ -12,10 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refuses_as
 
-from defocus_core.batch.jobs.job import Picture
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.jobs.scene_pattern import ScenePattern
-from defocus_core.batch.jobs.splits import read_splits
+from defocus_core.batch.jobs.splits import read_splits, with_recorded
 from defocus_core.batch.jobs.toml_file import Table
+from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import UsageProblem
 
 
@@ -28,7 +29,18 @@ def picture(stem: str, frame: int | None = None) -> Picture:
 
 
 def assigned(names: Any, **values: Any) -> dict[str, str]:
-    return dict(zip(names, splits(**values).assign([picture(n) for n in names]), strict=True))
+    return {name: splits(**values).of(picture(name)).name for name in names}
+
+
+def job(name: str, **values: Any) -> Job:
+    asked = Outputs(Path("out"))
+    lens, split = Lens(50.0, 2.0, 2000.0), splits(**values).of(picture(name))
+    return Job(picture(name), lens, Reading(), asked, Machine(), split=split)
+
+
+def kept(recorded: dict[str, set[str]], names: str, **values: Any) -> dict[str, str]:
+    jobs = with_recorded([job(name, **values) for name in names], recorded)
+    return {each.sample_id: each.split.name for each in jobs}
 
 
 @given(shares=st.lists(st.integers(1, 20), min_size=1, max_size=4))
@@ -72,27 +84,48 @@ def test_an_expression_that_could_take_for_ever_is_refused(text: str) -> None:
 
 
 def test_splits_without_a_scene_are_said(caplog: pytest.LogCaptureFixture) -> None:
-    assert set(assigned("ac", train=0.5, val=0.25, test=0.25).values()) == {"train"}
-    assert "none of 2 scenes is in val, test" in caplog.text
+    assert set(kept({}, "ac", train=0.5, val=0.25, test=0.25).values()) == {"train"}
+    assert "none of 2 scenes is in test, val" in caplog.text
+
+
+def test_a_scene_stays_in_the_split_that_is_recorded(caplog: pytest.LogCaptureFixture) -> None:
+    shares = {"train": 0.5, "val": 0.25, "test": 0.25}
+    assert kept({"a": {"val"}, "b": {"train"}}, "ac", **shares) == {"a": "val", "c": "train"}
+    assert "1 scene kept where the journal has it" in caplog.text
+
+
+def test_a_picture_goes_with_the_recorded_ones_of_its_scene() -> None:
+    shares = {"train": 0.5, "test": 0.5, "scene": "^."}
+    jobs = [job(name, **shares) for name in ("a1", "a2")]
+    for split in ("train", "test"):
+        assert {each.split.name for each in with_recorded(jobs, {"a1": {split}})} == {split}
+
+
+@pytest.mark.parametrize("recorded", [{"old"}, {"train", "test"}])
+def test_a_split_that_is_none_any_more_or_leaks_is_given_up_and_said(
+    recorded: set[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    assert kept({"a": recorded}, "a", train=0.9, test=0.1) == assigned("a", train=0.9, test=0.1)
+    assert "1 scene in another split than before" in caplog.text
 
 
 def test_the_frames_of_a_shot_share_their_split() -> None:
     shots = [picture(f"{name}.{n}", n) for name in ("a", "b") for n in range(9)]
-    found = splits(train=0.5, test=0.5).assign(shots)
+    found = list(map(splits(train=0.5, test=0.5).of, shots))
     assert (len(set(found[:9])), len(set(found[9:]))) == (1, 1)
 
 
 def test_an_expression_says_what_a_scene_is() -> None:
     both = splits(train=0.5, test=0.5, scene=r"^(\w+)_\d+$")
-    found = both.assign([picture(f"{scene}_{n}") for n in range(9) for scene in "ab"])
+    found = [both.of(picture(f"{scene}_{n}")).name for n in range(9) for scene in "ab"]
     assert (set(found[::2]), set(found[1::2])) == ({"train"}, {"test"})
     with pytest.raises(UsageProblem) as caught:
-        both.assign([picture("x")])
+        both.of(picture("x"))
     assert caught.value.code == "no-scene"
 
 
 def test_without_splits_there_is_none() -> None:
-    assert splits().assign([picture("a")]) == [""]
+    assert splits().of(picture("a")).name == ""
 
 
 @pytest.mark.parametrize(

@@ -230,7 +230,14 @@ def test_draws_are_taken_for_each_lens_of_a_sweep(tmp_path: Path) -> None:
     text = f"{LENS}[sweep]\nblades = [0, 6]\n[sample]\n{SAMPLE.replace('200', '2')}"
     found = jobs(tmp_path, text)
     assert names(found) == ["a_blades0_s000", "a_blades0_s001", "a_blades6_s000", "a_blades6_s001"]
-    assert found[0].lens.fnum == found[2].lens.fnum
+
+
+def test_draws_of_one_value_of_a_sweep_do_not_follow_those_of_another(tmp_path: Path) -> None:
+    text = f"{LENS}[sweep]\nblades = [0, 6]\n[sample]\n{SAMPLE}"
+    stops = [math.log(job.lens.fnum / 1.4) / math.log(16 / 1.4) for job in jobs(tmp_path, text)]
+    assert len(set(stops)) == 400
+    pairs = zip(stops[:200], stops[200:], strict=True)
+    assert abs(mean((a - 0.5) * (b - 0.5) * 12 for a, b in pairs)) < 3 / math.sqrt(200)
 
 
 def test_a_lens_knows_what_it_was_drawn_from(tmp_path: Path) -> None:

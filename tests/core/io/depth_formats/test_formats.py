@@ -178,6 +178,13 @@ def _middlebury(folder: Path) -> Example:
     )
 
 
+def _middlebury2006(folder: Path) -> Example:
+    (folder / "dmin.txt").write_text("20\n")
+    numbers = np.round(3740 * 0.16 / (DEPTH + 2) - 20)
+    depth = marked(3740 * 0.16 / (numbers + 20), hole=NAN)
+    return Example(png(folder / "disp1.png", marked(numbers, hole=0), np.uint8), depth)
+
+
 def _cityscapes(folder: Path) -> Example:
     own, cameras = (folder / name / "train" / "ulm" for name in ("disparity", "camera"))
     for made in (own, cameras):
@@ -414,6 +421,12 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "scenenet-rgbd": _scenenet,
     "ros": _ros,
     "middlebury": _middlebury,
+    "middlebury2006": _middlebury2006,
+    "middlebury2003": lambda f: Example(
+        png(f / "disp2.png", marked(np.round(200 / DEPTH), hole=0), np.uint8),
+        marked(900 * 0.1 / (np.round(200 / DEPTH) / 4), hole=NAN),
+        ("--focal-px", "900", "--baseline", "10cm"),
+    ),
     "sceneflow": _sceneflow,
     "cityscapes": _cityscapes,
     "irs": _irs,

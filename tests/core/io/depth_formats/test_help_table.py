@@ -44,9 +44,9 @@ def rule(row: DepthFormat) -> str:
     if "depth-range" in row.needs:
         return "1/z linear in v" if row.rule == "inverse" else "z linear in v"
     if row.rule == "inverse":
-        sidecars = ("calib.txt", "parameters.cfg", "camera.json")
+        sidecars = ("calib.txt", "dmin.txt", "parameters.cfg", "camera.json")
         shifted = row.name == "disparity" or row.sidecar in sidecars
-        scaled = f"({scaled} + doffs)" if shifted else scaled
+        scaled = f"({scaled} + doffs)" if shifted else f"({scaled})" if "/" in scaled else scaled
         known = [f"f = {number(row.focal_px)} px"] if row.focal_px else []
         known += [f"b = {number(row.baseline)} m"] if row.baseline else []
         return ", ".join([f"1 / {scaled}" if row.per_metre else f"f b / {scaled}", *known])

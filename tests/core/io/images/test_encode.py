@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import resource
+import sys
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -20,7 +21,7 @@ from defocus_core.batch.look.preview import diverging, largest, write_preview, w
 from defocus_core.errors import UsageProblem
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
-from defocus_core.io.images.encode import FORMATS, display_encoded, write_image
+from defocus_core.io.images.encode import FORMATS, display_encoded, write_image, write_map
 from defocus_core.io.images.primaries import primaries_attribute
 from defocus_core.io.safe_files import written_whole
 
@@ -105,6 +106,18 @@ def test_alpha_is_written_unassociated(tmp_path: Path) -> None:
         config.attribute("oiio:UnassociatedAlpha", 1)
         file: Any = oiio.ImageInput.open(str(tmp_path / name), config)
         assert file.read_image("uint16")[0, 0].tolist() == [65535, 65535, 65535, 32768]
+
+
+def test_tifffile_reads_maps_and_pictures_without_further_codecs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tifffile = pytest.importorskip("tifffile")
+    monkeypatch.setitem(sys.modules, "imagecodecs", None)
+    depth = np.linspace(1, 9, 48, dtype=np.float32).reshape(6, 8) ** 3
+    write_map(tmp_path / "map.tif", depth)
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "map.tif"), depth)
+    write_image(tmp_path / "a.tif", np.ones((6, 8, 3), np.float32), "RGB", attributes={})
+    np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tif"), 65535)
 
 
 def test_jpeg_shows_the_colour_over_black_and_says_so(tmp_path: Path) -> None:

@@ -29,6 +29,12 @@ def shares(spaced: tuple[float, ...]) -> torch.Tensor:
     return membership(slice_position(RADII, spaced), slices)
 
 
+def test_two_slices_have_gradients_too() -> None:
+    r = torch.tensor([1.5, 2.0, 3.0], requires_grad=True)
+    (gradient,) = torch.autograd.grad(slice_position(r, (1.5, 3.0)).sum(), r)
+    assert (gradient > 0).all()
+
+
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_shares_are_a_partition_of_unity(quality: str) -> None:
     share = shares(slice_radii(-23.0, 31.0, find(quality)))
