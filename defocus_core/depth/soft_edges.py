@@ -86,9 +86,10 @@ def without_ramps(
         extreme_around(values, 1, end).flatten() for end in (torch.minimum, torch.maximum)
     )
     near, far = (
-        _least_beside(each, ramp, _path_end(each, lows, around, index, longest))
+        _path_end(each, lows, around, index, longest)
         for each, lows in ((flat, lowest), (-flat, -highest))
     )
+    near = _nearest_beside(flat, ramp, near)
     found = ~(ramp.flatten()[near] | ramp.flatten()[far])
     if scale is not None:
         along = torch.hypot(*(((near - far) // W).double(), (near % W - far % W).double()))
@@ -118,10 +119,11 @@ def _path_end(values: Tensor, lows: Tensor, around: Tensor, index: Tensor, longe
     return end[index]
 
 
-def _least_beside(values: Tensor, ramp: Tensor, at: Tensor) -> Tensor:
-    """The least of the pixels around the ends [n] of paths: levels end a ramp too soon at times.
+def _nearest_beside(values: Tensor, ramp: Tensor, at: Tensor) -> Tensor:
+    """The nearest of the pixels around the near ends [n] of paths: levels may end a path too soon.
 
-    Of pixels that are as low one is taken that is on no ramp [H, W].
+    Of pixels that are as near one is taken that is on no ramp [H, W]. Far ends stay: what is beyond
+    them may be another surface.
     """
     row = at.div(ramp.shape[1], rounding_mode="floor")
     size = ramp.shape[0], ramp.shape[1]
