@@ -65,7 +65,7 @@ class ColorRange(NamedTuple):
         least, greatest = self.least - more, self.greatest + more
         left = beside(fraction, centre)
         ratio = 1.0 if is_half(fraction) else (1 - left) / left
-        # what has no greatest value is bounded by the least alone, also in the gradient to the ratio
+        # without a greatest value the least alone bounds, also in the gradient to the ratio
         above = torch.where(greatest < torch.inf, greatest - centre, 0.0)
         darkest = torch.where(greatest < torch.inf, centre - ratio * above, least)
         darkest = torch.maximum(darkest, least)
