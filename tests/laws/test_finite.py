@@ -88,6 +88,17 @@ CASES = [
         pair={"model": "smooth"},
         learnt="spherical",
     ),
+    # hidden surfaces of two slices, whose radii learn
+    Extreme(
+        (2, 3),
+        15.0,
+        "random",
+        side=-1,
+        dtype=torch.bfloat16,
+        seed=11764,
+        pupil={"psf_type": "gaussian", "spherical": 0.7, "squeeze": 0.05},
+        options={"quality": "draft"},
+    ),
     Extreme(light=1e30, kind="random", side=0),
     Extreme(light=0.0, kind="random", side=0),
     Extreme(light=65504.0, kind="random", side=0, dtype=torch.float16),
