@@ -8,7 +8,8 @@ from pathlib import Path
 
 from defocus_core.compare.record import DIFFERENT, EXTRA, Comparison
 from defocus_core.errors import InputError, reason
-from defocus_core.io.safe_files import written_together, written_whole
+from defocus_core.io.below import Folder
+from defocus_core.io.safe_files import left_in, written_together, written_whole
 
 
 def accept_files(a: Path, b: Path, records: Sequence[Comparison]) -> list[Path]:
@@ -32,4 +33,7 @@ def accept_files(a: Path, b: Path, records: Sequence[Comparison]) -> list[Path]:
                 raise InputError(
                     "unreadable", problem, "check its permissions", path=source
                 ) from None
+    for folder in {target.parent for _, target in pairs}:
+        for name in left_in(folder):
+            Folder(folder).remove(name)
     return [target for _, target in pairs]

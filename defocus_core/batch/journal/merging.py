@@ -35,8 +35,8 @@ def merge(out: Path) -> Merged:
             sync_folder(out)  # before the journals of the shards are removed
             journal_copy.follow(out)
         for shard in shards:
-            journal.journal_path(out, shard).unlink()
             journal_copy.copy_path(out, shard).unlink(missing_ok=True)
+            journal.journal_path(out, shard).unlink()
             if run_file.run_path(out, shard).exists():
                 problem = f"shard {shard.number}/{shard.of} did not get to its end"
                 note(f"{out}: warning: {problem}")
