@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
+from defocus_core.compare.picture import read_picture
 from defocus_core.compare.record import DIFFERENT, EXTRA, Comparison
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder
@@ -16,10 +17,15 @@ def accept_files(a: Path, b: Path, records: Sequence[Comparison]) -> list[Path]:
     """Copy the files of B that differ from A, or that A has not, to A; their new paths.
 
     All appear together, or none. What B lacks stays, and what cannot be read is not accepted.
+
+    Raises:
+        InputError: a file cannot be written, or one that A has not is no picture.
     """
     pairs = []
     for record in records:
         if record.status in (DIFFERENT, EXTRA) and record.b is not None:
+            if record.status == EXTRA:  # a link may lead to anything
+                read_picture(record.b)
             target = record.a or a / record.b.relative_to(b)
             # A batch may have it in another format: A gets the file of B, under the name of B.
             pairs.append((record.b, target.with_suffix(record.b.suffix)))

@@ -10,7 +10,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from defocus_core.batch.journal.journal import Shard, journal_path
+from defocus_core.batch.journal.journal import Shard, journal_path, read
+from defocus_core.errors import InputError
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable, written_whole
 from defocus_core.system.log import note
@@ -32,7 +33,11 @@ def mend(out: Path, shard: Shard | None = None) -> None:
     whole = data[: data.rfind(b"\n") + 1]
     if whole == copied or not copied.startswith(whole):
         return
-    with written_whole(path, out) as file:
+    try:
+        read(copy_path(out, shard))
+    except InputError:  # the copy is damaged, too
+        return
+    with written_whole(path) as file:
         file.write(copied)
     lost = copied.count(b"\n") - whole.count(b"\n")
     note(f"{path}: had lost {counted(lost, 'record')}, put back from its copy")
@@ -48,7 +53,7 @@ def follow(out: Path, shard: Shard | None = None) -> None:
     data, copied = _read(journal_path(out, shard)), _read(path)
     if data == copied:
         return
-    if not data.startswith(copied):
+    if not copied or not data.startswith(copied):  # a link is replaced, not followed
         with written_whole(path, out) as file:
             file.write(data)
         return
