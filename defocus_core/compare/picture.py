@@ -125,20 +125,22 @@ def _refuse_damaged_png(path: Path) -> None:
 
 def color_layers(names: Sequence[str]) -> Iterator[tuple[str, ...]]:
     """The channels of each colour layer: R, G, B, or Y, of one prefix; without alpha."""
-    prefixes = dict.fromkeys(_prefix(name) for name in names)
-    for prefix in prefixes:
+    every = set(names)
+    for prefix in dict.fromkeys(map(_prefix, names)):
         for wanted in (("R", "G", "B"), ("Y",)):
             layer = tuple(prefix + channel for channel in wanted)
-            chroma = {prefix + channel for channel in ("X", "RY", "BY")} & set(names)
-            if set(layer) <= set(names) and not (wanted == ("Y",) and chroma):
+            chroma = {prefix + channel for channel in ("X", "RY", "BY")} & every
+            if set(layer) <= every and not (wanted == ("Y",) and chroma):
                 yield layer
                 break
 
 
 def layers(names: Sequence[str]) -> Iterator[tuple[str, ...]]:
     """All channels of each layer: those of one prefix."""
-    for prefix in dict.fromkeys(_prefix(name) for name in names):
-        yield tuple(name for name in names if _prefix(name) == prefix)
+    by_prefix: dict[str, list[str]] = {}
+    for name in names:
+        by_prefix.setdefault(_prefix(name), []).append(name)
+    yield from map(tuple, by_prefix.values())
 
 
 def is_map(names: Sequence[str]) -> bool:

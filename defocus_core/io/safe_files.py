@@ -10,6 +10,7 @@ import errno
 import io
 import itertools
 import os
+import re
 import sys
 import threading
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
@@ -30,6 +31,7 @@ UNASKED_BYTES = 2**28
 
 _LFS_POINTER = b"version https://git-lfs.github.com/spec/"  # git-lfs, docs/spec.md
 
+LEFTOVER = re.compile(r"\..+\.(\d+)\.\d+\.tmp")  # a hidden sibling, with its process
 _quiet_lock = threading.RLock()
 _serial = itertools.count()
 # The files of the innermost `written_together`; None outside.
@@ -153,9 +155,32 @@ def spoken() -> Iterator[None]:
         yield
 
 
-def leftover(path: Path, process: int) -> str:
-    """Prefix of the names of the hidden siblings of ``path`` that a process writes."""
-    return f".{path.name[:48]}.{process}."
+def leftover(path: Path) -> str:
+    """Prefix of the names of the hidden siblings of ``path``, before that of the process."""
+    return f".{path.name[:48]}."
+
+
+def left_in(folder: Path) -> Iterator[str]:
+    """The names of what processes left half-written in a folder, which run no more.
+
+    They are of this machine, or of one that shares the folder and is not known.
+    """
+    with suppress(OSError):
+        for name in Folder(folder).names():
+            process = LEFTOVER.fullmatch(name)
+            if process and not _runs(int(process[1])):
+                yield name
+
+
+def _runs(process: int) -> bool:
+    """Whether another process of this number runs on this machine."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:  # it is another user's
+        return True
+    return process not in (0, os.getpid())
 
 
 @contextmanager
@@ -163,7 +188,8 @@ def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
     """Open a hidden sibling of ``path`` for writing; it becomes ``path`` when the block ends well.
 
     Parent directories are made. If anything fails, the sibling is removed and an existing ``path``
-    is untouched.
+    is untouched. What a process left of it that was killed is removed, too; of files that are
+    `written_together` whoever writes them removes it.
 
     Args:
         path: of the file.
@@ -176,7 +202,7 @@ def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
     together = _together.get()
     if root is None:
         root = (together.root if together else None) or path.parent
-    sibling = f"{leftover(path, os.getpid())}{next(_serial)}.tmp"
+    sibling = f"{leftover(path)}{os.getpid()}.{next(_serial)}.tmp"
     try:
         with Folder(root).replacing(path.relative_to(root).as_posix(), sibling) as replacement:
             yield replacement.file
@@ -184,6 +210,9 @@ def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
             if together is None:
                 replacement.put()
                 replacement.close()
+                for name in left_in(path.parent):
+                    if name.startswith(leftover(path)):
+                        Folder(path.parent).remove(name)
             else:
                 together.files.append((replacement, path))
     except OSError as error:

@@ -12,7 +12,17 @@ from pathlib import Path
 
 import pytest
 from batches import JOBS, contents, jobs_file, make_believe, records, without_times
-from command_line import Terminal, color_exr, depth_exr, files_under, ramp, refused, run, texture
+from command_line import (
+    Terminal,
+    color_exr,
+    depth_exr,
+    files_under,
+    hidden_in,
+    ramp,
+    refused,
+    run,
+    texture,
+)
 from counting import calls
 
 from defocus_cli.main import main
@@ -38,7 +48,7 @@ def test_each_picture_is_taken_by_each_lens_and_indexed(tmp_path: Path, out: Pat
     }
     assert files_under(out) == wanted
     assert [sample.sample_id for sample in samples(out)] == NAMES
-    assert not list(out.glob(".*")), "no lock and no note is left"
+    assert hidden_in(out) == {".journal.copy"}, "no lock and no note is left"
 
 
 def test_a_batch_is_the_same_whoever_does_it(

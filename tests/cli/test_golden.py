@@ -79,6 +79,12 @@ def test_what_another_processor_rounds_otherwise_passes(jobs: Path, goldens: Pat
     assert golden("check", jobs, goldens).code == 1
 
 
+def test_settings_of_a_foreign_list_are_quoted_in_short(jobs: Path, goldens: Path) -> None:
+    text = (goldens / "golden.json").read_text()
+    (goldens / "golden.json").write_text(text.replace('"fnum": 2.0', f'"fnum": "{"x" * 9000}"'))
+    assert max(map(len, golden("check", jobs, goldens).out.splitlines())) < 500
+
+
 def test_settings_that_changed_are_told_before_the_pixels(jobs: Path, goldens: Path) -> None:
     jobs.write_text(jobs.read_text().replace("fnumber = 2", "fnumber = 1.4"))
     first, second, *_ = golden("check", jobs, goldens).out.splitlines()

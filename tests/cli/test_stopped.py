@@ -8,10 +8,11 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
-from batches import contents, records
-from command_line import LENS, pair, render, run
+from batches import contents, jobs_file, records
+from command_line import LENS, color_exr, hidden_in, pair, render, run, texture
 from shots import pull
 
 HERE = Path(__file__).parents[1] / "support"
@@ -119,8 +120,79 @@ def test_the_system_ends_a_run_which_leaves_nothing_half_written(
     _, err = process.communicate()
     assert process.returncode == 128 + number
     assert err.splitlines()[-1] == f"defocus: ended by {name}; pictures that were finished are kept"
-    assert {path.name for path in out.rglob(".*")} <= {".journal.run"}
+    assert hidden_in(out) <= {".journal.run", ".journal.copy"}
     assert {path.stem for path in (out / "coc").iterdir()} >= {r["sample_id"] for r in records(out)}
     assert render(*folders, "-o", out, "--outputs", "coc").code == 0
     assert len(records(out)) == 16
-    assert not list(out.rglob(".*"))
+    assert hidden_in(out) == {".journal.copy"}
+
+
+def rounds(mode: str, every: int, folder: Path, *words: object) -> list[dict[str, Any]]:
+    """What comes of a command that is killed, or finds no space, at every so many steps."""
+    script = [sys.executable, HERE / "stopped_at_steps.py", mode, every, folder, "--", *words]
+    ran = subprocess.run(list(map(str, script)), capture_output=True, check=True)
+    told: list[dict[str, Any]] = json.loads(ran.stdout)
+    return told
+
+
+def require_whole(told: list[dict[str, Any]], code: int) -> None:
+    """Nothing was half-written, and all went on to the end that a run comes to undisturbed."""
+    assert {each["code"] for each in told} == {code}
+    assert [each for each in told if each["halves"] or each["again"] or each["differ"]] == []
+
+
+def batch_of(folder: Path, *stems: str) -> tuple[object, ...]:
+    (folder / "in").mkdir()
+    return ("batch", jobs_file(folder / "in", *stems), "--processes", "1", "-o", folder / "work/o")
+
+
+@pytest.mark.parametrize(
+    "every", [47, pytest.param(1, marks=pytest.mark.bench)], ids=["some", "each"]
+)
+def test_a_disk_full_at_any_step_of_a_batch_leaves_what_goes_on(every: int, tmp_path: Path) -> None:
+    (tmp_path / "work").mkdir()
+    words = batch_of(tmp_path, "a", "b")
+    require_whole(rounds("full", every, tmp_path / "work", *words, "--shards-size", "1MB"), 3)
+
+
+@pytest.mark.parametrize(
+    "every", [13, pytest.param(1, marks=pytest.mark.bench)], ids=["some", "each"]
+)
+def test_a_merge_killed_at_any_step_goes_on(every: int, tmp_path: Path) -> None:
+    (tmp_path / "work").mkdir()
+    words = batch_of(tmp_path, "a", "b")
+    for shard in ("1/2", "2/2"):
+        assert run(*words, "--shard", shard).code == 0
+    require_whole(rounds("kill", every, tmp_path / "work", "merge", tmp_path / "work" / "o"), -9)
+
+
+@pytest.mark.bench
+@pytest.mark.parametrize("reports", [(), ("--html", "work/r.html", "--junit", "work/j.xml")])
+def test_a_comparison_killed_at_any_step_accepts_all_the_same(
+    reports: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in "abcde":
+        color_exr(tmp_path / "new" / f"{name}.exr", texture(8, 8))
+        color_exr(tmp_path / "work" / "old" / f"{name}.exr", texture(8, 8) / 2)
+    words = ("compare", "work/old", "new", "--accept", "--processes", "1", *reports)
+    require_whole(rounds("kill", 9 if reports else 1, tmp_path / "work", *words), -9)
+
+
+@pytest.mark.bench
+def test_an_update_of_goldens_killed_at_any_step_goes_on(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    jobs, folder = jobs_file(tmp_path / "in", "a", "b"), tmp_path / "work" / "goldens"
+    words = ("--accept", "--processes", "1", "--threads", "1")
+    assert run("golden", "update", jobs, folder, *words).code == 0
+    jobs.write_text(jobs.read_text().replace('"2m"]', '"3m"]').replace("50mm", "60mm"))
+    told = rounds("kill", 11, tmp_path / "work", "golden", "update", jobs, folder, *words)
+    require_whole(told, -9)
+
+
+@pytest.mark.bench
+def test_a_report_killed_at_any_step_goes_on(tmp_path: Path) -> None:
+    (tmp_path / "work").mkdir()
+    words = batch_of(tmp_path, "a", "b")
+    assert run(*words).code == 0
+    require_whole(rounds("kill", 5, tmp_path / "work", "report", tmp_path / "work" / "o"), -9)

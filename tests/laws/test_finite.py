@@ -69,6 +69,36 @@ CASES = [
         rim={"size": 1.0, "vignetting": True},
         pair={"model": "smooth"},
     ),
+    # the channel of detail of a draft has no greatest value, its halves unequal shares that learn
+    Extreme(
+        (1, 1),
+        60.0,
+        pupil={"blades": 3, "curvature": 0.0, "psf_type": "gaussian", "squeeze": 0.6},
+        options={"quality": "draft"},
+        learnt="squeeze",
+    ),
+    # a ring 0.4 px wide, of which hardly any part sees the frame: the disc of a light is divided by
+    # this share, which is summed up in another way, and was 1.55 times the light
+    Extreme(
+        (2, 3),
+        kind="checkerboard",
+        side=0,
+        seed=22373,
+        pupil={"psf_type": "gaussian", "obstruction": 0.95, "spherical": -1.0, "squeeze": 20.0},
+        pair={"model": "smooth"},
+        learnt="spherical",
+    ),
+    # hidden surfaces of two slices, whose radii learn
+    Extreme(
+        (2, 3),
+        15.0,
+        "random",
+        side=-1,
+        dtype=torch.bfloat16,
+        seed=11764,
+        pupil={"psf_type": "gaussian", "spherical": 0.7, "squeeze": 0.05},
+        options={"quality": "draft"},
+    ),
     Extreme(light=1e30, kind="random", side=0),
     Extreme(light=0.0, kind="random", side=0),
     Extreme(light=65504.0, kind="random", side=0, dtype=torch.float16),

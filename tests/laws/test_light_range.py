@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core import render
+from defocus_core import HiddenLayer, render
 
 SIZE = 48, 64
 X = torch.arange(SIZE[1]).expand(SIZE)
@@ -40,6 +40,17 @@ def test_no_pixel_is_darker_or_brighter_than_all(name: str, options: dict[str, o
     shown = render(image, SIGNED_RADIUS[name], **options).render  # type: ignore[arg-type]
     assert float(shown.min()) >= 0.2 * (1 - 1e-4)
     assert float(shown.max()) <= 100 * (1 + 1e-4)
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_known_hidden_colours_are_in_the_range_of_what_is_seen(quality: str) -> None:
+    image = with_lights(torch.full((3, *SIZE), 0.2), 100.0)
+    for color in (0.15, 150.0):
+        hidden = HiddenLayer(torch.full_like(image, color), torch.full(SIZE, 9.0), image[0] < 1e9)
+        shown = render(image, SIGNED_RADIUS["edges"], quality=quality, hidden=hidden).render
+        assert float(shown.min()) >= min(color, 0.2) * (1 - 1e-4)
+        assert float(shown.max()) <= max(color, 100.0) * (1 + 1e-4)
+        assert float(shown.min()) < 0.19 or color > 1
 
 
 @pytest.mark.parametrize("quality", QUALITIES)

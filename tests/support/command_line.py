@@ -148,9 +148,14 @@ def pair(folder: Path, stem: str = "a") -> tuple[Path, Path]:
 
 
 def files_under(folder: Path) -> set[str]:
-    """All files but the journal."""
+    """All files but the journal and its copy."""
     found = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
-    return found - {"journal.jsonl"}
+    return found - {"journal.jsonl", ".journal.copy"}
+
+
+def hidden_in(folder: Path) -> set[str]:
+    """The names of all hidden files."""
+    return {path.name for path in folder.rglob(".*")}
 
 
 def thin_lens_radius(z_mm: np.ndarray[Any, Any], *, s: float = 2000.0) -> np.ndarray[Any, Any]:

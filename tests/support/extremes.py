@@ -18,8 +18,9 @@ _MAXIMUM = {torch.float16: 65504.0, torch.bfloat16: 9.9e29}
 # A gradient in float16 is at most 65504, and that to a pixel on the verge of being a highlight
 # hundreds of times itself: divided by less, it is infinite.
 _MIN_SCALE = 2e-2
-# Error of a share of the light that reaches a pixel.
-_BRIGHTER = 1.001
+# What a view may exceed of the least and the greatest of a channel: a share of them, by rounding,
+# and of its range, in a half of the lens by detail as fine as a pixel.
+_ROUNDING, _OVERSHOOT = 1e-3, 0.1
 
 
 def dots() -> PupilImage:
@@ -92,8 +93,26 @@ class Extreme:
         aperture, pair = Aperture(**pupil), DualPixel(**self.pair)
         return render(image, radius, aperture=aperture, dual_pixel=pair, left_right=True, **options)
 
+    def _beyond(self, image: Tensor, views: dict[str, Tensor]) -> list[str]:
+        """The views that are darker or brighter than the picture, each channel by itself."""
+        values = image.double().flatten(1)
+        least, greatest = values.amin(1), values.amax(1)
+        if self.rim.get("vignetting"):
+            least = torch.zeros_like(least)
+        rounding = max(_ROUNDING, 2 * torch.finfo(image.dtype).eps)
+        found = []
+        for name, seen in views.items():
+            more = 0.0 if name == "render" else _OVERSHOOT * (greatest - least)
+            shown = seen.double().flatten(1)
+            dark = (least - more - shown.amin(1)) / (least if name == "render" else greatest)
+            bright = (shown.amax(1) - greatest - more) / greatest
+            for word, beyond in (("darker", dark), ("brighter", bright)):
+                if float(beyond.nan_to_num(0.0).amax()) > rounding:
+                    found.append(f"{name} is {word} than the picture by {float(beyond.amax()):.4g}")
+        return found
+
     def faults(self) -> list[str]:
-        """What is not finite, or brighter than any pixel."""
+        """What is not finite, or darker or brighter than the picture and a rounding."""
         image, radius = (x.requires_grad_() for x in self.scene())
         leaves = {"image": image, "radius": radius}
         if self.learnt:
@@ -107,12 +126,8 @@ class Extreme:
             for name, seen in {**named, "trust": views.trust}.items()
             if not bool(seen.isfinite().all())
         ]
+        found += self._beyond(image.detach(), {n: seen.detach() for n, seen in named.items()})
         brightest = float(image.detach().amax()) or 1.0
-        found += [
-            f"{name} is {maximum:.4g} of the brightest"
-            for name, times in (("render", 1), ("left", 2), ("right", 2))
-            if (maximum := float(named[name].detach().amax()) / brightest) > times * _BRIGHTER
-        ]
         generator = torch.Generator().manual_seed(self.seed)
         weigh = torch.rand(3, 1, *self.size, generator=generator, dtype=torch.float64)
         scale = max(brightest, _MIN_SCALE)

@@ -25,7 +25,7 @@ def result_of(job: Job) -> dict[str, Any]:
     if name.startswith("deadly"):
         path = job.written[0]
         path.parent.mkdir(exist_ok=True)
-        path.with_name(leftover(path, os.getpid()) + "0.tmp").touch()
+        path.with_name(f"{leftover(path)}{os.getpid()}.0.tmp").touch()
         os.kill(os.getpid(), signal.SIGKILL)
     if name.startswith("once"):
         mark = Path(job.picture.color)

@@ -84,16 +84,6 @@ def listed(out: Path) -> set[str] | None:
     return None
 
 
-def hashes(out: Path) -> dict[str, str]:
-    """The hash of each output that the index of OUT names; none if it cannot be read."""
-    found: dict[str, str] = {}
-    with suppress(OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
-        for line in Folder(out).read(NAME).splitlines():
-            entry = json.loads(line)
-            found |= {path: entry["outputs_blake2b"][k] for k, path in entry["outputs"].items()}
-    return found
-
-
 def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
     """Take samples that are about to change out of the index of OUT; the names of those taken.
 

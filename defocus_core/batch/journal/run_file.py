@@ -7,8 +7,6 @@ a file and saying so in the journal leaves the file: it is ours, though no journ
 from __future__ import annotations
 
 import json
-import os
-import re
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -19,9 +17,8 @@ from defocus_core.batch.journal.journal import Record, Shard, files_of
 from defocus_core.batch.journal.record_check import is_moment, output_fault
 from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder
-from defocus_core.io.safe_files import leftover, written_whole
+from defocus_core.io.safe_files import LEFTOVER, left_in, leftover, written_whole
 
-_LEFTOVER = re.compile(r"\..+\.(\d+)\.\d+\.tmp")
 SHARDS_FOLDER = "shards"  # of tars
 
 
@@ -74,33 +71,25 @@ def sweep_up(out: Path) -> None:
     The index and shards are written without the lock: those of a process that runs are left alone.
     """
     below = Folder(out)
-    for folder in ("", SHARDS_FOLDER, *KINDS):
+    for folder in ("", SHARDS_FOLDER):
+        for name in left_in(out / folder):
+            with suppress(OSError):
+                below.remove(f"{folder}/{name}" if folder else name)
+    for folder in KINDS:
         with suppress(OSError):
-            for entry in below.names(folder):
-                name = _LEFTOVER.fullmatch(entry)
-                if name and (folder in KINDS or not _runs(int(name[1]))):
-                    below.remove(f"{folder}/{entry}" if folder else entry)
-
-
-def _runs(process: int) -> bool:
-    """Whether another process of this number runs on this machine."""
-    try:
-        os.kill(process, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except PermissionError:  # it is another user's
-        return True
-    return process not in (0, os.getpid())
+            for name in below.names(folder):
+                if LEFTOVER.fullmatch(name):
+                    below.remove(f"{folder}/{name}")
 
 
 def sweep_up_after(process: int, out: Path, files: Iterable[Path]) -> None:
     """Remove the half-written siblings of files below ``out`` that a dead process left."""
     below = Folder(out)
     for path in files:
-        folder, begin = path.parent.relative_to(out).as_posix(), leftover(path, process)
+        folder, begin = path.parent.relative_to(out).as_posix(), f"{leftover(path)}{process}."
         with suppress(OSError):
             for name in below.names(folder):
-                if name.startswith(begin) and _LEFTOVER.fullmatch(name):
+                if name.startswith(begin) and LEFTOVER.fullmatch(name):
                     below.remove(f"{folder}/{name}")
 
 

@@ -10,6 +10,8 @@ from pathlib import Path
 from defocus_core.batch.jobs.job import Job, Outputs
 from defocus_core.errors import InputError
 from defocus_core.io.safe_files import missing
+from defocus_core.system.log import note
+from defocus_core.system.text import counted
 
 _NAME_BYTES = 255  # the longest name of a file on Linux
 
@@ -60,6 +62,27 @@ def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
             "move it away, choose another -o, or add ‹overwrite› to render all again",
             path=existing[0],
         )
+
+
+def own_without_record(jobs: Sequence[Job], out: Path, known: Collection[str]) -> set[str]:
+    """The files of jobs, relative to OUT, that this program wrote and no journal knows.
+
+    Their jobs are done again, for nothing tells how they were done; a line says it.
+
+    Args:
+        jobs: what is to be done.
+        out: the directory.
+        known: files that its journals know.
+    """
+    if not any(out.glob("journal*.jsonl")):
+        return set()
+    from defocus_core.io.images.encode import is_own
+
+    names = {name for job in jobs for name in job.names.values() if name not in known}
+    own = {name for name in names if os.path.lexists(out / name) and is_own(out / name)}
+    if own:
+        note(f"{out}: the journal no longer knows {counted(len(own), 'output')}, done again")
+    return own
 
 
 def refuse_names(stems: Sequence[str], outputs: Outputs) -> None:

@@ -11,8 +11,11 @@ from defocus_core.batch.jobs.splits import with_recorded
 from defocus_core.batch.journal import identity, run_file
 from defocus_core.batch.journal.journal import Record, Shard, read_all
 from defocus_core.batch.journal.ledger import Ledger
-from defocus_core.batch.workers.lost_records import outputs_without_record
-from defocus_core.batch.workers.output_checks import refuse_misplaced, refuse_unknown
+from defocus_core.batch.workers.output_checks import (
+    own_without_record,
+    refuse_misplaced,
+    refuse_unknown,
+)
 from defocus_core.system.memory import without_collections
 
 Chunk = list[tuple[int, Job]]  # jobs of one picture, with their numbers
@@ -83,7 +86,7 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
         ledger.refuse_other_lenses(job for job, _ in todo)
     known = ledger.files | run_file.planned_files(out)
     jobs_to_do = [job for job, _ in todo]
-    refuse_unknown(jobs_to_do, known | outputs_without_record(jobs_to_do, out, known))
+    refuse_unknown(jobs_to_do, known | own_without_record(jobs_to_do, out, known))
     planned = run_file.planned_files(out, execution.shard) - ledger.files
     unknown = {name for name in planned if (out / name).exists()}
     previews = {

@@ -53,7 +53,10 @@ class Store:
             if stored is None:
                 continue
             changes = identity.changed_settings(stored.get("settings", {}), identity.settings(job))
-            lines += [f"{job.sample_id}: {key} {now} instead of {was}" for key, was, now in changes]
+            lines += [
+                f"{job.sample_id}: {key:.200} {now} instead of {was!s:.200}"
+                for key, was, now in changes
+            ]
         return lines
 
     def place(self, name: str) -> Path | None:

@@ -26,8 +26,16 @@ _BYTES = {"uint": 4, "half": 2, "float": 4}
 _LONG_NAMES, _DEEP, MULTIPART = 0x400, 0x800, 0x1000
 _SHORT_NAME, _LONGEST_NAME = 31, 255
 _LONGEST_VALUE = 2**24  # bytes of an attribute
-# More than any picture has, in all parts of a file together; some users of it compare all pairs.
-_MOST = {"parts": 512, "channels": 4096, "views": 1024, "attributes": 2**16, "bytes": 2**27}
+# More than any picture has, in all parts of a file together; decoders compare all pairs of channels
+# and of the attributes of a part.
+_MOST = {
+    "parts": 512,
+    "channels": 4096,
+    "views": 1024,
+    "attributes": 2**14,
+    "attributes in a part": 2**11,
+    "bytes": 2**27,
+}
 # Attributes that describe how this one file is laid out, not the picture.
 STRUCTURAL = frozenset(
     {
@@ -182,7 +190,7 @@ def read_attributes(file: BinaryIO) -> dict[str, Raw]:
         if len(value) < size:
             raise ValueError("it ends early")
         attributes[name] = Raw(kind, value)
-        _limit(attributes=len(attributes), bytes=file.tell())
+        _limit(**{"attributes in a part": len(attributes), "bytes": file.tell()})
     return attributes
 
 

@@ -42,6 +42,7 @@ def read_color(
     overscan: Overscan = NO_OVERSCAN,
     blur_channels: Sequence[str] = (),
     original: bool = False,
+    carried: bool = True,
 ) -> Color:
     """Decode a colour image.
 
@@ -54,6 +55,7 @@ def read_color(
         overscan: pixels of an EXR file beyond its display window that are read, too.
         blur_channels: names or patterns of the further channels of an EXR file that are light.
         original: whether the sharp picture inside a photograph is taken, where there is one.
+        carried: whether further channels of an EXR file are read.
 
     Raises:
         InputError: the file cannot be read, or has no colour or several to choose from.
@@ -69,6 +71,7 @@ def read_color(
             blur_channels=blur_channels,
             keeping=keeping,
             overscan=overscan,
+            carried=carried,
         )
     if path.suffix.lower() == ".exr":
         raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)

@@ -38,6 +38,7 @@ def read_exr_color(
     blur_channels: Sequence[str],
     keeping: Keeping,
     overscan: Overscan,
+    carried: bool,
 ) -> Color:
     """Decode the colour of an EXR file; the arguments are those of `read_color`.
 
@@ -47,9 +48,14 @@ def read_exr_color(
     every = read_headers(path)
     headers = in_view(path, every, view)
     chosen = choose_color(path, headers, layer=layer, part=part)
-    parts = read_parts(path, headers, keeping, overscan=overscan)
+    own = (chosen.header.index, *chosen.channels.values())
+
+    def wanted(header: Header, name: str) -> bool:
+        return carried or (header.index == own[0] and name in own[1:])
+
+    parts = read_parts(path, headers, keeping, wanted, overscan)
     channels, planes = _planes(path, parts[chosen.header.index], chosen, keeping, overscan)
-    extras, left_out = _extras(parts, chosen)
+    extras, left_out = _extras(parts, chosen) if carried else ({}, ())
     passes = light_passes(path, extras, blur_channels)
     planes += [extras.pop(name) for name in passes]
     attributes = {k: v for k, v in chosen.header.attributes.items() if k != _THUMBNAIL}

@@ -22,6 +22,7 @@ _D50 = (0.9642, 1.0, 0.8249)  # of all profiles
 _HEAD = 128  # bytes
 _MAX_TAGS = 200
 _PARAMETERS = (1, 3, 4, 5, 7)  # numbers of each type of parametric curve
+_LEAST_RISE = 0.1  # of a curve, from black to white
 _SAMPLES = 4096  # of a curve: floats between them are interpolated
 
 
@@ -100,9 +101,11 @@ def _profile(data: bytes) -> Profile | None:
 
 
 def _rising(curves: tuple[tuple[float, ...], ...], primaries: Chromaticities) -> Profile | None:
-    """A profile of finite numbers whose curves rise, as they must to be undone."""
-    is_finite = np.isfinite([*primaries, *np.ravel(curves)]).all()
-    return Profile(curves, primaries) if is_finite and (np.diff(curves) >= 0).all() else None
+    """A profile of finite numbers whose curves rise from black to white, so that none is flat."""
+    if not np.isfinite([*primaries, *np.ravel(curves)]).all() or (np.diff(curves) < 0).any():
+        return None
+    rises = all(curve[-1] - curve[0] > _LEAST_RISE for curve in curves)
+    return Profile(curves, primaries) if rises else None
 
 
 def _tags(data: bytes) -> dict[str, bytes]:

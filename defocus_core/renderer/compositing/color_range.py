@@ -65,7 +65,10 @@ class ColorRange(NamedTuple):
         least, greatest = self.least - more, self.greatest + more
         left = beside(fraction, centre)
         ratio = 1.0 if is_half(fraction) else (1 - left) / left
-        darkest = torch.maximum(centre - ratio * (greatest - centre), least)
+        # without a greatest value the least alone bounds, also in the gradient to the ratio
+        above = torch.where(greatest < torch.inf, greatest - centre, 0.0)
+        darkest = torch.where(greatest < torch.inf, centre - ratio * above, least)
+        darkest = torch.maximum(darkest, least)
         brightest = torch.minimum(centre + ratio * (centre - least), greatest)
         added = _clamped(pair[0], darkest, brightest) - pair[0]
         return torch.stack([pair[0] + added, pair[1] - added / ratio])

@@ -72,7 +72,13 @@ class Enlarging:
         channels = [*zip(lows.amin(0).tolist(), highs.amax(0).tolist(), strict=True)]
         self._minimum = min(0.0, *(darkest for darkest, _ in channels))
         self._maximum = max(brightest for _, brightest in channels)
-        self._channels = channels if frame.content.channels else []
+        self._channels = [
+            (min(least), max(greatest))
+            for least, greatest in (
+                zip(*each, strict=True)
+                for each in zip(channels, frame.content.channels, strict=False)
+            )
+        ]
 
         def merged(px: Tensor, radius: Tensor) -> Tensor:
             return torch.cat([means(px), unit * fraction_left(radius)[None]])

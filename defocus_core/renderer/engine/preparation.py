@@ -214,7 +214,6 @@ def content_of(
     quality: Quality,
     *,
     layered: bool = False,
-    whole: bool = True,
     all_ranges: tuple[float, float] | None = None,
 ) -> Content:
     """What a picture holds.
@@ -222,8 +221,7 @@ def content_of(
     Args:
         survey: Its statistics.
         quality: Settings of the quality.
-        layered: Whether it is of layers.
-        whole: Whether no other colours than those of its pixels are seen.
+        layered: Whether it is of layers, of which other colours are seen than those of its pixels.
         all_ranges: Least and greatest signed radius of all colours that are rendered apart; None
             for those of these pixels.
     """
@@ -233,7 +231,7 @@ def content_of(
         edges=layered or max(survey.steepest) > EDGE,
         tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.min_slope**2,
         minimum=min(survey.darkest, 0.0),
-        channels=survey.channels if whole else (),
+        channels=() if layered else survey.channels,
         limit=limit,
         highlights=survey.brightest > limit,
         double=needs_double(survey, limit),

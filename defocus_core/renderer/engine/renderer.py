@@ -26,7 +26,7 @@ from defocus_core.renderer.engine.region_schedule import assembled, rendered_reg
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import STANDARD, Settings
 from defocus_core.renderer.engine.shared_surfaces import SharedSurfaces
-from defocus_core.renderer.engine.statistics import border_range, surveyed
+from defocus_core.renderer.engine.statistics import border_range, channels_with, surveyed
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.layers.quality import Quality, find
 from defocus_core.renderer.layers.slice_radii import SHARP
@@ -143,13 +143,15 @@ class Renderer:
     ) -> Content:
         """What the picture holds, of whose pixels [C, h, w] count."""
         dtype = computed_in(counted, signed_radius)
-        return content_of(
+        content = content_of(
             surveyed(counted, signed_radius, dtype, self._settings.threads),
             quality,
             layered=layered,
-            whole=not layered and self._given.hidden is None,
             all_ranges=limits,
         )
+        if self._given.hidden is None or not content.channels:
+            return content
+        return content._replace(channels=channels_with(self._given.hidden, content.channels))
 
     @property
     def reach(self) -> int:

@@ -182,6 +182,20 @@ def with_hidden(hidden: KnownLayer, limits: tuple[float, float]) -> tuple[float,
     return minimum, maximum
 
 
+def channels_with(
+    hidden: KnownLayer, channels: tuple[tuple[float, float], ...]
+) -> tuple[tuple[float, float], ...]:
+    """Least and greatest value of each channel of visible pixels and of a known hidden layer."""
+    ends = [torch.tensor(channels, dtype=torch.float64)]
+    for color, _, mask in zip(*map(banded, hidden), strict=True):
+        known = color[:, mask.bool()].double()
+        if known.numel():
+            ends.append(torch.stack([known.amin(1), known.amax(1)], 1).cpu())
+    every = torch.stack(ends)
+    least, greatest = every[..., 0].amin(0).tolist(), every[..., 1].amax(0).tolist()
+    return tuple(zip(least, greatest, strict=True))
+
+
 def needs_double(survey: Survey, limit: float) -> bool:
     """Whether float32 is too coarse.
 

@@ -161,11 +161,11 @@ def slice_position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
         for column in zip(*((p.slice_index, p.a, p.b, p.c) for p in pieces), strict=True)
     )
     r = signed_radius.flatten()
-    limits = sent([p.end for p in pieces[:-1]], r)
-    piece = torch.bucketize(r.detach(), limits, right=True, out_int32=True)
-    if torch.is_grad_enabled() and r.requires_grad and len(limits):  # on one, the piece before it
+    ends = sent([p.end for p in pieces], r)
+    piece = torch.bucketize(r.detach(), ends[:-1], right=True, out_int32=True)
+    if torch.is_grad_enabled() and r.requires_grad:  # on a limit, the piece before it
         before = (piece - 1).clamp(min=0)
-        piece = torch.where(tied(r, limits.index_select(0, before)), before, piece)
+        piece = torch.where(tied(r, ends.index_select(0, before)), before, piece)
     fraction = torch.addcmul(c.index_select(0, piece), a.index_select(0, piece), r * r)
     if any(p.b for p in pieces):
         fraction = fraction.addcmul(b.index_select(0, piece), r)

@@ -37,6 +37,7 @@ def read_picture(path: Path, reading: Reading, keeping: Keeping, overscan: Overs
         keeping=keeping,
         overscan=overscan,
         original=True,
+        carried=False,
     )
 
 

@@ -47,7 +47,12 @@ def evidence_of_pair(
 ) -> tuple[str, ...]:
     """Sentences on what is wrong between colour and depth of one size; empty if nothing."""
     image = read_color(
-        color, layer=reading.color_layer, part=None, view=reading.view, keeping=keeping
+        color,
+        layer=reading.color_layer,
+        part=None,
+        view=reading.view,
+        keeping=keeping,
+        carried=False,
     )
     height, width = image.shape[:2]
     beside = read_depth(

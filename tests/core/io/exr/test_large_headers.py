@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,10 +15,12 @@ import pytest
 from image_files import multi_part, random_planes, save
 from refusals import refuses
 
+from defocus_core.compare.picture import color_layers, layers
 from defocus_core.io.exr.channel_choice import choose_color, choose_depth
 from defocus_core.io.exr.header import MAGIC, MULTIPART, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.images import raster
+from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.images.exr_color import _extras
 
@@ -34,7 +37,7 @@ def part(*more: bytes, channels: int = 3) -> bytes:
 
 
 NAMELESS = attribute("multiView", "stringvector", bytes(4 * 4_000_000))
-MANY = (attribute(f"a{n}", "int", bytes(4)) for n in range(100_000))
+MANY = [attribute(f"a{n}", "int", bytes(4)) for n in range(3000)]
 
 
 @pytest.mark.parametrize(
@@ -44,9 +47,10 @@ MANY = (attribute(f"a{n}", "int", bytes(4)) for n in range(100_000))
         ("channels", MULTIPART, part(channels=1000) * 5 + b"\0"),
         ("parts", MULTIPART, part() * 30_000 + b"\0"),
         ("views", 0, part(NAMELESS)),
-        ("attributes", 0, part(*MANY)),
+        ("attributes in a part", 0, part(*MANY[:3000])),
+        ("attributes", MULTIPART, part(*MANY[:1000]) * 20 + b"\0"),
     ],
-    ids=["channels", "channels of all parts", "parts", "views", "attributes"],
+    ids=["channels", "channels of all parts", "parts", "views", "attributes of a part", "of all"],
 )
 def test_a_header_of_more_than_any_picture_has_is_refused(
     what: str, flags: int, header: bytes, tmp_path: Path
@@ -97,6 +101,28 @@ def test_work_is_linear_in_the_channels_and_parts_of_a_file(of: str, tmp_path: P
         counts.append(work(lambda path=path: read(path)))  # type: ignore[misc]
     half, all_of_them = counts
     assert all_of_them < 2.2 * half
+
+
+def test_a_look_at_the_colour_decodes_no_other_channel(tmp_path: Path) -> None:
+    """Of thousands of channels, to read all takes the square of their number."""
+    path = multi_part(tmp_path / "a.exr", first=random_planes("BGRZ"), other=random_planes("N"))
+    whole, alone = read_color(path), read_color(path, carried=False)
+    assert set(whole.extras) == {"Z", "N"}
+    assert not alone.extras
+    assert all(map(np.array_equal, whole.planes, alone.planes))
+
+
+def test_layers_are_found_in_time_linear_in_the_channels() -> None:
+    def seconds(count: int) -> float:
+        names, times = [f"l{n}.R" for n in range(count)], []
+        for _ in range(3):
+            start = time.process_time()
+            assert not [*color_layers(names)]
+            assert len([*layers(names)]) == count
+            times.append(time.process_time() - start)
+        return min(times)
+
+    assert seconds(4000) < 8 * seconds(1000)
 
 
 def test_a_file_of_many_parts_is_opened_once(

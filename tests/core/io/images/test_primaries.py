@@ -273,3 +273,18 @@ def test_the_picture_in_false_colour_is_srgb(tmp_path: Path) -> None:
     ran = render(photo, depth(tmp_path), "-o", tmp_path / "out", *options)
     assert (ran.code, "black" in ran.err) == (0, False), ran.err
     assert embedded(tmp_path / "out" / "focus" / "a.png") == b""
+
+
+@pytest.mark.parametrize(
+    "curve",
+    [
+        b"curv" + bytes(4) + struct.pack(">IH", 1, 0),
+        b"curv" + bytes(4) + struct.pack(">I3H", 3, 0, 0, 0),
+        b"curv" + bytes(4) + struct.pack(">I3H", 3, 0, 60000, 0),
+        b"para" + bytes(4) + struct.pack(">HH", 3, 0) + fixed(2.4, 0.0, 0.0, 0.0, 0.0),
+    ],
+    ids=["a power of 0", "flat", "falling", "a slope of 0"],
+)
+def test_a_curve_that_does_not_rise_from_black_to_white_is_not_applied(curve: bytes) -> None:
+    """It cannot be undone: all of a picture would be white, or black."""
+    assert read_profile(profile(REC_709, curve)) is None
