@@ -64,12 +64,14 @@ add --right FILE, or leave it out
 render rgb.exr coc.exr -o out --depth-format coc --focus-at 3,3
 idle-option --focus-at: changes nothing: with depth-format coc, the files hold the radii; …
 render rgb.exr z.exr -o out --fnumber 2 --focus 2m
-missing-option --focal-length: is missing; add --focal-length 50mm, or a --lens FILE that has it
-render rgb.exr z.exr -o out --focal-length 50mm --focus 2m
-missing-option --fnumber: is missing; add --fnumber 1.4 or --aperture-diameter, \
-or a --lens FILE that has it
-render rgb.exr z.exr -o out --focal-length 50mm --fnumber 2
-missing-option --focus: is missing; add --focus 2m or --focus-at, or a --lens FILE that has it
+missing-option --focal-length: is missing; run: defocus render --json rgb.exr z.exr -o out \
+--fnumber 2 --focus 2m --lens @portrait-85
+render rgb.exr z.exr -o out
+missing-option --focal-length: is missing, as are --fnumber and --focus; \
+run: defocus render --json rgb.exr z.exr -o out --lens @portrait-85 --focus-at 6,7
+info z.exr --focal-length 50mm
+missing-option --fnumber: is missing, as is --focus; add --fnumber 1.4 or --aperture-diameter, \
+--focus 2m or --focus-at, or a --lens FILE that has them
 info rgb.exr z.exr --preview a.png
 missing-option --preview: needs a lens, whose blur decides the repair; \
 give --lens FILE.toml, or --focal-length, … --focus

@@ -30,7 +30,7 @@ from defocus_core.reports.html.item import Column, Item, Layer, Report, ReportTa
 from defocus_core.reports.html.layers import WHOLE, window_of, with_values
 from defocus_core.reports.html.page import write_report
 from defocus_core.reports.html.sample_layers import drawn_files, is_view, wiggle_of
-from defocus_core.reports.html.shell import command_line
+from defocus_core.system.shell import command_line
 from defocus_core.system.spreading import spread
 
 _COLUMNS = (
