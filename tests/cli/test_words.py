@@ -90,7 +90,7 @@ unknown-name rendr: no such command; did you mean render?
 bokeh
 unknown-name bokeh: no such command; see 'defocus --help'
 help lenses
-unknown-name lenses: no such topic; topics are conventions, look, depth, …
+unknown-name lenses: no such topic; topics are conventions, look, photo, …
 R --focus 2
 malformed --focus: '2' has no unit; write it with a unit, like 2m or 50mm
 R --fnumber 0
