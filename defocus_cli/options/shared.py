@@ -33,11 +33,13 @@ from defocus_core.batch.jobs.output_kinds import (
     KINDS,
     MAP_FORMATS,
     MAPS,
+    SUFFIXES,
     compression,
     format_of_file,
     in_one_file,
     is_picture_name,
 )
+from defocus_core.batch.jobs.pairing import COLOR_SUFFIXES
 from defocus_core.batch.lenses.quantities import byte_count, pixel_count
 from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.system.process import cores
@@ -233,6 +235,9 @@ def _given(values: Mapping[str, Any]) -> dict[str, Any]:
 def _in_file(outputs: Outputs, given: Mapping[str, Any]) -> Outputs:
     """The outputs, of one file if -o names one."""
     path = outputs.root
+    if path.suffix.lower() in COLOR_SUFFIXES and not is_picture_name(path.suffix):
+        remedy = f"end its name in {', '.join(dict.fromkeys(SUFFIXES.values()))}"
+        raise UsageProblem("wrong-type", "is of a type that is read alone", remedy, path=path)
     if not is_picture_name(path.suffix) or path.is_dir():
         return outputs
     if outputs.preview:
