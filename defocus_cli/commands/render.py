@@ -66,9 +66,7 @@ Examples:
 @shot_options
 @shared.output_options
 @shared.name_option
-@shared.hidden_option
-@shared.over_options
-@shared.holdout_option
+@shared.others_options
 @reading_options
 @shared.rendering_options
 @shared.check_inputs_option
@@ -87,9 +85,7 @@ def command(
     shot: ShotOptions,
     outputs: Outputs,
     name: str | None,
-    hidden: tuple[Path, Path] | None,
-    over: tuple[Path, Path | None] | None,
-    holdout: tuple[Path, None] | None,
+    others: dict[str, tuple[Path, Path | None]],
     reading: Reading,
     machine: Machine,
     check_inputs: str,
@@ -99,8 +95,6 @@ def command(
     dry_run: bool,
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
-    given = {"hidden": hidden, "over": over, "holdout": holdout}.items()
-    others = {role: paths for role, paths in given if paths is not None}
     pictures = find_pictures(color, depth, others, frames=shot.choice(lenses.animation))
     lenses = completed(lenses, pictures, reading, click.get_current_context().meta["typed"])
     jobs = [

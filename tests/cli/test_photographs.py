@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import color_exr, depth_exr, pair, ramp, refused, run, texture
 from depth_files import gdepth, png
@@ -83,3 +84,71 @@ def test_batches_never_guess(tmp_path: Path) -> None:
     jobs = tmp_path / "jobs.toml"
     jobs.write_text(f'[inputs]\ncolor = "{color}"\ndepth = "{depth}"\n[lens]\nblades = 5\n')
     refused(run("batch", jobs, *out), 2, "missing-option", "focal-length")
+
+
+def subject(folder: Path) -> tuple[Path, Path, Path]:
+    """A photograph of a subject before a plane, depth that is 3 px too fat, and its matte."""
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    coverage = np.clip(40.5 - np.hypot(y - 60, x - 80), 0, 1)
+    rgb = np.rint(255 * (0.2 + 0.6 * coverage))[..., None].repeat(3, 2).astype(np.uint8)
+    fat = np.where(np.hypot(y - 60, x - 80) < 43, 200, 40)
+    matte = np.rint(255 * coverage)[..., None].astype(np.uint8)
+    depth = png(folder / "z.png", fat, np.uint8)
+    return save(folder / "a.png", rgb), depth, save(folder / "matte.png", matte)
+
+
+def test_a_matte_keeps_the_background_beside_the_subject_with_itself(tmp_path: Path) -> None:
+    color, depth, matte = subject(tmp_path)
+    blur = ("--blur", "6px", "--focus-value", "200", "--depth-repair")
+    for name, more in (("off", ()), ("known", ("--matte", matte))):
+        out = ("-o", tmp_path / f"{name}.png")
+        ran = run("render", color, depth, *blur, "auto" if more else "off", *more, *out)
+        assert ran.code == 0, ran.err
+    guessed, known = (
+        np.asarray(oiio.ImageBuf(str(tmp_path / f"{name}.png")).get_pixels(oiio.FLOAT))
+        for name in ("off", "known")
+    )
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    beside = (np.hypot(y - 60, x - 80) > 41) & (np.hypot(y - 60, x - 80) < 42.5)
+    assert np.abs(known[beside, 0] - 0.2).max() < 0.02
+    assert known[60, 80, 0] == pytest.approx(guessed[60, 80, 0], abs=0.01)
+
+
+def test_a_matte_stands_in_jobs_files_and_in_the_journal(tmp_path: Path) -> None:
+    color, depth, matte = subject(tmp_path)
+    jobs = tmp_path / "jobs.toml"
+    jobs.write_text(
+        f'[inputs]\ncolor = "{color.name}"\ndepth = "{depth.name}"\nmatte = "{matte.name}"\n'
+        '[lens]\nblur = "6px"\nfocus-value = 200\n[outputs]\nformat = "png"\n'
+    )
+    ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
+    assert ran.code == 0, ran.err
+    again = ("render", color, depth, "--matte", matte, "--blur", "6px", "--focus-value", "200")
+    assert run(*again, "-o", tmp_path / "b.png").code == 0
+    made = tmp_path / "out" / "render" / "a.png"
+    assert made.read_bytes() == (tmp_path / "b.png").read_bytes()
+    save(matte, np.zeros((*SIZE, 1), np.uint8))
+    assert run("batch", jobs, "-o", tmp_path / "out", "--processes", "1").code == 0
+    assert made.read_bytes() != (tmp_path / "b.png").read_bytes(), "another matte, another picture"
+
+
+@pytest.mark.parametrize(
+    ("samples", "code"),
+    [
+        (np.zeros((60, 80, 1), np.uint8), ""),
+        (np.zeros((9, 80, 1), np.uint8), "wrong-size"),
+        ((texture(*SIZE[::-1]) * 255).astype(np.uint8), "not-one-channel"),
+        (np.full((*SIZE, 1), 2, np.float32), "out-of-range"),
+    ],
+)
+def test_a_matte_is_grey_and_of_the_shape_of_the_picture(
+    samples: Any, code: str, tmp_path: Path
+) -> None:
+    color, depth, _ = subject(tmp_path)
+    matte = save(tmp_path / "m.tif", samples)
+    words = ("--matte", matte, "--blur", "6px", "--focus-value", "200")
+    ran = run("render", color, depth, *words, "-o", tmp_path / "out.png")
+    if code:
+        refused(ran, 3, code, matte)
+    else:
+        assert ran.code == 0, ran.err
