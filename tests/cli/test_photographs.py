@@ -50,6 +50,13 @@ def test_the_first_picture_takes_one_line_and_says_how_it_was_taken(
     assert taken(black.err) == "--focus-at 59,51"
 
 
+def test_depth_of_another_size_is_refused_before_anything_is_taken(tmp_path: Path) -> None:
+    files = photo(tmp_path), png(tmp_path / "z.png", disparity()[::2, ::2], np.uint8)
+    refused(run("render", *files, "-o", tmp_path / "a.png"), 3, "wrong-size", files[1])
+    guided = run("render", *files, "-o", tmp_path / "a.png", "--resize-depth", "guided")
+    assert taken(guided.err) == "--blur 3px --focus-at 89,65"
+
+
 def test_a_phones_photograph_is_one_file_and_one_line(tmp_path: Path) -> None:
     depth = png(tmp_path / "d.png", 255 - disparity()[::2, ::2], np.uint8).read_bytes()
     picture = (texture(*SIZE[::-1]) * 255).astype(np.uint8)
@@ -57,6 +64,7 @@ def test_a_phones_photograph_is_one_file_and_one_line(tmp_path: Path) -> None:
     file = gdepth(tmp_path / "a.jpg", depth, picture=picture, **kind)
     ran = run("render", file, "-o", tmp_path / "a.png")
     assert (ran.code, taken(ran.err)) == (0, "--blur 3px --focus-at 89,65"), ran.err
+    assert "--invert" not in ran.err, "the file says which end is near"
     file = gdepth(tmp_path / "m.jpg", depth, picture=picture, **kind, Units="m")
     refused(run("render", file, "-o", tmp_path / "m.png"), 2, "missing-option", "focal-length")
 

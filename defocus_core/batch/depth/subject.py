@@ -27,7 +27,8 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import BESIDE_BLUR, LENS_OPTIONS
 from defocus_core.errors import UsageProblem
 from defocus_core.io.depth_formats.depth import Depth, read_depth
-from defocus_core.io.depth_formats.photo_depth import sharp_original
+from defocus_core.io.depth_formats.photo_depth import own_format, sharp_original
+from defocus_core.io.depth_formats.reading import require_size
 from defocus_core.io.depth_formats.relative import is_relative
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.images.describe import describe
@@ -119,7 +120,8 @@ def completed(
         if not taken:
             return lenses
         words = " ".join(f"‹{name}› {LENS_OPTIONS[name].text(v)}" for name, v in taken.items())
-        near = "" if reading.invert else "; if black is near, add ‹invert›"
+        says_near = reading.invert is not None or own_format(picture.depth)
+        near = "" if says_near else "; if black is near, add ‹invert›"
         note(f"defocus: {picture.depth}: relative depth, taken with {words}{near}")
         return replace(lenses, flags={**lenses.flags, **taken})
     if lacking := missing_options(given):
@@ -136,6 +138,8 @@ def _of_relative(picture: Picture, reading: Reading, given: Mapping[str, Any]) -
     if not given.keys() & set(_UNFOCUSED):
         lens = lens_of({"blur": taken.get("blur", 1.0)})
         depth = _depth_alone(picture, reading_through(reading, lens))
+        if picture.color != picture.depth:
+            require_size(picture.depth, reading, depth.metres.shape, size)
         taken["focus-at"] = subject_of(depth).within(size)
     return taken
 
