@@ -16,6 +16,7 @@ from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_cli.words import dry_run as dry_runs
 from defocus_core.batch.datasets import update
+from defocus_core.batch.depth.subject import completed
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.jobs.naming import of_views
 from defocus_core.batch.jobs.output_kinds import KINDS
@@ -65,9 +66,7 @@ Examples:
 @shot_options
 @shared.output_options
 @shared.name_option
-@shared.hidden_option
-@shared.over_options
-@shared.holdout_option
+@shared.others_options
 @reading_options
 @shared.rendering_options
 @shared.check_inputs_option
@@ -86,9 +85,7 @@ def command(
     shot: ShotOptions,
     outputs: Outputs,
     name: str | None,
-    hidden: tuple[Path, Path] | None,
-    over: tuple[Path, Path | None] | None,
-    holdout: tuple[Path, None] | None,
+    others: dict[str, tuple[Path, Path | None]],
     reading: Reading,
     machine: Machine,
     check_inputs: str,
@@ -98,9 +95,8 @@ def command(
     dry_run: bool,
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
-    given = {"hidden": hidden, "over": over, "holdout": holdout}
-    others = {role: paths for role, paths in given.items() if paths is not None}
     pictures = find_pictures(color, depth, others, frames=shot.choice(lenses.animation))
+    lenses = completed(lenses, pictures, reading, click.get_current_context().meta["typed"])
     jobs = [
         Job(picture, lens, reading, outputs, machine)
         for picture, lens in _with_lenses(pictures, lenses, verbose=verbose)

@@ -40,6 +40,7 @@ def render(
     num_layers: int | None = None,
     psf_ks: int | None = None,
     hidden: HiddenLayer | None = None,
+    matte: Tensor | None = None,
     threads: int = 1,
     tile: int | None = None,
     infinity: float | Sequence[float] | Tensor | None = None,
@@ -73,6 +74,9 @@ def render(
             of the slice radii of the quality.
         hidden: The surface behind the visible one where it is known, shaped as the image and the
             radius; elsewhere it is continued from farther surfaces.
+        matte: [B, 1, H, W], [B, H, W] or [H, W] in [0, 1], the coverage of a subject, as of a
+            segmentation: its silhouette is the edge of the depth, and its coverage there is not
+            guessed.
         psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
         threads: Tiles computed at once; torch itself uses one thread meanwhile.
         tile: Side of a tile in px, or in coarse pixels of two px in a draft, 16 at least; another
@@ -120,11 +124,14 @@ def render(
     behind = _behind(hidden, pictures, radii)
     colors = apart(color_offsets, pictures.shape[1])
     every = _settings_of_each(settings, infinity, len(pictures))
-    if hidden is None and color_offsets is None and image.dim() == 4:
+    if hidden is None and matte is None and color_offsets is None and image.dim() == 4:
         return render_each(pictures, radii, every, progress)
+    mattes = [None] * len(pictures) if matte is None else _mattes(matte, radii)
     views = [
-        _rendered(Scene(*each), own, colors, progress)
-        for *each, own in zip(pictures, radii, behind, every, strict=True)
+        _rendered(Scene(one, radius, known, matte=matte), own, colors, progress)
+        for one, radius, known, matte, own in zip(
+            pictures, radii, behind, mattes, every, strict=True
+        )
     ]
     return batch(views) if image.dim() == 4 else views[0]
 
@@ -253,6 +260,19 @@ def _settings_of_each(
         problem = f"infinity must be one radius, or one for each of {count} pictures"
         raise ValueError(f"{problem}, got {len(radii)}; None if not known")
     return [replace(settings, infinity=radius) for radius in radii]
+
+
+def _mattes(matte: Tensor, radii: Tensor) -> Tensor:
+    """[B, H, W] coverages of subjects."""
+    matte = numbers("matte", matte, torch.float32, radii.device, "in [0, 1]")
+    shapes = {(len(radii), 1, *radii.shape[1:]), tuple(radii.shape)}
+    shapes |= {tuple(radii.shape[1:])} if len(radii) == 1 else set()
+    if tuple(matte.shape) not in shapes or not bool(((matte >= 0) & (matte <= 1)).all()):
+        raise ValueError(
+            f"matte must be in [0, 1] and shaped as the radii {tuple(radii.shape)}, got "
+            f"{tuple(matte.shape)}; resample it, and clamp it"
+        )
+    return matte.to(radii.device).reshape(radii.shape)
 
 
 def _behind(

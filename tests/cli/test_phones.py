@@ -102,7 +102,7 @@ def test_a_heic_is_rendered_of_its_own_depth(
 
     monkeypatch.setattr(pillow_heif, "open_heif", with_depth)
     lens = ("--focal-length", "70mm", "--fnumber", "1", "--sensor-width", "7mm")
-    for name, words in (("b", BLUR), ("c", (*lens, "--focus-at", "5,5"))):
+    for name, words in (("b", BLUR), ("c", (*lens, "--focus-at", "5,5")), ("d", ("--blur", "8px"))):
         ran = run("render", file, *words, "-o", tmp_path / f"{name}.png")
         assert ran.code == 0, ran.err
         made = pixels(tmp_path / f"{name}.png")

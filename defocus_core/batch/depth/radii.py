@@ -54,6 +54,7 @@ class Radii(NamedTuple):
         longer: float = 1.0,
         decided: DepthRepair | None = None,
         hold: bool = False,
+        matte: Pixels | None = None,
     ) -> tuple[Pixels, DepthRepair]:
         """The radii [H, W] px by which a picture is rendered, and the repair that made them.
 
@@ -65,6 +66,8 @@ class Radii(NamedTuple):
             longer: the longer half axis of the blur in px, in radii of the CoC.
             decided: the repair, where it is known already.
             hold: whether there is room for the repaired radii.
+            matte: the coverage of the subject, whose edges are those of the depth; None if it is
+                not known.
         """
         import torch
 
@@ -79,6 +82,7 @@ class Radii(NamedTuple):
             edge_width=reading.edge_width,
             decided=decided,
             hold=hold,
+            matte=matte,
         )
 
     def diagnosed(self, reading: Reading) -> DepthRepair:

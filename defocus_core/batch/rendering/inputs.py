@@ -26,6 +26,7 @@ from defocus_core.errors import InputError, TooLarge, UsageProblem
 from defocus_core.io.arrays import computed
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.matte import read_matte
 from defocus_core.io.images.primaries import refuse_other_primaries
 
 
@@ -51,6 +52,7 @@ class Inputs:
     hidden: tuple[Color, Depth] | None = None
     plate: Plate | None = None  # the plate that it lies over, if it is an element
     layers: Layers | None = None  # of a deep picture that is rendered
+    matte: Any = None  # [H, W], the coverage of its subject; None if it is not known
     stamps: Mapping[str, Any] = field(default_factory=dict)  # of the files, by role
     seconds: float = 0.0
 
@@ -110,16 +112,22 @@ def load_inputs(job: Job) -> Inputs:
         raise TooLarge(
             "out-of-memory", problem, "save it as EXR, or allow more ‹memory›", path=picture.color
         )
+    if picture.matte is not None and picture.over is not None:
+        problem = "stands beside ‹over›, whose element has its own alpha"
+        raise UsageProblem("contradiction", problem, "leave it out", field="matte")
     if picture.over is not None:
         return _over_plate(job, held)
     whole = job.outputs.keep_overscan
     color, depth = read(picture, job.reading, held.keeping, job.lens_focal, whole=whole)
     if not job.outputs.need_rendering:
         return Inputs(held, color, depth)
+    matte = None
+    if picture.matte is not None:
+        matte = read_matte(picture.matte.color, color.size, color.overscan)
     if (inputs := _with_layers(job, Inputs(held, color, depth))).layers is not None:
         return inputs
     if picture.hidden is None:
-        return Inputs(held, color, depth)
+        return replace(inputs, matte=matte)
     behind, behind_depth = read(
         picture.hidden, job.reading, held.keeping, job.lens_focal, whole=whole
     )
@@ -133,7 +141,7 @@ def load_inputs(job: Job) -> Inputs:
             "wrong-size", problem, "give ‹hidden› of the same kind", path=picture.hidden.color
         )
     refuse_other_primaries(behind.path, behind.attributes, color.attributes, "the picture")
-    return Inputs(held, color, depth, (behind, behind_depth))
+    return replace(inputs, hidden=(behind, behind_depth), matte=matte)
 
 
 def _over_plate(job: Job, held: Holding) -> Inputs:

@@ -90,7 +90,8 @@ def breathing_inputs(
     inputs, breathing = rendered.inputs, rendered.lens.breathing
     if not breathing:
         return rendered, radius
-    if inputs.is_layered or inputs.hidden is not None or seen_behind is not None:
+    others = (inputs.hidden, inputs.matte, seen_behind)
+    if inputs.is_layered or any(each is not None for each in others):
         problem = "moves one picture with its depth, not layers"
         raise UsageProblem("unsupported", problem, "leave it out", field="breathing")
     planes = torch.from_numpy(np.stack([plane[:] for plane in inputs.color.planes]))

@@ -79,7 +79,7 @@ class Renderers:
                 scene = Scene.of_layered(*self._layers)
             else:
                 radii, repair = self._repaired
-                scene = Scene(self._image, radii, self._hidden, repair=repair)
+                scene = Scene(self._image, radii, self._hidden, repair=repair, matte=self._matte)
             scene, fill = scene.turned() if turned else scene, None
             colors = [c for c in renderings(self.rendered) if c.turned == turned]
             if len(colors) > 1 and self._layers is None:
@@ -150,10 +150,17 @@ class Renderers:
     @cached_property
     def _repaired(self) -> tuple[Pixels, DepthRepair]:
         """The radii, repaired once for all renderings, by the picture as it was given."""
-        return self._repair(self._radii, self._inputs.color, hold=self._holds)
+        color = self._inputs.color
+        return self._repair(self._radii, color, hold=self._holds, matte=self._matte)
+
+    @cached_property
+    def _matte(self) -> Pixels | None:
+        """The coverage of the subject, if it is known."""
+        matte = self._inputs.matte
+        return None if matte is None else lone_window(matte, self.rendered.device)
 
     def _repair(
-        self, radii: Radii, color: Color, *, hold: bool = False
+        self, radii: Radii, color: Color, *, hold: bool = False, matte: Pixels | None = None
     ) -> tuple[Pixels, DepthRepair]:
         """The radii of a picture, repaired as its settings say."""
         settings = self._settings(self._every)
@@ -165,6 +172,7 @@ class Renderers:
             longer=self._longer,
             decided=settings.decided,
             hold=hold,
+            matte=matte,
         )
 
     @cached_property

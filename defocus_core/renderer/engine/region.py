@@ -125,10 +125,12 @@ class Region:
         limit = frame.content.limit
         if self._shared is not None:
             shown = self._shared.shown
+        elif unmixes:
+            matte = self._scene.matte
+            matte = None if matte is None else outer.of(matte).to(signed_radius)
+            shown = unmixed(pixels, signed_radius, limit, matte)
         else:
-            shown = (
-                unmixed(pixels, signed_radius, limit) if unmixes else whole(pixels, signed_radius)
-            )
+            shown = whole(pixels, signed_radius)
         if frame.content.highlights:
             shown, highlights = split(shown, signed_radius, limit)
             return shown, signed_radius, highlights

@@ -53,6 +53,7 @@ class SharedSurfaces:
         offsets: Sequence[Scalar],
         *,
         keep: bool,
+        matte: Pixels | None = None,
     ) -> None:
         """Keep the picture; nothing is continued yet.
 
@@ -63,8 +64,9 @@ class SharedSurfaces:
             offsets: Px that are added to the radii of each group of colours.
             keep: Whether there is room to keep what is continued; without room it is continued for
                 each colour.
+            matte: [H, W], the coverage of a subject; None if it is not known.
         """
-        self.keeps = keep
+        self.keeps, self._matte = keep, matte
         self._made, self._pixels, self._radius = frame, pixels, signed_radius
         self._groups, self.colors = len(offsets), pixels.shape[0]
         limits = torch.stack([range_of(band) for band in banded(signed_radius)])
@@ -85,7 +87,10 @@ class SharedSurfaces:
             outer.of(x).to(frame.dtype).contiguous() for x in (self._pixels, self._radius)
         )
         limit = frame.content.limit
-        shown = unmixed(pixels, radius, limit) if frame.quality.unmixes else whole(pixels, radius)
+        matte = None if self._matte is None else outer.of(self._matte).to(radius)
+        shown = whole(pixels, radius)
+        if frame.quality.unmixes:
+            shown = unmixed(pixels, radius, limit, matte)
         if position in self._hidden:
             hidden = self._hidden[position]
         else:
