@@ -89,7 +89,9 @@ def without_ramps(
         _path_end(each, lows, around, index, longest)
         for each, lows in ((flat, lowest), (-flat, -highest))
     )
-    near = _nearest_beside(flat, ramp, near)
+    near = _least_beside(flat, ramp, near)
+    if edge_width is not None:  # a short path does not end at another surface
+        far = _least_beside(-flat, ramp, far)
     found = ~(ramp.flatten()[near] | ramp.flatten()[far])
     if scale is not None:
         along = torch.hypot(*(((near - far) // W).double(), (near % W - far % W).double()))
@@ -119,11 +121,10 @@ def _path_end(values: Tensor, lows: Tensor, around: Tensor, index: Tensor, longe
     return end[index]
 
 
-def _nearest_beside(values: Tensor, ramp: Tensor, at: Tensor) -> Tensor:
-    """The nearest of the pixels around the near ends [n] of paths: levels may end a path too soon.
+def _least_beside(values: Tensor, ramp: Tensor, at: Tensor) -> Tensor:
+    """The least of the pixels around the ends [n] of paths: levels end a path too soon at times.
 
-    Of pixels that are as near one is taken that is on no ramp [H, W]. Far ends stay: what is beyond
-    them may be another surface.
+    Of pixels that are as low one is taken that is on no ramp [H, W].
     """
     row = at.div(ramp.shape[1], rounding_mode="floor")
     size = ramp.shape[0], ramp.shape[1]

@@ -101,6 +101,7 @@ class Renderer:
         by_scene = quality.half_size and settings.by_scene
         self.at_half_size = scene.content is None and by_scene and _is_blurred(signed_radius)
         if self.at_half_size:
+            scene = replace(scene, surfaces=None)
             quality = quality.in_coarse_pixels()
             coarse = partial(half_size, threads=threads, hold=hold)
             image = coarse(means, scene.image)
@@ -112,8 +113,7 @@ class Renderer:
             counted = image[:-1] if isinstance(image, Tensor) else layered.picture(alpha=False)
             self.reaching = layered.most_blurred()
             border = border_range(self.reaching)
-        surfaces = None if self.at_half_size else scene.surfaces
-        limits = surfaces and surfaces.shared.limits
+        limits = scene.surfaces and scene.surfaces.shared.limits
         content = scene.content or self._content(
             counted, signed_radius, quality, limits, layered=layered is not None
         )
@@ -136,7 +136,6 @@ class Renderer:
             image=image,
             signed_radius=signed_radius,
             hidden=hidden,
-            surfaces=surfaces,
             matte=matte,
         )
 
