@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 from statistics import median
 from typing import TYPE_CHECKING
 
-from defocus_core.batch.rendering import job_steps
 from defocus_core.errors import InputError
+from defocus_core.picture import path as job_steps
 from defocus_core.system import memory
 from defocus_core.system.process import set_to_render
 

@@ -25,10 +25,11 @@ from command_line import (
 
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.rendering import forecast, job_steps, memory_budget
-from defocus_core.batch.rendering.memory_budget import Holding
 from defocus_core.errors import TooLarge
 from defocus_core.evaluation import cost
+from defocus_core.picture import forecast, memory_budget
+from defocus_core.picture import path as job_steps
+from defocus_core.picture.memory_budget import Holding
 from defocus_core.system import memory
 from defocus_core.system.text import duration, percent
 from defocus_core.tensors.tiling import TILE

@@ -31,8 +31,8 @@ from command_line import (
 from image_files import box, multi_part, save, write_window
 
 from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.batch.rendering import job_steps
 from defocus_core.io.exr.header import read_headers
+from defocus_core.picture import path as job_steps
 from defocus_core.renderer.engine import renderer
 
 EVERYTHING = ",".join(KINDS)

@@ -25,9 +25,10 @@ from command_line import (
 )
 
 from defocus_core.batch.datasets import sample_index
-from defocus_core.batch.rendering import delivery, job_steps
-from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.batch.workers import pipeline
+from defocus_core.picture import files as delivery
+from defocus_core.picture import path as job_steps
+from defocus_core.picture.take import Rendered
 
 __all__ = ["folders"]
 Computed = list[str]

@@ -60,7 +60,7 @@ def started(*args: object, slow: float, step: str = "job_steps.compute") -> subp
     """A run of which a step takes its time; it says when the first picture comes to it."""
     script = (
         "import os, sys, time; from defocus_cli import main\n"
-        "from defocus_core.batch.rendering import job_steps\n"
+        "from defocus_core.picture import path as job_steps\n"
         f"do = {step}\n"
         "def slowly(*args, **named):\n"
         "    print('up', flush=True)\n"

@@ -23,7 +23,8 @@ from command_line import (
     run,
 )
 
-from defocus_core.batch.rendering import delivery, job_steps
+from defocus_core.picture import files as delivery
+from defocus_core.picture import path as job_steps
 from defocus_core.system.interrupts import put_off
 
 
@@ -222,7 +223,7 @@ def test_ctrl_c_ends_the_process_with_130_and_one_line(tmp_path: Path) -> None:
     files = [*pair(tmp_path), "-o", tmp_path / "out"]
     script = (
         "import sys, time; from defocus_cli import main\n"
-        "from defocus_core.batch.rendering import delivery, job_steps\n"
+        "from defocus_core.picture import files as delivery, path as job_steps\n"
         "job_steps.compute = lambda *_: (print('up', flush=True), time.sleep(60)); "
         "sys.exit(main.main())"
     )

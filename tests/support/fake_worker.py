@@ -13,10 +13,10 @@ from typing import Any
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal.identity import versions
 from defocus_core.batch.journal.plain_values import typed
-from defocus_core.batch.rendering import job_steps
 from defocus_core.batch.workers import job_result, pool
 from defocus_core.batch.workers.pool import READY
 from defocus_core.io.safe_files import leftover
+from defocus_core.picture import path as job_steps
 
 
 def result_of(job: Job) -> dict[str, Any]:

@@ -39,7 +39,7 @@ class Kind:
         views: of an image of several, the kinds that are the views of its one EXR file.
         turned: the view that it is of the picture with rows for columns, left or right.
         source: input that it is made of without rendering, a row of
-            `defocus_core.batch.rendering.contents`; empty for other kinds.
+            `defocus_core.picture.contents`; empty for other kinds.
         channel: the channel of a map in an EXR, if it is not the kind's name.
         title: what a map shows, for ``defocus info``.
         unit: the unit of a map's values, empty for a number without one.

@@ -17,17 +17,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.depth.repair_words import repair_record
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.failure_codes import Step, verdict
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.lenses.lens import lens_record
 from defocus_core.batch.lenses.parameters import LENS_FILES
-from defocus_core.batch.rendering import delivery, job_steps
-from defocus_core.batch.rendering.inputs import Inputs, load_inputs
-from defocus_core.batch.rendering.measures import measures
-from defocus_core.batch.rendering.rendered import Rendered
+from defocus_core.picture import files as delivery
+from defocus_core.picture import path as job_steps
+from defocus_core.picture.inputs import Inputs, load_inputs
+from defocus_core.picture.measures import measures
+from defocus_core.picture.repair_words import repair_record
+from defocus_core.picture.take import Rendered
 
 TileCount = Callable[[int, int], None]
 BESIDE = ("stats", "trace", "error")  # keys of what the journal does not keep

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal.journal import Record
-from defocus_core.batch.rendering import job_steps
-from defocus_core.batch.rendering.inputs import Inputs
-from defocus_core.batch.rendering.memory_budget import Gate
-from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.batch.workers import job_result
 from defocus_core.batch.workers.job_result import TileCount
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
+from defocus_core.picture import path as job_steps
+from defocus_core.picture.inputs import Inputs
+from defocus_core.picture.memory_budget import Gate
+from defocus_core.picture.take import Rendered
 
 if TYPE_CHECKING:
     _Read = tuple[int, Job, Inputs | Record]

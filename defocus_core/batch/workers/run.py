@@ -20,7 +20,6 @@ from defocus_core.batch.journal import identity, run_file
 from defocus_core.batch.journal.journal import Journal, Record, input_path, journal_path, read_all
 from defocus_core.batch.journal.lock import Check, LockLost, locked
 from defocus_core.batch.journal.run_file import RunPlan
-from defocus_core.batch.rendering.memory_budget import refuse_small
 from defocus_core.batch.workers.job_result import BESIDE
 from defocus_core.batch.workers.output_checks import (
     refuse_misplaced,
@@ -31,6 +30,7 @@ from defocus_core.batch.workers.plan import Chunk, Execute, Execution, Plan, mak
 from defocus_core.errors import InputError, NoteKinds
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable
+from defocus_core.picture.memory_budget import refuse_small
 from defocus_core.system.interrupts import Interrupts
 from defocus_core.system.log import note
 

@@ -9,11 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.depth.focusing import focused, scaled
-from defocus_core.batch.depth.implausible import implausible_radii
-from defocus_core.batch.depth.radii import radii_of, signed_radius
-from defocus_core.batch.depth.repair_words import repair_record, repair_words
-from defocus_core.batch.elements.alpha import element_depth
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.lenses.lens import Lens, lens_record
 from defocus_core.errors import InputError
@@ -22,6 +17,11 @@ from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images.color import LARGEST_FLOAT, count_beyond, read_color
 from defocus_core.io.images.color_planes import Color
+from defocus_core.picture.radii import radii_of, signed_radius
+from defocus_core.picture.repair_words import repair_record, repair_words
+from defocus_core.picture.steps.alpha import element_depth
+from defocus_core.picture.steps.focusing import focused, scaled
+from defocus_core.picture.steps.implausible import implausible_radii
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair

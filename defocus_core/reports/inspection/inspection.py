@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from defocus_core.batch.elements.overscan import overscan_of
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.lenses.lens import Lens
@@ -26,6 +25,7 @@ from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.describe import FileInfo, PartInfo, describe
 from defocus_core.io.images.raster import choose_page
 from defocus_core.io.safe_files import read_head
+from defocus_core.picture.steps.overscan import overscan_of
 from defocus_core.reports.inspection.depth_evidence import (
     evidence_of,
     is_grey_in_color,

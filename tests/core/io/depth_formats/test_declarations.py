@@ -19,12 +19,12 @@ from image_files import save
 from optional_libraries import HDF5_MAGIC, HEIC_MAGIC, with_heic
 from refusals import refuses
 
-from defocus_core.batch.elements.reading import read as read_both
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.table import FORMATS, NAMES
+from defocus_core.picture.pair import read as read_both
 
 RAMP = np.array([[0, 51, 102], [153, 204, 255]])
 
