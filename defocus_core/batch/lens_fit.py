@@ -21,7 +21,7 @@ from defocus_core.io.images.color import read_color, require_finite
 from defocus_core.io.images.color_planes import Color
 from defocus_core.io.safe_files import written_whole
 from defocus_core.picture.measures import radius_measures
-from defocus_core.picture.pair import read
+from defocus_core.picture.pair import InputPair, read
 from defocus_core.system.process import cores, set_to_render
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def fit_pair(
 
     set_to_render()
     focal = options.foclen / options.sensor_width if reading.needs_lens else None
-    color, depth = read(pair.picture, reading, lens_focal=focal)
+    color, depth = read(InputPair(pair.picture, reading, lens_focal=focal))
     if depth.is_radius:
         raise InputError(
             "radii", "holds radii: there is no lens to be found", "give depth", path=depth.path

@@ -2,147 +2,69 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
 from defocus_core.batch.jobs.output_kinds import Kind
 from defocus_core.io.arrays import LazyArray, computed
 from defocus_core.io.exr.views import name_in_view
-from defocus_core.io.exr.windows import Layout, Overscan, Window
+from defocus_core.io.exr.windows import Layout
 from defocus_core.io.exr.writing import as_half
-from defocus_core.io.images.color_planes import Color
-from defocus_core.picture.focus_picture import focus_planes
 from defocus_core.picture.opening import disparity_of
-from defocus_core.picture.steps.noise import noisy
-from defocus_core.picture.take import Rendered
+from defocus_core.picture.steps.table import through
+from defocus_core.picture.take import Take
 
 
 class Contents(NamedTuple):
     """The contents of a file.
 
     Attributes:
+        take: what it is of.
+        kind: the kind of output.
         names: of its channels of colour; the kind of a map.
         planes: arrays [H, W] of these channels.
         extras: further channels.
         layout: where the first pixel is, the display window, the views.
     """
 
+    take: Take
+    kind: Kind
     names: tuple[str, ...]
     planes: tuple[Any, ...]
     extras: Mapping[str, Any]
     layout: Layout
 
-
-def contents_of(rendered: Rendered, kind: Kind) -> Contents:
-    """The contents of the file of a kind, without overscan unless that is kept."""
-    color = rendered.inputs.color
-    if kind.source:
-        return _SOURCES[kind.source](rendered)
-    names: tuple[str, ...] = (kind.name,)
-    extras: dict[str, Any] = {}
-    if kind.of_radius:
-        values = partial(kind.of_radius, disparity=disparity_of(rendered.lens))
-        planes: tuple[Any, ...] = (
-            _of_radius(rendered.radii.shown, rendered.inputs.nothing, values),
-        )
-    elif kind.image:
-        names, planes, extras = _image(rendered, kind)
-    else:
-        planes = rendered.images[kind.name]
-    return _framed(
-        rendered, Contents(names, planes, extras, Layout(color.corner, None, kind.views))
-    )
+    def mapped(self, change: Callable[[Any], Any]) -> Contents:
+        """The contents with each array [H, W] changed."""
+        extras = {name: change(plane) for name, plane in self.extras.items()}
+        return self._replace(planes=tuple(map(change, self.planes)), extras=extras)
 
 
-def _framed(rendered: Rendered, whole: Contents) -> Contents:
-    """Contents without the overscan that their arrays have, or with the display window in it."""
-    color = rendered.inputs.color
-    (x, y), overscan = color.corner, color.overscan
-    if rendered.job.outputs.keep_overscan and any(overscan):
-        width, height = color.size
-        display = Window(x, y, x + width - 1, y + height - 1)
-        corner = (x - overscan.left, y - overscan.top)
-        return whole._replace(layout=Layout(corner, display, whole.layout.views))
-    extras = dict(zip(whole.extras, _shown(color, list(whole.extras.values())), strict=True))
-    return whole._replace(planes=_shown(color, whole.planes), extras=extras)
+def contents_of(take: Take, kind: Kind) -> Contents:
+    """The contents of the file of a kind."""
+    layout = Layout(take.inputs.color.corner, None, kind.views)
+    make = _SOURCES.get(kind.source) or (_image if kind.image else _map)
+    return through("write", Contents(take, kind, *make(take, kind), layout))
 
 
-def without_empty_border(rendered: Rendered, kind: Kind, whole: Contents) -> Contents:
-    """A rendered picture cut to the pixels that its file has, grown by the blur of them."""
-    inputs, lens = rendered.inputs, rendered.lens
-    data = inputs.color.data
-    if not kind.rendered or data is None or inputs.plate or inputs.hidden:
-        return whole
-    if lens.noise is not None or lens.breathing:  # which leave nothing empty, or move it
-        return whole
-    (height, width), (x, y) = whole.planes[0].shape, whole.layout.corner
-    frame = Window(x, y, x + width - 1, y + height - 1)
-    drawn = data.grown(Overscan(*[rendered.reach] * 4)).within(frame)
-    if drawn == frame or drawn.width < 1 or drawn.height < 1:
-        return whole
-    rows, columns = frame.cut(drawn)
-    extras = dict(zip(whole.extras, _cut(whole.extras.values(), rows, columns), strict=True))
-    layout = Layout((drawn.x0, drawn.y0), whole.layout.display or frame, whole.layout.views)
-    return whole._replace(planes=_cut(whole.planes, rows, columns), extras=extras, layout=layout)
+_Channels = tuple[tuple[str, ...], tuple[Any, ...], dict[str, Any]]  # names, planes, extras
 
 
-def _focus(rendered: Rendered) -> Contents:
-    """The picture shown in false colour."""
-    color = rendered.inputs.color
-    (radius,) = _shown(color, [rendered.radii.shown])
-    planes = focus_planes(replace(color, planes=_shown(color, color.planes)), radius)
-    return Contents(("R", "G", "B"), planes, {}, Layout(color.corner))
+def _map(take: Take, kind: Kind) -> _Channels:
+    """A map: rendered, or computed from the signed radii [H, W], 0 where it is empty."""
+    if not kind.of_radius:
+        return (kind.name,), take.images[kind.name], {}
+    values, empty = partial(kind.of_radius, disparity=disparity_of(take.lens)), take.inputs.empty
+    if empty is None:
+        return (kind.name,), (computed(values, take.shown),), {}
+    return (kind.name,), (computed(lambda r, n: values(r) * ~n, take.shown, empty),), {}
 
 
-def _given_color(rendered: Rendered) -> Contents:
-    """The picture as it was given."""
-    color = rendered.inputs.color
-    planes = tuple(color.planes[: len(color.channels)])
-    return _framed(rendered, Contents(color.channels, planes, {}, Layout(color.corner)))
-
-
-def _given_depth(rendered: Rendered) -> Contents:
-    """The depth as it was given, in metres."""
-    layout = Layout(rendered.inputs.color.corner)
-    return _framed(rendered, Contents(("Z",), (rendered.metres,), {}, layout))
-
-
-_SOURCES = {"focus": _focus, "color": _given_color, "depth": _given_depth}
-
-
-def _shown(color: Color, planes: Sequence[Any]) -> tuple[Any, ...]:
-    """Arrays [H, W] without the pixels beyond the picture shown."""
-    if not any(color.overscan):
-        return tuple(planes)
-    return _cut(planes, *color.overscan.shown(*color.shape[:2]))
-
-
-def _cut(planes: Iterable[Any], rows: slice, columns: slice) -> tuple[Any, ...]:
-    """Rows and columns of arrays [H, W]."""
-    shape = rows.stop - rows.start, columns.stop - columns.start
-
-    def read(plane: Any, within: slice) -> Any:
-        first, last, _ = within.indices(shape[0])
-        return plane[rows.start + first : rows.start + last][:, columns]
-
-    return tuple(LazyArray(shape, plane.dtype, partial(read, plane)) for plane in planes)
-
-
-def _of_radius(radius: Any, nothing: Any, compute: Callable[[Any], Any]) -> LazyArray:
-    """A map that is computed from the signed radii [H, W]; 0 of nothing."""
-    if nothing is None:
-        return computed(compute, radius)
-    return computed(lambda r, n: compute(r) * ~n, radius, nothing)
-
-
-def _image(
-    rendered: Rendered, kind: Kind
-) -> tuple[tuple[str, ...], tuple[Any, ...], dict[str, Any]]:
+def _image(take: Take, kind: Kind) -> _Channels:
     """Names and arrays of the channels of colour, and further channels: blurred and carried."""
-    color, every = rendered.inputs.color, rendered.images[kind.name]
-    half = rendered.job.outputs.exr_type == "half"
+    color, every = take.inputs.color, take.images[kind.name]
+    half = take.job.outputs.exr_type == "half"
     names: list[str] = []
     planes: list[Any] = []
     extras = dict(color.extras)
@@ -155,8 +77,42 @@ def _image(
         ]
         shown = len(color.channels)
         names += own_names[:shown]
-        light = tuple(own[:shown])
-        planes += noisy(light, color.channels, rendered.job, rendered.lens, view)
+        planes += own[:shown]
         passes = [as_half(plane) if half else plane for plane in own[shown:]]
         extras |= dict(zip(own_names[shown:], passes, strict=True))
     return tuple(names), tuple(planes), extras
+
+
+def _focus(take: Take, kind: Kind) -> _Channels:
+    """The picture shown in false colour."""
+    from defocus_core.picture.focus_picture import focus_planes
+
+    color = take.inputs.color
+    rows, columns = color.overscan.shown(*color.shape[:2])
+    light = [window_of(plane, rows, columns) for plane in color.light]
+    return ("R", "G", "B"), focus_planes(light, window_of(take.shown, rows, columns)), {}
+
+
+def _given_color(take: Take, kind: Kind) -> _Channels:
+    """The picture as it was given."""
+    color = take.inputs.color
+    return color.channels, tuple(color.planes[: len(color.channels)]), {}
+
+
+def _given_depth(take: Take, kind: Kind) -> _Channels:
+    """The depth as it was given, in metres."""
+    return ("Z",), (take.metres,), {}
+
+
+_SOURCES = {"focus": _focus, "color": _given_color, "depth": _given_depth}
+
+
+def window_of(plane: Any, rows: slice, columns: slice) -> LazyArray:
+    """Rows and columns of an array [H, W]."""
+    shape = rows.stop - rows.start, columns.stop - columns.start
+
+    def read(within: slice) -> Any:
+        first, last, _ = within.indices(shape[0])
+        return plane[rows.start + first : rows.start + last][:, columns]
+
+    return LazyArray(shape, plane.dtype, read)

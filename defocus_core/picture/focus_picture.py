@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -9,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.io.arrays import LazyArray, bands
-from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 from defocus_core.picture.preview import diverging, largest
 
@@ -22,10 +22,10 @@ _MINIMUM = (40, 96)  # px of its height and width, less in pictures that have no
 _BEHIND = 0.12  # brightness behind it
 
 
-def focus_planes(color: Color, radius: Any) -> tuple[Any, ...]:
+def focus_planes(light: Sequence[Any], radius: Any) -> tuple[Any, ...]:
     """The red, green and blue planes [H, W], linear light, computed a few rows at a time.
 
-    `radius`: signed CoC radius in px, [H, W].
+    `light`: of each colour [H, W], linear; `radius`: signed CoC radius in px, [H, W].
     """
     maximum = max(largest(radius[rows]) for rows in bands(radius.shape))
     inset = _histogram(radius, maximum)
@@ -33,9 +33,9 @@ def focus_planes(color: Color, radius: Any) -> tuple[Any, ...]:
     top = radius.shape[0] - height
 
     def read(channel: int, rows: slice) -> NDArray[Any]:
-        colors = [plane[rows] for plane in color.light]
-        light = np.mean([plane.astype("float32") for plane in colors], axis=0, dtype="float32")
-        brightness = linear_to_srgb(np.clip(light, 0, 1))
+        colors = [plane[rows].astype("float32") for plane in light]
+        grey = np.mean(colors, axis=0, dtype="float32")
+        brightness = linear_to_srgb(np.clip(grey, 0, 1))
         hue = _hues(radius[rows], maximum)[..., channel]
         shown = hue * (_DARKEST + (1 - _DARKEST) * brightness)
         first, last, _ = rows.indices(radius.shape[0])

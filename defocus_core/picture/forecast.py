@@ -1,4 +1,4 @@
-"""Forecast of a job: work, seconds and memory, before it is rendered."""
+"""Forecast of a job: work, seconds and memory, before it is take."""
 
 from __future__ import annotations
 
@@ -16,14 +16,12 @@ import numpy as np
 from defocus_core.batch.jobs.job import Job, Outputs
 from defocus_core.errors import DefocusError
 from defocus_core.io.arrays import scratch_folder
-from defocus_core.picture import files as delivery
-from defocus_core.picture import path as job_steps
-from defocus_core.picture.inputs import load_inputs
+from defocus_core.picture import plain_path
 from defocus_core.picture.memory_budget import base_mb, image_type, regions_at_once
+from defocus_core.picture.render import renderers
 from defocus_core.picture.repair_words import repair_record, repair_words
-from defocus_core.picture.scene import Renderers
-from defocus_core.picture.steps.colors_apart import renderings
-from defocus_core.picture.take import Rendered
+from defocus_core.picture.scene import passes_of, surfaces_of
+from defocus_core.picture.take import Take
 from defocus_core.system.process import set_to_render
 from defocus_core.system.text import duration
 
@@ -84,8 +82,8 @@ def work_per_second(device: str, threads: int) -> float:
 
 def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusError]]:
     """Forecasts of jobs, or of `MAX_READ` spread evenly over more; their inputs are decoded."""
-    job_steps.load()
-    device = job_steps.choose_device(jobs[0].machine.device)
+    plain_path.load()
+    device = plain_path.choose_device(jobs[0].machine.device)
     rate = 0.0
     if any(job.outputs.need_rendering for job in jobs):
         rate = work_per_second(device, jobs[0].machine.threads)
@@ -105,42 +103,41 @@ def _forecast(job: Job, device: str, rate: float, written: dict[Outputs, float])
     from defocus_core.evaluation.cost import cost
 
     start = time.perf_counter()
-    inputs = load_inputs(job)
+    inputs = plain_path.read(job)
     read_seconds, start = time.perf_counter() - start, time.perf_counter()
-    rendered, held = job_steps.prepare(job, inputs), inputs.holding
+    take, held = plain_path.prepare(job, inputs), inputs.holding
     peak = base_mb() + held.files_mb if device == "cpu" else 0.0
     work, maximum, renders = 0.0, 0.0, 0
     if job.outputs.need_rendering:
-        renderers, colors = Renderers(rendered), renderings(rendered)
-        renders = len(colors)
-        for color in colors:
-            renderer = renderers.of(color)
+        passes = passes_of(take, surfaces_of(take).scene())
+        renders = len(passes)
+        for _, renderer in renderers(take, passes):
             work += cost(renderer)
             maximum = max(maximum, regions_at_once(job, renderer, held, device)[1])
-        rendered = replace(rendered, repair=renderer.repair)
+        take = replace(take, repair=renderer.repair)
     prepare_seconds = time.perf_counter() - start
     if job.outputs not in written:
-        written[job.outputs] = _write_seconds(rendered) / math.prod(rendered.size)
+        written[job.outputs] = _write_seconds(take) / math.prod(take.size)
     return Forecast(
-        size=rendered.size,
-        coc_px=rendered.radii.limits,
-        color_note=rendered.color_note,
-        depth_note=rendered.depth_words(),
-        repair=rendered.repair,
+        size=take.size,
+        coc_px=take.limits,
+        color_note=take.color_note,
+        depth_note=take.depth_words(),
+        repair=take.repair,
         read_seconds=read_seconds,
         prepare_seconds=prepare_seconds,
         seconds=work / rate if work else 0.0,
-        write_seconds=written[job.outputs] * math.prod(rendered.size),
+        write_seconds=written[job.outputs] * math.prod(take.size),
         peak_mb=peak + maximum,
         scratch_mb=held.arrays_mb if held.scratch else 0.0,
         renderings=renders,
     )
 
 
-def _write_seconds(rendered: Rendered) -> float:
+def _write_seconds(take: Take) -> float:
     """Time to write the outputs of a job, with the picture in focus in place of what is blurred."""
-    outputs, color = rendered.job.outputs, rendered.inputs.color
-    dtype = image_type(rendered.job)
+    outputs, color = take.job.outputs, take.inputs.color
+    dtype = image_type(take.job)
     sharp = [np.asarray(plane[:]).astype(dtype) for plane in color.planes]
     images = {
         kind.name: tuple(sharp * len(kind.rendered_as) if kind.image else sharp[:1])
@@ -148,9 +145,9 @@ def _write_seconds(rendered: Rendered) -> float:
         if kind.rendered
     }
     with TemporaryDirectory(dir=scratch_folder()) as folder:
-        job = replace(rendered.job, outputs=replace(outputs, root=Path(folder)))
+        job = replace(take.job, outputs=replace(outputs, root=Path(folder)))
         start = time.perf_counter()
-        delivery.write(replace(rendered, job=job, images=images))
+        plain_path.write(replace(take, job=job, images=images))
         return time.perf_counter() - start
 
 

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from defocus_core.io.arrays import Keeping, bands
+import numpy as np
+
+from defocus_core.io.arrays import Keeping, bands, computed
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.deep_merging import merged as merged_samples
 from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT, Strip
 from defocus_core.io.exr.deep_volumes import tidy
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.images.color_planes import Color
-from defocus_core.picture.sources import layer_windows, windows
-from defocus_core.picture.steps.alpha import coverage
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    from defocus_core.renderer.layers.stacked_samples import Layered
-    from defocus_core.tensors.source import Pixels
 
 _CUT_AT_ONCE = 1 << 16  # pixels
 
@@ -39,6 +34,7 @@ class Layers:
     held_out: bool = False
     # Of each layer where its samples begin and end, in metres [H, W]; None of surfaces
     ends: tuple[tuple[Any, Any] | None, ...] = ()
+    pictures: tuple[Color, ...] = ()  # of each layer the colour if its depth is to be repaired
     front: int = 0  # number of layers of the picture in front, if it is before another one
 
     @property
@@ -46,6 +42,15 @@ class Layers:
         """How many layers there are, and what was merged, for people."""
         merged = f", more in {counted(self.merged, 'pixel')} merged" if self.merged else ""
         return f"deep, {counted(len(self.alpha), 'sample')} a pixel at most{merged}"
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether each pixel has one sample that covers it, as of a picture that is not deep."""
+        return all(
+            np.all(np.stack([alpha[rows] > 0 for alpha in self.alpha]).sum(0) == 1)
+            and np.all(np.max([alpha[rows] for alpha in self.alpha], axis=0) >= 1)
+            for rows in bands(self.alpha[0].shape)
+        )
 
     def before(self, plate: Layers) -> Layers:
         """These layers and those of a plate behind them."""
@@ -61,8 +66,6 @@ class Layers:
 
     def tidy(self, keeping: Keeping) -> Layers:
         """These layers with volumes cut where other samples lie within, and mixed in one place."""
-        import numpy as np
-
         if not any(self.ends) and not self.front:
             return self
         shape, merged = self.alpha[0].shape, 0
@@ -95,8 +98,6 @@ class Layers:
 
     def _samples(self, rows: slice, names: tuple[str, ...]) -> Strip:
         """The samples of some rows, by number of the light, alpha, depth and ends."""
-        import numpy as np
-
         window = Window(0, rows.start, self.alpha[0].shape[1] - 1, rows.stop - 1)
         columns = []
         every = zip(self.light, self.alpha, self.depths, self.ends, strict=True)
@@ -126,13 +127,8 @@ def flat_layer(color: Color, depth: Depth) -> Layers:
     return Layers((light,), (alpha,), (depth,), len(color.light), ends=(None,))
 
 
-def layered(lights: Sequence[Pixels], layers: Layers, radii: Sequence[Any], device: str) -> Layered:
-    """The layers as the renderer takes them.
-
-    `lights`: of each layer its light [C, H, W]; `radii`: of each layer the signed radii [H, W] in
-    px.
-    """
-    from defocus_core.renderer.layers.stacked_samples import Layered
-
-    radius, alpha = windows(radii, device), windows(layers.alpha, device)
-    return Layered.of(layer_windows(lights), radius, alpha)
+def coverage(shape: tuple[int, int], alpha: Any) -> Any:
+    """The share of each pixel that a picture covers: its alpha within 0 … 1, or 1 without one."""
+    if alpha is None:
+        return np.broadcast_to(np.float32(1), shape)
+    return computed(lambda a: np.clip(np.asarray(a, np.float32), 0, 1), alpha, dtype=np.float32)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from defocus_core.io.arrays import evenly
-from defocus_core.picture.take import Rendered
+from defocus_core.picture.take import Take
 
 _WHITE = 0.9999  # of an integer picture, in linear light
 _FLOATS = (".exr", ".hdr")  # whose light has no end
@@ -20,7 +20,7 @@ RADII = ("coc_mean_px", "coc_p50_px", "coc_p99_px")  # mean, median, 99th percen
 MEASURES = (*RADII, "clipped_share", "invented_share")
 
 
-def measures(rendered: Rendered) -> dict[str, float | None]:
+def measures(take: Take) -> dict[str, float | None]:
     """The measures of a picture.
 
     Returns ``coc_mean_px``, ``coc_p50_px`` and ``coc_p99_px`` of the radii without sign, in px, of
@@ -29,25 +29,25 @@ def measures(rendered: Rendered) -> dict[str, float | None]:
     picture holds; None where nothing is known. Of a frame of a shot whose depth is in metres
     ``depth_over_time``, too, see `_over_time`.
     """
-    nothing = None if rendered.inputs.nothing is None else evenly(rendered.inputs.nothing)
-    pixels = rendered.stats.get("pixels", 0)
-    invented = rendered.stats.get("pixels_invented")
+    nothing = None if take.inputs.empty is None else evenly(take.inputs.empty)
+    pixels = take.stats.get("pixels", 0)
+    invented = take.stats.get("pixels_invented")
     return {
-        **radius_measures(evenly(rendered.radii.shown), nothing),
-        "clipped_share": _clipped(rendered),
+        **radius_measures(evenly(take.shown), nothing),
+        "clipped_share": _clipped(take),
         "invented_share": None if invented is None or not pixels else invented / pixels,
-        **_over_time(rendered),
+        **_over_time(take),
     }
 
 
-def _over_time(rendered: Rendered) -> dict[str, Any]:
+def _over_time(take: Take) -> dict[str, Any]:
     """The number of a frame, and ascending quantiles of its disparity in 1/m, from 0 to 100 %."""
-    frame = rendered.job.picture.frame
-    if frame is None or rendered.metres is None:
+    frame = take.job.picture.frame
+    if frame is None or take.metres is None:
         return {}
-    metres = evenly(rendered.metres).astype("float64")
-    if rendered.inputs.nothing is not None:
-        metres = metres[~evenly(rendered.inputs.nothing)]
+    metres = evenly(take.metres).astype("float64")
+    if take.inputs.empty is not None:
+        metres = metres[~evenly(take.inputs.empty)]
     if not metres.size:
         return {}
     quantiles = np.quantile(1 / metres, np.linspace(0, 1, _PARTS + 1))
@@ -69,9 +69,9 @@ def radius_measures(radius: Any, nothing: Any) -> dict[str, float]:
     return dict(zip(RADII, map(float, sizes_px), strict=True))
 
 
-def _clipped(rendered: Rendered) -> float | None:
+def _clipped(take: Take) -> float | None:
     """The share of pixels of the input that are white in a colour; None of EXR and HDR."""
-    color = rendered.inputs.color
+    color = take.inputs.color
     if color.path.suffix.lower() in _FLOATS:
         return None
     return float(np.mean(np.any([evenly(plane) >= _WHITE for plane in color.light], axis=0)))

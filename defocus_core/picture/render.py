@@ -1,9 +1,9 @@
-"""Rendering a decoded picture to arrays of each kind of output, within the memory there is."""
+"""Render: the images and maps of each kind that needs rendering, within the memory there is."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -11,19 +11,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.errors import TooLarge, UsageProblem
+from defocus_core.errors import TooLarge
 from defocus_core.io.exr.writing import clamped_half
 from defocus_core.picture.memory_budget import image_type, regions_at_once
-from defocus_core.picture.scene import Renderers
+from defocus_core.picture.scene import Pass, has_room, passes_of, surfaces_of
 from defocus_core.picture.sources import to_array
-from defocus_core.picture.steps.colors_apart import Colors, renderings
-from defocus_core.picture.take import Rendered
+from defocus_core.picture.take import Take
 from defocus_core.system import memory
 from defocus_core.system.process import set_to_render
 
 if TYPE_CHECKING:
     from defocus_core.renderer.engine.renderer import Renderer
-    from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
     from defocus_core.tensors.views import Views
 
 Progress = Callable[[int, int], None]
@@ -32,19 +30,10 @@ _MANY_CLAMPED = 0.01
 _TRUSTED = 0.99  # share of the lens
 
 
-def with_views(
-    rendered: Rendered,
-    radius: Any = None,
-    seen_behind: HiddenLayer | None = None,
-    progress: Progress | None = None,
-) -> Rendered:
+def render(take: Take, progress: Progress | None = None) -> Take:
     """The picture with the images and maps that need rendering.
 
-    Args:
-        rendered: as far as it is known before rendering.
-        radius: signed radii [H, W] in px, averaged with other frames; None for its own.
-        seen_behind: what other frames have seen of what is hidden.
-        progress: called with (tiles done, tiles in all).
+    `progress`: called with (tiles done, tiles in all).
 
     Raises:
         TooLarge: it does not fit into memory.
@@ -52,52 +41,36 @@ def with_views(
     import torch
 
     set_to_render()
-    images, held = _Images(rendered), rendered.inputs.holding
+    images, held = _Images(take), take.inputs.holding
     wall, cpu = time.perf_counter(), time.process_time()
-    renderers = Renderers(*breathing_inputs(rendered, radius, seen_behind), seen_behind)
-    renderer = _fill(images, renderers, progress)
-    if rendered.device == "cuda":
+    surfaces = surfaces_of(take)
+    renderer = _fill(images, take, passes_of(take, surfaces.scene()), progress)
+    if take.device == "cuda":
         torch.cuda.synchronize()
     wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
     scratch = {"scratch_mb": held.arrays_mb} if held.scratch else {}
-    lights = {} if renderers.lights is None else {"lights": renderers.lights}
+    lamps = {} if surfaces.lamps is None else {"lights": surfaces.lamps}
     return replace(
-        rendered,
+        take,
         images=images.planes,
         clamped=images.clamped,
         reach=images.reach,
-        lights=renderers.lights,
+        lamps=surfaces.lamps,
         repair=renderer.repair,
         seconds=wall,
         cpu_seconds=cpu,
-        stats={**renderer.stats, "pixels_invented": images.invented, **lights, **scratch},
-        warnings=(*rendered.warnings, *_clamped(renderer.stats)),
+        stats={**renderer.stats, "pixels_invented": images.invented, **lamps, **scratch},
+        warnings=(*take.warnings, *_clamped(renderer.stats)),
     )
 
 
-def breathing_inputs(
-    rendered: Rendered, radius: Any, seen_behind: HiddenLayer | None
-) -> tuple[Rendered, Any]:
-    """The picture and its radii as they are blurred, by a lens that breathes.
+def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Renderer]]:
+    """Each pass with its renderer, which works region by region."""
+    from defocus_core.renderer.engine.renderer import Renderer
 
-    Raises:
-        UsageProblem: what lies behind the picture is known, too.
-    """
-    import torch
-
-    from defocus_core.renderer.breathing import breathed
-
-    inputs, breathing = rendered.inputs, rendered.lens.breathing
-    if not breathing:
-        return rendered, radius
-    if inputs.is_layered or inputs.hidden is not None or seen_behind is not None:
-        problem = "moves one picture with its depth, not layers"
-        raise UsageProblem("unsupported", problem, "leave it out", field="breathing")
-    planes = torch.from_numpy(np.stack([plane[:] for plane in inputs.color.planes]))
-    px = torch.from_numpy((rendered.radii.picture.px if radius is None else radius)[:])
-    image, moved = breathed(planes.float(), px, breathing)
-    color = replace(inputs.color, planes=tuple(image.numpy()))
-    return replace(rendered, inputs=replace(inputs, color=color)), moved.numpy()
+    for each in passes:
+        scene = each.scene.of_colors(each.light, each.px, each.shared)
+        yield each, Renderer(scene, each.settings, hold=scene.layered is None and has_room(take))
 
 
 def _clamped(stats: Mapping[str, float]) -> list[str]:
@@ -109,30 +82,29 @@ def _clamped(stats: Mapping[str, float]) -> list[str]:
     return [f"left, right: below 0 in {100 * fraction:.0f} % of the pixels, and made 0: {why}"]
 
 
-def _fill(images: _Images, renderers: Renderers, progress: Progress | None) -> Renderer:
+def _fill(
+    images: _Images, take: Take, passes: tuple[Pass, ...], progress: Progress | None
+) -> Renderer:
     """Render as many regions at once as fit, and one by one if a GPU runs out of memory."""
     import torch
 
-    rendered, job, maximum = renderers.rendered, renderers.rendered.job, None
-    colors = renderings(rendered)
+    job, maximum = take.job, None
     while True:
         images.clamped.clear()
         try:
-            for number, color in enumerate(colors):
-                renderer = renderers.of(color)
+            for number, (each, renderer) in enumerate(renderers(take, passes)):
                 images.reach = max(images.reach, renderer.reach)
                 at_once = (
-                    maximum
-                    or regions_at_once(job, renderer, rendered.inputs.holding, rendered.device)[0]
+                    maximum or regions_at_once(job, renderer, take.inputs.holding, take.device)[0]
                 )
                 if at_once < job.machine.threads:  # memory is short
                     memory.keep_freed(False)
                     memory.trim()
-                shown = progress and partial(_of_all, progress, number, len(colors))
+                shown = progress and partial(_of_all, progress, number, len(passes))
                 images.invented = 0  # of one rendering
                 for part in renderer.tiles(at_once, shown):
-                    first = number == 0 or color.turned != colors[number - 1].turned
-                    images.place(renderers.in_order(part, color), color, first=first)
+                    first = number == 0 or each.transposed != passes[number - 1].transposed
+                    images.place(part, each, first=first)
             return renderer
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
@@ -158,9 +130,9 @@ class _Images:
         invented: number of pixels of which less than `_TRUSTED` of the lens saw what is there.
     """
 
-    def __init__(self, rendered: Rendered) -> None:
-        job, (height, width, channels) = rendered.job, rendered.inputs.color.shape
-        keeping = rendered.inputs.holding.keeping
+    def __init__(self, take: Take) -> None:
+        job, (height, width, channels) = take.job, take.inputs.color.shape
+        keeping = take.inputs.holding.keeping
         self.planes: dict[str, tuple[Any, ...]] = {}
         self.clamped: dict[str, int] = {}
         self.reach = self.invented = 0
@@ -173,25 +145,28 @@ class _Images:
                 keeping.new((height, width), dtype) for _ in range(count)
             )
 
-    def place(self, part: Views, colors: Colors, *, first: bool = True) -> None:
+    def place(self, part: Views, of: Pass, *, first: bool = True) -> None:
         """Copy a rendered region to its place: the channels and kinds that were rendered.
 
         Of trust, after the first colours, the least of all.
         """
+        if of.order:
+            part = part._replace(images=[image[list(of.order)] for image in part.images])
         top, left, height, width = part.box
-        if colors.turned:
+        if of.transposed:
             top, left, height, width = left, top, width, height
         rows, columns = slice(top, top + height), slice(left, left + width)
         self.invented += int(np.count_nonzero(to_array(part.trust) < _TRUSTED))
         for kind, planes in self.planes.items():
-            if bool(turned := KINDS[kind].turned) != colors.turned:
+            row = KINDS[kind]
+            if bool(row.transposed) != of.transposed:
                 continue
-            names = (turned,) if turned else KINDS[kind].rendered_as
+            names = (row.transposed,) if row.transposed else row.rendered_as
             views = [to_array(getattr(part, view)) for view in names]
-            if turned:
+            if of.transposed:
                 views = [view.swapaxes(-1, -2) for view in views]
-            if KINDS[kind].image and len(colors.channels) * len(views) < len(planes):
-                apart, some = len(planes) // len(views), colors.channels
+            if row.image and len(of.channels) * len(views) < len(planes):
+                apart, some = len(planes) // len(views), of.channels
                 planes = tuple(planes[v * apart + c] for v in range(len(views)) for c in some)
             pixels = views[0] if len(views) == 1 else np.concatenate(views)
             pixels = pixels.reshape(len(planes), height, width)
@@ -201,6 +176,6 @@ class _Images:
                     count = int(np.count_nonzero(beyond.any(axis=0)))
                     self.clamped[kind] = self.clamped.get(kind, 0) + count
             for plane, values in zip(planes, pixels, strict=True):
-                if not (first or KINDS[kind].image):
+                if not (first or row.image):
                     values = np.minimum(values, plane[rows, columns])
                 plane[rows, columns] = values

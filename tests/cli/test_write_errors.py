@@ -23,8 +23,7 @@ from command_line import (
     run,
 )
 
-from defocus_core.picture import files as delivery
-from defocus_core.picture import path as job_steps
+from defocus_core.picture import plain_path
 from defocus_core.system.interrupts import put_off
 
 
@@ -139,7 +138,7 @@ def test_a_file_that_another_worker_wrote_meanwhile_stays(
         other.replace(out / "render" / "color.exr")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(delivery, "write_exr", full)
+    monkeypatch.setattr(plain_path, "write_exr", full)
     refused(render(color, depth, "-o", out, "--outputs", "render,coc"), 3, None)
     assert (out / "render" / "color.exr").read_text() == "theirs"
 
@@ -151,8 +150,7 @@ def test_an_output_directory_that_is_removed_meanwhile_ends_the_run(
 ) -> None:
     for stem in "ab":
         color, depth = pair(tmp_path, stem)
-    module = delivery if at == "write" else job_steps
-    step = getattr(module, at)
+    step = getattr(plain_path, at)
 
     def removing(*args: object) -> object:
         done = step(*args)
@@ -161,7 +159,7 @@ def test_an_output_directory_that_is_removed_meanwhile_ends_the_run(
             out.mkdir()
         return done
 
-    monkeypatch.setattr(module, at, removing)
+    monkeypatch.setattr(plain_path, at, removing)
     ran = render(color.parent, depth.parent, "-o", out, "--outputs", "coc")
     refused(ran, 3, "unwritable", ".journal.lock")
     assert again or not out.exists()
@@ -173,7 +171,7 @@ def test_the_systems_own_errors_are_one_line(
     def broken(*_: object) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO), "/mnt/disk")
 
-    monkeypatch.setattr(job_steps, "compute", broken)
+    monkeypatch.setattr(plain_path, "compute", broken)
     ran = render(color, depth, "-o", out)
     refused(ran, 3, None)
     assert ran.err.startswith("defocus: /mnt/disk: ")
@@ -185,7 +183,7 @@ def test_a_fault_of_our_own_asks_for_a_report(
     def faulty(*_: object) -> None:
         raise RuntimeError("wires\ncrossed")
 
-    monkeypatch.setattr(job_steps, "compute", faulty)
+    monkeypatch.setattr(plain_path, "compute", faulty)
     ran = render(color, depth, "-o", out)
     refused(ran, 1, None)
     assert "RuntimeError: wires crossed" in ran.err
@@ -223,8 +221,8 @@ def test_ctrl_c_ends_the_process_with_130_and_one_line(tmp_path: Path) -> None:
     files = [*pair(tmp_path), "-o", tmp_path / "out"]
     script = (
         "import sys, time; from defocus_cli import main\n"
-        "from defocus_core.picture import files as delivery, path as job_steps\n"
-        "job_steps.compute = lambda *_: (print('up', flush=True), time.sleep(60)); "
+        "from defocus_core.picture import plain_path\n"
+        "plain_path.compute = lambda *_: (print('up', flush=True), time.sleep(60)); "
         "sys.exit(main.main())"
     )
     process = subprocess.Popen(

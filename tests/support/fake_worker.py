@@ -16,7 +16,7 @@ from defocus_core.batch.journal.plain_values import typed
 from defocus_core.batch.workers import job_result, pool
 from defocus_core.batch.workers.pool import READY
 from defocus_core.io.safe_files import leftover
-from defocus_core.picture import path as job_steps
+from defocus_core.picture import plain_path
 
 
 def result_of(job: Job) -> dict[str, Any]:
@@ -53,14 +53,14 @@ def serve_slowly(connection: Connection) -> None:
         return {"status": "ok", "reason": None}
 
     job_result.Reader = lambda: SimpleNamespace(read=lambda job: "inputs")
-    job_result.compute, job_steps.load = compute, lambda: None
+    job_result.compute, plain_path.load = compute, lambda: None
     pool.serve(connection)
 
 
 def serve_on(connection: Connection) -> None:
     """Import something that takes a minute."""
     connection.send(READY)
-    job_steps.load = lambda: time.sleep(60)
+    plain_path.load = lambda: time.sleep(60)
     pool.serve(connection)
 
 

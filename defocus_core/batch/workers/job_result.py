@@ -23,12 +23,10 @@ from defocus_core.batch.journal.failure_codes import Step, verdict
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.lenses.lens import lens_record
 from defocus_core.batch.lenses.parameters import LENS_FILES
-from defocus_core.picture import files as delivery
-from defocus_core.picture import path as job_steps
-from defocus_core.picture.inputs import Inputs, load_inputs
+from defocus_core.picture import plain_path
 from defocus_core.picture.measures import measures
 from defocus_core.picture.repair_words import repair_record
-from defocus_core.picture.take import Rendered
+from defocus_core.picture.take import Inputs, Take
 
 TileCount = Callable[[int, int], None]
 BESIDE = ("stats", "trace", "error")  # keys of what the journal does not keep
@@ -64,7 +62,7 @@ class Reader:
         self._last = None  # free a picture before the next is decoded
         start, stamps = time.perf_counter(), _stamps(job.files)
         try:
-            inputs = load_inputs(job)
+            inputs = plain_path.read(job)
         except Exception as error:
             return failure(error, "read", stamps)
         inputs = replace(inputs, stamps=stamps, seconds=time.perf_counter() - start)
@@ -81,20 +79,20 @@ def _stamps(files: Mapping[str, Path]) -> dict[str, Any]:
     return stamps
 
 
-def compute(job: Job, inputs: Inputs, progress: TileCount | None = None) -> Rendered | Record:
+def compute(job: Job, inputs: Inputs, progress: TileCount | None = None) -> Take | Record:
     """Compute a job whose inputs are decoded; its record if it cannot be done."""
     try:
-        return job_steps.compute(job, inputs, progress)
+        return plain_path.compute(job, inputs, progress)
     except Exception as error:
         return failure(error, "render", inputs.stamps)
 
 
-def write(rendered: Rendered) -> Record:
+def write(take: Take) -> Record:
     """Write what a job computed; when this returns, it is durable."""
     start = time.perf_counter()
-    job, inputs = rendered.job, rendered.inputs.stamps
+    job, inputs = take.job, take.inputs.stamps
     try:
-        rendered = delivery.write(rendered)
+        take = plain_path.write(take)
         outputs = {
             name: {"path": path, **identity.stamp(job.outputs.root / path, job.outputs.root)}
             for name, path in job.names.items()
@@ -107,23 +105,23 @@ def write(rendered: Rendered) -> Record:
         "message": "",
         "inputs": dict(inputs),
         "outputs": outputs,
-        "lens": lens_record(rendered.lens),
-        "size": list(rendered.size),
-        "coc_px": list(rendered.radii.limits),
-        "color_note": rendered.color_note,
-        "depth_note": rendered.depth_words(),
-        "depth_repair": repair_record(rendered.repair),
-        "device": rendered.device,
-        "quality": rendered.quality,
-        "measures": measures(rendered),
-        "warnings": list(rendered.warnings),
+        "lens": lens_record(take.lens),
+        "size": list(take.size),
+        "coc_px": list(take.limits),
+        "color_note": take.color_note,
+        "depth_note": take.depth_words(),
+        "depth_repair": repair_record(take.repair),
+        "device": take.device,
+        "quality": take.quality,
+        "measures": measures(take),
+        "warnings": list(take.warnings),
         "seconds": {
-            "read": round(rendered.inputs.seconds, 4),
-            "render": round(rendered.seconds, 4),
+            "read": round(take.inputs.seconds, 4),
+            "render": round(take.seconds, 4),
             "write": round(time.perf_counter() - start, 4),
-            "cpu": round(rendered.cpu_seconds, 4),
+            "cpu": round(take.cpu_seconds, 4),
         },
-        "stats": dict(rendered.stats),
+        "stats": dict(take.stats),
     }
 
 

@@ -17,10 +17,9 @@ from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.workers import job_result
 from defocus_core.batch.workers.job_result import TileCount
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
-from defocus_core.picture import path as job_steps
-from defocus_core.picture.inputs import Inputs
+from defocus_core.picture import plain_path
 from defocus_core.picture.memory_budget import Gate
-from defocus_core.picture.take import Rendered
+from defocus_core.picture.take import Inputs, Take
 
 if TYPE_CHECKING:
     _Read = tuple[int, Job, Inputs | Record]
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
 
 def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
     """Do the jobs of a batch in this process."""
-    job_steps.load()
+    plain_path.load()
     run(_jobs(chunks, stopped), done, stopped=stopped)
 
 
@@ -41,7 +40,7 @@ def execute_alone(progress: TileCount | None) -> Execute:
                 raise record["error"]
             done(number, record)
 
-        job_steps.load()
+        plain_path.load()
         run(_jobs(chunks, stopped), done_or_raised, progress, stopped)
 
     return execute
@@ -138,15 +137,15 @@ class _Writer:
     def __init__(self, done: Done, gate: Gate) -> None:
         self._done, self._gate = done, gate
         self._room = threading.Semaphore(1)
-        self._queue: SimpleQueue[tuple[int, Rendered | Record] | None] = SimpleQueue()
+        self._queue: SimpleQueue[tuple[int, Take | Record] | None] = SimpleQueue()
         self._error: BaseException | None = None
         self._ended = threading.Event()  # a join that a signal interrupts cannot be tried again
         threading.Thread(target=self._write, name="writer", daemon=True).start()
 
-    def put(self, number: int, rendered: Rendered | Record) -> None:
+    def put(self, number: int, take: Take | Record) -> None:
         self._room.acquire()
         self.check()
-        self._queue.put((number, rendered))
+        self._queue.put((number, take))
 
     def check(self) -> None:
         """Raise what ``done`` raised."""
@@ -167,10 +166,10 @@ class _Writer:
 
     def _write(self) -> None:
         while (item := self._queue.get()) is not None:
-            number, rendered = item
+            number, take = item
             try:
-                record = rendered if isinstance(rendered, Mapping) else job_result.write(rendered)
-                del rendered, item
+                record = take if isinstance(take, Mapping) else job_result.write(take)
+                del take, item
                 self._done(number, record)
             except BaseException as error:
                 self._error = error

@@ -86,6 +86,11 @@ class Depth:
         replaced = f"{self.path.name}: {self.replaced_words}"
         return *([granted] * self.by_custom), *([replaced] * bool(self.replaced_words))
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether the file holds radii in px, of which no distance is taken for another."""
+        return self.is_radius and not self.is_relative
+
     def something(self, rows: slice) -> NDArray[np.float32]:
         """The depths of some rows but where there is nothing."""
         band: NDArray[np.float32] = self.metres[rows]

@@ -12,6 +12,7 @@ from defocus_core.io.array_files.float_maps import NPY_MAGIC, is_float_map, read
 from defocus_core.io.depth_formats.photo_depth import is_heic, open_heic
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import views_of_parts
+from defocus_core.io.exr.windows import Window
 from defocus_core.io.images.raster import read_pages
 from defocus_core.io.safe_files import read_head
 
@@ -41,9 +42,15 @@ class PartInfo:
     deep: bool
     whole: bool = True
     views: tuple[str, ...] = ()
-    data_window: tuple[int, ...] | None = None
-    display_window: tuple[int, ...] | None = None
+    data_window: Window | None = None
+    display_window: Window | None = None
     pixel_aspect: float = 1.0
+
+    @property
+    def has_overscan(self) -> bool:
+        """Whether it has pixels beyond the picture shown."""
+        display, data = self.display_window, self.data_window
+        return display is not None and data is not None and not display.covers(data)
 
 
 @dataclass(frozen=True)
@@ -69,6 +76,11 @@ class FileInfo:
     def __post_init__(self) -> None:
         """Without overscan the pixels are those shown."""
         object.__setattr__(self, "pixels", self.pixels or self.width * self.height)
+
+    @property
+    def deep(self) -> bool:
+        """Whether a part of it has deep pixels."""
+        return any(part.deep for part in self.parts)
 
     @property
     def numbers(self) -> int:

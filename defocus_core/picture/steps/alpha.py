@@ -13,14 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.io.arrays import Keeping, bands, computed
+from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.images.color_planes import Color
+from defocus_core.picture.pair import InputPair
 from defocus_core.system.text import counted
 
 # Pixels from an edge within which a pixel has the depth that it lacks; steps to the pixels around.
 _REACH = 8
 _STEPS = tuple((y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0))
+
+
+def pair(given: InputPair) -> InputPair:
+    """The pair of an element, whose depth knows where it is empty."""
+    return given.with_depth(element_depth(given.depth, given.color, given.keeping))
 
 
 def element_depth(depth: Depth, color: Color, keeping: Keeping) -> Depth:
@@ -101,10 +107,3 @@ def _from_beside(
         given = missing & ~known & (maximum > 0)
         filled, known = np.where(given, best, filled), known | given
     return filled
-
-
-def coverage(shape: tuple[int, int], alpha: Any) -> Any:
-    """The share of each pixel that a picture covers: its alpha within 0 … 1, or 1 without one."""
-    if alpha is None:
-        return np.broadcast_to(np.float32(1), shape)
-    return computed(lambda a: np.clip(np.asarray(a, np.float32), 0, 1), alpha, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""The lens in front of a depth map: its focus distance, and the quality within a tolerance.
+"""The focus of a lens that its picture decides.
 
 A random lens whose blur exceeds ``max_coc``, or which cannot focus on the picture, is drawn again,
 `ATTEMPTS` times in all.
@@ -6,13 +6,12 @@ A random lens whose blur exceeds ``max_coc``, or which cannot focus on the pictu
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from defocus_core.batch.jobs.job import Machine
 from defocus_core.batch.jobs.lens_from_options import refuse_near_focus
 from defocus_core.batch.jobs.random_lenses import drawn_lens
 from defocus_core.batch.lenses.lens import Lens
@@ -21,6 +20,17 @@ from defocus_core.errors import InputError, Rejected, UsageProblem
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.radii import MM_PER_M, signed_radius
+from defocus_core.picture.take import Take
+
+
+def lens(take: Take) -> Take:
+    """The take with the focus that its depth decides, unless other frames have decided it."""
+    inputs, found = take.inputs, take.lens
+    if found is take.job.lens:
+        found = focused(found, inputs.depth)
+    below = () if inputs.plate is None else (inputs.plate.depth,)
+    of_layers = () if inputs.layers is None else inputs.layers.depths
+    return replace(take, lens=scaled(found, (inputs.depth, *below, *of_layers)))
 
 
 def focused(lens: Lens, depth: Depth) -> Lens:
@@ -34,7 +44,7 @@ def focused(lens: Lens, depth: Depth) -> Lens:
 
     for attempt in range(ATTEMPTS):
         if attempt and lens.draw is not None:
-            draw = dataclasses.replace(lens.draw, attempt=attempt)
+            draw = replace(lens.draw, attempt=attempt)
             lens = drawn_lens(draw, lens.focus_source, lens.max_coc)
         try:
             return _within_max_coc(_focused_once(lens, depth), depth)
@@ -51,9 +61,9 @@ def _focused_once(lens: Lens, depth: Depth) -> Lens:
     if lens.blur is not None:
         return lens if lens.focus_at is None else _on_number(lens, lens.focus_at, depth)
     if lens.focus_at is not None:
-        return dataclasses.replace(lens, foc_dist=_at_pixel(lens, lens.focus_at, depth))
+        return replace(lens, foc_dist=_at_pixel(lens, lens.focus_at, depth))
     if lens.focus_percentile is not None:
-        return dataclasses.replace(lens, foc_dist=_at_percentile(lens, depth))
+        return replace(lens, foc_dist=_at_percentile(lens, depth))
     return lens
 
 
@@ -77,13 +87,13 @@ def scaled(lens: Lens, depths: Sequence[Depth]) -> Lens:
         problem = f"has the number {lens.focus_value:g} everywhere, which is in focus"
         remedy = "give the depth of the picture, or another ‹focus-value›"
         raise InputError("no-valid-depth", problem, remedy, path=depths[0].path)
-    return dataclasses.replace(lens, blur_reach=reach or 1.0)
+    return replace(lens, blur_reach=reach or 1.0)
 
 
 def _on_number(lens: Lens, pixel: tuple[int, int], depth: Depth) -> Lens:
     """The lens with the number of a pixel of relative disparity in focus."""
     number = float(depth.metres[_place_of(lens, pixel, depth)][0, 0])
-    return dataclasses.replace(lens, focus_value=number)
+    return replace(lens, focus_value=number)
 
 
 def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
@@ -157,24 +167,3 @@ def _within_max_coc(lens: Lens, depth: Depth) -> Lens:
         problem = f"would get a CoC radius of {radius:.2f} px, more than {lens.max_coc:g}px"
         raise Rejected("coc-too-large", problem, "allow a larger max-coc", path=depth.path)
     return lens
-
-
-def quality_of(machine: Machine, coc_px: tuple[float, float]) -> str:
-    """The quality of a picture whose signed radii in px have the given ends.
-
-    Raises:
-        UsageProblem: no quality is within the tolerance.
-    """
-    if machine.tolerance is None:
-        return machine.quality
-    from defocus_core.renderer.layers.slice_radii import UnreachableTolerance, cheapest_within
-
-    try:
-        return cheapest_within(machine.tolerance, *coc_px)
-    except UnreachableTolerance as error:
-        problem = (
-            f"must be at least {error.finest:g} px where radii go from {error.minimum:.1f} to "
-            f"{error.maximum:.1f} px, got {error.tolerance:g}"
-        )
-        remedy = f"give more: that is what {error.quality} has"
-        raise UsageProblem("out-of-range", problem, remedy, field="tolerance") from None

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.quantities import length_text
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.picture.take import Take
 from defocus_core.system.text import counted
 
 MM_PER_M = 1000.0
@@ -25,6 +27,13 @@ SHARP_PX = 2.0  # CoC radius
 SHARP_SHARE = 0.25  # of the greatest CoC radius
 _UNREAL = ("worlddepth", "scenedepth", "imagedepth")  # channels that Unreal writes, in centimetres
 _HYPERSIM = "dataset"  # array of its HDF5 files
+
+
+def radii(take: Take) -> Take:
+    """The take with warnings of its depth."""
+    declared, depth, own = take.job.reading.says_scale, take.inputs.depth, take.radii
+    words = implausible(depth, own.px, own.limits, take.lens, declared=declared)
+    return replace(take, warnings=(*take.warnings, *words))
 
 
 def implausible(
@@ -39,7 +48,7 @@ def implausible(
         lens: its focus distance known.
         declared: whether the user said what the numbers of the depth mean.
     """
-    if depth.is_radius and not depth.is_relative:  # then no distance is taken for another
+    if depth.is_exact:
         return ()
     of_file = implausible_file(depth, declared=declared)
     return (*implausible_radii(depth, radius, limits, lens, declared=declared), *of_file)

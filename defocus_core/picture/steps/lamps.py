@@ -2,32 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
-from defocus_core.batch.lenses.lens import Lens
-
-if TYPE_CHECKING:
-    from defocus_core.tensors.source import Pixels
+from defocus_core.picture.scene import Surfaces
 
 
-def lit(
-    pictures: Sequence[Pixels], radii: Sequence[Pixels], colors: int, lens: Lens
-) -> tuple[list[Pixels], int | None]:
-    """Pictures of one scene with the light of their lamps, if the lens asks for it.
+def scene(surfaces: Surfaces) -> Surfaces:
+    """The surfaces with the light of their lamps, as they are if one of them has light above 1.
 
-    `pictures`: each [C, H, W], of linear light; `radii`: of each [H, W] px, signed: what is in
-    focus stays as it is. Returns the pictures, as they are if one of them has light above 1; and
-    the number of lamps, None if they are not asked for.
+    What is in focus stays as it is.
     """
     from defocus_core.tensors.clipped_lights import ClippedLights
 
-    if lens.highlights is None:
-        return [*pictures], None
+    lens, colors = surfaces.take.lens, len(surfaces.take.inputs.color.light)
+    assert lens.highlights is not None
     lamps = [
-        ClippedLights(picture, *lens.highlights, colors=colors, signed_radius=radius)
-        for picture, radius in zip(pictures, radii, strict=True)
+        ClippedLights(light, *lens.highlights, colors=colors, signed_radius=radius)
+        for light, radius in zip(surfaces.light, surfaces.px, strict=True)
     ]
-    if any(lights.measured for lights in lamps):
-        return [*pictures], 0
-    return [lights.added for lights in lamps], sum(lights.count for lights in lamps)
+    if any(each.measured for each in lamps):
+        return replace(surfaces, lamps=0)
+    light, count = tuple(each.added for each in lamps), sum(each.count for each in lamps)
+    return replace(surfaces, light=light, lamps=count)

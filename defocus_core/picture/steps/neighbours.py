@@ -17,10 +17,10 @@ from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.images.color_planes import Color
 from defocus_core.io.shots.motion_channels import Motion, read_motion
 from defocus_core.picture.memory_budget import capacity_mb
-from defocus_core.picture.pair import read
+from defocus_core.picture.pair import InputPair, read
 from defocus_core.picture.radii import radii_of
 from defocus_core.picture.steps.overscan import reframed
-from defocus_core.picture.take import Rendered
+from defocus_core.picture.take import Take
 from defocus_core.system import memory
 
 if TYPE_CHECKING:
@@ -32,49 +32,45 @@ if TYPE_CHECKING:
 # Rows beside a band that decide its means; share of the memory that decoded neighbours may take;
 # change of radius in px, from a frame to the next, of one surface; most frames that are kept.
 _BESIDE, _SHARE, _STEP, _MAX_KEPT = 4, 0.1, 0.5, 40
-_FEWEST = 2  # frames of a window that has neighbours
 # Distances in frames of the neighbours that may show what is hidden: in a moving shot the nearest
 # show it best, and each farther one shows more; of those between there is little more to see.
 _DISTANCES = frozenset({1, 3, 6, 10})
 
 
-def with_neighbours(rendered: Rendered) -> tuple[Rendered, Any, HiddenLayer | None]:
-    """What the neighbours of a frame do for it.
-
-    Returns the picture, with a note; the radii [H, W] px to render by, averaged over frames, None
-    for its own; and what neighbours have seen of what is hidden.
-    """
-    shot, radius, hidden = rendered.job.shot, None, None
-    if shot is None or len(shot.window) < _FEWEST:
-        return rendered, None, None
-    if rendered.inputs.is_layered and shot.motion is not None:
+def blur(take: Take) -> Take:
+    """The take with radii averaged over frames, and what neighbours have seen of what is hidden."""
+    shot, averaged = take.job.shot, None
+    assert shot is not None
+    if take.inputs.layers is not None and shot.motion is not None:
         problem = "has no effect: layers, of deep pixels or of a plate, hold what is hidden"
         raise UsageProblem("idle-option", problem, "leave it out", field="motion")
-    noise = None if rendered.decided is None else rendered.decided.noise
+    noise = None if take.decided is None else take.decided.noise
     if noise is None and shot.motion is None:
-        return rendered, None, None
-    neighbours = Neighbours(rendered)
+        return take
+    neighbours = Neighbours(take)
     if noise is not None:
-        radius = neighbours.averaged_radius(noise)
+        averaged = neighbours.averaged_radius(noise)
         count = min(len(shot.window), AVERAGED)
         note = f"averaged over {count} frames where the scene is still"
-        rendered = replace(rendered, shot_note=f"{note}, {rendered.shot_note}")
+        take = replace(
+            take, shot_note=f"{note}, {take.shot_note}", blur=take.blur._replace(px=averaged)
+        )
     if shot.motion is not None:
-        hidden = neighbours.hidden(radius)
-    return rendered, radius, hidden
+        take = replace(take, seen=neighbours.hidden(averaged))
+    return take
 
 
 class Neighbours:
     """The neighbours of a frame, decoded when they are needed; neighbours of the last are kept."""
 
-    def __init__(self, rendered: Rendered) -> None:
+    def __init__(self, take: Take) -> None:
         """Keep what the neighbours are read with."""
-        job, inputs = rendered.job, rendered.inputs
+        job, inputs = take.job, take.inputs
         assert job.shot is not None
-        self._job, self._inputs, self._lens = job, inputs, rendered.lens
+        self._job, self._inputs, self._lens = job, inputs, take.lens
         self._shot, window = job.shot, job.shot.window
         self._place = [picture.frame for picture in window].index(job.picture.frame)
-        self._window, self._radii = window, {self._place: rendered.radii.picture.px}
+        self._window, self._radii = window, {self._place: take.radii.px}
         others = (place for place in range(len(window)) if place != self._place)
         self._order = sorted(others, key=lambda place: (abs(place - self._place), place))
         if self._shot.motion is not None and inputs.holding.scratch:
@@ -197,7 +193,7 @@ class Neighbours:
         picture, keeping = self._window[place], self._inputs.holding.keeping
         both: tuple[Color, Depth] = _CACHE.kept(
             (picture, self._job.reading, self._job.lens_focal),
-            lambda: read(picture, self._job.reading, keeping, self._job.lens_focal),
+            lambda: read(InputPair(picture, self._job.reading, keeping, self._job.lens_focal)),
             self._max_mb(),
         )
         return both

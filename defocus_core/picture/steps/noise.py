@@ -2,36 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from hashlib import blake2b
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.io.arrays import LazyArray
 from defocus_core.io.exr.writing import clamped_half
+from defocus_core.picture.contents import Contents
 
 _SEED_BYTES = 5  # of a seed, of which rows of pictures make others
 
 
-def noisy(
-    planes: Sequence[Any], channels: Sequence[str], job: Job, lens: Lens, view: str
-) -> tuple[Any, ...]:
-    """The planes [H, W] of an image with the lens' noise, if it has any; alpha has none."""
-    if lens.noise is None:
-        return tuple(planes)
+def write(contents: Contents) -> Contents:
+    """The rendered planes with the lens' noise; alpha has none."""
+    lens, job, kind = contents.take.lens, contents.take.job, contents.kind
+    assert lens.noise is not None
     electrons, read = lens.noise
-    if KINDS[view].halves or KINDS[view].turned:
-        electrons /= 2
-    words = f"{lens.noise_seed} {job.picture.stem}{job.suffix} {view}"
-    return tuple(
-        plane if name == "A" else _noisy(plane, electrons, read, f"{words} {name}")
-        for plane, name in zip(planes, channels, strict=True)
-    )
+    channels = contents.take.inputs.color.channels
+    planes = []
+    for number, plane in enumerate(contents.planes):
+        view, name = kind.rendered_as[number // len(channels)], channels[number % len(channels)]
+        light = electrons / 2 if KINDS[view].halves or KINDS[view].transposed else electrons
+        words = f"{lens.noise_seed} {job.picture.stem}{job.suffix} {view} {name}"
+        planes.append(plane if name == "A" else _noisy(plane, light, read, words))
+    return contents._replace(planes=tuple(planes))
 
 
 def _noisy(plane: Any, electrons: float, read: float, words: str) -> LazyArray:

@@ -6,33 +6,54 @@ the colour's data window and display window together.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.io.arrays import LazyArray
 from defocus_core.io.depth_formats.exr_depth_channel import choose_depth_channel
 from defocus_core.io.exr.channel_choice import NoDepthChannel, choose_color
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import in_view
-from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.io.exr.windows import NO_OVERSCAN, Layout, Overscan, Window
+from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
+from defocus_core.picture.contents import Contents, window_of
+from defocus_core.picture.pair import InputPair, parts_of
 
 
-def overscan_of(
-    picture: Picture,
-    reading: Reading,
-    parts: tuple[int | None, int | None] = (None, None),
-    *,
-    whole: bool = False,
-) -> Overscan:
+def window(wanted: InputPair) -> InputPair:
+    """The picture with the pixels beyond the one shown that it is read with."""
+    overscan = overscan_of(wanted)
+    return replace(wanted, overscan=overscan.within(wanted.limit or overscan))
+
+
+def write(contents: Contents) -> Contents:
+    """The planes without overscan, or with the display window in it."""
+    color, outputs = contents.take.inputs.color, contents.take.job.outputs
+    if contents.kind.source == "focus":
+        return contents
+    if not outputs.keep_overscan:
+        return contents.mapped(partial(shown, color))
+    (x, y), (width, height), overscan = color.corner, color.size, color.overscan
+    display = Window(x, y, x + width - 1, y + height - 1)
+    corner = (x - overscan.left, y - overscan.top)
+    return contents._replace(layout=Layout(corner, display, contents.layout.views))
+
+
+def shown(color: Color, plane: Any) -> Any:
+    """An array [H, W] without the pixels beyond the picture shown."""
+    return window_of(plane, *color.overscan.shown(*color.shape[:2]))
+
+
+def overscan_of(wanted: InputPair) -> Overscan:
     """The pixels beyond the display window that colour and depth of a picture both have."""
-    from dataclasses import replace
-
-    color_part, depth_part = parts
+    picture, reading, whole = wanted.picture, wanted.reading, wanted.whole
+    color_part, depth_part = parts_of(picture, reading)
     if not is_exr(read_head(picture.color)):
         return NO_OVERSCAN
     headers = in_view(picture.color, read_headers(picture.color), reading.view)

@@ -2,89 +2,101 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from defocus_core.batch.jobs.job import Picture, Reading
-from defocus_core.errors import InputError
-from defocus_core.io.arrays import Keeping, bands, computed
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.arrays import bands, computed
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.channel_choice import NoDepthChannel
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import views_of
-from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images.color import read_color, require_finite
 from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.primaries import refuse_other_primaries
 from defocus_core.io.safe_files import read_head
-from defocus_core.picture.pair import read
-from defocus_core.picture.sources import layer_windows, windows
-from defocus_core.picture.steps.alpha import coverage, element_depth
+from defocus_core.picture.layers import Layers, coverage
+from defocus_core.picture.pair import InputPair
+from defocus_core.picture.pair import read as read_pair
+from defocus_core.picture.radii import radii_of
+from defocus_core.picture.steps.alpha import element_depth
 from defocus_core.picture.steps.overscan import overscan_of
+from defocus_core.picture.take import Plate, Take
 from defocus_core.system.text import counted
 
-if TYPE_CHECKING:
-    from defocus_core.renderer.layers.stacked_samples import Layered
-    from defocus_core.tensors.source import Pixels
+
+def window(wanted: InputPair) -> InputPair:
+    """The element with the overscan that its plate has, too."""
+    below = _wanted(wanted)
+    return replace(wanted, limit=overscan_of(below))
 
 
-@dataclass(frozen=True)
-class Plate:
-    """A decoded plate."""
-
-    picture: Picture
-    reading: Reading  # how it was read
-    color: Color
-    depth: Depth  # its depth; infinitely far if it has none
-    warnings: tuple[str, ...] = ()  # what was taken for granted of it, and of the element over it
-
-
-def read_over(
-    picture: Picture,
-    reading: Reading,
-    keeping: Keeping,
-    lens_focal: float | None,
-    *,
-    whole: bool = False,
-) -> tuple[Color, Depth, Plate]:
-    """Decode an element and its plate, with the overscan that both have.
-
-    Of the options those that choose among layers and parts are the element's.
-    """
-    assert picture.over is not None
-    plate_reading = _reading_of_plate(picture.over, reading)
-    overscan = overscan_of(picture.over, plate_reading, whole=whole)
-    color, depth = read(picture, reading, keeping, lens_focal, overscan, whole=whole)
-    plate = _plate(picture.over, plate_reading, keeping, lens_focal, color.overscan)
-    return color, depth, _checked(color, plate)
+def read(take: Take) -> Take:
+    """The element with its plate."""
+    picture, inputs = take.job.picture, take.inputs
+    if picture.hidden is not None:
+        raise UsageProblem(
+            "contradiction", "stands beside ‹over›", "the plate is what lies behind", field="hidden"
+        )
+    wanted = _wanted(InputPair.of(take.job, inputs.holding.keeping))
+    plate = _checked(inputs.color, _plate(replace(wanted, limit=inputs.color.overscan, whole=True)))
+    pictures = inputs.color, plate.color
+    light = tuple((*c.light, *c.planes[len(c.channels) :]) for c in pictures)
+    alpha = tuple(coverage(c.planes[0].shape, c.alpha) for c in pictures)
+    depths, colors = (inputs.depth, plate.depth), len(inputs.color.light)
+    return take.reading(
+        plate=plate,
+        layers=Layers(light, alpha, depths, colors, pictures=pictures),
+        empty=_both(inputs.depth.nothing, plate.depth.nothing),
+        warnings=(*inputs.warnings, *plate.warnings),
+    )
 
 
-def _reading_of_plate(picture: Picture, reading: Reading) -> Reading:
+def _both(element: Any, plate: Any) -> Any:
+    """Where neither has anything, bool [H, W]; None if nowhere."""
+    if element is None or plate is None:
+        return None
+    return computed(lambda a, b: a & b, element, plate)
+
+
+def radii(take: Take) -> Take:
+    """The radii of both, of which those in front are shown."""
+    plate, element, own = take.inputs.plate, take.inputs.depth, take.radii
+    assert plate is not None
+    below, shown = radii_of(take.lens, plate.depth, take.inputs.holding.keeping), own.px
+    if element.nothing is not None:
+        shown = computed(lambda a, n, b: np.where(n, b, a), own.px, element.nothing, below.px)
+    limits = min(own.limits[0], below.limits[0]), max(own.limits[1], below.limits[1])
+    return replace(take, behind={**take.behind, id(plate.depth): below}, shown=shown, limits=limits)
+
+
+def _wanted(element: InputPair) -> InputPair:
+    """The plate of an element; of the options that choose layers and parts are the element's."""
+    assert element.picture.over is not None
+    reading = _reading_of_plate(element.picture, element.reading)
+    return replace(element, picture=element.picture.over, reading=reading)
+
+
+def _reading_of_plate(element: Picture, reading: Reading) -> Reading:
     """The options without those that choose among layers and parts of the element."""
-    exr = is_exr(read_head(picture.color))
-    view = reading.view if exr and views_of(read_headers(picture.color)) else None
+    exr = is_exr(read_head(element.color))
+    view = reading.view if exr and views_of(read_headers(element.color)) else None
     return replace(reading, color_layer=None, depth_channel=None, part=None, view=view)
 
 
-def _plate(
-    picture: Picture,
-    reading: Reading,
-    keeping: Keeping,
-    lens_focal: float | None,
-    overscan: Overscan,
-) -> Plate:
+def _plate(wanted: InputPair) -> Plate:
     """A plate, infinitely far if it has no depth."""
+    picture = wanted.picture
     try:
         if picture.depth != picture.color or is_exr(read_head(picture.color)):
-            read_as = read(picture, reading, keeping, lens_focal, overscan, whole=True)
-            return Plate(picture, reading, *read_as)
+            return Plate(picture, wanted.reading, *read_pair(wanted))
     except NoDepthChannel:
         if picture.depth != picture.color:
             raise
-    return _far_away(picture, reading, keeping, overscan)
+    return _far_away(wanted)
 
 
 def _checked(element: Color, plate: Plate) -> Plate:
@@ -118,29 +130,10 @@ def _checked(element: Color, plate: Plate) -> Plate:
     return replace(plate, warnings=tuple(warnings))
 
 
-def layers_of(
-    lights: Sequence[Pixels],  # of both their light [C, H, W]
-    pictures: tuple[Color, Color],
-    radii: Sequence[Pixels],  # of both the repaired radii [H, W] in px
-    device: str,
-) -> Layered:
-    """The element before the plate, as layers with coverage."""
-    from defocus_core.renderer.layers.stacked_samples import Layered
-
-    size = pictures[0].planes[0].shape
-    alpha = windows([coverage(size, color.alpha) for color in pictures], device)
-    return Layered.of(layer_windows(lights), layer_windows(radii), alpha)
-
-
-def nothing_of(element: Depth, plate: Plate) -> Any:
-    """Where neither an element nor its plate has anything, bool [H, W]; None if nowhere."""
-    if element.nothing is None or plate.depth.nothing is None:
-        return None
-    return computed(lambda a, b: a & b, element.nothing, plate.depth.nothing)
-
-
-def _far_away(picture: Picture, reading: Reading, keeping: Keeping, overscan: Overscan) -> Plate:
+def _far_away(wanted: InputPair) -> Plate:
     """A plate without depth: infinitely far."""
+    picture, reading, overscan = wanted.picture, wanted.reading, wanted.limit
+    assert overscan is not None
     if reading.holds_radii:
         what, remedy = "radii", "give them as ‹over› PLATE RADII"
         if reading.relative:
@@ -149,11 +142,11 @@ def _far_away(picture: Picture, reading: Reading, keeping: Keeping, overscan: Ov
                 "give it as ‹over› PLATE DEPTH, of the scale of the element's",
             )
         raise InputError("radii", f"has no {what}", remedy, path=picture.color)
-    color = read_color(picture.color, view=reading.view, keeping=keeping, overscan=overscan)
+    color = read_color(picture.color, view=reading.view, keeping=wanted.keeping, overscan=overscan)
     require_finite(color)
-    metres = keeping.new(color.shape[:2], np.float32)
+    metres = wanted.keeping.new(color.shape[:2], np.float32)
     for rows in bands(color.shape):
         metres[rows] = np.full(metres[rows].shape, np.inf, np.float32)
     depth = Depth(metres, picture.color, "", "no depth, infinitely far", overscan=overscan)
     warning = f"{picture.color.name}: the plate has no depth and is taken as infinitely far"
-    return Plate(picture, reading, color, element_depth(depth, color, keeping), (warning,))
+    return Plate(picture, reading, color, element_depth(depth, color, wanted.keeping), (warning,))

@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from defocus_core.batch.jobs.job import Reading
 from defocus_core.errors import InputError
-from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth, require_valid
 from defocus_core.io.depth_formats.reading import wrong_size
 from defocus_core.io.images.color_planes import Color
+from defocus_core.picture.pair import InputPair
 from defocus_core.picture.sources import windows
 
 
-def of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> Depth:
+def pair(given: InputPair) -> InputPair:
     """The depth at the size of its colour; any mean of two surfaces is one that is not there.
 
     Raises:
@@ -24,9 +24,8 @@ def of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> D
             pixel; or the file holds radii, which are px of its own size; or it has invalid pixels
             and is to be guided.
     """
+    color, depth, reading = given.color, given.depth, given.reading
     (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
-    if (height, width) == (rows, columns):
-        return depth
     if reading.resize_depth is None:
         raise wrong_size(depth.path, (rows, columns), (width, height))
     if depth.is_radius and not depth.is_relative:
@@ -38,19 +37,19 @@ def of_size(depth: Depth, color: Color, reading: Reading, keeping: Keeping) -> D
         if abs(width * columns - height * rows) <= max(width, height, rows, columns):
             remedy = "turn one of them; or say ‹turn-depth› if Exif turned the colour alone"
         raise InputError("wrong-size", problem, remedy, path=depth.path)
-    metres = keeping.new((height, width), np.float32)
+    metres = given.keeping.new((height, width), np.float32)
     if reading.resize_depth == "guided":
         require_valid(depth)
         _fill_guided(metres, depth, color)
         note = f"{depth.note}, {columns}x{rows} px resized, guided by the colours"
-        return replace(depth, metres=metres, note=note)
+        return given.with_depth(replace(depth, metres=metres, note=note))
     across = ((np.arange(width) + 0.5) * columns / width).astype(int)
     down = ((np.arange(height) + 0.5) * rows / height).astype(int)
     for band in bands((height, width)):
         first, last = int(down[band][0]), int(down[band][-1])
         metres[band] = depth.metres[first : last + 1][down[band] - first][:, across]
     note = f"{depth.note}, {columns}x{rows} px resized by nearest"
-    return replace(depth, metres=metres, note=note)
+    return given.with_depth(replace(depth, metres=metres, note=note))
 
 
 def _fill_guided(metres: Any, depth: Depth, color: Color) -> None:

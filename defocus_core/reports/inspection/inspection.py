@@ -25,6 +25,7 @@ from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.describe import FileInfo, PartInfo, describe
 from defocus_core.io.images.raster import choose_page
 from defocus_core.io.safe_files import read_head
+from defocus_core.picture.pair import InputPair
 from defocus_core.picture.steps.overscan import overscan_of
 from defocus_core.reports.inspection.depth_evidence import (
     evidence_of,
@@ -67,7 +68,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     depth_note = too_large or _why_no_depth(info, reading, grey=grey)
     picture, color, depth, overscan = None, None, None, NO_OVERSCAN
     if not color_note and not depth_note and info.parts[0].display_window:
-        overscan = overscan_of(Picture("", path, path), reading, (reading.part, reading.part))
+        overscan = overscan_of(InputPair(Picture("", path, path), reading))
     if not color_note:
         picture = read_picture(path, reading, keeping, overscan)
         color_note, color = picture.note, color_figures(picture)

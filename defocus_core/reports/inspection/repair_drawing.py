@@ -16,7 +16,7 @@ from defocus_core.io.arrays import bands
 from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.color_space import quantised
 from defocus_core.io.images.encode import display_encoded, write_samples
-from defocus_core.picture.pair import read
+from defocus_core.picture.pair import InputPair, read
 from defocus_core.picture.radii import radii_of
 from defocus_core.picture.repair_words import repair_record, repair_words
 from defocus_core.picture.sources import to_array
@@ -57,7 +57,7 @@ def draw_repair(pairs: Sequence[dict[str, Any]], reading: Reading, lens: Lens, p
         )
     (pair,) = pairs
     picture = Picture(Path(pair["color"]).stem, Path(pair["color"]), Path(pair["depth"]))
-    color, depth = read(picture, reading, lens_focal=lens.foclen / lens.sensor_width)
+    color, depth = read(InputPair(picture, reading, lens_focal=lens.foclen / lens.sensor_width))
     radii = radii_of(scaled(focused(lens, depth), (depth,)), depth)
     repaired, repair = radii.repaired(color, reading)
     height, width = radii.px.shape

@@ -13,11 +13,8 @@ from command_line import color_exr, depth_exr
 from defocus_core import read_color, read_depth, write_image
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.picture import files as delivery
-from defocus_core.picture import forecast
-from defocus_core.picture import path as job_steps
+from defocus_core.picture import forecast, plain_path
 from defocus_core.picture.forecast import work_per_second  # before tests replace it
-from defocus_core.picture.inputs import load_inputs
 
 SCENE = Path(__file__).parents[4] / "sample_scenes" / "spheres"
 LENS = Lens(75.0, 1.4, 1600.0, sensor_width=54.0)
@@ -88,9 +85,9 @@ def test_twelve_kinds_of_job_take_what_is_foreseen(
         by_number, errors = forecast.forecasts([job])
         assert not errors, (name, errors)
         foreseen = by_number[0]
-        inputs = load_inputs(job)
+        inputs = plain_path.read(job)
         start = time.perf_counter()
-        delivery.write(job_steps.compute(job, inputs))
+        plain_path.write(plain_path.compute(job, inputs))
         took = time.perf_counter() - start
         expected = foreseen.prepare_seconds + foreseen.seconds + foreseen.write_seconds
         factors[name] = expected / took

@@ -26,7 +26,7 @@ from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
 from defocus_core.io import arrays
 from defocus_core.io.arrays import Scratch
 from defocus_core.io.exr import reading, writing
-from defocus_core.picture import inputs, memory_budget
+from defocus_core.picture import memory_budget, plain_path
 from defocus_core.renderer.engine import renderer
 from defocus_core.system import memory
 
@@ -173,7 +173,7 @@ def test_memory_for_program_and_files_alone_is_refused_before_they_are_decoded(
     monkeypatch.setattr(inputs, "base_mb", lambda: 900.0)
     monkeypatch.setattr(inputs, "read", None)
     with refuses("out-of-memory", "‹memory›"):
-        inputs.load_inputs(job(tmp_path, 900 * memory.MB, (70, 90)))
+        plain_path.read(job(tmp_path, 900 * memory.MB, (70, 90)))
 
 
 def test_what_fits_into_half_of_the_memory_is_held(
@@ -211,7 +211,7 @@ def test_what_must_be_decoded_at_once_and_does_not_fit_is_refused(
 ) -> None:
     monkeypatch.setattr(memory_budget, "_sizes", lambda job: (900.0, 700.0))
     monkeypatch.setattr(memory_budget, "capacity_mb", lambda machine: 800.0)
-    monkeypatch.setattr("defocus_core.picture.inputs.capacity_mb", lambda machine: 800.0)
+    monkeypatch.setattr("defocus_core.picture.read.capacity_mb", lambda machine: 800.0)
     ran = render(*frames(tmp_path, "png"), "-o", tmp_path / "out")
     refused(ran, 3, "out-of-memory", "c.png")
 

@@ -149,7 +149,7 @@ def test_what_is_being_decoded_ends_before_the_run_does(steps: Steps) -> None:
 def test_jobs_of_one_picture_are_decoded_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from defocus_core.picture.inputs import Inputs
+    from defocus_core.picture.take import Inputs
 
     decoded: list[str] = []
 

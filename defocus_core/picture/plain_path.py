@@ -1,0 +1,81 @@
+"""The plain path of a picture: read, radii, scene, render, write.
+
+What else may happen to it is a row of `steps.table`, in the order in which it happens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from defocus_core.batch.jobs.job import Job
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.picture.memory_budget import base_mb
+from defocus_core.picture.radii import radii_of
+from defocus_core.picture.read import read
+from defocus_core.picture.render import render
+from defocus_core.picture.steps.table import through
+from defocus_core.picture.take import Inputs, Take
+from defocus_core.picture.write import write
+from defocus_core.system import memory
+from defocus_core.system.interrupts import put_off
+from defocus_core.system.process import imports
+from defocus_core.system.text import counted
+
+__all__ = ["choose_device", "compute", "load", "prepare", "read", "write"]
+
+
+def compute(job: Job, inputs: Inputs, progress: Callable[[int, int], None] | None = None) -> Take:
+    """The images and maps that a job asks for."""
+    take = prepare(job, inputs)
+    return render(through("blur", take), progress) if job.outputs.need_rendering else take
+
+
+def prepare(job: Job, inputs: Inputs) -> Take:
+    """The picture as far as it is known before rendering: its lens, its radii."""
+    depth = inputs.depth
+    if "depth" in job.outputs.kinds and depth.is_radius:
+        holds = "relative disparity" if depth.is_relative else "radii"
+        problem = f"holds {holds}, of which no depth can be written"
+        raise InputError("radii", problem, "leave depth out of the outputs", path=depth.path)
+    take = through("lens", Take(job=job, inputs=inputs, lens=job.lens))
+    radii = radii_of(take.lens, depth, inputs.holding.keeping)
+    take = through(
+        "radii",
+        replace(
+            take,
+            radii=radii,
+            shown=radii.px,
+            limits=radii.limits,
+            device=choose_device(job.machine.device),
+            quality=job.machine.quality,
+        ),
+    )
+    words = [*take.warnings]
+    if radii.clamped:
+        pixels = counted(radii.clamped, "pixel")
+        words.append(f"radius of {pixels} clamped to {take.lens.clamp_blur:g} px")
+    return replace(take, blur=radii, warnings=(*words, *inputs.warnings))
+
+
+def load() -> None:
+    """Import torch and the renderer, which takes seconds, and set up the allocator."""
+    memory.share_heap()
+    memory.keep_freed(True)  # what is read leaves room for what is rendered
+    with put_off(), imports():
+        import torch  # noqa: F401
+
+        import defocus_core.renderer.engine.renderer  # noqa: F401
+    base_mb()
+
+
+def choose_device(name: str) -> str:
+    """``cpu`` or ``cuda``."""
+    import torch
+
+    available = name != "cpu" and torch.cuda.is_available()
+    if name == "cuda" and not available:
+        raise UsageProblem(
+            "no-gpu", "PyTorch finds no CUDA GPU here", "use ‹device› cpu or auto", field="device"
+        )
+    return "cuda" if available else "cpu"

@@ -1,0 +1,38 @@
+"""Breathing of the focus: blur is drawn outwards."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from defocus_core.errors import UsageProblem
+from defocus_core.io.arrays import times
+from defocus_core.picture.scene import Surfaces
+from defocus_core.picture.sources import lone_window, windows
+
+
+def scene(surfaces: Surfaces) -> Surfaces:
+    """The surface of the picture as it is blurred.
+
+    Raises:
+        UsageProblem: what lies behind the picture is known, too.
+    """
+    import torch
+
+    from defocus_core.renderer.breathing import breathed
+
+    take, ((color,), (radii,)) = surfaces.take, (surfaces.colors, surfaces.radii)
+    if take.inputs.layers is not None or surfaces.knows_hidden:
+        problem = "moves one picture with its depth, not layers"
+        raise UsageProblem("unsupported", problem, "leave it out", field="breathing")
+    planes = torch.from_numpy(np.stack([plane[:] for plane in color.planes]))
+    image, px = breathed(planes.float(), torch.from_numpy(radii.px[:]), take.lens.breathing)
+    color, radii = replace(color, planes=tuple(image.numpy())), radii._replace(px=px.numpy())
+    return replace(
+        surfaces,
+        colors=(color,),
+        radii=(radii,),
+        light=(windows(color.planes, take.device),),
+        px=(lone_window(times(radii.px, surfaces.longer), take.device),),
+    )
