@@ -48,7 +48,7 @@ def serve(connection: Connection) -> None:
 def serve_slowly(connection: Connection) -> None:
     """Do what comes as a real worker does, whose steps take their time and make nothing."""
 
-    def compute(job: Job, inputs: Any, progress: Any) -> dict[str, Any]:
+    def compute(job: Job, inputs: Any) -> dict[str, Any]:
         time.sleep(0.5)
         return {"status": "ok", "reason": None}
 

@@ -79,16 +79,20 @@ def _stamps(files: Mapping[str, Path]) -> dict[str, Any]:
     return stamps
 
 
-def compute(job: Job, inputs: Inputs, progress: TileCount | None = None) -> Take | Record:
+def compute(job: Job, inputs: Inputs | Record, progress: TileCount | None = None) -> Take | Record:
     """Compute a job whose inputs are decoded; its record if it cannot be done."""
+    if isinstance(inputs, Mapping):
+        return inputs
     try:
         return plain_path.compute(job, inputs, progress)
     except Exception as error:
         return failure(error, "render", inputs.stamps)
 
 
-def write(take: Take) -> Record:
+def write(take: Take | Record) -> Record:
     """Write what a job computed; when this returns, it is durable."""
+    if isinstance(take, Mapping):
+        return take
     start = time.perf_counter()
     job, inputs = take.job, take.inputs.stamps
     try:

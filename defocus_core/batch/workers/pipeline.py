@@ -8,7 +8,8 @@ of jobs.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
+from itertools import chain, islice
 from queue import SimpleQueue
 from typing import TYPE_CHECKING
 
@@ -20,15 +21,21 @@ from defocus_core.batch.workers.plan import Chunk, Done, Execute
 from defocus_core.picture import plain_path
 from defocus_core.picture.memory_budget import Gate
 from defocus_core.picture.take import Inputs, Take
+from defocus_core.system.interrupts import put_off
 
 if TYPE_CHECKING:
     _Read = tuple[int, Job, Inputs | Record]
 
 
 def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
-    """Do the jobs of a batch in this process."""
+    """Do the jobs of a batch in this process; a single one without threads."""
     plain_path.load()
-    run(_jobs(chunks, stopped), done, stopped=stopped)
+    jobs = _jobs(chunks, stopped)
+    first = [*islice(jobs, 2)]
+    if len(first) > 1:
+        run(chain(first, jobs), done, stopped=stopped)
+    for number, job in first if len(first) == 1 else ():
+        _carry_out(number, job, done)
 
 
 def execute_alone(progress: TileCount | None) -> Execute:
@@ -41,9 +48,17 @@ def execute_alone(progress: TileCount | None) -> Execute:
             done(number, record)
 
         plain_path.load()
-        run(_jobs(chunks, stopped), done_or_raised, progress, stopped)
+        for number, job in _jobs(chunks, stopped):
+            _carry_out(number, job, done_or_raised, progress)
 
     return execute
+
+
+def _carry_out(number: int, job: Job, done: Done, progress: TileCount | None = None) -> None:
+    """Do a job."""
+    take = job_result.compute(job, job_result.Reader().read(job), progress)
+    with put_off():  # nothing stays half-written, or written and not told
+        done(number, job_result.write(take))
 
 
 def _jobs(chunks: Iterator[Chunk], stopped: Callable[[], bool]) -> Iterator[tuple[int, Job]]:
@@ -57,14 +72,13 @@ def _jobs(chunks: Iterator[Chunk], stopped: Callable[[], bool]) -> Iterator[tupl
 def run(
     jobs: Iterable[tuple[int, Job]],
     done: Done,
-    progress: TileCount | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> None:
     """Do jobs in their order.
 
     `jobs`: numbered; asked for the next one, on a thread of its own, before the last is done.
     `done`: called with number and record of each as soon as it is durable, on another thread or on
-    this one, one at a time. `progress`: with (tiles done, tiles in all) of the picture in work.
+    this one, one at a time.
     """
     gate = Gate()
     ahead, behind = _Ahead(jobs, gate), _Writer(done, gate)
@@ -72,10 +86,7 @@ def run(
         for number, job, inputs in ahead:
             if stopped():
                 break
-            if isinstance(inputs, Mapping):
-                behind.put(number, inputs)
-            else:
-                behind.put(number, job_result.compute(job, inputs, progress))
+            behind.put(number, job_result.compute(job, inputs))
     finally:
         try:
             ahead.stop()
@@ -168,7 +179,7 @@ class _Writer:
         while (item := self._queue.get()) is not None:
             number, take = item
             try:
-                record = take if isinstance(take, Mapping) else job_result.write(take)
+                record = job_result.write(take)
                 del take, item
                 self._done(number, record)
             except BaseException as error:

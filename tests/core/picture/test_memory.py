@@ -26,7 +26,7 @@ from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
 from defocus_core.io import arrays
 from defocus_core.io.arrays import Scratch
 from defocus_core.io.exr import reading, writing
-from defocus_core.picture import memory_budget, plain_path
+from defocus_core.picture import memory_budget, plain_path, read
 from defocus_core.renderer.engine import renderer
 from defocus_core.system import memory
 
@@ -170,8 +170,8 @@ def job(tmp_path: Path, limit: int, size: tuple[int, int] = SIZE, kinds: str = "
 def test_memory_for_program_and_files_alone_is_refused_before_they_are_decoded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(inputs, "base_mb", lambda: 900.0)
-    monkeypatch.setattr(inputs, "read", None)
+    monkeypatch.setattr(read, "base_mb", lambda: 900.0)
+    monkeypatch.setattr(read, "read_pair", None)
     with refuses("out-of-memory", "‹memory›"):
         plain_path.read(job(tmp_path, 900 * memory.MB, (70, 90)))
 
