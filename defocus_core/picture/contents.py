@@ -85,7 +85,7 @@ def _image(take: Take, kind: Kind) -> _Channels:
 
 def _focus(take: Take, kind: Kind) -> _Channels:
     """The picture shown in false colour."""
-    from defocus_core.picture.focus_picture import focus_planes
+    from defocus_core.picture.preview import focus_planes
 
     color = take.inputs.color
     rows, columns = color.overscan.shown(*color.shape[:2])

@@ -9,9 +9,8 @@ import numpy as np
 
 from defocus_core.io.arrays import Keeping, bands, computed
 from defocus_core.io.depth_formats.depth import Depth
-from defocus_core.io.exr.deep_merging import merged as merged_samples
+from defocus_core.io.exr.deep_layers import cut_volumes, merge_samples
 from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT, Strip
-from defocus_core.io.exr.deep_volumes import tidy
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.images.color_planes import Color
 from defocus_core.system.text import counted
@@ -64,7 +63,7 @@ class Layers:
             front=len(self.alpha),
         )
 
-    def tidy(self, keeping: Keeping) -> Layers:
+    def cut(self, keeping: Keeping) -> Layers:
         """These layers with volumes cut where other samples lie within, and mixed in one place."""
         if not any(self.ends) and not self.front:
             return self
@@ -75,7 +74,7 @@ class Layers:
             strip = self._samples(rows, names)
             behind = strip.pixel[strip.rank >= self.front] if self.front else ()
             both = np.intersect1d(behind, strip.pixel[strip.rank < self.front])
-            strip, count = merged_samples(tidy(strip, names, both), names)
+            strip, count = merge_samples(cut_volumes(strip, names, both), names)
             merged += count
             while len(layers) < max(1, strip.maximum):
                 layers.append({name: keeping.new(shape, "float32") for name in (*names, DEPTH)})

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 from defocus_core.batch.jobs.job import Job, Machine, Picture
 from defocus_core.errors import InputError, TooLarge
 from defocus_core.io.arrays import Keeping
-from defocus_core.io.exr.deep_merging import MAX_LAYERS
+from defocus_core.io.exr.deep_layers import MAX_LAYERS
 from defocus_core.io.exr.deep_samples import max_samples
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.images.describe import describe

@@ -138,7 +138,7 @@ def test_a_file_that_another_worker_wrote_meanwhile_stays(
         other.replace(out / "render" / "color.exr")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(plain_path, "write_exr", full)
+    monkeypatch.setattr("defocus_core.picture.write.write_exr", full)
     refused(render(color, depth, "-o", out, "--outputs", "render,coc"), 3, None)
     assert (out / "render" / "color.exr").read_text() == "theirs"
 

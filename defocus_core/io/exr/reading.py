@@ -23,13 +23,46 @@ from defocus_core.io.damage import damaged, decoding
 from defocus_core.io.exr.chroma import planes_of
 from defocus_core.io.exr.deep_layers import DeepLayers, deep_layers, flat_channels
 from defocus_core.io.exr.header import Header, read_headers
-from defocus_core.io.exr.opening import opened, seek
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
 from defocus_core.io.safe_files import quiet
 from defocus_core.system.interrupts import put_off
 
 if TYPE_CHECKING:
     Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """OpenImageIO's input: to open a file reads the headers of all its parts.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    with put_off():
+        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    file = oiio.ImageInput.open(str(path))
+    if not file:
+        raise damaged(path, first_line(path, oiio.geterror()))
+    try:
+        yield file
+    finally:
+        file.close()
+        oiio.geterror()  # or the next file would be blamed
+
+
+def seek(path: Path, file: Any, header: Header) -> None:
+    """Turn an open file to a part, whose data window is the header's.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    if not file.seek_subimage(header.index, 0):
+        raise damaged(path, first_line(path, file.geterror()))
+    spec, (x0, y0, x1, y1) = file.spec(), header.data
+    if (spec.x, spec.y, spec.width, spec.height) != (x0, y0, x1 - x0 + 1, y1 - y0 + 1):
+        raise damaged(path, "two sizes in its header")
+
 
 _STRIP_BYTES = 1 << 23  # of pixels, decoded at once
 _LARGEST_TILE = 1 << 26  # bytes, decoded at once

@@ -46,7 +46,7 @@ def read(take: Take) -> Take:
         black = keeping.new(inputs.depth.metres.shape, np.float16)
         hiding = replace(wanted, picture=picture.holdout, planes=(inputs.color, inputs.depth))
         layers = layers.held_out_by(_holdout(hiding), black)
-    layers = layers.tidy(keeping)
+    layers = layers.cut(keeping)
     note = f"{inputs.color.note}, {layers.words}"
     return take.reading(
         color=replace(inputs.color, note=note), layers=None if layers.is_flat else layers

@@ -26,7 +26,7 @@ from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
 from defocus_core.io import arrays
 from defocus_core.io.arrays import Scratch
 from defocus_core.io.exr import reading, writing
-from defocus_core.picture import memory_budget, plain_path, read
+from defocus_core.picture import memory_budget, plain_path
 from defocus_core.renderer.engine import renderer
 from defocus_core.system import memory
 
@@ -170,8 +170,8 @@ def job(tmp_path: Path, limit: int, size: tuple[int, int] = SIZE, kinds: str = "
 def test_memory_for_program_and_files_alone_is_refused_before_they_are_decoded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(read, "base_mb", lambda: 900.0)
-    monkeypatch.setattr(read, "read_pair", None)
+    monkeypatch.setattr(plain_path, "base_mb", lambda: 900.0)
+    monkeypatch.setattr(plain_path, "read_pair", None)
     with refuses("out-of-memory", "‹memory›"):
         plain_path.read(job(tmp_path, 900 * memory.MB, (70, 90)))
 
@@ -211,7 +211,7 @@ def test_what_must_be_decoded_at_once_and_does_not_fit_is_refused(
 ) -> None:
     monkeypatch.setattr(memory_budget, "_sizes", lambda job: (900.0, 700.0))
     monkeypatch.setattr(memory_budget, "capacity_mb", lambda machine: 800.0)
-    monkeypatch.setattr("defocus_core.picture.read.capacity_mb", lambda machine: 800.0)
+    monkeypatch.setattr("defocus_core.picture.plain_path.capacity_mb", lambda machine: 800.0)
     ran = render(*frames(tmp_path, "png"), "-o", tmp_path / "out")
     refused(ran, 3, "out-of-memory", "c.png")
 
