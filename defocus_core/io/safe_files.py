@@ -14,13 +14,14 @@ import sys
 import threading
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple
+from functools import lru_cache, wraps
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeVar, cast
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder, Replacement, open_plain
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 MAX_PIXELS = 2**30
@@ -30,6 +31,7 @@ UNASKED_BYTES = 2**28
 
 _LFS_POINTER = b"version https://git-lfs.github.com/spec/"  # git-lfs, docs/spec.md
 
+_OfFile = TypeVar("_OfFile", bound="Callable[..., Any]")
 _quiet_lock = threading.RLock()
 _serial = itertools.count()
 # The files of the innermost `written_together`; None outside.
@@ -49,6 +51,26 @@ class Together(NamedTuple):
     files: list[tuple[Replacement, Path]]
 
 
+def once(function: _OfFile) -> _OfFile:
+    """What a function finds out of a file, found out once as long as the file is as it was."""
+
+    @lru_cache(maxsize=256)
+    def found(_stamp: tuple[int, ...], *of: Any) -> Any:
+        return function(*of)
+
+    @wraps(function)
+    def known(path: Path, *of: Any) -> Any:
+        try:
+            it = path.stat()
+        except (OSError, ValueError):  # the function says what is wrong with it
+            return function(path, *of)
+        stamp = (it.st_dev, it.st_ino, it.st_size, it.st_mtime_ns, it.st_ctime_ns, it.st_mode)
+        return found(stamp, path, *of)
+
+    return cast(_OfFile, known)
+
+
+@once
 def read_head(path: Path, count: int = 16) -> bytes:
     """First ``count`` bytes of an existing, readable, non-empty file.
 

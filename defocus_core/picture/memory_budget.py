@@ -27,8 +27,6 @@ from typing import TYPE_CHECKING
 from defocus_core.batch.jobs.job import Job, Machine, Picture
 from defocus_core.errors import InputError, TooLarge
 from defocus_core.io.arrays import Keeping
-from defocus_core.io.exr.deep_layers import MAX_LAYERS
-from defocus_core.io.exr.deep_samples import max_samples
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
@@ -182,6 +180,9 @@ def _inputs(picture: Picture, passes: Sequence[str] = ()) -> tuple[int, float, f
 
 def _layers_of(path: Path) -> int:
     """The number of layers that a deep EXR becomes."""
+    from defocus_core.io.exr.deep_layers import MAX_LAYERS
+    from defocus_core.io.exr.deep_samples import max_samples
+
     deep = [header for header in read_headers(path) if header.deep]
     return min(MAX_LAYERS, max(max_samples(path, header) for header in deep))
 

@@ -20,8 +20,6 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError, first_line
 from defocus_core.io.arrays import IN_MEMORY, Keeping
 from defocus_core.io.damage import damaged, decoding
-from defocus_core.io.exr.chroma import planes_of
-from defocus_core.io.exr.deep_layers import DeepLayers, deep_layers, flat_channels
 from defocus_core.io.exr.header import Header, read_headers
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
 from defocus_core.io.safe_files import quiet
@@ -29,6 +27,9 @@ from defocus_core.system.interrupts import put_off
 
 if TYPE_CHECKING:
     Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
+
+if TYPE_CHECKING:
+    from defocus_core.io.exr.deep_layers import DeepLayers
 
 
 @contextmanager
@@ -108,6 +109,8 @@ def read_parts(
     headers = read_headers(path) if headers is None else headers
     with decoding(path), quiet(), _unlimited():
         if any(header.subsampled for header in headers):  # OpenImageIO does not open it
+            from defocus_core.io.exr.chroma import planes_of
+
             planes = planes_of(path, headers, wanted, overscan)
             return tuple(ExrPart(*pair) for pair in zip(headers, planes, strict=True))
         with nullcontext() if all(header.deep for header in headers) else opened(path) as file:
@@ -133,6 +136,8 @@ def read_layers(
     Raises:
         InputError: the file cannot be read, or not all of it.
     """
+    from defocus_core.io.exr.deep_layers import deep_layers
+
     with decoding(path), quiet(), _unlimited():
         return deep_layers(path, header, names, keeping, overscan)
 
@@ -166,9 +171,10 @@ def _part(
         channel.name: channel.type for channel in header.channels if wanted(header, channel.name)
     }
     if header.deep:
-        return ExrPart(
-            header, flat_channels(path, header, types, keeping, overscan) if types else {}
-        )
+        from defocus_core.io.exr.deep_layers import flat_channels
+
+        flat = flat_channels(path, header, types, keeping, overscan) if types else {}
+        return ExrPart(header, flat)
     frame = header.display.grown(overscan)
     size = (frame.height, frame.width)
     channels = {name: keeping.new(size, _DTYPES[kind]) for name, kind in types.items()}

@@ -14,7 +14,7 @@ from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import views_of_parts
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.images.raster import read_pages
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.safe_files import once, read_head
 
 # A file of more numbers than either of these is nearly empty: real pictures pack less tightly.
 _MOST_NUMBERS, _NUMBERS_OF_A_BYTE = 2**26, 32
@@ -96,6 +96,7 @@ class FileInfo:
         return f"{self.numbers / 10**6:.0f} million numbers in a file of {size / 10**6:.1f} MB"
 
 
+@once
 def describe(path: Path) -> FileInfo:
     """The header of a colour or depth file, of which no pixel is decoded.
 

@@ -9,11 +9,11 @@ from defocus_core.picture.scene import Surfaces
 
 def scene(surfaces: Surfaces) -> Surfaces:
     """The surfaces with the radii by which they are rendered; the repair is that of the first."""
-    from defocus_core.sequences.shot_repair import repair_through
-
     take, longer = surfaces.take, surfaces.longer
     decided, infinity = take.decided, take.blur.infinity
     if decided is not None:
+        from defocus_core.sequences.shot_repair import repair_through
+
         decided = repair_through(decided, longer, None if infinity is None else longer * infinity)
     both = [
         radii.repaired(

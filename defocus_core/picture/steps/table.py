@@ -84,8 +84,8 @@ def _may_end(contents: Any) -> bool:
     """Whether an image may have fewer pixels than the picture: nothing is beyond the blur."""
     take, kind, lens = contents.take, contents.kind, contents.take.lens
     lit = take.inputs.plate or take.inputs.hidden or lens.noise or lens.breathing
-    is_exr = take.job.outputs.format == "exr" and take.inputs.color.data is not None
-    return kind.image and kind.rendered and is_exr and not lit
+    is_cut = take.job.outputs.format == "exr" and take.inputs.color.is_cut
+    return kind.image and kind.rendered and is_cut and not lit
 
 
 # What a stage hands on: `window` and `pair` an InputPair, before and after it is decoded; `read`,
