@@ -72,11 +72,7 @@ def once(function: _OfFile) -> _OfFile:
 
 @once
 def read_head(path: Path, count: int = 16) -> bytes:
-    """First ``count`` bytes of an existing, readable, non-empty file.
-
-    Raises:
-        InputError: the file is missing, no regular one, is empty or may not be read.
-    """
+    """First ``count`` bytes of an existing, readable, non-empty file."""
     try:
         str(path).encode()
     except UnicodeEncodeError:  # decoders written in C refuse it in words of their own
@@ -124,9 +120,6 @@ def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
         width: in px, as the header claims.
         height: in px, as the header claims.
         pixel_bytes: bytes of one decoded pixel, all channels.
-
-    Raises:
-        InputError: nothing to show, more than `MAX_PIXELS`, or far more than the file could hold.
     """
     claim = f"its header claims {width}×{height} px"
     if width < 1 or height < 1:
@@ -191,9 +184,6 @@ def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
         path: of the file.
         root: the folder that it lies below, no link of which is followed; by default that of
             `written_together`, or else its own.
-
-    Raises:
-        InputError: for any OSError, a full disk among them.
     """
     together = _together.get()
     if root is None:
@@ -220,9 +210,6 @@ def written_together(root: Path | None = None) -> Iterator[None]:
 
     Args:
         root: the folder that all lie below, no link of which is followed.
-
-    Raises:
-        InputError: the system refused a file.
     """
     together = Together(root, [])
     token = _together.set(together)

@@ -97,12 +97,7 @@ class Radii(NamedTuple):
 
 
 def radii_of(lens: Lens, depth: Depth, keeping: Keeping = IN_MEMORY) -> Radii:
-    """The radii of a whole frame; those of a file of radii as they are.
-
-    Raises:
-        InputError: a depth is so near, or the focus, that no frame would hold the blur.
-        UsageProblem: there is no such lens, or its blur is beyond all numbers.
-    """
+    """The radii of a whole frame; those of a file of radii as they are."""
     radii = _radii_of(lens, depth, keeping)
     return radii if lens.clamp_blur is None else _clamped(radii, lens.clamp_blur, depth, keeping)
 
@@ -134,11 +129,7 @@ def _radii_of(lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
 
 
 def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
-    """The radii of relative disparity, linear in its numbers.
-
-    Raises:
-        InputError: no frame would hold the blur.
-    """
+    """The radii of relative disparity, linear in its numbers."""
     import torch
 
     from defocus_core.depth.conversion import radius_from_relative_disparity
@@ -189,20 +180,12 @@ def _clamped(radii: Radii, limit: float, depth: Depth, keeping: Keeping) -> Radi
 def signed_radius(
     lens: Lens, metres: NDArray[np.float32], size: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """Signed CoC radius in px at some depths in metres, for pictures of ``size`` (width, height).
-
-    Raises:
-        UsageProblem: there is no such lens, or its blur is beyond all numbers.
-    """
+    """Signed CoC radius in px at depths in metres, for pictures of ``size`` (width, height)."""
     return _through(thin_lens_of(lens, size), metres)
 
 
 def color_offsets(lens: Lens, size: tuple[int, int]) -> tuple[float, float]:
-    """Px by which the signed radii of red and of blue differ from those of green.
-
-    Raises:
-        UsageProblem: there is no such lens.
-    """
+    """Px by which the signed radii of red and of blue differ from those of green."""
     from defocus_core.optics.axial_color import color_offset
 
     assert lens.axial_color is not None
@@ -212,11 +195,7 @@ def color_offsets(lens: Lens, size: tuple[int, int]) -> tuple[float, float]:
 
 
 def thin_lens_of(lens: Lens, size: tuple[int, int]) -> ThinLens:
-    """The lens in front of a sensor of ``size`` (width, height) px.
-
-    Raises:
-        UsageProblem: there is no such lens.
-    """
+    """The lens in front of a sensor of ``size`` (width, height) px."""
     import torch
 
     from defocus_core.optics.thin_lens import ThinLens
@@ -236,11 +215,7 @@ def thin_lens_of(lens: Lens, size: tuple[int, int]) -> ThinLens:
 
 
 def _through(thin_lens: ThinLens, metres: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The law in float64, rounded once.
-
-    Raises:
-        UsageProblem: the blur is beyond all numbers.
-    """
+    """The law in float64, rounded once."""
     import torch
 
     depth_mm = torch.from_numpy(metres.astype("float64")) * MM_PER_M
@@ -254,11 +229,7 @@ def _through(thin_lens: ThinLens, metres: NDArray[np.float32]) -> NDArray[np.flo
 
 
 def _refuse_blur(limits: list[float], depth: Depth, rows: slice) -> None:
-    """Refuse radii that no frame would hold.
-
-    Raises:
-        InputError: a depth is so near, or the focus.
-    """
+    """Refuse radii that no frame would hold."""
     if not -limits[0] <= _MAX_PX:
         nearest = float(depth.something(rows).min())
         problem = f"has a depth of {nearest:.3g} m, which is blurred by {-limits[0]:.2g} px"
@@ -276,11 +247,7 @@ def _with_nothing(radius: Any, farthest: float, depth: Depth) -> Any:
 
 
 def _limits_of_file(depth: Depth) -> tuple[float, float]:
-    """The least and greatest radius of a file of radii, in px.
-
-    Raises:
-        InputError: a radius is so large that no frame would hold the blur.
-    """
+    """The least and greatest radius of a file of radii, in px."""
     of_bands = [depth.something(rows) for rows in bands(depth.metres.shape)]
     minimum = min((float(radius.min()) for radius in of_bands if radius.size), default=0.0)
     maximum = max((float(radius.max()) for radius in of_bands if radius.size), default=0.0)

@@ -34,9 +34,6 @@ def render(take: Take, progress: Progress | None = None) -> Take:
     """The picture with the images and maps that need rendering.
 
     `progress`: called with (tiles done, tiles in all).
-
-    Raises:
-        TooLarge: it does not fit into memory.
     """
     import torch
 

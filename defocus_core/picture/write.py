@@ -29,11 +29,7 @@ _OF_COLORS = {PRIMARIES, PROFILE}
 
 
 def write(take: Take) -> Take:
-    """Write the files of a job, all or none; it, with warnings of what they cannot hold.
-
-    Raises:
-        InputError: a file cannot be written.
-    """
+    """Write the files of a job, all or none; it, with warnings of what they cannot hold."""
     outputs = take.job.outputs
     if not outputs.root.is_dir():  # created again, it would have no journal
         problem = "was removed while jobs were done"

@@ -94,10 +94,6 @@ def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> list[Entry]:
     Args:
         table: ``[inputs]``.
         keyed: the frames that have keys.
-
-    Raises:
-        InputError: files are missing, do not pair up, or a list cannot be read.
-        UsageProblem: a key is unknown, or two pictures would have one name.
     """
     table.refuse_unknown(KEYS)
     entries = [
@@ -118,12 +114,7 @@ def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> list[Entry]:
 
 
 def read_whole_shot(table: Table) -> list[Entry]:
-    """All frames of the shot of ``[inputs]``, whichever are wanted; none if it numbers none.
-
-    Raises:
-        InputError: a pattern matches nothing.
-        UsageProblem: a depth has no colour.
-    """
+    """All frames of the shot of ``[inputs]``, whichever are wanted; none if it numbers none."""
     paths = _paths(table)
     if "color" not in paths:
         return []

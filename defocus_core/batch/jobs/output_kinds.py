@@ -186,9 +186,6 @@ def in_one_file(kinds: tuple[str, ...], where: Place) -> tuple[str, ...]:
     Args:
         kinds: as they were asked for.
         where: option or key that asks for one file, for errors.
-
-    Raises:
-        UsageProblem: left or right is not among them.
     """
     row = KINDS["multiview"]
     if missing := [view for view in row.views if view not in kinds]:

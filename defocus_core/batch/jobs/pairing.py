@@ -77,10 +77,6 @@ def find_pictures(
             form.
         patterns_in: the folder that paths are relative to, which then may be patterns.
         frames: the frames wanted of frame patterns.
-
-    Raises:
-        InputError: a path is missing or of the wrong sort, or files do not pair up.
-        UsageProblem: frames are chosen, but no path numbers any.
     """
     others = others or {}
     every = (color, depth, *(path for pair in others.values() for path in pair))
@@ -110,11 +106,7 @@ def find_pictures(
 
 
 def _refuse_frames(color: Path, depth: Path) -> None:
-    """Refuse two frames that a shell made of a pattern, as colour and depth.
-
-    Raises:
-        UsageProblem: they are.
-    """
+    """Refuse two frames that a shell made of a pattern, as colour and depth."""
     names = [_NUMBER.sub("#", path.name) for path in (color, depth)]
     if color != depth and color.parent == depth.parent and names[0] == names[1]:
         problem = f"looks like the next frame of {color.name}, not its depth"
@@ -129,11 +121,7 @@ def whole_shot(
     *,
     patterns_in: Path | None = None,
 ) -> list[Picture]:
-    """All frames of frame patterns that have all of their files, ascending; none of other paths.
-
-    Raises:
-        InputError: a pattern matches nothing, or a path is none.
-    """
+    """All frames of frame patterns that have all of their files, ascending; none of other paths."""
     root, others = patterns_in or Path(), others or {}
     every = (color, depth, *(path for pair in others.values() for path in pair))
     paths = [path for path in every if path is not None]

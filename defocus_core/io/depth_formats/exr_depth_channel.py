@@ -34,11 +34,7 @@ def exr_depth_numbers(
     overscan: Overscan = NO_OVERSCAN,
     size: tuple[int, int] | None = None,
 ) -> DepthNumbers:
-    """Read the depth channel of an EXR file.
-
-    Raises:
-        InputError: the file cannot be read, or has no depth channel or several.
-    """
+    """Read the depth channel of an EXR file."""
     headers = in_view(path, read_headers(path), reading.view)
     if (position := _position(headers, reading.depth_channel)) is not None:
         shown = position[0].display
@@ -97,9 +93,6 @@ def _along_axis(
     """Depth of positions in the world, by the camera of the header; infinite where all are 0.
 
     What is seen lies before the camera, whichever way its axis is counted.
-
-    Raises:
-        InputError: the header has no camera.
     """
     header, names = position
     camera = header.attributes.get(_CAMERA)
@@ -133,11 +126,7 @@ def _along_axis(
 def choose_depth_channel(
     path: Path, headers: Sequence[Header], reading: DepthReading
 ) -> ChannelGroup:
-    """The depth channel of a file: the one named, that of the format, or one of the usual names.
-
-    Raises:
-        InputError: there is none, or several could be the depth.
-    """
+    """The depth channel of a file: the one named, that of the format, or one of the usual names."""
     row, named = reading.row, reading.depth_channel
     if named is None and (row.channels or row.plane is not None):
         every = channels_of(path, headers, reading.part)

@@ -84,10 +84,6 @@ def read_numbers(
         keeping: where the numbers are to be kept.
         size: width and height of the colour that the depth belongs to, None if there is none.
         overscan: pixels beyond the picture shown, of files that have them.
-
-    Raises:
-        InputError: the file cannot be read, or is of no type that the format comes in.
-        UsageProblem: a channel for a file that has no named ones.
     """
     row, head = reading.row, read_head(path, 32)
     if row.files == ("headerless",):
@@ -276,11 +272,7 @@ def _from_raster(
 
 
 def _grey(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
-    """The luma of samples [h, w, 3…] of equal channels, or of 8 bits but for the noise of a codec.
-
-    Raises:
-        InputError: they have colours.
-    """
+    """The luma of samples [h, w, 3…] of equal channels, or of 8 bits but for a codec's noise."""
     colors = samples[:, :, :3]
     spread = colors.max(axis=2) - colors.min(axis=2)
     if not spread.any():

@@ -76,11 +76,7 @@ def own_format(path: Path) -> str:
 
 @contextmanager
 def sharp_original(path: Path) -> Iterator[Path]:
-    """A file with the sharp picture inside a photograph; itself if it has none of its own.
-
-    Raises:
-        InputError: it is damaged.
-    """
+    """A file with the sharp picture inside a photograph; itself if it has none of its own."""
     data = _properties(path).get(b"GImage:Data") if holds_gdepth(path) else None
     if data is None:
         yield path
@@ -94,11 +90,7 @@ def sharp_original(path: Path) -> Iterator[Path]:
 
 
 def open_heic(path: Path) -> Any:
-    """A HEIC file as pillow-heif opens it; its pixels are decoded where they are asked for.
-
-    Raises:
-        InputError: it is damaged, or pillow-heif is missing.
-    """
+    """A HEIC file as pillow-heif opens it; its pixels are decoded where they are asked for."""
     try:
         import pillow_heif
     except ImportError:
@@ -113,11 +105,7 @@ def open_heic(path: Path) -> Any:
 
 
 def heic_pixels(path: Path) -> tuple[NDArray[Any], bytes]:
-    """The picture of a HEIC photograph, upright: integers [H, W, C], and its ICC profile.
-
-    Raises:
-        InputError: it is damaged, or pillow-heif is missing.
-    """
+    """The picture of a HEIC photograph, upright: integers [H, W, C], and its ICC profile."""
     file = open_heic(path)
     try:
         with quiet():
@@ -134,11 +122,7 @@ def _damaged_heic(path: Path, error: Exception) -> InputError:
 
 
 def read_heic(path: Path) -> PhotoDepth:
-    """The depth image of a HEIC photograph.
-
-    Raises:
-        InputError: it is damaged or has none, or pillow-heif is missing.
-    """
+    """The depth image of a HEIC photograph."""
     file = open_heic(path)
     try:
         with quiet():
@@ -155,11 +139,7 @@ def read_heic(path: Path) -> PhotoDepth:
 
 
 def read_gdepth(path: Path) -> PhotoDepth:
-    """The depth image of a JPEG photograph that holds GDepth, turned upright with it.
-
-    Raises:
-        InputError: it has none, or one that is damaged.
-    """
+    """The depth image of a JPEG photograph that holds GDepth, turned upright with it."""
     metadata = {
         name.removeprefix(b"GDepth:"): text
         for name, text in _properties(path).items()

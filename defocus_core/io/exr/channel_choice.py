@@ -61,9 +61,6 @@ def choose_color(
     """The colour layer of a file; ``layer`` and ``part`` as of `images.color.read_color`.
 
     Without either, the default layer (plain R, G, B) wins over named ones, as in every viewer.
-
-    Raises:
-        InputError: there is none, or several; or its pixels are of an aspect that none has.
     """
     chosen = _chosen_color(path, headers, layer, part)
     aspect, (minimum, maximum) = chosen.header.pixel_aspect, _ASPECTS
@@ -97,12 +94,7 @@ def _chosen_color(
 def choose_depth(
     path: Path, headers: Sequence[Header], *, channel: str | None, part: int | None
 ) -> ChannelGroup:
-    """The depth channel of a file; ``channel`` and ``part`` as for `read_depth`.
-
-    Raises:
-        NoDepthChannel: none of the channels is known to be depth.
-        InputError: the channel or part is not there, or several channels could be the depth.
-    """
+    """The depth channel of a file; ``channel`` and ``part`` as for `read_depth`."""
     searched = _flat(_headers_of_part(path, headers, part))
     every = channels_of(path, headers, part)
     if channel is not None:
@@ -128,11 +120,7 @@ def choose_depth(
 
 
 def channels_of(path: Path, headers: Sequence[Header], part: int | None) -> list[ChannelGroup]:
-    """All channels of a file, or of one of its parts, in the order of the file.
-
-    Raises:
-        InputError: the part is not there.
-    """
+    """All channels of a file, or of one of its parts, in the order of the file."""
     searched = _flat(_headers_of_part(path, headers, part))
     return _each(searched)
 
@@ -146,9 +134,6 @@ def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str])
         path: the file.
         extras: its channels beside the colour by name.
         patterns: names of channels, or patterns like ``diffuse.*``, of any case.
-
-    Raises:
-        InputError: a pattern names no channel of light.
     """
     light = [name for name, plane in extras.items() if not _is_data(name, plane)]
     for pattern in patterns:
@@ -173,11 +158,7 @@ def _is_data(name: str, plane: Any) -> bool:
 
 
 def require_part(path: Path, part: int, count: int) -> None:
-    """Refuse a part that a file of ``count`` parts has not got.
-
-    Raises:
-        InputError: it has not.
-    """
+    """Refuse a part that a file of ``count`` parts has not got."""
     if not 0 <= part < count:
         problem = f"has no part {part}, only {count}"
         remedy = "leave ‹part› out" if count == 1 else f"‹part› counts from 0 to {count - 1}"

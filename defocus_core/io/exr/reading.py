@@ -34,11 +34,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """OpenImageIO's input: to open a file reads the headers of all its parts.
-
-    Raises:
-        InputError: the file is damaged.
-    """
+    """OpenImageIO's input: to open a file reads the headers of all its parts."""
     with put_off():
         import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
@@ -53,11 +49,7 @@ def opened(path: Path) -> Iterator[Any]:
 
 
 def seek(path: Path, file: Any, header: Header) -> None:
-    """Turn an open file to a part, whose data window is the header's.
-
-    Raises:
-        InputError: the file is damaged.
-    """
+    """Turn an open file to a part, whose data window is the header's."""
     if not file.seek_subimage(header.index, 0):
         raise damaged(path, first_line(path, file.geterror()))
     spec, (x0, y0, x1, y1) = file.spec(), header.data
@@ -102,9 +94,6 @@ def read_parts(
         keeping: where the channels are to be kept.
         wanted: whether a channel of a part is wanted; the others are left out.
         overscan: the pixels beyond the display window that are wanted, too.
-
-    Raises:
-        InputError: the file cannot be read, or not all of it.
     """
     headers = read_headers(path) if headers is None else headers
     with decoding(path), quiet(), _unlimited():
@@ -132,9 +121,6 @@ def read_layers(
         names: its channels of light that are wanted, without alpha.
         keeping: where the layers are to be kept.
         overscan: the pixels beyond the display window that are wanted, too.
-
-    Raises:
-        InputError: the file cannot be read, or not all of it.
     """
     from defocus_core.io.exr.deep_layers import deep_layers
 
@@ -143,11 +129,7 @@ def read_layers(
 
 
 def has_equal_colors(path: Path, header: Header) -> bool:
-    """Whether R, G and B of a part are equal: depth may have been saved as a grey picture.
-
-    Raises:
-        InputError: the file cannot be read, or not all of it.
-    """
+    """Whether R, G and B of a part are equal: depth may have been saved as a grey picture."""
     types = {channel.name: channel.type for channel in header.channels if channel.name in "RGB"}
     if len(types) < 3 or header.deep or header.subsampled:
         return False

@@ -58,9 +58,6 @@ def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[He
         path: the file.
         headers: of all its parts.
         view: the name of the view; None for the default one.
-
-    Raises:
-        InputError: the file has other views.
     """
     views = views_of(headers)
     if not views or (view is None and len(views) == 1):
@@ -74,11 +71,7 @@ def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[He
 
 
 def require_view(paths: Sequence[Path], view: str | None) -> None:
-    """Refuse the name of a view for files of which none has views.
-
-    Raises:
-        InputError: it is one.
-    """
+    """Refuse the name of a view for files of which none has views."""
     if view is None:
         return
     exrs = [path for path in paths if is_exr(read_head(path))]

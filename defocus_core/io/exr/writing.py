@@ -44,9 +44,6 @@ def write_exr(
         attributes: header metadata, `Raw` or as OpenEXR takes it; `STRUCTURAL` names are ignored.
         layout: where the pixels lie.
         compression: the codec, as `compression` names it.
-
-    Raises:
-        InputError: the file cannot be written.
     """
     kept = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
     carried = {name: value for name, value in kept.items() if isinstance(value, Raw)}

@@ -98,11 +98,7 @@ class FileInfo:
 
 @once
 def describe(path: Path) -> FileInfo:
-    """The header of a colour or depth file, of which no pixel is decoded.
-
-    Raises:
-        InputError: the file is missing, damaged or of no known kind.
-    """
+    """The header of a colour or depth file, of which no pixel is decoded."""
     head = read_head(path, 32)
     if is_exr(head):
         headers = read_headers(path)

@@ -83,9 +83,6 @@ def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF, WEBP or HDR")
     Args:
         path: the file.
         wanted: the formats to propose if it is of none that can be read.
-
-    Raises:
-        InputError: missing, empty, damaged, of unreasonable size or number, or not an image.
     """
     read_head(path)
     with decoding(path, "cannot be read"), quiet(), _opened(path, wanted) as file:
@@ -109,11 +106,7 @@ def pnm_top(path: Path) -> int | None:
 
 
 def choose_page(path: Path, pages: Sequence[_Page], part: int | None) -> _Page:
-    """The image of a file that is meant: the only one, or that which ``part`` counts from 0.
-
-    Raises:
-        InputError: there are several to choose from, or not so many.
-    """
+    """The image of a file that is meant: the only one, or that which ``part`` counts from 0."""
     if len(pages) == 1:  # as of EXR files: one part serves the colour and the depth
         return pages[0]
     if part is not None:
@@ -136,9 +129,6 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
     Yields:
         Rows and columns of the upright picture, and their samples: uint8, uint16 or float32
         [h, w, C].
-
-    Raises:
-        InputError: it is damaged, or has samples of another type.
     """
     with ExitStack() as stack:
         # Not around the yield: it silences all that is printed.

@@ -106,9 +106,6 @@ def lens_of(path: Path, metres: float = 1.0) -> dict[str, OptionFromMetadata]:
     Args:
         path: the colour file.
         metres: the unit of the scene, which V-Ray's target distance is in.
-
-    Raises:
-        InputError: the file cannot be read.
     """
     numbers = {**_numbers(path), "metres": metres}
     taken: dict[str, OptionFromMetadata] = {}

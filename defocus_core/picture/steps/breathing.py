@@ -13,11 +13,7 @@ from defocus_core.picture.sources import lone_window, windows
 
 
 def scene(surfaces: Surfaces) -> Surfaces:
-    """The surface of the picture as it is blurred.
-
-    Raises:
-        UsageProblem: what lies behind the picture is known, too.
-    """
+    """The surface of the picture as it is blurred."""
     import torch
 
     from defocus_core.renderer.breathing import breathed

@@ -34,12 +34,7 @@ def lens(take: Take) -> Take:
 
 
 def focused(lens: Lens, depth: Depth) -> Lens:
-    """The lens with its focus distance, drawn again if it does not suit the picture.
-
-    Raises:
-        UsageProblem: the focus lies outside the picture, or too near.
-        Rejected: the blur would be larger than ``max_coc``, or the depth holds nothing to focus on.
-    """
+    """The lens with its focus distance, drawn again if it does not suit the picture."""
     from defocus_core.optics.distributions import ATTEMPTS
 
     for attempt in range(ATTEMPTS):
@@ -73,9 +68,6 @@ def scaled(lens: Lens, depths: Sequence[Depth]) -> Lens:
     Args:
         lens: its focus known.
         depths: all that it sees; one scale holds for them.
-
-    Raises:
-        InputError: all is in focus.
     """
     if lens.blur is None or lens.focus_value is None:
         return lens
@@ -97,11 +89,7 @@ def _on_number(lens: Lens, pixel: tuple[int, int], depth: Depth) -> Lens:
 
 
 def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
-    """The depth in mm of a pixel.
-
-    Raises:
-        UsageProblem: it lies outside the picture, has nothing to focus on, or is too near.
-    """
+    """The depth in mm of a pixel."""
     foc_dist = float(depth.metres[_place_of(lens, pixel, depth)][0, 0]) * MM_PER_M
     at = f"{depth.path} at {pixel[0]},{pixel[1]}: "
     refuse_near_focus(foc_dist, lens.foclen, lens.focus_source.at("focus-at"), at)

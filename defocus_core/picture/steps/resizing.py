@@ -17,13 +17,7 @@ from defocus_core.picture.sources import windows
 
 
 def pair(given: InputPair) -> InputPair:
-    """The depth at the size of its colour; any mean of two surfaces is one that is not there.
-
-    Raises:
-        InputError: it is of another size, and not to be resized; of another aspect by more than a
-            pixel; or the file holds radii, which are px of its own size; or it has invalid pixels
-            and is to be guided.
-    """
+    """The depth at the size of its colour; any mean of two surfaces is one that is not there."""
     color, depth, reading = given.color, given.depth, given.reading
     (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
     if reading.resize_depth is None:

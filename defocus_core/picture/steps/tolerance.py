@@ -9,11 +9,7 @@ from defocus_core.picture.take import Take
 
 
 def radii(take: Take) -> Take:
-    """The take with the cheapest quality within its tolerance.
-
-    Raises:
-        UsageProblem: there is none.
-    """
+    """The take with the cheapest quality within its tolerance."""
     from defocus_core.renderer.layers.slice_radii import UnreachableTolerance, cheapest_within
 
     assert take.job.machine.tolerance is not None
