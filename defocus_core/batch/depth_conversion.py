@@ -16,7 +16,7 @@ from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import written_together
 from defocus_core.picture.preview import write_depth_preview
 from defocus_core.picture.steps.implausible import implausible_file
-from defocus_core.system.interrupts import put_off
+from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.text import version
 
 
@@ -84,7 +84,7 @@ def refuse_existing(wanted: Sequence[DepthTarget], *, overwrite: bool) -> None:
 
 def convert(place: DepthTarget, reading: Reading) -> Converted:
     """Read a depth file and write it as EXR."""
-    with put_off():
+    with delayed_signals():
         import numpy as np
 
     if reading.row.rule == "radius":
@@ -118,7 +118,7 @@ def convert(place: DepthTarget, reading: Reading) -> Converted:
 def _refuse_nearly_empty(file: Path) -> None:
     """Refuse a file of a few MB that would take all memory to say next to nothing."""
     info = None
-    with suppress(InputError):  # a file without a header has no size; who decodes it says why
+    with suppress(InputError):  # a file without a header has no size; the decoder says why
         info = describe(file)
     if info is not None and info.nearly_empty:
         problem = f"has {info.nearly_empty}"

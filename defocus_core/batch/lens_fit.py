@@ -16,7 +16,7 @@ from defocus_core.allowed_values import DUAL_PIXEL_MODELS
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.lenses.quantities import length_text
 from defocus_core.errors import InputError
-from defocus_core.io.arrays import evenly
+from defocus_core.io.arrays import sample_plane
 from defocus_core.io.images.color import read_color, require_finite
 from defocus_core.io.images.color_planes import Color
 from defocus_core.io.safe_files import written_whole
@@ -149,11 +149,11 @@ def fit_pair(
         problem = f"the focus that was found, {where}, is not beyond the focal length {far}"
         remedy = "give a shorter ‹focal-length›, or a ‹depth-range› that lies farther away"
         raise InputError("focus-too-near", problem, remedy, path=pair.blurred)
-    radius = evenly((fitted.strength * (fitted.focus - disparity)).numpy())
+    radius = sample_plane((fitted.strength * (fitted.focus - disparity)).numpy())
     return {
         "picture": str(pair.picture.color),
         **_record(fitted, options, color.shape[1]),
-        **radius_measures(radius, None if depth.nothing is None else evenly(depth.nothing)),
+        **radius_measures(radius, None if depth.empty is None else sample_plane(depth.empty)),
     }
 
 

@@ -35,10 +35,10 @@ _OfFile = TypeVar("_OfFile", bound="Callable[..., Any]")
 _quiet_lock = threading.RLock()
 _serial = itertools.count()
 # The files of the innermost `written_together`; None outside.
-_together: ContextVar[Together | None] = ContextVar("together", default=None)
+_together: ContextVar[FileGroup | None] = ContextVar("together", default=None)
 
 
-class Together(NamedTuple):
+class FileGroup(NamedTuple):
     """Files that are to appear together.
 
     Attributes:
@@ -211,7 +211,7 @@ def written_together(root: Path | None = None) -> Iterator[None]:
     Args:
         root: the folder that all lie below, no link of which is followed.
     """
-    together = Together(root, [])
+    together = FileGroup(root, [])
     token = _together.set(together)
     try:
         yield

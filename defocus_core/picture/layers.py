@@ -111,7 +111,7 @@ class Layers:
             window, pixel, rank, dict(zip((*names, DEPTH, FRONT, BACK), values, strict=True))
         )
 
-    def held_out_by(self, holdout: Layers, black: Any) -> Layers:
+    def hold_out(self, holdout: Layers, black: Any) -> Layers:
         """These layers with others, which hide what is behind them and show nothing."""
         shown = tuple((*light, a) for light, a in zip(self.light, self.alpha, strict=True))
         hiding = ((black,) * len(shown[0]),) * len(holdout.alpha)
@@ -122,7 +122,7 @@ class Layers:
 def flat_layer(color: Color, depth: Depth) -> Layers:
     """A picture that is not deep as one layer."""
     light = (*color.light, *color.planes[len(color.channels) :])
-    alpha, depth = coverage(color.planes[0].shape, color.alpha), replace(depth, nothing=None)
+    alpha, depth = coverage(color.planes[0].shape, color.alpha), replace(depth, empty=None)
     return Layers((light,), (alpha,), (depth,), len(color.light), ends=(None,))
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from defocus_core.io.arrays import evenly
+from defocus_core.io.arrays import sample_plane
 from defocus_core.picture.take import Take
 
 _WHITE = 0.9999  # of an integer picture, in linear light
@@ -29,11 +29,11 @@ def measures(take: Take) -> dict[str, float | None]:
     picture holds; None where nothing is known. Of a frame of a shot whose depth is in metres
     ``depth_over_time``, too, see `_over_time`.
     """
-    nothing = None if take.inputs.empty is None else evenly(take.inputs.empty)
+    nothing = None if take.inputs.empty is None else sample_plane(take.inputs.empty)
     pixels = take.stats.get("pixels", 0)
     invented = take.stats.get("pixels_invented")
     return {
-        **radius_measures(evenly(take.shown), nothing),
+        **radius_measures(sample_plane(take.shown), nothing),
         "clipped_share": _clipped(take),
         "invented_share": None if invented is None or not pixels else invented / pixels,
         **_over_time(take),
@@ -45,9 +45,9 @@ def _over_time(take: Take) -> dict[str, Any]:
     frame = take.job.picture.frame
     if frame is None or take.metres is None:
         return {}
-    metres = evenly(take.metres).astype("float64")
+    metres = sample_plane(take.metres).astype("float64")
     if take.inputs.empty is not None:
-        metres = metres[~evenly(take.inputs.empty)]
+        metres = metres[~sample_plane(take.inputs.empty)]
     if not metres.size:
         return {}
     quantiles = np.quantile(1 / metres, np.linspace(0, 1, _PARTS + 1))
@@ -74,4 +74,4 @@ def _clipped(take: Take) -> float | None:
     color = take.inputs.color
     if color.path.suffix.lower() in _FLOATS:
         return None
-    return float(np.mean(np.any([evenly(plane) >= _WHITE for plane in color.light], axis=0)))
+    return float(np.mean(np.any([sample_plane(plane) >= _WHITE for plane in color.light], axis=0)))

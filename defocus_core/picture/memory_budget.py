@@ -173,7 +173,7 @@ def _inputs(picture: Picture, passes: Sequence[str] = ()) -> tuple[int, float, f
         with suppress(InputError):  # a file without a header has no size to report
             _, _, depth_whole, _ = pixel_bytes(picture.depth)
         arrays = native if is_exr(read_head(picture.color)) else _FLOAT * count
-    except InputError:  # the decoder reports it better
+    except InputError:  # the decoder names what is wrong
         return 0, 0.0, 0.0, 0
     return pixels, arrays + _FLOAT, max(color_whole, depth_whole), count
 

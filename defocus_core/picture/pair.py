@@ -86,7 +86,7 @@ def read(wanted: InputPair) -> tuple[Color, Depth]:
         reading = replace(wanted.reading, resize_depth="guided")  # smaller in a photograph
         wanted = replace(wanted, reading=reading)
     require_view((picture.color, picture.depth), wanted.reading.view)
-    pair = through("pair", _decoded(through("window", wanted)))
+    pair = through("pair", _decode(through("window", wanted)))
     require_valid(pair.depth)
     require_finite(pair.color)
     if pair.color.note.endswith(SHARP_INSIDE):
@@ -107,7 +107,7 @@ def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None
     return reading.part if color > 1 else None, reading.part if depth > 1 else None
 
 
-def _decoded(wanted: InputPair) -> InputPair:
+def _decode(wanted: InputPair) -> InputPair:
     """The pair as its files hold it."""
     picture, reading = wanted.picture, wanted.reading
     color_part, depth_part = parts_of(picture, reading)

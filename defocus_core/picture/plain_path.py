@@ -19,7 +19,7 @@ from defocus_core.picture.steps.table import through
 from defocus_core.picture.take import Inputs, Take
 from defocus_core.picture.write import write
 from defocus_core.system import memory
-from defocus_core.system.interrupts import put_off
+from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.process import imports
 from defocus_core.system.text import counted
 
@@ -63,7 +63,7 @@ def load() -> None:
     """Import torch and the renderer, which takes seconds, and set up the allocator."""
     memory.share_heap()
     memory.keep_freed(True)  # what is read leaves room for what is rendered
-    with put_off(), imports():
+    with delayed_signals(), imports():
         import torch  # noqa: F401
 
         import defocus_core.renderer.engine.renderer  # noqa: F401
@@ -94,6 +94,6 @@ def read(job: Job) -> Inputs:
         remedy = "save it as EXR, or allow more ‹memory›"
         raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color)
     color, depth = read_pair(InputPair.of(job, held.keeping))
-    inputs = Inputs(held, color, depth, empty=depth.nothing)
+    inputs = Inputs(held, color, depth, empty=depth.empty)
     inputs = replace(inputs, warnings=(*color.warnings, *depth.warnings))
     return through("read", Take(job=job, inputs=inputs, lens=job.lens)).inputs

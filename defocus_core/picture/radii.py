@@ -14,7 +14,7 @@ from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands, times
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.images.color_planes import Color
-from defocus_core.picture.sources import lone_window, windows
+from defocus_core.picture.sources import map_windows, windows
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
@@ -44,7 +44,7 @@ class Radii(NamedTuple):
     scale: float
     clamped: int = 0
 
-    def repaired(
+    def repair(
         self,
         color: Color,
         reading: Reading,
@@ -71,7 +71,7 @@ class Radii(NamedTuple):
         from defocus_core.depth.repair import repair_depth
 
         return repair_depth(
-            lone_window(times(self.px, longer), device),
+            map_windows(times(self.px, longer), device),
             windows(color.planes, device),
             None if self.infinity is None else longer * self.infinity,
             torch.get_num_threads() if threads is None else threads,
@@ -81,14 +81,14 @@ class Radii(NamedTuple):
             hold=hold,
         )
 
-    def diagnosed(self, reading: Reading) -> DepthRepair:
+    def diagnose(self, reading: Reading) -> DepthRepair:
         """The repair that they need to be rendered, as far as it shows without colours."""
         import torch
 
         from defocus_core.depth.repair import diagnose_depth
 
         return diagnose_depth(
-            lone_window(self.px, "cpu"),
+            map_windows(self.px, "cpu"),
             self.infinity,
             torch.get_num_threads(),
             depth_repair=reading.depth_repair,
@@ -99,7 +99,7 @@ class Radii(NamedTuple):
 def radii_of(lens: Lens, depth: Depth, keeping: Keeping = IN_MEMORY) -> Radii:
     """The radii of a whole frame; those of a file of radii as they are."""
     radii = _radii_of(lens, depth, keeping)
-    return radii if lens.clamp_blur is None else _clamped(radii, lens.clamp_blur, depth, keeping)
+    return radii if lens.clamp_blur is None else _clamp(radii, lens.clamp_blur, depth, keeping)
 
 
 def _radii_of(lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
@@ -116,8 +116,8 @@ def _radii_of(lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
     for rows in bands(depth.metres.shape):
         radius = _through(thin_lens, depth.metres[rows])
         whole[rows] = radius
-        if depth.nothing is not None:
-            radius = radius[~depth.nothing[rows]]
+        if depth.empty is not None:
+            radius = radius[~depth.empty[rows]]
         if radius.size:
             extremes += [float(radius.min()), float(radius.max())]
             _refuse_blur(extremes[-2:], depth, rows)
@@ -135,7 +135,7 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
     from defocus_core.depth.conversion import radius_from_relative_disparity
 
     assert lens.focus_value is not None
-    assert lens.blur_reach is not None, "scaled() is for this"
+    assert lens.blur_reach is not None, "with_blur_reach() is for this"
     if blur > _MAX_PX:
         problem = f"is blurred by {blur:.2g} px"
         raise InputError("too-blurred", problem, "give a smaller ‹blur›", path=depth.path)
@@ -154,7 +154,7 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
     return Radii(_with_nothing(whole, limits[1], depth), (limits[0], limits[1]), None, 1.0)
 
 
-def _clamped(radii: Radii, limit: float, depth: Depth, keeping: Keeping) -> Radii:
+def _clamp(radii: Radii, limit: float, depth: Depth, keeping: Keeping) -> Radii:
     """The radii of which none is larger than ``limit`` px."""
     import numpy as np
 
@@ -164,8 +164,8 @@ def _clamped(radii: Radii, limit: float, depth: Depth, keeping: Keeping) -> Radi
     )  # those of a file are other jobs', too
     for rows in bands(radii.px.shape):
         larger = np.abs(radii.px[rows]) > np.float32(limit)
-        if depth.nothing is not None:
-            larger &= ~depth.nothing[rows]
+        if depth.empty is not None:
+            larger &= ~depth.empty[rows]
         clamped += int(np.count_nonzero(larger))
         whole[rows] = np.clip(radii.px[rows], -limit, limit)
 
@@ -231,7 +231,7 @@ def _through(thin_lens: ThinLens, metres: NDArray[np.float32]) -> NDArray[np.flo
 def _refuse_blur(limits: list[float], depth: Depth, rows: slice) -> None:
     """Refuse radii that no frame would hold."""
     if not -limits[0] <= _MAX_PX:
-        nearest = float(depth.something(rows).min())
+        nearest = float(depth.present(rows).min())
         problem = f"has a depth of {nearest:.3g} m, which is blurred by {-limits[0]:.2g} px"
         raise InputError("too-blurred", problem, "check ‹depth-unit› and ‹focus›", path=depth.path)
     if not limits[1] <= _FARTHEST_PX:
@@ -241,14 +241,14 @@ def _refuse_blur(limits: list[float], depth: Depth, rows: slice) -> None:
 
 def _with_nothing(radius: Any, farthest: float, depth: Depth) -> Any:
     """The radii, the farthest where there is nothing; in place."""
-    for rows in bands(radius.shape) if depth.nothing is not None else ():
-        radius[rows] = np.where(depth.nothing[rows], np.float32(farthest), radius[rows])
+    for rows in bands(radius.shape) if depth.empty is not None else ():
+        radius[rows] = np.where(depth.empty[rows], np.float32(farthest), radius[rows])
     return radius
 
 
 def _limits_of_file(depth: Depth) -> tuple[float, float]:
     """The least and greatest radius of a file of radii, in px."""
-    of_bands = [depth.something(rows) for rows in bands(depth.metres.shape)]
+    of_bands = [depth.present(rows) for rows in bands(depth.metres.shape)]
     minimum = min((float(radius.min()) for radius in of_bands if radius.size), default=0.0)
     maximum = max((float(radius.max()) for radius in of_bands if radius.size), default=0.0)
     if max(-minimum, maximum) > _MAX_PX:

@@ -57,7 +57,7 @@ def render(take: Take, progress: Progress | None = None) -> Take:
         seconds=wall,
         cpu_seconds=cpu,
         stats={**renderer.stats, "pixels_invented": images.invented, **lamps, **scratch},
-        warnings=(*take.warnings, *_clamped(renderer.stats)),
+        warnings=(*take.warnings, *_clamp_warning(renderer.stats)),
     )
 
 
@@ -70,7 +70,7 @@ def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Rend
         yield each, Renderer(scene, each.settings, hold=scene.layered is None and has_room(take))
 
 
-def _clamped(stats: Mapping[str, float]) -> list[str]:
+def _clamp_warning(stats: Mapping[str, float]) -> list[str]:
     """A warning if many pixels of left or right were negative."""
     fraction = stats.get("pixels_clamped", 0) / stats["pixels"]
     if fraction < _MANY_CLAMPED:

@@ -11,7 +11,7 @@ from defocus_core.io.images.color_planes import Color
 from defocus_core.picture.memory_budget import holds_cells, room_on
 from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
 from defocus_core.picture.radii import Radii
-from defocus_core.picture.sources import layer_windows, lone_window, windows
+from defocus_core.picture.sources import layer_windows, map_windows, windows
 from defocus_core.picture.steps.table import through
 from defocus_core.picture.take import Take
 
@@ -106,7 +106,7 @@ class Passes:
 def surfaces_of(take: Take) -> Surfaces:
     """The surfaces of a take, with all that happens to them."""
     color, device = take.inputs.color, take.device
-    px = lone_window(times(take.blur.px, longer_axis(take)), device)
+    px = map_windows(times(take.blur.px, longer_axis(take)), device)
     light = windows(color.planes, device)
     return through("scene", Surfaces(take, (color,), (take.blur,), (light,), (px,)))
 

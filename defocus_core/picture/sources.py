@@ -28,7 +28,7 @@ def windows(planes: Sequence[Any], device: str) -> LazyArray:
     return source
 
 
-def lone_window(plane: Any, device: str) -> LazyArray:
+def map_windows(plane: Any, device: str) -> LazyArray:
     """An array [H, W] of NumPy as tensors on a device."""
 
     def read(window: Any) -> Tensor:

@@ -24,7 +24,7 @@ from command_line import (
 )
 
 from defocus_core.picture import plain_path
-from defocus_core.system.interrupts import put_off
+from defocus_core.system.interrupts import delayed_signals
 
 
 def fill_at_the_third_file(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -206,7 +206,7 @@ def test_the_process_itself_says_one_line_and_exits(color: Path, out: Path) -> N
 
 def test_ctrl_c_waits_for_imports_and_is_not_lost() -> None:
     def imports() -> None:
-        with put_off():
+        with delayed_signals():
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(0.01)
             done.append("imports")

@@ -16,9 +16,8 @@ from typing import Any
 
 from defocus_core.batch.jobs.lens_from_options import refuse_contradiction
 from defocus_core.batch.jobs.reading_options import field_of_view
-from defocus_core.batch.jobs.sweep import SCALES
 from defocus_core.batch.jobs.toml_file import read_toml, refuse_unknown
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS, LensParam
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS, SCALES, LensParam
 from defocus_core.batch.lenses.quantities import read_at, text_of
 from defocus_core.errors import CALLER, InputError, Place, UsageProblem
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys

@@ -16,6 +16,15 @@ from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
 from defocus_core.batch.lenses import quantities
 from defocus_core.batch.lenses.quantities import FileNumbers, Percentile, length_text
 
+METADATA = "lens-from-metadata"  # the option, and the key, by which a picture says its lens
+# Scales of sweeps, and between keys of frames: to each, and back.
+SCALES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = {
+    "depth": (float, float),
+    "steps": (float, float),
+    "log": (math.log, math.exp),
+    "disparity": (lambda z: 1 / z, lambda x: math.inf if x == 0 else 1 / x),
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Param:

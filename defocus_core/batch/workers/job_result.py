@@ -3,8 +3,8 @@
 What a worker knows of a record of the journal is there: status, reason, message, inputs, outputs,
 lens, size, coc_px, color_note, depth_note, depth_repair, device, quality, measures, warnings and
 seconds; outputs are relative to the root, inputs have no paths. Beside them, for the moment, are
-`BESIDE`: ``stats`` of the renderer; where something was raised, ``trace``, its traceback if it was
-a fault, and ``error`` itself, for this process alone.
+`TRANSIENT`: ``stats`` of the renderer; where an error was raised, ``trace``, its traceback if it
+was a fault, and ``error`` itself, for this process alone.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from defocus_core.picture.repair_words import repair_record
 from defocus_core.picture.take import Inputs, Take
 
 TileCount = Callable[[int, int], None]
-BESIDE = ("stats", "trace", "error")  # keys of what the journal does not keep
+TRANSIENT = ("stats", "trace", "error")  # keys of what the journal does not keep
 _NO_PICTURE = dict.fromkeys(
     (
         "lens",

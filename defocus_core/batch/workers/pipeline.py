@@ -21,7 +21,7 @@ from defocus_core.batch.workers.plan import Chunk, Done, Execute
 from defocus_core.picture import plain_path
 from defocus_core.picture.memory_budget import Gate
 from defocus_core.picture.take import Inputs, Take
-from defocus_core.system.interrupts import put_off
+from defocus_core.system.interrupts import delayed_signals
 
 if TYPE_CHECKING:
     _Read = tuple[int, Job, Inputs | Record]
@@ -57,7 +57,7 @@ def execute_alone(progress: TileCount | None) -> Execute:
 def _carry_out(number: int, job: Job, done: Done, progress: TileCount | None = None) -> None:
     """Do a job."""
     take = job_result.compute(job, job_result.Reader().read(job), progress)
-    with put_off():  # nothing stays half-written, or written and not told
+    with delayed_signals():  # nothing stays half-written, or written and not told
         done(number, job_result.write(take))
 
 

@@ -101,15 +101,15 @@ class Depth:
         channel: the channel's name in the file, empty where channels have none.
         note: how the file was understood, for people.
         is_radius: whether the file holds radii instead of depth.
-        by_custom: whether nothing but the custom of the type of file says that 16 bits are
+        is_assumed: whether only the type of the file says that 16 bits are
             millimetres.
-        whole: whether the numbers of the file are integers, which have no inf.
+        is_integer: whether the numbers of the file are integers, which have no inf.
         named: whether the user named the format, which says what 0 is.
         replaced: how many invalid pixels were taken as far, or filled.
         replaced_words: the same for people; empty if none.
         data_window: its data window in words, if it does not cover the picture.
         overscan: pixels beyond the picture shown.
-        nothing: where the colour is an element's and holds nothing, bool [H, W]; None if nowhere.
+        empty: where the colour is an element's and holds nothing, bool [H, W]; None if nowhere.
             The depth is inf there, a radius 0.
         is_relative: whether the numbers are relative disparity, which gives radii as well.
         inverted: of relative disparity, whether black is near.
@@ -120,14 +120,14 @@ class Depth:
     channel: str
     note: str
     is_radius: bool = False
-    by_custom: bool = False
-    whole: bool = False
+    is_assumed: bool = False
+    is_integer: bool = False
     named: bool = False
     replaced: int = 0
     replaced_words: str = ""
     data_window: str = ""
     overscan: Overscan = NO_OVERSCAN
-    nothing: Any = None
+    empty: Any = None
     is_relative: bool = False
     inverted: bool = False
 
@@ -144,17 +144,17 @@ class Depth:
             f"{self.path.name}: 16 bits read as millimetres; say ‹depth-unit› or ‹depth-format›"
         )
         replaced = f"{self.path.name}: {self.replaced_words}"
-        return *([granted] * self.by_custom), *([replaced] * bool(self.replaced_words))
+        return *([granted] * self.is_assumed), *([replaced] * bool(self.replaced_words))
 
     @property
     def is_exact(self) -> bool:
         """Whether the file holds radii in px, of which no distance is taken for another."""
         return self.is_radius and not self.is_relative
 
-    def something(self, rows: slice) -> NDArray[np.float32]:
+    def present(self, rows: slice) -> NDArray[np.float32]:
         """The depths of some rows but where there is nothing."""
         band: NDArray[np.float32] = self.metres[rows]
-        return band.ravel() if self.nothing is None else band[~self.nothing[rows]]
+        return band.ravel() if self.empty is None else band[~self.empty[rows]]
 
     @property
     def ends(self) -> tuple[float, float] | None:
@@ -162,7 +162,7 @@ class Depth:
         ends: list[np.float32] = []
         for rows in bands(self.metres.shape):
             valid = self.valid(rows)
-            valid = valid if self.nothing is None else valid & ~self.nothing[rows]
+            valid = valid if self.empty is None else valid & ~self.empty[rows]
             if valid.any():
                 known = self.metres[rows][valid]
                 ends += [known.min(), known.max()]
@@ -232,8 +232,8 @@ def read_depth(
     if orientation != 1:
         metres, turned = upright(metres[:], orientation), "turned as its colour"
         marks = (*marks, turned)
-    by_custom = samples.type == "16-bit PNG" and not reading.says_scale
-    if by_custom:
+    is_assumed = samples.type == "16-bit PNG" and not reading.says_scale
+    if is_assumed:
         _refuse_scaled(path, values)
     words = (samples.words, division, decoding.words, *marks)
     note = f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}"
@@ -244,8 +244,8 @@ def read_depth(
         samples.channel,
         note,
         is_radius=is_radius,
-        by_custom=by_custom,
-        whole=samples.is_integer,
+        is_assumed=is_assumed,
+        is_integer=samples.is_integer,
         named=reading.depth_format is not None,
         data_window=samples.data_window,
         overscan=overscan,
@@ -292,9 +292,9 @@ def require_valid(depth: Depth) -> None:
     if depth.data_window:
         problem = f"{problem}; its data window is {depth.data_window} only"
         remedy = "render the whole display window, or give the colour alpha; or say ‹invalid› far"
-    if depth.whole and depth.named:
+    if depth.is_integer and depth.named:
         remedy = "say ‹invalid› far if they are sky, or fill if they are holes"
-    elif depth.whole:
+    elif depth.is_integer:
         remedy = (
             "say ‹depth-format›, since 0 is a hole for some and sky for others; "
             "or ‹invalid› far, or fill"

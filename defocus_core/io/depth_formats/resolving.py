@@ -21,7 +21,7 @@ from defocus_core.io.depth_formats.rules import (
     disparity_range,
 )
 from defocus_core.io.depth_formats.sidecars import Facts, facts_of
-from defocus_core.io.depth_formats.table import UNIT_WORDS, UNITS, custom
+from defocus_core.io.depth_formats.table import UNIT_WORDS, UNITS, usual_unit
 
 
 @dataclass(frozen=True)
@@ -245,7 +245,7 @@ def _depth_decoding(declared: Declared) -> Decoding:
         return Decoding("scale", facts.scale, facts.shift or 0.0, words=words)
     unit = reading.depth_unit
     if reading.depth_format is None and unit is None:
-        unit = custom(samples) if reading.depth_scale is None else "m"
+        unit = usual_unit(samples) if reading.depth_scale is None else "m"
         if unit is None:
             problem = f"has {samples.channel or 'numbers'} in whole numbers, whose unit is unknown"
             named = samples.type == "HEIC"

@@ -600,7 +600,7 @@ UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ft": 0.3048}  # metres of 1 in the f
 UNIT_WORDS = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "ft": "feet"}
 
 
-def custom(samples: DepthNumbers) -> str | None:
+def usual_unit(samples: DepthNumbers) -> str | None:
     """The unit that numbers of a type have unless one is set; None if the type has no custom."""
     if samples.type == "16-bit PNG":
         return "mm"

@@ -23,7 +23,7 @@ from defocus_core.io.damage import damaged, decoding
 from defocus_core.io.exr.header import Header, read_headers
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
 from defocus_core.io.safe_files import quiet
-from defocus_core.system.interrupts import put_off
+from defocus_core.system.interrupts import delayed_signals
 
 if TYPE_CHECKING:
     Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
     """OpenImageIO's input: to open a file reads the headers of all its parts."""
-    with put_off():
+    with delayed_signals():
         import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     file = oiio.ImageInput.open(str(path))
@@ -195,7 +195,7 @@ def _pieces(
 @contextmanager
 def _unlimited() -> Iterator[None]:
     """Lift OpenImageIO's own limits: `read_headers` has checked the size of the pictures."""
-    with put_off():
+    with delayed_signals():
         import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     limits = {name: oiio.get_int_attribute(name) for name in _LIMITS}

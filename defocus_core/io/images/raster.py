@@ -22,7 +22,7 @@ from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.images.color_space import ColorSpace, color_space
 from defocus_core.io.images.tags import Tag, tags_of
 from defocus_core.io.safe_files import check_size, quiet, read_head
-from defocus_core.system.interrupts import put_off
+from defocus_core.system.interrupts import delayed_signals
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 _KINDS = ("png", "jpeg", "tiff", "hdr", "webp", "pnm")
@@ -153,7 +153,7 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
 @contextmanager
 def _opened(path: Path, formats: str) -> Iterator[Any]:
     """An `ImageInput` of a file; ``formats`` are proposed if it is of none of these."""
-    with put_off():
+    with delayed_signals():
         import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     config = oiio.ImageSpec()

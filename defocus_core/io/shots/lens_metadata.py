@@ -20,7 +20,7 @@ from defocus_core.io.exr.windows import Window
 from defocus_core.io.images.raster import SIDEWAYS
 from defocus_core.io.images.tags import tags_of
 from defocus_core.io.safe_files import read_head
-from defocus_core.system.interrupts import put_off
+from defocus_core.system.interrupts import delayed_signals
 
 _FORMATS = {"float": "<f", "double": "<d", "int": "<i"}
 _NO_TARGET = 1e9  # of V-Ray's distances: there is no target
@@ -148,7 +148,7 @@ def _number(raw: Raw) -> float | None:
 
 def _exif_numbers(path: Path) -> dict[str, float]:
     """The Exif of a photograph, numbers alone."""
-    with put_off():
+    with delayed_signals():
         import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     file = oiio.ImageInput.open(str(path))

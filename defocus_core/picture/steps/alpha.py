@@ -55,7 +55,7 @@ def element_depth(depth: Depth, color: Color, keeping: Keeping) -> Depth:
     if filled:
         words.append(f"{counted(filled, 'edge pixel')} without depth given that beside them")
     note = ", ".join(filter(None, (depth.note, *words)))
-    return replace(depth, note=note, nothing=nothing if count > glowing else None)
+    return replace(depth, note=note, empty=nothing if count > glowing else None)
 
 
 def _fill_edges(depth: Depth, alpha: Any) -> int:

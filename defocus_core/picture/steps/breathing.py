@@ -9,7 +9,7 @@ import numpy as np
 from defocus_core.errors import UsageProblem
 from defocus_core.io.arrays import times
 from defocus_core.picture.scene import Surfaces
-from defocus_core.picture.sources import lone_window, windows
+from defocus_core.picture.sources import map_windows, windows
 
 
 def scene(surfaces: Surfaces) -> Surfaces:
@@ -30,5 +30,5 @@ def scene(surfaces: Surfaces) -> Surfaces:
         colors=(color,),
         radii=(radii,),
         light=(windows(color.planes, take.device),),
-        px=(lone_window(times(radii.px, surfaces.longer), take.device),),
+        px=(map_windows(times(radii.px, surfaces.longer), take.device),),
     )

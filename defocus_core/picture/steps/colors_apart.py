@@ -18,12 +18,12 @@ def passes(whole: Passes) -> Passes:
     """Each group of colours, first of rows for columns, then as they are."""
     take, (every,) = whole.take, whole.every
     rows = [kind for kind in take.job.outputs.rows if kind.rendered]
-    transposed = _apart(take, _transposed(every)) if any(k.transposed for k in rows) else ()
-    upright = () if all(kind.transposed for kind in rows) else _apart(take, every)
+    transposed = _split(take, _transpose(every)) if any(k.transposed for k in rows) else ()
+    upright = () if all(kind.transposed for kind in rows) else _split(take, every)
     return replace(whole, every=(*transposed, *upright))
 
 
-def _transposed(whole: Pass) -> Pass:
+def _transpose(whole: Pass) -> Pass:
     """A pass with rows for columns."""
     settings = whole.settings
     settings = replace(
@@ -35,7 +35,7 @@ def _transposed(whole: Pass) -> Pass:
     return whole._replace(scene=whole.scene.turned(), settings=settings, transposed=True)
 
 
-def _apart(take: Take, whole: Pass) -> tuple[Pass, ...]:
+def _split(take: Take, whole: Pass) -> tuple[Pass, ...]:
     """The pass in groups of colours, which share what is continued behind surfaces."""
     from defocus_core.renderer.engine.renderer import shared_fill
 

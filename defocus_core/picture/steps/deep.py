@@ -45,7 +45,7 @@ def read(take: Take) -> Take:
     if picture.holdout is not None:
         black = keeping.new(inputs.depth.metres.shape, np.float16)
         hiding = replace(wanted, picture=picture.holdout, planes=(inputs.color, inputs.depth))
-        layers = layers.held_out_by(_holdout(hiding), black)
+        layers = layers.hold_out(_holdout(hiding), black)
     layers = layers.cut(keeping)
     note = f"{inputs.color.note}, {layers.words}"
     return take.reading(
@@ -73,7 +73,9 @@ def _holdout(pair: InputPair) -> Layers:
         width, height = color.size
         problem = f"is {display.width}x{display.height} px but the picture is {width}x{height} px"
         raise InputError("wrong-size", problem, "give a holdout of its size", path=path)
-    return _sampled(pair.with_depth(replace(pair.depth, path=path, channel=DEPTH)), deep[0], ())
+    return _read_samples(
+        pair.with_depth(replace(pair.depth, path=path, channel=DEPTH)), deep[0], ()
+    )
 
 
 def deep_header(picture: Picture, reading: Reading, part: int | None) -> Header | None:
@@ -97,10 +99,10 @@ def read_deep(pair: InputPair, header: Header) -> Layers:
         )
     names = {channel.plain: channel.name for channel in header.channels}
     sources = tuple(names[name] for name in (*color.channels[: len(color.light)], *color.passes))
-    return _sampled(pair, header, sources)
+    return _read_samples(pair, header, sources)
 
 
-def _sampled(pair: InputPair, header: Header, sources: tuple[str, ...]) -> Layers:
+def _read_samples(pair: InputPair, header: Header, sources: tuple[str, ...]) -> Layers:
     """The samples of a deep part as layers, with the channels of light that are wanted."""
     color, depth = pair.color, pair.depth
     read = read_layers(pair.picture.color, header, sources, pair.keeping, color.overscan)
@@ -139,7 +141,7 @@ def _depth(like: Depth, metres: Any, alpha: Any) -> Depth:
     for rows in bands(metres.shape):
         far = np.float32(0 if like.is_radius else np.inf)
         metres[rows] = np.where(np.asarray(alpha[rows]) > 0, metres[rows], far)
-    depth = replace(like, metres=metres, nothing=None)
+    depth = replace(like, metres=metres, empty=None)
     count, first = count_of((~depth.valid(rows), rows.start) for rows in bands(metres.shape))
     if count:
         problem = f"is NaN or ≤ 0 in {counted(count, 'sample')}, the first in pixel {first}"

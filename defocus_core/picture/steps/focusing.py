@@ -27,13 +27,13 @@ def lens(take: Take) -> Take:
     """The take with the focus that its depth decides, unless other frames have decided it."""
     inputs, found = take.inputs, take.lens
     if found is take.job.lens:
-        found = focused(found, inputs.depth)
+        found = with_focus(found, inputs.depth)
     below = () if inputs.plate is None else (inputs.plate.depth,)
     of_layers = () if inputs.layers is None else inputs.layers.depths
-    return replace(take, lens=scaled(found, (inputs.depth, *below, *of_layers)))
+    return replace(take, lens=with_blur_reach(found, (inputs.depth, *below, *of_layers)))
 
 
-def focused(lens: Lens, depth: Depth) -> Lens:
+def with_focus(lens: Lens, depth: Depth) -> Lens:
     """The lens with its focus distance, drawn again if it does not suit the picture."""
     from defocus_core.optics.distributions import ATTEMPTS
 
@@ -42,7 +42,7 @@ def focused(lens: Lens, depth: Depth) -> Lens:
             draw = replace(lens.draw, attempt=attempt)
             lens = drawn_lens(draw, lens.focus_source, lens.max_coc)
         try:
-            return _within_max_coc(_focused_once(lens, depth), depth)
+            return _within_max_coc(_focus(lens, depth), depth)
         except Rejected as error:
             if lens.draw is None:
                 raise
@@ -51,7 +51,7 @@ def focused(lens: Lens, depth: Depth) -> Lens:
     raise Rejected(rejected.code, problem, rejected.remedy, path=rejected.place)
 
 
-def _focused_once(lens: Lens, depth: Depth) -> Lens:
+def _focus(lens: Lens, depth: Depth) -> Lens:
     """The lens with the focus distance that the depth decides."""
     if lens.blur is not None:
         return lens if lens.focus_at is None else _on_number(lens, lens.focus_at, depth)
@@ -62,7 +62,7 @@ def _focused_once(lens: Lens, depth: Depth) -> Lens:
     return lens
 
 
-def scaled(lens: Lens, depths: Sequence[Depth]) -> Lens:
+def with_blur_reach(lens: Lens, depths: Sequence[Depth]) -> Lens:
     """The lens by which the most blurred pixel gets the blur in pixels, if that is how it is given.
 
     Args:
@@ -109,7 +109,7 @@ def _place_of(lens: Lens, pixel: tuple[int, int], depth: Depth) -> tuple[slice, 
         )
     row, column = y + depth.overscan.top, x + depth.overscan.left
     place = slice(row, row + 1), slice(column, column + 1)
-    if depth.nothing is not None and depth.nothing[place].any():
+    if depth.empty is not None and depth.empty[place].any():
         problem = f"{x},{y} has an alpha of 0 in {depth.path}, and nothing to focus on"
         raise UsageProblem("no-valid-depth", problem, "give a pixel of the element", path=option)
     return place
@@ -128,7 +128,7 @@ def _at_percentile(lens: Lens, depth: Depth) -> float:
     )
     if metres is None:
         remedy = "give the focus as a distance"
-        what = "is all sky" if depth.nothing is None else "is sky or has an alpha of 0 everywhere"
+        what = "is all sky" if depth.empty is None else "is sky or has an alpha of 0 everywhere"
         problem = f"{what}, with nothing to focus on"
         raise Rejected("no-valid-depth", problem, remedy, path=depth.path)
     foc_dist = metres * MM_PER_M

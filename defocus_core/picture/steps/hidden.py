@@ -14,7 +14,7 @@ from defocus_core.picture.pair import InputPair
 from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
 from defocus_core.picture.scene import Surfaces
-from defocus_core.picture.sources import lone_window, windows
+from defocus_core.picture.sources import map_windows, windows
 from defocus_core.picture.take import Take
 
 if TYPE_CHECKING:
@@ -74,6 +74,6 @@ def _of_files(surfaces: Surfaces) -> KnownLayer:
     px = times(take.behind[id(depth)].px, surfaces.longer)
     return (
         windows(color.planes, take.device),
-        lone_window(px, take.device),
-        lone_window(known, take.device),
+        map_windows(px, take.device),
+        map_windows(known, take.device),
     )

@@ -7,7 +7,7 @@ from dataclasses import replace
 from defocus_core.io.arrays import times
 from defocus_core.picture.radii import radii_of
 from defocus_core.picture.scene import Pass, Passes, Surfaces
-from defocus_core.picture.sources import lone_window, windows
+from defocus_core.picture.sources import map_windows, windows
 from defocus_core.picture.take import Take
 
 
@@ -32,7 +32,7 @@ def scene(surfaces: Surfaces) -> Surfaces:
         colors=layers.pictures,
         radii=every,
         light=tuple(windows(light, device) for light in layers.light),
-        px=tuple(lone_window(times(each.px, surfaces.longer), device) for each in every),
+        px=tuple(map_windows(times(each.px, surfaces.longer), device) for each in every),
         coverage=windows(layers.alpha, device),
     )
 

@@ -19,7 +19,7 @@ from defocus_core.io.shots.motion_channels import Motion, read_motion
 from defocus_core.picture.memory_budget import capacity_mb
 from defocus_core.picture.pair import InputPair, read
 from defocus_core.picture.radii import radii_of
-from defocus_core.picture.steps.overscan import reframed
+from defocus_core.picture.steps.overscan import reframe
 from defocus_core.picture.take import Take
 from defocus_core.system import memory
 
@@ -166,7 +166,7 @@ class Neighbours:
         if color.overscan != wanted:
             still = None if color.alpha is None else 0.0
             pairs = (
-                [reframed(plane, color.overscan, wanted, still)[:] for plane in vectors]
+                [reframe(plane, color.overscan, wanted, still)[:] for plane in vectors]
                 for vectors in motion
             )
             motion = Motion(*map(np.stack, pairs))
@@ -208,10 +208,10 @@ class Neighbours:
         if own != wanted:
             dark, far = (None, None) if color.alpha is None else (0.0, np.inf)
             far = 0.0 if far is not None and depth.is_radius else far
-            planes = tuple(reframed(plane, own, wanted, dark) for plane in color.planes)
+            planes = tuple(reframe(plane, own, wanted, dark) for plane in color.planes)
             color = replace(color, planes=planes, overscan=wanted)
-            metres = reframed(depth.metres, own, wanted, far)
-            depth = replace(depth, metres=metres, overscan=wanted, nothing=None)
+            metres = reframe(depth.metres, own, wanted, far)
+            depth = replace(depth, metres=metres, overscan=wanted, empty=None)
         if color.shape != self._inputs.color.shape:
             height, width, channels = color.shape
             unlike = self._inputs.color.path

@@ -77,7 +77,7 @@ def overscan_of(wanted: InputPair) -> Overscan:
     return overscan.within(depth.data.beyond(depth.display, whole=whole))
 
 
-def reframed(array: Any, held: Overscan, wanted: Overscan, nothing: float | None) -> Any:
+def reframe(array: Any, held: Overscan, wanted: Overscan, nothing: float | None) -> Any:
     """An array [H, W] with another overscan than its own.
 
     `nothing`: what is where the array has no pixels; None for those at its edge, repeated.

@@ -42,7 +42,7 @@ def read(take: Take) -> Take:
             "contradiction", "stands beside ‹over›", "the plate is what lies behind", field="hidden"
         )
     wanted = _wanted(InputPair.of(take.job, inputs.holding.keeping))
-    plate = _checked(inputs.color, _plate(replace(wanted, limit=inputs.color.overscan, whole=True)))
+    plate = _check(inputs.color, _plate(replace(wanted, limit=inputs.color.overscan, whole=True)))
     pictures = inputs.color, plate.color
     light = tuple((*c.light, *c.planes[len(c.channels) :]) for c in pictures)
     alpha = tuple(coverage(c.planes[0].shape, c.alpha) for c in pictures)
@@ -50,7 +50,7 @@ def read(take: Take) -> Take:
     return take.reading(
         plate=plate,
         layers=Layers(light, alpha, depths, colors, pictures=pictures),
-        empty=_both(inputs.depth.nothing, plate.depth.nothing),
+        empty=_both(inputs.depth.empty, plate.depth.empty),
         warnings=(*inputs.warnings, *plate.warnings),
     )
 
@@ -67,8 +67,8 @@ def radii(take: Take) -> Take:
     plate, element, own = take.inputs.plate, take.inputs.depth, take.radii
     assert plate is not None
     below, shown = radii_of(take.lens, plate.depth, take.inputs.holding.keeping), own.px
-    if element.nothing is not None:
-        shown = computed(lambda a, n, b: np.where(n, b, a), own.px, element.nothing, below.px)
+    if element.empty is not None:
+        shown = computed(lambda a, n, b: np.where(n, b, a), own.px, element.empty, below.px)
     limits = min(own.limits[0], below.limits[0]), max(own.limits[1], below.limits[1])
     return replace(take, behind={**take.behind, id(plate.depth): below}, shown=shown, limits=limits)
 
@@ -99,7 +99,7 @@ def _plate(wanted: InputPair) -> Plate:
     return _far_away(wanted)
 
 
-def _checked(element: Color, plate: Plate) -> Plate:
+def _check(element: Color, plate: Plate) -> Plate:
     """The plate with warnings of the element over it."""
     path, alpha = plate.color.path, element.alpha
     if alpha is None:

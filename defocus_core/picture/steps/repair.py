@@ -16,7 +16,7 @@ def scene(surfaces: Surfaces) -> Surfaces:
 
         decided = repair_through(decided, longer, None if infinity is None else longer * infinity)
     both = [
-        radii.repaired(
+        radii.repair(
             color,
             take.job.reading,
             device=take.device,

@@ -21,7 +21,7 @@ from defocus_core.io.shots.frame_patterns import in_words
 from defocus_core.picture.memory_budget import holding
 from defocus_core.picture.pair import InputPair, read
 from defocus_core.picture.radii import radii_of
-from defocus_core.picture.steps.focusing import focused, scaled
+from defocus_core.picture.steps.focusing import with_blur_reach, with_focus
 from defocus_core.picture.take import Take
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ _REPAIRS: dict[object, DepthRepair] = {}
 
 def lens(take: Take) -> Take:
     """The take with the focus that the frames of its shot decide together, if they do."""
-    return replace(take, lens=_focused(take.job, take.inputs.depth))
+    return replace(take, lens=_with_shared_focus(take.job, take.inputs.depth))
 
 
 def radii(take: Take) -> Take:
@@ -54,14 +54,14 @@ def radii(take: Take) -> Take:
     return replace(take, decided=decided, shot_note=note)
 
 
-def _focused(job: Job, depth: Depth) -> Lens:
+def _with_shared_focus(job: Job, depth: Depth) -> Lens:
     """The lens of a job with its focus distance."""
     shot, lens = job.shot, job.lens
     frames = () if shot is None else shot.focus or shot.sample
     if not frames or lens.draw is not None or not is_found(lens):
-        return focused(lens, depth)
+        return with_focus(lens, depth)
     found = replace(lens, foc_dist=_mean_focus(frames, job), focus_at=None, focus_percentile=None)
-    within = focused(found, depth)
+    within = with_focus(found, depth)
     return replace(within, focus_at=lens.focus_at, focus_percentile=lens.focus_percentile)
 
 
@@ -94,7 +94,7 @@ def _own_focus(frame: FrameLens, job: Job) -> float:
         while len(_FOCI) >= _KEPT:
             _FOCI.pop(next(iter(_FOCI)))
         _, depth = _read(frame, job)
-        foc_dist = focused(replace(frame.lens, max_coc=None), depth).foc_dist
+        foc_dist = with_focus(replace(frame.lens, max_coc=None), depth).foc_dist
         _FOCI[key] = float("inf") if foc_dist is None else foc_dist
     return _FOCI[key]
 
@@ -109,9 +109,9 @@ def _repair_of(frame: FrameLens, job: Job) -> tuple[DepthRepair, float]:
     """The repair that a frame needs, and the scale of its lens."""
     color, depth = _read(frame, job)
     of_frame = replace(job, picture=frame.picture, lens=frame.lens)
-    lens = scaled(_focused(of_frame, depth), (depth,))
+    lens = with_blur_reach(_with_shared_focus(of_frame, depth), (depth,))
     own = radii_of(lens, depth, holding(job).keeping)
-    _, repair = own.repaired(color, job.reading)
+    _, repair = own.repair(color, job.reading)
     return repair, own.scale
 
 

@@ -20,7 +20,7 @@ from defocus_core.io.images.color_planes import Color
 from defocus_core.picture.radii import radii_of, signed_radius
 from defocus_core.picture.repair_words import repair_record, repair_words
 from defocus_core.picture.steps.alpha import element_depth
-from defocus_core.picture.steps.focusing import focused, scaled
+from defocus_core.picture.steps.focusing import with_blur_reach, with_focus
 from defocus_core.picture.steps.implausible import implausible_radii
 
 if TYPE_CHECKING:
@@ -70,9 +70,9 @@ def depth_figures(
     finite_ends: list[float] = []
     for rows in bands((height, width)):
         usable = depth.valid(rows)
-        if depth.nothing is not None:
-            usable = usable & ~depth.nothing[rows]
-            nothing += int(np.count_nonzero(depth.nothing[rows]))
+        if depth.empty is not None:
+            usable = usable & ~depth.empty[rows]
+            nothing += int(np.count_nonzero(depth.empty[rows]))
         metres = depth.metres[rows][usable]
         finite = metres[np.isfinite(metres)]
         sky, valid = sky + metres.size - finite.size, valid + metres.size
@@ -82,7 +82,7 @@ def depth_figures(
     coc_px, repair = None, None
     warnings: tuple[str, ...] = ()
     if lens is not None and limits:
-        lens = scaled(focused(lens, depth), (depth,))
+        lens = with_blur_reach(with_focus(lens, depth), (depth,))
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
         extremes = np.array([min(limits), max(limits)], np.float32)
         coc_px = _ends_px(lens, extremes, depth, keeping)
@@ -129,7 +129,7 @@ def _repair(
     with suppress(InputError):  # too near to be rendered, as the radius shows
         radii, declared = radii_of(lens, depth, keeping), reading.says_scale
         warnings = implausible_radii(depth, radii.px, radii.limits, lens, declared=declared)
-        return radii.diagnosed(reading), warnings
+        return radii.diagnose(reading), warnings
     return None, ()
 
 

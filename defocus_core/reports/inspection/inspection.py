@@ -39,7 +39,7 @@ from defocus_core.reports.inspection.figures import (
     read_picture,
 )
 from defocus_core.reports.inspection.pair_evidence import evidence_of_pair
-from defocus_core.system.interrupts import put_off
+from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.memory import MB
 
 # A file with more numbers, 256 MB as floats, is read into scratch files.
@@ -54,7 +54,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
 
     `lens`: what to say the blur of; None for none.
     """
-    with put_off():
+    with delayed_signals():
         import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
 
     info = describe(path)
@@ -204,7 +204,7 @@ def _why_no_depth(info: FileInfo, reading: Reading, *, grey: bool) -> str:
     if why or channels is None:
         return why
     if reading.says_scale or holds_depth(info.path) or container_type(read_head(info.path, 32)):
-        return ""  # who decodes it says it better
+        return ""  # the decoder names what is wrong
     if len(channels) != 1 and not grey:
         return f"has {len(channels)} channels, and depth is one"
     return "has 8 bits, too few for depth" if channels[0][1] == "uint8" else ""

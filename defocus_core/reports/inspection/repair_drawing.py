@@ -20,7 +20,7 @@ from defocus_core.picture.pair import InputPair, read
 from defocus_core.picture.radii import radii_of
 from defocus_core.picture.repair_words import repair_record, repair_words
 from defocus_core.picture.sources import to_array
-from defocus_core.picture.steps.focusing import focused, scaled
+from defocus_core.picture.steps.focusing import with_blur_reach, with_focus
 
 # Brightness of the grey picture below the false colours; px of radius from which these are full.
 _DIMMED, _FULL = 0.5, 2.0
@@ -58,8 +58,8 @@ def draw_repair(pairs: Sequence[dict[str, Any]], reading: Reading, lens: Lens, p
     (pair,) = pairs
     picture = Picture(Path(pair["color"]).stem, Path(pair["color"]), Path(pair["depth"]))
     color, depth = read(InputPair(picture, reading, lens_focal=lens.foclen / lens.sensor_width))
-    radii = radii_of(scaled(focused(lens, depth), (depth,)), depth)
-    repaired, repair = radii.repaired(color, reading)
+    radii = radii_of(with_blur_reach(with_focus(lens, depth), (depth,)), depth)
+    repaired, repair = radii.repair(color, reading)
     height, width = radii.px.shape
     write_samples(path, (height, 2 * width), _strips(color, radii.px, repaired), "png", {})
     pair["repair"], pair["depth_repair"] = repair_words(repair), repair_record(repair)

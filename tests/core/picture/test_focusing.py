@@ -20,7 +20,7 @@ from defocus_core.io.arrays import IN_MEMORY
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.optics.distributions import ATTEMPTS
 from defocus_core.picture.radii import radii_of, signed_radius
-from defocus_core.picture.steps.focusing import focused
+from defocus_core.picture.steps.focusing import with_focus
 
 LENS = Lens(50.0, 2.0, 2000.0)
 
@@ -46,26 +46,26 @@ def test_a_percentile_is_the_distance_of_a_pixel_sky_and_holes_aside(
     percent: float, metres: float
 ) -> None:
     depth = depth_of(np.array([[1, 2, 5, 5], [math.inf, math.inf, math.nan, 0]]))
-    assert focused(at(percent), depth).foc_dist == metres * 1000
+    assert with_focus(at(percent), depth).foc_dist == metres * 1000
 
 
 def test_where_all_is_sky_there_is_nothing_to_focus_on() -> None:
     with refuses("no-valid-depth", kind=Rejected) as caught:
-        focused(at(50), depth_of(np.full((2, 2), math.inf)))
+        with_focus(at(50), depth_of(np.full((2, 2), math.inf)))
     assert pickle.loads(pickle.dumps(caught.value)).code == "no-valid-depth"
 
 
 def test_a_percentile_nearer_than_the_focal_length_is_rejected() -> None:
     with refuses("focus-too-near", "40mm", kind=Rejected):
-        focused(at(50), depth_of(np.full((2, 2), 0.04)))
+        with_focus(at(50), depth_of(np.full((2, 2), 0.04)))
 
 
 def test_blur_beyond_the_maximum_is_rejected_and_blur_up_to_it_is_not() -> None:
     depth = depth_of(ramp())
     largest = reach(LENS, depth)
-    assert focused(replace(LENS, max_coc=largest * 1.001), depth).foc_dist == 2000.0
+    assert with_focus(replace(LENS, max_coc=largest * 1.001), depth).foc_dist == 2000.0
     with refuses("coc-too-large", kind=Rejected):
-        focused(replace(LENS, max_coc=largest * 0.999), depth)
+        with_focus(replace(LENS, max_coc=largest * 0.999), depth)
 
 
 def test_sky_counts_for_the_maximum() -> None:
@@ -74,7 +74,7 @@ def test_sky_counts_for_the_maximum() -> None:
     lens = replace(LENS, foc_dist=1000.0)
     largest = reach(lens, depth_of(ramp()))
     with pytest.raises(Rejected):
-        focused(replace(lens, max_coc=largest * 1.001), depth_of(metres))
+        with_focus(replace(lens, max_coc=largest * 1.001), depth_of(metres))
 
 
 def drawn(index: int, fnumber: str, max_coc: float) -> Lens:
@@ -86,17 +86,17 @@ def test_a_lens_that_does_not_suit_the_picture_is_drawn_again_within_its_range()
     depth = depth_of(ramp())
     maximum = reach(replace(LENS, fnum=4.0), depth)
     lenses = [drawn(index, "loguniform(1, 16)", maximum) for index in range(20)]
-    found = [focused(lens, depth) for lens in lenses]
+    found = [with_focus(lens, depth) for lens in lenses]
     assert all(4 <= lens.fnum <= 16 and lens.blades == 6 for lens in found)
     again = [one.draw.attempt > 0 for one in found if one.draw]
     assert again == [lens.fnum < 4 for lens in lenses]
     assert any(again)
-    assert found == [focused(lens, depth) for lens in lenses]
+    assert found == [with_focus(lens, depth) for lens in lenses]
 
 
 def test_when_no_draw_suits_the_picture_it_is_rejected() -> None:
     with refuses("coc-too-large", f"last of {ATTEMPTS} lenses", kind=Rejected):
-        focused(drawn(0, "uniform(1, 2)", 0.01), depth_of(ramp()))
+        with_focus(drawn(0, "uniform(1, 2)", 0.01), depth_of(ramp()))
 
 
 def test_the_focus_of_a_percentile_is_written_down(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.io.arrays import IN_MEMORY
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.radii import radii_of
-from defocus_core.picture.steps.focusing import scaled
+from defocus_core.picture.steps.focusing import with_blur_reach
 from defocus_core.picture.steps.implausible import implausible
 
 LENS = Lens(50.0, 2.0, 2000.0)
@@ -56,7 +56,7 @@ def test_centimetres_taken_for_metres_leave_nothing_in_focus() -> None:
 def test_a_number_beyond_those_of_the_file_is_not_in_focus(number: float) -> None:
     numbers = np.linspace(0, 255, 48, dtype=np.float32).reshape(6, 8)
     depth = Depth(numbers, Path("d.png"), "", "", is_radius=True, is_relative=True)
-    lens = scaled(Lens(math.nan, math.nan, None, blur=30.0, focus_value=number), [depth])
+    lens = with_blur_reach(Lens(math.nan, math.nan, None, blur=30.0, focus_value=number), [depth])
     radius, ends, *_ = radii_of(lens, depth, IN_MEMORY)
     lines = implausible(depth, radius, ends, lens, declared=True)
     assert bool(lines) == (number > 255)

@@ -16,7 +16,7 @@ from torch import Tensor
 from defocus_core.io.arrays import computed, stacked, times
 from defocus_core.picture.sources import (
     layer_windows,
-    lone_window,
+    map_windows,
     to_array,
     to_device,
     windows,
@@ -57,7 +57,7 @@ def test_windows_of_what_is_computed_are_those_of_the_whole(cut: Any) -> None:
         "some": (chosen(image, [2, 0]), whole[[2, 0]]),
         "farther": (plus(image, 2.5), whole + 2.5),
         "turned": (transposed(image), whole.mT),
-        "layers": (layer_windows([lone_window(p, "cpu") for p in planes]), whole),
+        "layers": (layer_windows([map_windows(p, "cpu") for p in planes]), whole),
     }
     for name, (lazy, held) in pairs.items():
         assert tuple(lazy.shape) == tuple(held.shape), name
