@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from defocus_core.io.arrays import LazyArray
-from defocus_core.io.depth_formats.exr_depth_channel import choose_depth_channel
-from defocus_core.io.exr.channel_choice import NoDepthChannel, choose_color
+from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel, choose_depth_channel
+from defocus_core.io.exr.channel_choice import choose_color
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import in_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Layout, Overscan, Window

@@ -11,7 +11,7 @@ from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.arrays import bands, computed
 from defocus_core.io.depth_formats.depth import Depth
-from defocus_core.io.exr.channel_choice import NoDepthChannel
+from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import views_of
 from defocus_core.io.images.color import read_color, require_finite

@@ -15,7 +15,7 @@ from command_line import header, pair, read_exr, render, run
 from defocus_cli.commands.help import text
 from defocus_core import render as rendered
 from defocus_core.batch.jobs.output_kinds import KINDS, Kind
-from defocus_core.io.exr.channel_choice import NO_DEPTH
+from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 
 MAPS = [kind for kind in KINDS.values() if not kind.image]
 TOLD = [kind for kind in MAPS if not kind.source]  # others are told as what they are of
