@@ -21,15 +21,25 @@ from defocus_core.picture.write import write
 from defocus_core.system import memory
 from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.process import imports
-from defocus_core.system.text import counted
 
 __all__ = ["choose_device", "compute", "load", "prepare", "read", "write"]
 
 
-def compute(job: Job, inputs: Inputs, progress: Callable[[int, int], None] | None = None) -> Take:
-    """The images and maps that a job asks for."""
-    take = prepare(job, inputs)
-    return render(through("blur", take), progress) if job.outputs.need_rendering else take
+def read(job: Job) -> Inputs:
+    """Decode the picture of a job, and what lies behind or below it if that is wanted and there."""
+    if job.reading.blur_channels and job.outputs.format != "exr":
+        problem = f"has no effect in {job.outputs.format}, which holds the picture alone"
+        raise UsageProblem("idle-option", problem, "use ‹format› exr", field="blur-channels")
+    refuse_small(job, base_mb())
+    held, left = holding(job), capacity_mb(job.machine)
+    if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
+        problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
+        remedy = "save it as EXR, or allow more ‹memory›"
+        raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color)
+    color, depth = read_pair(InputPair.of(job, held.keeping))
+    inputs = Inputs(held, color, depth, empty=depth.empty)
+    inputs = replace(inputs, warnings=(*color.warnings, *depth.warnings))
+    return through("read", Take(job=job, inputs=inputs, lens=job.lens)).inputs
 
 
 def prepare(job: Job, inputs: Inputs) -> Take:
@@ -52,22 +62,13 @@ def prepare(job: Job, inputs: Inputs) -> Take:
             quality=job.machine.quality,
         ),
     )
-    words = [*take.warnings]
-    if radii.clamped:
-        pixels = counted(radii.clamped, "pixel")
-        words.append(f"radius of {pixels} clamped to {take.lens.clamp_blur:g} px")
-    return replace(take, blur=radii, warnings=(*words, *inputs.warnings))
+    return replace(take, blur=radii, warnings=(*take.warnings, *radii.warnings, *inputs.warnings))
 
 
-def load() -> None:
-    """Import torch and the renderer, which takes seconds, and set up the allocator."""
-    memory.share_heap()
-    memory.keep_freed(True)  # what is read leaves room for what is rendered
-    with delayed_signals(), imports():
-        import torch  # noqa: F401
-
-        import defocus_core.renderer.engine.renderer  # noqa: F401
-    base_mb()
+def compute(job: Job, inputs: Inputs, progress: Callable[[int, int], None] | None = None) -> Take:
+    """The images and maps that a job asks for."""
+    take = prepare(job, inputs)
+    return render(through("blur", take), progress) if job.outputs.need_rendering else take
 
 
 def choose_device(name: str) -> str:
@@ -82,18 +83,12 @@ def choose_device(name: str) -> str:
     return "cuda" if available else "cpu"
 
 
-def read(job: Job) -> Inputs:
-    """Decode the picture of a job, and what lies behind or below it if that is wanted and there."""
-    if job.reading.blur_channels and job.outputs.format != "exr":
-        problem = f"has no effect in {job.outputs.format}, which holds the picture alone"
-        raise UsageProblem("idle-option", problem, "use ‹format› exr", field="blur-channels")
-    refuse_small(job, base_mb())
-    held, left = holding(job), capacity_mb(job.machine)
-    if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
-        problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
-        remedy = "save it as EXR, or allow more ‹memory›"
-        raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color)
-    color, depth = read_pair(InputPair.of(job, held.keeping))
-    inputs = Inputs(held, color, depth, empty=depth.empty)
-    inputs = replace(inputs, warnings=(*color.warnings, *depth.warnings))
-    return through("read", Take(job=job, inputs=inputs, lens=job.lens)).inputs
+def load() -> None:
+    """Import torch and the renderer, which takes seconds, and set up the allocator."""
+    memory.share_heap()
+    memory.keep_freed(True)  # what is read leaves room for what is rendered
+    with delayed_signals(), imports():
+        import torch  # noqa: F401
+
+        import defocus_core.renderer.engine.renderer  # noqa: F401
+    base_mb()

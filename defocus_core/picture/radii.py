@@ -15,6 +15,7 @@ from defocus_core.io.arrays import IN_MEMORY, Keeping, bands, times
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.images.color_planes import Color
 from defocus_core.picture.sources import map_windows, windows
+from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
@@ -35,14 +36,14 @@ class Radii(NamedTuple):
         limits: the least and the greatest of them, of what is there.
         infinity: of what is infinitely far; None where the file holds radii.
         scale: px for a disparity of 1 per mm; 1 where the file holds radii.
-        clamped: how many were larger than the lens lets them be.
+        warnings: what became of radii that were larger than the lens lets them be, in words.
     """
 
     px: Any
     limits: tuple[float, float]
     infinity: float | None
     scale: float
-    clamped: int = 0
+    warnings: tuple[str, ...] = ()
 
     def repair(
         self,
@@ -156,12 +157,8 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
 
 def _clamp(radii: Radii, limit: float, depth: Depth, keeping: Keeping) -> Radii:
     """The radii of which none is larger than ``limit`` px."""
-    import numpy as np
-
-    clamped, whole = (
-        0,
-        keeping.new(radii.px.shape, "float32"),
-    )  # those of a file are other jobs', too
+    clamped = 0
+    whole = keeping.new(radii.px.shape, "float32")  # those of a file are other jobs', too
     for rows in bands(radii.px.shape):
         larger = np.abs(radii.px[rows]) > np.float32(limit)
         if depth.empty is not None:
@@ -174,7 +171,9 @@ def _clamp(radii: Radii, limit: float, depth: Depth, keeping: Keeping) -> Radii:
 
     infinity = None if radii.infinity is None else within(radii.infinity)
     limits = within(radii.limits[0]), within(radii.limits[1])
-    return radii._replace(px=whole, limits=limits, infinity=infinity, clamped=clamped)
+    words = f"radius of {counted(clamped, 'pixel')} clamped to {limit:g} px"
+    warnings = (words,) if clamped else ()
+    return radii._replace(px=whole, limits=limits, infinity=infinity, warnings=warnings)
 
 
 def signed_radius(

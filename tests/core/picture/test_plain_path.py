@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from importlib import import_module
@@ -36,6 +37,13 @@ def test_a_step_is_a_function_of_its_module(step: Any) -> None:
 def test_each_module_of_a_step_is_in_the_table() -> None:
     modules = {path.stem for path in Path(steps.__path__[0]).glob("*.py")}
     assert modules - {"__init__", "table"} == {step.module for step in STEPS}
+
+
+def test_the_plain_path_knows_no_step() -> None:
+    folder = Path(steps.__path__[0]).parent
+    for path in folder.glob("*.py"):
+        known = set(re.findall(r"picture\.steps\.(\w+) import", path.read_text()))
+        assert known <= {"table"}, path
 
 
 def test_no_step_knows_another_but_what_it_is_made_of() -> None:
