@@ -34,7 +34,7 @@ def measures(take: Take) -> dict[str, float | None]:
     invented = take.stats.get("pixels_invented")
     return {
         **radius_measures(sample_plane(take.shown), nothing),
-        "clipped_share": _clipped(take),
+        "clipped_share": _clipped_share(take),
         "invented_share": None if invented is None or not pixels else invented / pixels,
         **_over_time(take),
     }
@@ -69,7 +69,7 @@ def radius_measures(radius: Any, nothing: Any) -> dict[str, float]:
     return dict(zip(RADII, map(float, sizes_px), strict=True))
 
 
-def _clipped(take: Take) -> float | None:
+def _clipped_share(take: Take) -> float | None:
     """The share of pixels of the input that are white in a colour; None of EXR and HDR."""
     color = take.inputs.color
     if color.path.suffix.lower() in _FLOATS:

@@ -71,7 +71,7 @@ class Holding:
 
 def holding(job: Job) -> Holding:
     """Memory of the picture of a job, from the headers of its files."""
-    return _shared(*_sizes(job), capacity_mb(job.machine))
+    return _divide(*_sizes(job), capacity_mb(job.machine))
 
 
 def refuse_small(job: Job, program_mb: float = _PROGRAM_MB) -> None:
@@ -92,7 +92,7 @@ def refuse_small(job: Job, program_mb: float = _PROGRAM_MB) -> None:
         raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color)
 
 
-def _shared(arrays_mb: float, whole_mb: float, capacity: float) -> Holding:
+def _divide(arrays_mb: float, whole_mb: float, capacity: float) -> Holding:
     """The division of a capacity between arrays, files that are decoded at once, and work."""
     scratch = arrays_mb > _FOR_ARRAYS * capacity
     strips = min(_STRIPS_MB, 2 * arrays_mb)
@@ -109,7 +109,7 @@ def enough_mb(job: Job, needed_mb: float) -> float:
     """The smallest limit that leaves ``needed_mb`` of room, within a few percent."""
     sizes, room = _sizes(job), max(capacity_mb(job.machine), 1.0)
     # Rounded up, it must still be one: arrays in memory leave less room than those in scratch.
-    while min(_shared(*sizes, mb).room_mb for mb in (room, 1.05 * room + 20)) < needed_mb:
+    while min(_divide(*sizes, mb).room_mb for mb in (room, 1.05 * room + 20)) < needed_mb:
         room *= 1.01
     return base_mb() + room + _SPARE_MB
 

@@ -55,10 +55,10 @@ def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
     shift = None if repair.edge_shifts is None else repair.edge_shifts.median
     return {
         "kinds": [kind for kind, is_there in kinds.items() if is_there],
-        "noise_px": _rounded(repair.noise),
-        "edge_width_px": _rounded(repair.edge_width),
-        "displaced_px": _rounded(shift),
-        "share": _rounded(repair.fraction),
+        "noise_px": _round(repair.noise),
+        "edge_width_px": _round(repair.edge_width),
+        "displaced_px": _round(shift),
+        "share": _round(repair.fraction),
     }
 
 
@@ -75,6 +75,6 @@ def _is_number(value: object) -> bool:
     return isinstance(value, float)
 
 
-def _rounded(value: float | None) -> float | None:
+def _round(value: float | None) -> float | None:
     """Four significant digits."""
     return None if value is None else float(f"{value:.4g}")

@@ -74,14 +74,14 @@ def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
             values = [cell.strip() for cell in cells]
             if any(values) and len(values) != len(keys):
                 problem = f"has {len(values)} cells, but the header names {len(keys)}"
-                raise _malformed(file, reader.line_num, problem, "mend that line")
+                raise _malformation(file, reader.line_num, problem, "mend that line")
             if any(values):
                 row = zip(keys, values, strict=True)
                 filled = {key: value for key, value in row if value}
                 yield Place(file, f"line {reader.line_num}"), filled
     except csv.Error as error:
         problem = f"is not CSV: {reason(error)}"
-        raise _malformed(file, reader.line_num, problem, "mend that line") from None
+        raise _malformation(file, reader.line_num, problem, "mend that line") from None
 
 
 def _says(cells: Sequence[str]) -> bool:
@@ -101,16 +101,16 @@ def _json_rows(file: Path, opened: TextIO, example: str) -> Iterator[Row]:
             row = json.loads(text)
         except (ValueError, RecursionError) as error:
             problem = f"is not JSON: {reason(error)}"
-            raise _malformed(file, number, problem, remedy) from None
+            raise _malformation(file, number, problem, remedy) from None
         if not isinstance(row, dict):
-            raise _malformed(file, number, "is no JSON object", remedy)
+            raise _malformation(file, number, "is no JSON object", remedy)
         yield (
             Place(file, f"line {number}"),
             {key: value for key, value in row.items() if value not in (None, "")},
         )
 
 
-def _malformed(file: Path, line: int, problem: str, remedy: str) -> InputError:
+def _malformation(file: Path, line: int, problem: str, remedy: str) -> InputError:
     return InputError("malformed", problem, remedy, path=file, field=f"line {line}")
 
 

@@ -91,11 +91,11 @@ def find_pictures(
     if depth is not None:
         _refuse_frames(color, depth)
     with_text = all(texts_before(path) == texts_before(color) for path in paths)
-    colors, pictures = _paired(color, depth, patterns_in, with_text)
+    colors, pictures = _pair(color, depth, patterns_in, with_text)
     for role, (other_color, other_depth) in others.items():
         # a plate needs no depth, and a holdout has its own
         lone = role != "hidden" and other_depth is None
-        other_colors, paired = _paired(
+        other_colors, paired = _pair(
             other_color, other_color if lone else other_depth, patterns_in, with_text
         )
         _refuse_unpaired(colors, other_colors)
@@ -127,7 +127,7 @@ def whole_shot(
     paths = [path for path in every if path is not None]
     if not any(is_pattern(root / path) for path in paths):
         return []
-    files = _numbered(color, depth, others, root)
+    files = _number(color, depth, others, root)
     everywhere = set.intersection(*(set(of) for of in files.values()))
     return [_frame(files, number) for number in sorted(everywhere)]
 
@@ -140,7 +140,7 @@ def _shot(
     frames: FrameChoice,
 ) -> list[Picture]:
     """The pictures of frame patterns, by frame; frames that are left out are named."""
-    files = _numbered(color, depth, others, root)
+    files = _number(color, depth, others, root)
     paths = [color, depth or color]
     for other_color, other_depth in others.values():
         paths += [other_color, other_depth or other_color]
@@ -151,7 +151,7 @@ def _shot(
     return [_frame(files, number) for number in numbers]
 
 
-def _numbered(
+def _number(
     color: Path, depth: Path | None, others: Others, root: Path
 ) -> dict[str, dict[int, Path]]:
     """The files of frame patterns by role, by number."""
@@ -190,7 +190,7 @@ def holds_both(path: Path) -> bool:
     return suffix in SCENE_SUFFIXES or (suffix in OWN_DEPTH_SUFFIXES and holds_depth(path))
 
 
-def _paired(
+def _pair(
     color: Path, depth: Path | None, root: Path | None, with_text: bool
 ) -> tuple[_Files, dict[str, Picture]]:
     """The files of a colour path, and the picture of each name."""

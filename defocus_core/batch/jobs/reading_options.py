@@ -331,7 +331,7 @@ def reading_values(values: Mapping[str, Any], where: Callable[[str], Place]) -> 
                     "contradiction", "contradicts the other", "give one of them", path=where(name)
                 )
         else:
-            fields[row.field] = _parsed(row, value, where(name))
+            fields[row.field] = _parse(row, value, where(name))
     return fields
 
 
@@ -361,7 +361,7 @@ def make_reading(
     return reading
 
 
-def _parsed(row: ReadingParam, value: object, where: Place) -> Any:
+def _parse(row: ReadingParam, value: object, where: Place) -> Any:
     if row.parse is str and not (isinstance(value, str) and value and "\0" not in value):
         raise UsageProblem(
             "malformed", f"{value!r} is not a text", "write it in quotes", path=where

@@ -57,19 +57,19 @@ class Param:
             text = f"{number:.{digits}g}" if digits else f"{number}".removesuffix(".0")
             return text + self.unit
 
-        return self._joined(value, write)
+        return self._join(value, write)
 
     def shown(self, value: object, digits: int = 6) -> str:
         """A value for people: lengths from 1 m on in metres."""
         if self.unit == "mm":
-            return self._joined(value, lambda number: length_text(number, digits))
+            return self._join(value, lambda number: length_text(number, digits))
         return self.text(value, digits)
 
-    def _joined(self, value: object, write: Callable[[float], str]) -> str:
+    def _join(self, value: object, write: Callable[[float], str]) -> str:
         if isinstance(value, FileNumbers):
             return str(value)
         if isinstance(value, tuple | list):
-            return self.separator.join(self._joined(each, write) for each in value)
+            return self.separator.join(self._join(each, write) for each in value)
         if value is None or isinstance(value, bool):
             return "on" if value else "off"
         if isinstance(value, int | float):

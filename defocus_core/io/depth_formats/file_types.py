@@ -90,11 +90,11 @@ def read_numbers(
         width, height = size or row.size or (0, 0)
         return DepthNumbers(read_headerless(path, (width, height)), "headerless", "float32 rows")
     if is_exr(head):
-        return _allowed(path, exr_depth_numbers(path, reading, keeping, overscan, size), reading)
+        return _accept(path, exr_depth_numbers(path, reading, keeping, overscan, size), reading)
     if path.suffix.lower() == ".exr":
         raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
     if container_type(head):
-        return _allowed(path, _from_container(path, reading, container_type(head), size), reading)
+        return _accept(path, _from_container(path, reading, container_type(head), size), reading)
     if reading.depth_channel is not None:
         problem = f"{path} has no named channels"
         raise UsageProblem("idle-option", problem, "leave it out", field="depth-channel")
@@ -109,10 +109,10 @@ def read_numbers(
     else:
         samples = _from_raster(path, reading, keeping, size)
     require_size(path, reading, samples.values.shape, size)
-    return _allowed(path, samples, reading)
+    return _accept(path, samples, reading)
 
 
-def _allowed(path: Path, samples: DepthNumbers, reading: DepthReading) -> DepthNumbers:
+def _accept(path: Path, samples: DepthNumbers, reading: DepthReading) -> DepthNumbers:
     """Refuse a type of file that the named format does not come in."""
     row = reading.row
     if reading.depth_format is not None and samples.type not in row.files:
@@ -278,11 +278,11 @@ def _grey(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
     if not spread.any():
         return colors[:, :, 0]
     if spread.max() > _CHROMA_NOISE or samples.dtype != np.uint8:
-        raise _colored(path)
+        raise _color(path)
     return np.rint(colors @ _LUMA).astype(samples.dtype)
 
 
-def _colored(path: Path) -> InputError:
+def _color(path: Path) -> InputError:
     """The error for depth of several channels, by the name of the map that it is drawn in."""
     page = choose_page(path, read_pages(path), None)
     pieces = (np.ravel(s[:, :, :3]).reshape(-1, 3) for _, s in read_samples(path, page.page))
@@ -299,7 +299,7 @@ def _colored(path: Path) -> InputError:
 def _refuse_unsuited(path: Path, raster: Raster, reading: DepthReading) -> None:
     """Refuse pictures of 8 bits, and of several channels, unless options declare them as depth."""
     if raster.type == "uint8" and not reading.says_scale:
-        if len(raster.channels) >= 3 and "drawn" in (error := _colored(path)).problem:
+        if len(raster.channels) >= 3 and "drawn" in (error := _color(path)).problem:
             raise error
         problem = "has 8 bits, too few for depth and without a metric scale"
         remedy = f"save depth as {WANTED}; or say ‹depth-range› NEAR FAR and ‹depth-kind›"

@@ -82,7 +82,7 @@ def sharp_original(path: Path) -> Iterator[Path]:
         yield path
         return
     try:
-        with _unpacked(base64.b64decode(data, validate=False)) as image:
+        with _unpack(base64.b64decode(data, validate=False)) as image:
             yield image
     except ValueError as error:
         problem = f"has a damaged picture in GImage:Data ({reason(error)})"
@@ -150,7 +150,7 @@ def read_gdepth(path: Path) -> PhotoDepth:
         raise InputError("no-depth", "has no GDepth in its XMP", remedy, path=path)
     data = metadata.pop(b"Data")
     try:
-        values = _decoded(base64.b64decode(data, validate=False))
+        values = _decode(base64.b64decode(data, validate=False))
     except (InputError, ValueError) as error:  # it would name the scratch file
         why = error.problem if isinstance(error, InputError) else reason(error)
         problem = f"has a damaged GDepth image ({why})"
@@ -189,7 +189,7 @@ def _xmp(data: bytes) -> Iterator[bytes]:
 
 
 @contextmanager
-def _unpacked(data: bytes) -> Iterator[Path]:
+def _unpack(data: bytes) -> Iterator[Path]:
     """A file of an encoded image: OpenImageIO reads files alone."""
     suffix = ".png" if data.startswith(b"\x89PNG") else ".jpg"
     with tempfile.NamedTemporaryFile(suffix=suffix) as file:
@@ -198,9 +198,9 @@ def _unpacked(data: bytes) -> Iterator[Path]:
         yield Path(file.name)
 
 
-def _decoded(data: bytes) -> NDArray[Any]:
+def _decode(data: bytes) -> NDArray[Any]:
     """First channel [H, W] of an encoded image, 8 or 16 bit."""
-    with _unpacked(data) as image:
+    with _unpack(data) as image:
         page = read_pages(image)[0]
         dtype = np.uint16 if page.type == "uint16" else np.uint8
         values = np.empty((page.height, page.width), dtype)

@@ -47,7 +47,7 @@ def planes_of(
         every.append(
             {
                 channel.name: _in_frame(
-                    _interpolated(samples[channel.name].pixels, channel.sampling, header),
+                    _interpolate(samples[channel.name].pixels, channel.sampling, header),
                     header,
                     overscan,
                 )
@@ -86,7 +86,7 @@ def weights_of(header: Header, path: Path) -> tuple[float, ...]:
     return tuple(weights.tolist())
 
 
-def _interpolated(samples: NDArray[Any], sampling: tuple[int, int], header: Header) -> NDArray[Any]:
+def _interpolate(samples: NDArray[Any], sampling: tuple[int, int], header: Header) -> NDArray[Any]:
     """Samples [h, w] of a data window, one for each of its pixels."""
     if sampling == (1, 1):
         return samples

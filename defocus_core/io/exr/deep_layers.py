@@ -141,7 +141,7 @@ def cut_volumes(strip: Strip, light: tuple[str, ...], mixed: NDArray[Any]) -> St
         pieces += _pieces(strip, is_volume, cut[first : first + _CUT], light)
     pixel, *values = (np.concatenate(column) for column in zip(*pieces, strict=True))
     order = np.lexsort((np.nan_to_num(values[-1], nan=np.inf, posinf=np.inf), pixel))
-    pixel, values = _mixed(pixel[order], [each[order] for each in values], mixed)
+    pixel, values = _mix(pixel[order], [each[order] for each in values], mixed)
     rank = np.arange(len(pixel)) - np.searchsorted(pixel, pixel)
     named = zip((*light, DEPTH), values, strict=True)
     return Strip(strip.window, pixel, rank, {n: each.astype("f4") for n, each in named})
@@ -168,7 +168,7 @@ def _pieces(
     alpha = dense(strip.values[ALPHA], 0)
     color = [dense(strip.values[n], 0) / np.where(alpha > 0, alpha, 1) for n in light]
     length = np.subtract(back, front, where=volume, out=np.ones(shape))
-    cuts, absorbed, pieces = np.sort(np.concatenate([front, back], 1), 1).T, _absorbed(alpha), []
+    cuts, absorbed, pieces = np.sort(np.concatenate([front, back], 1), 1).T, _absorption(alpha), []
     for near, far in pairwise(cuts):
         inside = volume & (front <= near[:, None]) & (back >= far[:, None]) & (far > near)[:, None]
         some = inside.any(1)
@@ -180,7 +180,7 @@ def _pieces(
     return pieces
 
 
-def _mixed(
+def _mix(
     pixel: NDArray[Any], values: list[NDArray[Any]], where: NDArray[Any]
 ) -> tuple[NDArray[Any], list[NDArray[Any]]]:
     """Sorted samples, their alpha and depth last, in which those of one place are one."""
@@ -191,13 +191,13 @@ def _mixed(
     if not same.any():
         return pixel, values
     first = np.concatenate([[True], ~same])
-    group, absorbed = np.cumsum(first) - 1, _absorbed(alpha)
+    group, absorbed = np.cumsum(first) - 1, _absorption(alpha)
     weights = _ratio(absorbed, alpha) * _alpha_per(np.bincount(group, absorbed))[group]
     mixed = [np.bincount(group, weights * each) for each in (*light, alpha)]
     return pixel[first], [*mixed, depth[first]]
 
 
-def _absorbed(alpha: NDArray[Any]) -> NDArray[Any]:
+def _absorption(alpha: NDArray[Any]) -> NDArray[Any]:
     """How much samples absorb: it adds up, and 1 - exp(-absorbed) is their alpha."""
     import numpy as np
 

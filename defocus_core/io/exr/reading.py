@@ -189,7 +189,7 @@ def _pieces(
     wide, high = across * wide, cells // across * high
     for top, left in product(range(y0, y1 + 1, high), range(x0, x1 + 1, wide)):
         window = Window(left, top, min(left + wide - 1, x1), min(top + high - 1, y1))
-        yield window, _decoded(path, file, header.index, window, types)
+        yield window, _decode(path, file, header.index, window, types)
 
 
 @contextmanager
@@ -208,7 +208,7 @@ def _unlimited() -> Iterator[None]:
             oiio.attribute(name, limit)
 
 
-def _decoded(
+def _decode(
     path: Path, file: Any, part: int, window: Window, types: Mapping[str, str]
 ) -> dict[str, NDArray[Any]]:
     """The channels of a window, of one type after the other: OpenImageIO converts a mixture."""

@@ -85,7 +85,7 @@ def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF, WEBP or HDR")
         wanted: the formats to propose if it is of none that can be read.
     """
     read_head(path)
-    with decoding(path, "cannot be read"), quiet(), _opened(path, wanted) as file:
+    with decoding(path, "cannot be read"), quiet(), _open(path, wanted) as file:
         pages = [_raster(path, file, 0)]
         while file.seek_subimage(len(pages), 0):
             if len(pages) == _MOST_PAGES:
@@ -133,7 +133,7 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
     with ExitStack() as stack:
         # Not around the yield: it silences all that is printed.
         with decoding(path, "cannot be read"), quiet():
-            file = stack.enter_context(_opened(path, "an image"))
+            file = stack.enter_context(_open(path, "an image"))
             file.seek_subimage(page, 0)
             spec = file.spec()
         kind = _SAMPLES.get(str(spec.format))
@@ -143,7 +143,7 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
             raise InputError("unsupported", problem, remedy, path=path)
         for rows in _strips(spec):
             with decoding(path, "cannot be read"), quiet():
-                samples = _decoded(file, page, spec, rows, kind)
+                samples = _decode(file, page, spec, rows, kind)
                 # A truncated JPEG comes back filled with grey, and only the error flag says so.
                 if samples is None or file.has_error:
                     raise damaged(path, first_line(path, file.geterror()))
@@ -151,7 +151,7 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
 
 
 @contextmanager
-def _opened(path: Path, formats: str) -> Iterator[Any]:
+def _open(path: Path, formats: str) -> Iterator[Any]:
     """An `ImageInput` of a file; ``formats`` are proposed if it is of none of these."""
     with delayed_signals():
         import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
@@ -182,7 +182,7 @@ def _strips(spec: Any) -> Iterator[slice]:
         yield slice(top, min(top + step, spec.height))
 
 
-def _decoded(file: Any, page: int, spec: Any, rows: slice, kind: str) -> NDArray[Any] | None:
+def _decode(file: Any, page: int, spec: Any, rows: slice, kind: str) -> NDArray[Any] | None:
     """Samples [h, W, C] of some rows as they are in the file, None if they cannot be had."""
     z, channels = spec.z, spec.nchannels
     place = (spec.y + rows.start, spec.y + rows.stop, z)

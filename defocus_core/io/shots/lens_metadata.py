@@ -55,7 +55,7 @@ def _target(value: float, numbers: Numbers) -> str | None:
     return f"{value * numbers['metres']:.7g}m" if 0 < value < _NO_TARGET else None
 
 
-def _pitched(value: float, numbers: Numbers) -> str | None:
+def _pitch(value: float, numbers: Numbers) -> str | None:
     """The width of the sensor, from its pitch in micrometres and its columns."""
     columns = numbers.get("columns", 0.0)
     return f"{value * columns / 1000:.7g}mm" if 0 < value * columns < math.inf else None
@@ -88,7 +88,7 @@ _RULES: dict[str, tuple[Rule, ...]] = {
         *((name, _times(1, "")) for name in ("Exif:FNumber", "FNumber")),
     ),
     "sensor-width": (
-        ("sensorPhotositePitch", _pitched),
+        ("sensorPhotositePitch", _pitch),
         ("cameraAperture", _times(1, "mm")),
         ("Exif:FocalLengthIn35mmFilm", _equivalent),
     ),

@@ -156,7 +156,7 @@ class Neighbours:
         picture = self._window[place]
         channel = self._shot.motion
         assert channel is not None
-        files, color = (picture.color, picture.depth), self._decoded(place)[0]
+        files, color = (picture.color, picture.depth), self._decode(place)[0]
         motion: Motion = _CACHE.kept(
             ("motion", picture, channel, color.overscan),
             lambda: read_motion(files, channel, color.overscan),
@@ -186,7 +186,7 @@ class Neighbours:
             self._radii[place] = radii_of(self._lens, self._files(place)[1], keeping).px
         return self._radii[place]
 
-    def _decoded(self, place: int) -> tuple[Color, Depth]:
+    def _decode(self, place: int) -> tuple[Color, Depth]:
         """Colour and depth of a frame of the window, with its own overscan."""
         if place == self._place:
             return self._inputs.color, self._inputs.depth
@@ -203,7 +203,7 @@ class Neighbours:
 
         Beyond its own there is nothing of an element; other pictures go on as at their edge.
         """
-        picture, (color, depth) = self._window[place], self._decoded(place)
+        picture, (color, depth) = self._window[place], self._decode(place)
         own, wanted = color.overscan, self._inputs.color.overscan
         if own != wanted:
             dark, far = (None, None) if color.alpha is None else (0.0, np.inf)
