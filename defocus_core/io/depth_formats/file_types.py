@@ -278,11 +278,11 @@ def _grey(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
     if not spread.any():
         return colors[:, :, 0]
     if spread.max() > _CHROMA_NOISE or samples.dtype != np.uint8:
-        raise _color(path)
+        raise _color_error(path)
     return np.rint(colors @ _LUMA).astype(samples.dtype)
 
 
-def _color(path: Path) -> InputError:
+def _color_error(path: Path) -> InputError:
     """The error for depth of several channels, by the name of the map that it is drawn in."""
     page = choose_page(path, read_pages(path), None)
     pieces = (np.ravel(s[:, :, :3]).reshape(-1, 3) for _, s in read_samples(path, page.page))
@@ -299,7 +299,7 @@ def _color(path: Path) -> InputError:
 def _refuse_unsuited(path: Path, raster: Raster, reading: DepthReading) -> None:
     """Refuse pictures of 8 bits, and of several channels, unless options declare them as depth."""
     if raster.type == "uint8" and not reading.says_scale:
-        if len(raster.channels) >= 3 and "drawn" in (error := _color(path)).problem:
+        if len(raster.channels) >= 3 and "drawn" in (error := _color_error(path)).problem:
             raise error
         problem = "has 8 bits, too few for depth and without a metric scale"
         remedy = f"save depth as {WANTED}; or say ‹depth-range› NEAR FAR and ‹depth-kind›"
