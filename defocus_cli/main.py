@@ -38,6 +38,7 @@ COMMANDS = {
     "report": "Write a batch as a page to look at.",
     "retry": "Do the failed jobs of a batch once more.",
     "merge": "Make one journal of those of all shards.",
+    "choose": "Write a page on which to choose focus and blur.",
     "info": "Say what is in a file: size, channels, depth range, blur with a lens.",
     "depth": "Convert depth files of any format to EXR in planar metres.",
     "aperture": "Draw the opening of a lens, and the blur of a point.",

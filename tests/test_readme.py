@@ -80,7 +80,8 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     depth_exr(tmp_path / "depths" / "a.exr")
     write_samples(tmp_path / "kitti.png", depth.shape, [kitti(depth)], "png", {})
     disparity = np.tile(np.linspace(0, 1, 320, dtype=np.float32)[None, :, None], (240, 1, 1))
-    for name, pixels in (("disparity.png", disparity), ("photo.jpg", texture(320, 240))):
+    names = {"disparity.png": disparity, "matte.png": disparity, "photo.jpg": texture(320, 240)}
+    for name, pixels in names.items():
         picture = oiio.ImageBuf(oiio.ImageSpec(320, 240, pixels.shape[2], oiio.UINT8))
         picture.set_pixels(oiio.ROI(), pixels)
         assert picture.write(str(tmp_path / name))

@@ -13,7 +13,8 @@ from defocus_core.errors import UsageProblem, did_you_mean
 TOPICS = {
     "conventions": "the formula, signs, units, kinds of output, colour, files",
     "look": "blades, mirrors, ovals, cat's eyes, axial colour, clipped lights, dual pixels, noise",
-    "depth": "depth files by format, estimated depth of photographs, repair, hidden layers",
+    "photo": "photographs: a first picture, a page to choose on, phones, relative depth",
+    "depth": "depth files by format, options, repair, hidden layers",
     "quality": "accuracy, time and memory, verification, limits",
     "batch": "jobs files, sweeps, random lenses, resuming, clusters, data sets",
     "shots": "numbered frames, lenses that move, steadiness, motion vectors",

@@ -25,6 +25,7 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.plan import Execution, make_plan
 from defocus_core.errors import UsageProblem
+from defocus_core.picture.subject import completed
 
 _KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
 _HELP = f"""Defocus COLOR as a lens would that sees DEPTH, and write to OUT/<kind>/<stem>.<ext>.
@@ -63,9 +64,7 @@ Examples:
 @shot_options
 @shared.output_options
 @shared.name_option
-@shared.hidden_option
-@shared.over_options
-@shared.holdout_option
+@shared.others_options
 @reading_options
 @shared.rendering_options
 @shared.check_inputs_option
@@ -84,9 +83,7 @@ def command(
     shot: ShotOptions,
     outputs: Outputs,
     name: str | None,
-    hidden: tuple[Path, Path] | None,
-    over: tuple[Path, Path | None] | None,
-    holdout: tuple[Path, None] | None,
+    others: dict[str, tuple[Path, Path | None]],
     reading: Reading,
     machine: Machine,
     check_inputs: str,
@@ -96,9 +93,8 @@ def command(
     dry_run: bool,
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
-    given = {"hidden": hidden, "over": over, "holdout": holdout}
-    others = {role: paths for role, paths in given.items() if paths is not None}
     pictures = find_pictures(color, depth, others, frames=shot.choice(lenses.animation))
+    lenses = completed(lenses, pictures, reading, click.get_current_context().meta["typed"])
     jobs = [
         Job(picture, lens, reading, outputs, machine)
         for picture, lens in _with_lenses(pictures, lenses, verbose=verbose)

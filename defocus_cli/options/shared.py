@@ -33,11 +33,13 @@ from defocus_core.batch.jobs.output_kinds import (
     KINDS,
     MAP_FORMATS,
     MAPS,
+    SUFFIXES,
     compression,
     format_of_file,
     in_one_file,
     is_picture_name,
 )
+from defocus_core.batch.jobs.pairing import COLOR_SUFFIXES
 from defocus_core.batch.lenses.quantities import byte_count, pixel_count
 from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.system.process import cores
@@ -45,31 +47,19 @@ from defocus_core.system.process import cores
 _MAX_TILE = 1 << 14  # px
 
 
-def hidden_option(command: Command) -> Command:
-    """Hand a command ``hidden``: colour and depth behind the visible surface, or None."""
-    return grouped_option(
-        "Files",
+def others_options(command: Command) -> Command:
+    """Hand a command ``others``: by role, colour and depth of what belongs to each picture.
+
+    A plate may have no depth; a deep holdout and a matte have none.
+    """
+    option = functools.partial(grouped_option, "Files", type=FilePath(), default=None)
+    hidden = option(
         "--hidden",
         nargs=2,
-        type=FilePath(),
-        default=None,
         metavar="COLOR DEPTH",
         help="Colour and depth of what lies behind, where it is known: depth inf with colour 0 is "
         "unknown, and invented; inf with colour is sky.",
-    )(command)
-
-
-def over_options(command: Command) -> Command:
-    """Hand a command ``over``: colour of a plate, and its depth or None; or None."""
-
-    def make(over: Path | None, over_depth: Path | None) -> tuple[Path, Path | None] | None:
-        if over is None and over_depth is not None:
-            raise UsageProblem(
-                "missing-option", "stands without --over", "give the plate", field="over-depth"
-            )
-        return None if over is None else (over, over_depth)
-
-    option = functools.partial(grouped_option, "Files", type=FilePath(), default=None)
+    )
     plate = option(
         "--over",
         metavar="PLATE [DEPTH]",
@@ -77,25 +67,38 @@ def over_options(command: Command) -> Command:
         "the EXR's own, or else infinitely far.",
     )
     depth = option("--over-depth", metavar="DEPTH", help="Depth of the plate.")
-    return bundle("over", make, [plate, depth])(command)
-
-
-def holdout_option(command: Command) -> Command:
-    """Hand a command ``holdout``: a deep picture and None for its depth; or None."""
-
-    def make(holdout: Path | None) -> tuple[Path, None] | None:
-        return None if holdout is None else (holdout, None)
-
-    option = grouped_option(
-        "Files",
+    holdout = option(
         "--holdout",
         metavar="DEEP",
-        type=FilePath(),
-        default=None,
         help="Deep EXR whose samples hide what is behind them and show nothing, like objects that "
         "are composited later: colour and alpha are cut out.",
     )
-    return bundle("holdout", make, [option])(command)
+    matte = option(
+        "--matte",
+        metavar="FILE",
+        help="Coverage of the near subject, 0 to 1, in grey or alpha, as of a portrait mode: its "
+        "silhouette is the edge of the depth, and hair is parted from what is behind it.",
+    )
+    return bundle("others", _others, [hidden, plate, depth, holdout, matte])(command)
+
+
+def _others(
+    *,
+    hidden: tuple[Path, Path] | None,
+    over: Path | None,
+    over_depth: Path | None,
+    holdout: Path | None,
+    matte: Path | None,
+) -> dict[str, tuple[Path, Path | None]]:
+    """Colour and depth by role."""
+    if over is None and over_depth is not None:
+        raise UsageProblem(
+            "missing-option", "stands without --over", "give the plate", field="over-depth"
+        )
+    lone = {"holdout": holdout, "matte": matte}
+    others: dict[str, tuple[Path, Path | None]] = {} if hidden is None else {"hidden": hidden}
+    others |= {} if over is None else {"over": (over, over_depth)}
+    return others | {role: (path, None) for role, path in lone.items() if path is not None}
 
 
 def output_options(command: Command) -> Command:
@@ -233,6 +236,9 @@ def _given(values: Mapping[str, Any]) -> dict[str, Any]:
 def _in_file(outputs: Outputs, given: Mapping[str, Any]) -> Outputs:
     """The outputs, of one file if -o names one."""
     path = outputs.root
+    if path.suffix.lower() in COLOR_SUFFIXES and not is_picture_name(path.suffix):
+        remedy = f"end its name in {', '.join(dict.fromkeys(SUFFIXES.values()))}"
+        raise UsageProblem("wrong-type", "is of a type that is read alone", remedy, path=path)
     if not is_picture_name(path.suffix) or path.is_dir():
         return outputs
     if outputs.preview:

@@ -147,7 +147,11 @@ def shot_lens_options(*, required: bool) -> Decorator:
         metres = UNITS[reading["depth_unit"] or "m"]
         animation = read_animation(animate, interpolate)
         lenses = ShotLenses(flags, lens_file, radii, animation, metadata, metres)
-        _ = lenses.fixed  # raises what is wrong before any picture is looked for
+        try:
+            _ = lenses.fixed  # raises what is wrong before any picture is looked for
+        except UsageProblem as error:
+            if error.code != "missing-option":  # which may follow from the depth
+                raise
         return lenses
 
     return bundle("lenses", make, options)

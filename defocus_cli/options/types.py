@@ -134,6 +134,7 @@ class GroupedCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse; click forgets which command an option without its value belongs to."""
+        ctx.meta["typed"] = ["defocus", *ctx.command_path.split()[1:], *args]
         try:
             return super().parse_args(ctx, self._spelled_out(args))
         except click.UsageError as error:

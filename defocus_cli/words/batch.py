@@ -91,12 +91,12 @@ class BatchReport:
 
 
 @contextmanager
-def tile_bar() -> Iterator[Callable[[int, int], None]]:
+def tile_bar(unit: str = "tile") -> Iterator[Callable[[int, int], None]]:
     """A function that shows (tiles done, tiles in all) of a lone picture on a bar.
 
     Until then it says that the picture is prepared, and for how long: lights are searched then.
     """
-    with console.bar("tile") as tiles:
+    with console.bar(unit) as tiles:
         ended = Event()
 
         def tick() -> None:

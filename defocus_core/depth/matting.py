@@ -40,6 +40,8 @@ _WHOLE, _WITHIN = 0.03, 2.0
 _MIN_DEVIATION, _ROUNDING = 0.01, 1e-4
 # Power of the distance from the colour of the other surface by which pixels of a thin one count.
 _PUREST = 4
+# Coverage from which on a pixel is of the subject of a matte.
+SUBJECT = 0.5
 # Pixels examined at once on a CPU, and bytes that each takes elsewhere: bounds memory.
 _AT_ONCE, _BYTES_EACH = 1 << 12, 1 << 13
 
@@ -102,12 +104,14 @@ class _Squares(NamedTuple):
         radii: [k, n] px.
         is_near: [k, n] bool, whether they are of the nearer one of two surfaces.
         on_edge: [k, n] bool.
+        known: [n], the coverage of the nearer surface where it is known, else NaN; None if nowhere.
     """
 
     colors: Tensor
     radii: Tensor
     is_near: Tensor
     on_edge: Tensor
+    known: Tensor | None = None
 
     @property
     def middle(self) -> int:
@@ -132,23 +136,28 @@ class _Squares(NamedTuple):
         return torch.maximum(*steps) > _STEP
 
 
-def unmixed(image: Tensor, signed_radius: Tensor, limit: float = math.inf) -> Unmixed:
+def unmixed(
+    image: Tensor, signed_radius: Tensor, limit: float = math.inf, matte: Tensor | None = None
+) -> Unmixed:
     """Take mixed pixels apart; a pixel stays as it is where one of its surfaces is not seen.
 
     Args:
         image: [C, ..., H, W] linear.
         signed_radius: [..., H, W] px.
         limit: Brightness above which a pixel is a light, which tells little of what is beside it.
+        matte: [..., H, W], the coverage of a subject, which is not guessed at its silhouette.
     """
     r = signed_radius.detach()
     nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
     edge = exceeding(farthest - nearest, EDGE)
+    if matte is not None:
+        edge = edge | ((matte > 0) & (matte < 1))
     positions = positions_of(edge)
     if not len(positions):
         return whole(image, signed_radius)
     border = halfway(nearest, farthest)
     chunks = [
-        _taken_apart(at, _squares(image, signed_radius, edge, border, at), limit)
+        _taken_apart(at, _squares(image, signed_radius, edge, border, at, matte), limit)
         for at in torch.split(positions, pieces(positions.device, _AT_ONCE, _BYTES_EACH))
     ]
     at, own, fraction, fringe_at, fringe, fringe_radius = map(torch.cat, zip(*chunks, strict=True))
@@ -167,7 +176,12 @@ def whole(image: Tensor, signed_radius: Tensor) -> Unmixed:
 
 
 def _squares(
-    image: Tensor, signed_radius: Tensor, edge: Tensor, border: Tensor, at: Tensor
+    image: Tensor,
+    signed_radius: Tensor,
+    edge: Tensor,
+    border: Tensor,
+    at: Tensor,
+    matte: Tensor | None,
 ) -> _Squares:
     """The squares around pixels at [n, 2]; radii below the border [..., H, W] are near."""
     size = edge.shape[-2], edge.shape[-1]
@@ -179,7 +193,21 @@ def _squares(
     own = at[:, 0] * size[1] + at[:, 1]
     is_near = radii.detach() < border.flatten().index_select(0, own)
     colors = image.flatten(1).index_select(1, spots).reshape(len(image), *position.shape)
-    return _Squares(colors, radii, is_near, on_edge)
+    squares = _Squares(colors, radii, is_near, on_edge)
+    if matte is None:
+        return squares
+    return _by_matte(squares, matte.flatten().index_select(0, spots).reshape(radii.shape))
+
+
+def _by_matte(squares: _Squares, matte: Tensor) -> _Squares:
+    """Squares whose surfaces and coverage a matte [k, n] says, where they hold its silhouette."""
+    subject, radii = matte >= SUBJECT, squares.radii.detach()
+    own, rest = ((radii * mask).sum(0) / mask.sum(0).clamp(min=1) for mask in (subject, ~subject))
+    at_silhouette = subject.any(0) & ~subject.all(0) & ((own - rest).abs() > _STEP)
+    is_near = torch.where(at_silhouette, subject == (own < rest), squares.is_near)
+    coverage = torch.where(own < rest, matte, 1 - matte)[squares.middle]
+    known = torch.where(at_silhouette, coverage, torch.nan)
+    return squares._replace(is_near=is_near, known=known)
 
 
 def _taken_apart(at: Tensor, squares: _Squares, limit: float) -> tuple[Tensor, ...]:
@@ -194,6 +222,10 @@ def _taken_apart(at: Tensor, squares: _Squares, limit: float) -> tuple[Tensor, .
     nearby = _closeness(color, _PIXEL)
     expected = (nearby * squares.is_near).sum(0) / nearby.sum()
     alpha = _as_whole(_coverage(color, near, far, expected), is_near, near, far)
+    has_step = squares.have_step()
+    if squares.known is not None:
+        alpha = torch.where(squares.known.isnan(), alpha, squares.known)
+        has_step = has_step | ~squares.known.isnan()
     weights = alpha * near.variance, (1 - alpha) * far.variance
     residual = (color - alpha * near.mean - (1 - alpha) * far.mean) / (
         alpha * weights[0] + (1 - alpha) * weights[1]
@@ -207,7 +239,7 @@ def _taken_apart(at: Tensor, squares: _Squares, limit: float) -> tuple[Tensor, .
     near_color = _within(near, near_color, _rest(color, far_color, 1 - alpha))
     near_color = torch.where(alpha == 1, color, near_color)
     far_color = torch.where(alpha == 0, color, far_color)
-    known = near.known & far.known & squares.have_step()
+    known = near.known & far.known & has_step
     own_color = torch.where(is_near, near_color, far_color).T
     coverage = torch.where(is_near, alpha, 1.0)
     behind = known & ~is_near & (alpha.detach() > 0)
@@ -237,7 +269,7 @@ def _sides(squares: _Squares, limit: float) -> tuple[_Side, _Side]:
     for side, other, mask in ((near, far, masks[0]), (far, near, masks[1])):
         index = torch.nonzero(~side.known & other.known)[:, 0]
         if len(index):
-            thin = _Squares(*(x.index_select(-1, index) for x in squares))
+            thin = _Squares(*(x.index_select(-1, index) for x in squares[:4]))
             variance = other.variance.index_select(-1, index)
             off = thin.colors - other.mean.index_select(-1, index)[:, None]
             own = (weight * mask).index_select(-1, index)

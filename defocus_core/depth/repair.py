@@ -16,6 +16,8 @@ from defocus_core.depth.edge_shifts import (
     measured_shifts_of_each,
     with_shifted_edges,
 )
+from defocus_core.depth.matte import AROUND as AROUND_MATTE
+from defocus_core.depth.matte import with_matte
 from defocus_core.depth.noise import AROUND as AROUND_NOISE
 from defocus_core.depth.noise import without_noise
 from defocus_core.depth.quantised import AROUND as AROUND_TERRACES
@@ -47,6 +49,7 @@ def repaired(
     hold: bool,
     options: RepairOptions = _BY_DIAGNOSIS,
     decided: DepthRepair | None = None,
+    matte: Pixels | None = None,
 ) -> tuple[Pixels, DepthRepair]:
     """Signed radii as a renderer of scenes would write them, and the repair that was needed.
 
@@ -61,6 +64,7 @@ def repaired(
             without room each window is repaired when it is cut.
         options: What is known of soft edges; the diagnosis finds the rest.
         decided: The repair, where it is known already; None to find it.
+        matte: [H, W], the coverage of a subject, whose edges are those of the depth.
 
     Returns:
         [H, W] px, the given radii themselves if they need no repair; and the repair.
@@ -83,7 +87,10 @@ def repaired(
         repair_window = partial(without_ramps, steep=steep, edge_width=width, scale=scale)
         radii = hold_all(Repaired(radii, repair_window, around_ramps(width)), radii)
     shifts = repair.edge_shifts
-    if decided is None:
+    if matte is not None:
+        radii = hold_all(Repaired(radii, with_matte, AROUND_MATTE, matte), radii, matte)
+        shifts = None
+    elif decided is None:
         shifts = measured_shifts(radii, pixels, threads, soft=soft, scale=scale)
     if shifts is not None:
         repair = repair._replace(edge_shifts=shifts)
@@ -191,6 +198,7 @@ def repair_depth(
     edge_width: float | None = None,
     decided: DepthRepair | None = None,
     hold: bool = False,
+    matte: Pixels | None = None,
 ) -> tuple[Pixels, DepthRepair]:
     """The signed radii by which `render` renders a picture, and the repair that made them.
 
@@ -204,6 +212,7 @@ def repair_depth(
         decided: The repair, where it is known already; None to find it.
         hold: Whether there is room for the repaired radii if the given ones are no tensor; without
             room those of a large picture are computed anew for each window.
+        matte: As for `render`.
 
     Returns:
         [H, W] px, the given radii themselves if they need no repair; and the repair.
@@ -223,6 +232,7 @@ def repair_depth(
             hold=hold or isinstance(signed_radius, Tensor),
             options=options,
             decided=decided,
+            matte=matte,
         )
 
 

@@ -55,6 +55,7 @@ class Radii(NamedTuple):
         longer: float = 1.0,
         decided: DepthRepair | None = None,
         hold: bool = False,
+        matte: Pixels | None = None,
     ) -> tuple[Pixels, DepthRepair]:
         """The radii [H, W] px by which a picture is rendered, and the repair that made them.
 
@@ -66,6 +67,8 @@ class Radii(NamedTuple):
             longer: the longer half axis of the blur in px, in radii of the CoC.
             decided: the repair, where it is known already.
             hold: whether there is room for the repaired radii.
+            matte: the coverage of the subject, whose edges are those of the depth; None if it is
+                not known.
         """
         import torch
 
@@ -80,6 +83,7 @@ class Radii(NamedTuple):
             edge_width=reading.edge_width,
             decided=decided,
             hold=hold,
+            matte=matte,
         )
 
     def diagnose(self, reading: Reading) -> DepthRepair:

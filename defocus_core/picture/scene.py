@@ -37,6 +37,7 @@ class Surfaces:
         coverage: [L, H, W] of layers; None of a picture.
         repair: of the depth; None where nothing was looked for.
         hidden: the known hidden layer.
+        matte: [H, W], the coverage of the subject; None if it is not known.
         lamps: number of clipped lights that were made brighter; None if this is not asked for.
     """
 
@@ -48,6 +49,7 @@ class Surfaces:
     coverage: Pixels | None = None
     repair: DepthRepair | None = None
     hidden: KnownLayer | None = None
+    matte: Pixels | None = None
     lamps: int | None = None
 
     @cached_property
@@ -76,7 +78,9 @@ class Surfaces:
         from defocus_core.renderer.layers.stacked_samples import Layered
 
         if self.coverage is None:
-            return Scene(self.light[0], self.px[0], self.hidden, repair=self.repair)
+            return Scene(
+                self.light[0], self.px[0], self.hidden, repair=self.repair, matte=self.matte
+            )
         stacked = layer_windows(self.light), layer_windows(self.px), self.coverage
         return Scene.of_layered(Layered.of(*stacked), self.repair)
 

@@ -44,6 +44,7 @@ class Inputs:
     hidden: tuple[Color, Depth] | None = None  # of the hidden layer, if it is needed
     plate: Plate | None = None  # the plate that it lies over, if it is an element
     layers: Layers | None = None  # of a deep picture, or of an element and its plate
+    matte: Any = None  # [H, W], the coverage of its subject; None if it is not known
     empty: Any = None  # where there is nothing, bool [H, W]; None if nowhere
     warnings: tuple[str, ...] = ()  # what the files hold and the renderer ignores
     stamps: Mapping[str, Any] = field(default_factory=dict)  # of the files, by role

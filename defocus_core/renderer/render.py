@@ -37,6 +37,7 @@ def render(
     num_layers: int | None = None,
     psf_ks: int | None = None,
     hidden: HiddenLayer | None = None,
+    matte: Tensor | None = None,
     threads: int = 1,
     tile: int | None = None,
     infinity: float | None = None,
@@ -70,6 +71,9 @@ def render(
             of the slice radii of the quality.
         hidden: The surface behind the visible one where it is known, shaped as the image and the
             radius; elsewhere it is continued from farther surfaces.
+        matte: [B, 1, H, W], [B, H, W] or [H, W] in [0, 1], the coverage of a subject, as of a
+            segmentation: its silhouette is the edge of the depth, and its coverage there is not
+            guessed.
         psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
         threads: Tiles computed at once; torch itself uses one thread meanwhile.
         tile: Side of a tile in px, or in coarse pixels of two px in a draft, 16 at least; another
@@ -117,11 +121,12 @@ def render(
     pictures, radii = _batched(image, signed_radius)
     behind = _behind(hidden, pictures, radii)
     colors = apart(color_offsets, pictures.shape[1])
-    if hidden is None and color_offsets is None and image.dim() == 4:
+    if hidden is None and matte is None and color_offsets is None and image.dim() == 4:
         return render_each(pictures, radii, [settings] * len(pictures), progress)
+    mattes = [None] * len(pictures) if matte is None else _mattes(matte, radii)
     views = [
-        _rendered(Scene(*each), settings, colors, progress)
-        for each in zip(pictures, radii, behind, strict=True)
+        _rendered(Scene(one, radius, known, matte=own), settings, colors, progress)
+        for one, radius, known, own in zip(pictures, radii, behind, mattes, strict=True)
     ]
     return batch(views) if image.dim() == 4 else views[0]
 
@@ -243,6 +248,19 @@ def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
             f"{tuple(image.shape)}, got {tuple(signed_radius.shape)}; resample depth by nearest"
         )
     return pixels, signed_radius.to(image.device).reshape(count, *size)
+
+
+def _mattes(matte: Tensor, radii: Tensor) -> Tensor:
+    """[B, H, W] coverages of subjects."""
+    matte = numbers("matte", matte, torch.float32, radii.device, "in [0, 1]")
+    shapes = {(len(radii), 1, *radii.shape[1:]), tuple(radii.shape)}
+    shapes |= {tuple(radii.shape[1:])} if len(radii) == 1 else set()
+    if tuple(matte.shape) not in shapes or not bool(((matte >= 0) & (matte <= 1)).all()):
+        raise ValueError(
+            f"matte must be in [0, 1] and shaped as the radii {tuple(radii.shape)}, got "
+            f"{tuple(matte.shape)}; resample it, and clamp it"
+        )
+    return matte.to(radii.device).reshape(radii.shape)
 
 
 def _behind(

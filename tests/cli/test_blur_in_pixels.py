@@ -142,7 +142,6 @@ def test_blur_is_swept_and_drawn_in_jobs_files(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "code", "field"),
     [
-        (["--blur", "8px"], "missing-option", "blur"),
         (["--blur", "8px", "--focus-value", "2", "--fnumber", "2"], "contradiction", "fnumber"),
         (
             ["--blur", "8px", "--focus-value", "2", "--depth-range", "1m", "2m"],

@@ -368,8 +368,8 @@ HEAVY = ("torch", "OpenEXR", "OpenImageIO")
         (["--help"], (*HEAVY, "numpy")),
         (["--version"], (*HEAVY, "numpy")),
         (["render", "--help"], HEAVY),
-        (["render", "{c}", "{z}", "-o", "{out}", "--dry-run"], HEAVY),
-        (["render", "{c}", "{z}", "-o", "{out}"], HEAVY),
+        (["render", "{c}", "{z}", "-o", "{out}", "--dry-run", "--focus", "2"], HEAVY),
+        (["render", "{c}", "{z}", "-o", "{out}"], ("torch",)),
         (["info", "{z}"], ("torch",)),
     ],
 )

@@ -64,15 +64,19 @@ add --right FILE, or leave it out
 render rgb.exr coc.exr -o out --depth-format coc --focus-at 3,3
 idle-option --focus-at: changes nothing: with depth-format coc, the files hold the radii; …
 render rgb.exr z.exr -o out --fnumber 2 --focus 2m
-missing-option --focal-length: is missing; add --focal-length 50mm, or a --lens FILE that has it
-render rgb.exr z.exr -o out --focal-length 50mm --focus 2m
-missing-option --fnumber: is missing; add --fnumber 1.4 or --aperture-diameter, \
-or a --lens FILE that has it
-render rgb.exr z.exr -o out --focal-length 50mm --fnumber 2
-missing-option --focus: is missing; add --focus 2m or --focus-at, or a --lens FILE that has it
+missing-option --focal-length: is missing; run: defocus render --json rgb.exr z.exr -o out \
+--fnumber 2 --focus 2m --lens @portrait-85
+render rgb.exr z.exr -o out
+missing-option --focal-length: is missing, as are --fnumber and --focus; \
+run: defocus render --json rgb.exr z.exr -o out --lens @portrait-85 --focus-at 6,7
+info z.exr --focal-length 50mm
+missing-option --fnumber: is missing, as is --focus; add --fnumber 1.4 or --aperture-diameter, \
+--focus 2m or --focus-at, or a --lens FILE that has them
 info rgb.exr z.exr --preview a.png
 missing-option --preview: needs a lens, whose blur decides the repair; \
 give --lens FILE.toml, or --focal-length, … --focus
+R -o a.webp
+wrong-type a.webp: is of a type that is read alone; end its name in .exr, .png, .tif, .jpg
 R --lens @portrait-58
 unknown-name --lens: no lens @portrait-58 ships with defocus; did you mean @portrait-85?
 R --lens underscored.toml
@@ -88,7 +92,7 @@ unknown-name rendr: no such command; did you mean render?
 bokeh
 unknown-name bokeh: no such command; see 'defocus --help'
 help lenses
-unknown-name lenses: no such topic; topics are conventions, look, depth, …
+unknown-name lenses: no such topic; topics are conventions, look, photo, …
 R --focus 2
 malformed --focus: '2' has no unit; write it with a unit, like 2m or 50mm
 R --fnumber 0

@@ -1,5 +1,7 @@
 """A mixed pixel holds two surfaces, whichever of them its depth names."""
 
+from collections.abc import Callable
+
 import pytest
 import torch
 from torch import Tensor
@@ -88,3 +90,76 @@ def test_a_light_out_of_focus_keeps_its_energy(light: float) -> None:
     for kind in ("centre", "any", "full"):
         seen = render(color, named(kind, coverage, -6.0, 0.0)).render[0]
         assert float(seen.sum() / color[0].sum()) == pytest.approx(1, abs=5e-3), kind
+
+
+def ring() -> Tensor:
+    """Samples of a ring 12 px wide."""
+    y, x = ((torch.arange(FINE * n, dtype=torch.float64) + 0.5) / FINE for n in SIZE)
+    off = ((x - 47.3).square() + (y[:, None] - 36.7).square()).sqrt()
+    return ((off - 21.4).abs() < 6.2).double()
+
+
+def strands() -> Tensor:
+    """Samples of a half of the frame with strands of 1.5 px, 8 px long, at its edge."""
+    y, x = ((torch.arange(FINE * n, dtype=torch.float64) + 0.5) / FINE for n in SIZE)
+    strand = (y[:, None] % 6 < 1.5) & (x < 50)
+    return (strand | (x < 42)).double()
+
+
+def psnr(seen: Tensor, truth: Tensor, coverage: Tensor, reach: float, contrast: float) -> float:
+    """Against the contrast, of pixels within reach of an edge, far from the border of the frame."""
+    side = 2 * round(reach) + 7
+    edge = ((coverage > 1e-3) & (coverage < 0.999)).double()
+    near = max_pool2d(edge[None], side, 1, side // 2)[0] > 0
+    near[:12] = near[-12:] = False
+    error = ((seen - truth) / contrast).square()[near]
+    return float(-10 * (error.mean() + 1e-9).log10())
+
+
+@pytest.mark.parametrize("kind", ["soft", "fat", "thin"])
+@pytest.mark.parametrize("shape", [disc, ring])
+def test_a_matte_is_the_coverage_of_the_silhouette(kind: str, shape: Callable[[], Tensor]) -> None:
+    samples = shape()
+    coverage = blurred(samples, 0)
+    for near, far in (*RADII, (-36.0, 0.0), (0.0, 40.0)):
+        radius = named(kind, coverage, near, far)
+        share = blurred(samples, near)
+        for front, back in (*COLORS.values(), (0.3, 0.36)):
+            color = (coverage * front + (1 - coverage) * back).expand(3, *SIZE)
+            seen = render(color, radius, infinity=100.0, matte=coverage).render[0]
+            truth, reach = share * front + (1 - share) * back, max(far, -near)
+            found = psnr(seen, truth, coverage, reach, abs(front - back))
+            assert found >= 44, (near, far, front, found)
+
+
+@pytest.mark.parametrize("radii", [(0.0, 9.0), (-9.0, 0.0)])
+def test_strands_that_the_depth_lacks_are_of_the_subject_of_the_matte(
+    radii: tuple[float, float],
+) -> None:
+    samples, (near, far) = strands(), radii
+    coverage, share = blurred(samples, 0), blurred(samples, near)
+    radius = torch.where(torch.arange(SIZE[1]) < 42, near, far).double().expand(SIZE)
+    color = (coverage * 0.1 + (1 - coverage) * 0.5).expand(3, *SIZE)
+    truth = share * 0.1 + (1 - share) * 0.5
+    guessed, known = (
+        psnr(render(color, radius, matte=matte).render[0], truth, coverage, 9.0, 0.4)
+        for matte in (None, coverage)
+    )
+    assert known > max(guessed + 6, 35), (guessed, known)
+
+
+@pytest.mark.parametrize("matte", [torch.full(SIZE, 1.5), torch.ones(3, 4), torch.ones(2, *SIZE)])
+def test_what_is_no_matte_of_the_picture_is_refused(matte: Tensor) -> None:
+    with pytest.raises(ValueError, match=r"matte must be .* shaped as the radii"):
+        render(torch.ones(3, *SIZE), torch.zeros(SIZE), matte=matte)
+
+
+def test_a_matte_of_what_is_behind_changes_no_edge_of_what_is_before_it() -> None:
+    coverage = blurred(disc(), 0)
+    radius = named("centre", coverage, -6.0, 6.0)
+    color = (coverage * 0.9 + (1 - coverage) * 0.2).expand(3, *SIZE)
+    plain, behind, own = (
+        render(color, radius, matte=matte).render for matte in (None, 1 - coverage, coverage)
+    )
+    assert torch.equal(render(color, radius, matte=torch.zeros(SIZE)).render, plain)
+    torch.testing.assert_close(behind, own, atol=2e-3, rtol=0)

@@ -7,6 +7,7 @@
   hidden-color, hidden-depth  what lies behind, in the same form
   over-color, over-depth      the plate that elements lie over, in the same form
   holdout-color               deep pictures that hide what is behind them, in the same form
+  matte                       the coverage of the subject of each picture, in the same form
   list                        CSV or JSONL files with a row for each picture
   pictures                    such rows in the jobs file itself: ``[[inputs.pictures]]``
 
@@ -114,7 +115,9 @@ def _malformation(file: Path, line: int, problem: str, remedy: str) -> InputErro
     return InputError("malformed", problem, remedy, path=file, field=f"line {line}")
 
 
-FILES = ("color", "depth", *(f"{role}-{file}" for role in OTHERS for file in ("color", "depth")))
+_COLOR = {role: "matte" if role == "matte" else f"{role}-color" for role in OTHERS}
+_ROLES = (key for role in OTHERS for key in (_COLOR[role], f"{role}-depth"))
+FILES = ("color", "depth", *(key for key in _ROLES if key != "matte-depth"))
 KEYS = (*FILES, "frames", "missing", "list", "pictures")
 ROW_KEYS = (*FILES, "stem")
 _KNOWN = frozenset({*LENS_OPTIONS, *ROW_KEYS})
@@ -159,7 +162,7 @@ class Entry:
         others: dict[str, Any] = {
             role: Picture(other.stem, other, paths.get(f"{role}-depth", other))
             for role in OTHERS
-            if (other := paths.get(f"{role}-color")) is not None
+            if (other := paths.get(_COLOR[role])) is not None
         }
         color = paths["color"]
         return Picture(self.stem, color, paths.get("depth", color), **others)
@@ -216,7 +219,7 @@ def _others(table: Table, paths: Mapping[str, Path]) -> dict[str, tuple[Path, Pa
     """Colour and depth of what belongs to each picture, by role."""
     others = {}
     for role in OTHERS:
-        other = paths.get(f"{role}-color")
+        other = paths.get(_COLOR[role])
         if other is not None:
             others[role] = (other, paths.get(f"{role}-depth"))
         elif f"{role}-depth" in paths:

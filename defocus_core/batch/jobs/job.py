@@ -17,7 +17,7 @@ from defocus_core.io.depth_formats.sidecars import files_beside
 
 DEVICES = ("auto", "cpu", "cuda")
 FRAME_ROLE = "frame"  # of other frames among the inputs
-OTHERS = ("hidden", "over", "holdout")  # pictures that belong to another one
+OTHERS = ("hidden", "over", "holdout", "matte")  # pictures that belong to another one
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +31,7 @@ class Picture:
         hidden: a picture of what lies behind the visible surface, where that is known.
         over: the plate that it lies over, if it is an element.
         holdout: a deep picture that hides what is behind it and shows nothing.
+        matte: a file of the coverage of its subject, twice.
         frame: its number in a shot.
     """
 
@@ -40,11 +41,12 @@ class Picture:
     hidden: Picture | None = None
     over: Picture | None = None
     holdout: Picture | None = None
+    matte: Picture | None = None
     frame: int | None = None
 
     @property
     def others(self) -> dict[str, Picture]:
-        """The pictures of the same scene that belong to it, by role: hidden, over, holdout."""
+        """The pictures of the same scene that belong to it, by role of `OTHERS`."""
         with_role = {role: getattr(self, role) for role in OTHERS}
         return {role: picture for role, picture in with_role.items() if picture is not None}
 

@@ -15,7 +15,7 @@ gave them himself.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -175,21 +175,42 @@ def refuse_contradiction(values: Mapping[str, Any], source: Place) -> None:
             raise UsageProblem("contradiction", problem, "give one of them", path=source.at(one))
 
 
-def refuse_missing(values: Mapping[str, Any], source: Place, lacking: Path | None = None) -> None:
-    """Raise UsageProblem if a required option is missing, from the metadata of a picture, too."""
-    problem = "is missing" if lacking is None else f"is missing, and not in {lacking} either"
+def missing_options(values: Mapping[str, Any]) -> list[str]:
+    """The options that a lens cannot do without and that have no value, nor have others instead."""
     others = dict(ALTERNATIVES)
-    for row in LENS_OPTIONS.values():
-        name, example, other = row.name, row.example, others.get(row.name)
-        if not row.required or name in values or other in values:
-            continue
+    required = (row.name for row in LENS_OPTIONS.values() if row.required)
+    return [name for name in required if name not in values and others.get(name) not in values]
+
+
+def missing_words(lacking: Sequence[str]) -> str:
+    """That the first of some options is missing, and the others are."""
+    others = " and ".join(f"‹{name}›" for name in lacking[1:])
+    return (
+        f"is missing, as {'are' if len(lacking) > 2 else 'is'} {others}" if others else "is missing"
+    )
+
+
+def refuse_missing(values: Mapping[str, Any], source: Place, lacking: Path | None = None) -> None:
+    """Raise UsageProblem if required options are missing, from the metadata of a picture, too."""
+    missing = missing_options(values)
+    if not missing:
+        return
+    problem = missing_words(missing)
+    problem += "" if lacking is None else f", and not in {lacking} either"
+    others, ways = dict(ALTERNATIVES), []
+    for name in missing:
+        example, other = LENS_OPTIONS[name].example, others.get(name)
         if source == CALLER:
-            either = f" or ‹{other}›" if other else ""
-            remedy = f"add ‹{name}› {example}{either}, or a ‹lens› FILE that has it"
+            ways.append(f"‹{name}› {example}" + (f" or ‹{other}›" if other else ""))
         else:
-            either = f" or {other}" if other else ""
-            remedy = f'write {name} = "{example}"{either} below [lens]'
-        raise UsageProblem("missing-option", problem, remedy, path=source.at(name))
+            ways.append(f'{name} = "{example}"' + (f" or {other}" if other else ""))
+    if source == CALLER:
+        remedy = (
+            f"add {', '.join(ways)}, or a ‹lens› FILE that has {'it' if len(ways) < 2 else 'them'}"
+        )
+    else:
+        remedy = f"write {', '.join(ways)} below [lens]"
+    raise UsageProblem("missing-option", problem, remedy, path=source.at(missing[0]))
 
 
 def refuse_unfocused(values: Mapping[str, Any], source: Place) -> None:

@@ -93,7 +93,7 @@ def find_pictures(
     with_text = all(texts_before(path) == texts_before(color) for path in paths)
     colors, pictures = _pair(color, depth, patterns_in, with_text)
     for role, (other_color, other_depth) in others.items():
-        # a plate needs no depth, and a holdout has its own
+        # a plate needs no depth, nor does a matte, and a holdout has its own
         lone = role != "hidden" and other_depth is None
         other_colors, paired = _pair(
             other_color, other_color if lone else other_depth, patterns_in, with_text

@@ -79,9 +79,14 @@ class ShotLenses:
             InputError: the lens file cannot be read.
             UsageProblem: an option is missing, or a value makes no sense.
         """
-        if self.animation.keys or self.metadata or self._is_folder:
+        if self.varies:
             return None
         return make_lens(self.flags, self.file, radii=self.radii)
+
+    @property
+    def varies(self) -> bool:
+        """Whether each picture may have another lens."""
+        return bool(self.animation.keys) or self.metadata or self._is_folder
 
     @property
     def _is_folder(self) -> bool:

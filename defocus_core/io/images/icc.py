@@ -23,6 +23,7 @@ _HEAD = 128  # bytes
 _MAX_TAGS = 200
 _PARAMETERS = (1, 3, 4, 5, 7)  # numbers of each type of parametric curve
 _SAMPLES = 4096  # of a curve: floats between them are interpolated
+_ROOTS = 1 << 16  # steps of the square root of light, near which samples of all curves are even
 
 
 @dataclass(frozen=True)
@@ -51,13 +52,16 @@ class Profile:
         return np.stack(light, axis=-1)
 
     def samples(self, light: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The samples 0…1 of linear light [H, W, 3], whose curves never fall."""
-        steps = np.linspace(0, 1, _SAMPLES)
-        return np.stack(
-            [np.interp(light[..., c], curve, steps) for c, curve in enumerate(self.curves)],
-            axis=-1,
-            dtype=np.float32,
-        )
+        """The samples 0…1 of linear light [H, W, 3], whose curves never fall; NaN is black."""
+        place = np.fmin(np.fmax(light, np.float32(0)), np.float32(1))
+        place = np.sqrt(place, dtype=np.float32) * np.float32(_ROOTS)
+        index = place.astype(np.int32)
+        place -= index
+        samples = np.empty_like(place)
+        for c, table in enumerate(_inverses(self)):
+            below, above = (table.take(index[..., c] + step) for step in (0, 1))
+            samples[..., c] = below + place[..., c] * (above - below)
+        return samples
 
 
 class Embedded(NamedTuple):
@@ -71,6 +75,14 @@ class Embedded(NamedTuple):
 def _tables(profile: Profile, bits: int) -> list[NDArray[np.float32]]:
     values, steps = np.linspace(0, 1, 2**bits), np.linspace(0, 1, _SAMPLES)
     return [np.interp(values, steps, curve).astype(np.float32) for curve in profile.curves]
+
+
+@cache
+def _inverses(profile: Profile) -> list[NDArray[np.float32]]:
+    """Samples of each channel at even steps of the square root of light, with one more."""
+    steps = np.linspace(0, 1, _SAMPLES)
+    light = np.minimum(np.arange(_ROOTS + 2) / _ROOTS, 1) ** 2
+    return [np.interp(light, curve, steps).astype(np.float32) for curve in profile.curves]
 
 
 def read_profile(data: bytes) -> Profile | None:

@@ -19,7 +19,7 @@ def scene(surfaces: Surfaces) -> Surfaces:
     from defocus_core.renderer.breathing import breathed
 
     take, ((color,), (radii,)) = surfaces.take, (surfaces.colors, surfaces.radii)
-    if take.inputs.layers is not None or surfaces.knows_hidden:
+    if take.inputs.layers or surfaces.knows_hidden or take.inputs.matte is not None:
         problem = "moves one picture with its depth, not layers"
         raise UsageProblem("unsupported", problem, "leave it out", field="breathing")
     planes = torch.from_numpy(np.stack([plane[:] for plane in color.planes]))

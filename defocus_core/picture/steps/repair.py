@@ -24,6 +24,7 @@ def scene(surfaces: Surfaces) -> Surfaces:
             longer=longer,
             decided=decided,
             hold=surfaces.holds,
+            matte=surfaces.matte,
         )
         for color, radii in zip(surfaces.colors, surfaces.radii, strict=True)
     ]

@@ -68,6 +68,12 @@ def _has_tolerance(take: Any) -> bool:
     return take.job.machine.tolerance is not None
 
 
+def _has_matte(surfaces: Any) -> bool:
+    """Whether the coverage of the subject counts: layers have their own."""
+    inputs = surfaces.take.inputs
+    return inputs.matte is not None and inputs.layers is None
+
+
 def _has_apart(passes: Any) -> bool:
     """Whether colours are in focus apart, or halves lie above one another."""
     lens, rows = passes.take.lens, passes.take.job.outputs.rows
@@ -102,6 +108,7 @@ STEPS = (
     Step("pair", "resizing", "depth has the size of the colour", lambda p: p.differs),
     Step("pair", "alpha", "an element is empty somewhere", lambda p: p.color.alpha is not None),
     Step("read", "plate", "a plate lies below", lambda t: t.job.picture.over),
+    Step("read", "matte", "its subject is cut out", lambda t: t.job.picture.matte is not None),
     Step("read", "deep", "samples lie behind each other", _is_deep),
     Step("read", "hidden", "a file has what is hidden", _has_hidden),
     # The lens and its radii.
@@ -117,6 +124,7 @@ STEPS = (
     # The scene, and how often it is rendered.
     Step("scene", "breathing", "blur is drawn outwards", lambda s: s.take.lens.breathing),
     Step("scene", "layers", "layers are stacked", lambda s: s.take.inputs.layers),
+    Step("scene", "matte", "its subject has a coverage", _has_matte),
     Step("scene", "repair", "depth is repaired", lambda s: s.is_repaired),
     Step("scene", "lamps", "lamps get back their light", lambda s: s.take.lens.highlights),
     Step("scene", "hidden", "what is hidden is known", lambda s: s.knows_hidden),

@@ -120,7 +120,11 @@ class Region:
         frame = self._frame
         unmixes = frame.content.edges and frame.quality.unmixes
         limit = frame.content.limit
-        shown = unmixed(pixels, signed_radius, limit) if unmixes else whole(pixels, signed_radius)
+        shown = whole(pixels, signed_radius)
+        if unmixes:
+            matte = self._scene.matte
+            matte = None if matte is None else outer.of(matte).to(signed_radius)
+            shown = unmixed(pixels, signed_radius, limit, matte)
         if frame.content.highlights:
             shown, highlights = split(shown, signed_radius, limit)
             return shown, signed_radius, highlights

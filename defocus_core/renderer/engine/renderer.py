@@ -81,6 +81,7 @@ class Renderer:
     def _prepare(self, scene: Scene, settings: Settings, *, hold: bool) -> None:
         threads, quality = settings.threads, find(settings.quality)
         signed_radius, layered, hidden = scene.signed_radius, scene.layered, scene.hidden
+        matte = scene.matte
         self.size = signed_radius.shape[-2], signed_radius.shape[-1]
         self.repair = scene.repair or DepthRepair()
         if settings.repair.on and layered is None and scene.repair is None:
@@ -92,6 +93,7 @@ class Renderer:
                 hold=hold,
                 options=settings.repair,
                 decided=settings.decided,
+                matte=scene.matte,
             )
         image, in_px = scene.image, signed_radius
         if layered is not None:
@@ -104,6 +106,7 @@ class Renderer:
             image = coarse(means, scene.image)
             signed_radius = coarse(coarse_radii, in_px, scene.image)
             hidden = hidden and hidden_at_half_size(hidden, threads, hold=hold)
+            matte = None if matte is None else coarse(means, matte)
         counted, self.reaching, border = image, signed_radius, None
         if layered is not None:
             counted = image[:-1] if isinstance(image, Tensor) else layered.picture(alpha=False)
@@ -129,7 +132,7 @@ class Renderer:
             self._enlarging = Enlarging(self.frame, image, scene.image, in_px)
             image = self._enlarging.coarse
         self.scene = replace(
-            scene, image=image, signed_radius=signed_radius, hidden=hidden, fill=fill
+            scene, image=image, signed_radius=signed_radius, hidden=hidden, fill=fill, matte=matte
         )
 
     def _content(
@@ -245,6 +248,7 @@ def repaired_once(scene: Scene, settings: Settings) -> Scene:
         depth_repair=settings.depth_repair,
         edge_width=settings.edge_width,
         decided=settings.decided,
+        matte=scene.matte,
     )
     return replace(scene, signed_radius=radius, repair=repair)
 

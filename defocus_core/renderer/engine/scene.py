@@ -33,6 +33,7 @@ class Scene:
     # The layers of which `image`, with alpha, is the `picture` in focus and `signed_radius` the
     # `nearest` radius; their views have alpha, too
     layered: Layered | None = None
+    matte: Pixels | None = None  # [H, W], the coverage of a subject; None if it is not known
     # What is continued for all colours of which these are some; None if it is not shared
     fill: FillOfColors | None = None
     # The repair by which the radii were made; None if they are to be repaired
@@ -53,6 +54,11 @@ class Scene:
             dtype = getattr(self, name).dtype
             if not (isinstance(dtype, torch.dtype) and dtype.is_floating_point):
                 raise ValueError(f"{name} must be of floats of torch, got {dtype}; {_DECODE}")
+        if self.matte is not None and tuple(self.matte.shape) != size:
+            raise ValueError(
+                f"matte must be of the size of the picture {size}, got {tuple(self.matte.shape)}; "
+                "resample it"
+            )
         if self.hidden is not None:
             check_hidden(self.hidden, shape, size)
 
@@ -92,7 +98,11 @@ class Scene:
     @property
     def tensors(self) -> list[Tensor]:
         """All that is in memory."""
-        every = (self.image, self.signed_radius, *(self.hidden or ()), *(self.layered or ()))
+        every = (
+            *(self.image, self.signed_radius, self.matte),
+            *(self.hidden or ()),
+            *(self.layered or ()),
+        )
         return [x for x in every if isinstance(x, Tensor)]
 
     def of_colors(
@@ -135,7 +145,8 @@ class Scene:
             color, radius, mask = map(transposed, hidden)
             hidden = color, radius, mask
         image, radius = transposed(self.image), transposed(self.signed_radius)
-        return replace(self, image=image, signed_radius=radius, hidden=hidden)
+        matte = None if self.matte is None else transposed(self.matte)
+        return replace(self, image=image, signed_radius=radius, hidden=hidden, matte=matte)
 
 
 def check_hidden(hidden: object, shape: tuple[int, ...], size: tuple[int, ...]) -> None:

@@ -1,28 +1,19 @@
-"""The HTML file of a report: a template filled with items, and payloads after them.
-
-Nothing is loaded: the style, the script and all pictures are in the file. What comes from names of
-files is escaped, and the browser runs no script but ours (by its hash, Content-Security-Policy).
-"""
+"""The HTML file of a report: a template filled with items, and payloads after them."""
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import json
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from defocus_core.errors import printable, with_dashes
-from defocus_core.io.safe_files import written_whole
+from defocus_core.errors import printable
 from defocus_core.reports.html import thumbnails
 from defocus_core.reports.html.budget import fitted
 from defocus_core.reports.html.item import Column, Item, Layer, Report
 from defocus_core.reports.html.layers import DIFFERENCE, B
-from defocus_core.reports.replaceable import refuse_other
+from defocus_core.reports.html.template import Payloads, write_page
 from defocus_core.system.text import counted
 
 _KEYS = (
@@ -46,23 +37,16 @@ _TONES = {"same": "good", "done": "good", "ok": "good", "warning": "fair"}
 
 def write_report(path: Path, report: Report) -> None:
     """Write the HTML file of a report, whole or not at all."""
-    import jinja2
-
     items = fitted(report.items)
-    payloads = _Payloads()
+    payloads = Payloads()
     drawn = [_item(item, payloads) for item in items]
-    folder = files("defocus_core.reports.html") / "templates"
-    style, script = ((folder / f"report.{kind}").read_text("utf-8") for kind in ("css", "js"))
-    environment = jinja2.Environment(
-        autoescape=True,
-        trim_blocks=True,
-        undefined=jinja2.StrictUndefined,
-        keep_trailing_newline=True,
-    )
-    template = environment.from_string((folder / "report.html").read_text("utf-8"))
-    safe = environment.filters["safe"]
     counts = Counter(item.status for item in items)
-    parts = template.generate(
+    write_page(
+        path,
+        "report",
+        data={"items": drawn, **_constants()},
+        payloads=payloads,
+        title=printable(report.title),
         report=_printed(report, items),
         counts=sorted(counts.items(), key=lambda each: _first(items, each[0])),
         tones={item.status: _TONES.get(item.status, "bad") for item in items},
@@ -70,17 +54,7 @@ def write_report(path: Path, report: Report) -> None:
         pictures=[list(_row_pictures(item)) for item in drawn],
         numbers=_number,
         keys=_KEYS,
-        style=safe(style),
-        style_hash=_hash(style),
-        script=safe(script),
-        script_hash=_hash(script),
-        data=safe(_in_script({"items": drawn, **_constants()})),
-        payloads=payloads.texts.items(),
     )
-    refuse_other(path, "html")
-    with written_whole(path) as file:
-        for part in parts:
-            file.write(with_dashes(part).encode("utf-8", "replace"))
 
 
 def _printed(report: Report, items: Sequence[Item]) -> dict[str, Any]:
@@ -105,7 +79,6 @@ def _printed(report: Report, items: Sequence[Item]) -> dict[str, Any]:
         for item in items
     ]
     return {
-        "title": printable(report.title),
         "words": words,
         "columns": report.columns,
         "tables": [
@@ -120,22 +93,7 @@ def _printed(report: Report, items: Sequence[Item]) -> dict[str, Any]:
     }
 
 
-class _Payloads:
-    """Base64 of pictures and values by the name of its element."""
-
-    def __init__(self) -> None:
-        self.texts: dict[str, str] = {}
-
-    def add(self, data: bytes) -> str:
-        """The name of the element with some bytes; empty if there are none."""
-        if not data:
-            return ""
-        name = f"p{len(self.texts)}"
-        self.texts[name] = base64.b64encode(data).decode("ascii")
-        return name
-
-
-def _item(item: Item, payloads: _Payloads) -> dict[str, Any]:
+def _item(item: Item, payloads: Payloads) -> dict[str, Any]:
     """An item as the script has it."""
     layers = [_layer(layer, payloads) for layer in item.layers]
     return {
@@ -155,7 +113,7 @@ def _item(item: Item, payloads: _Payloads) -> dict[str, Any]:
     }
 
 
-def _layer(layer: Layer, payloads: _Payloads) -> dict[str, Any]:
+def _layer(layer: Layer, payloads: Payloads) -> dict[str, Any]:
     values = layer.halves
     return {
         "key": layer.key,
@@ -216,14 +174,3 @@ def _plain(value: float) -> float | str:
 
 def _first(items: Sequence[Item], status: str) -> int:
     return next(n for n, item in enumerate(items) if item.status == status)
-
-
-def _in_script(value: object) -> str:
-    """JSON that cannot end the element it stands in."""
-    text = json.dumps(value, allow_nan=False, separators=(",", ":"))  # ASCII alone
-    text = with_dashes(text.replace("\\u2039", "‹").replace("\\u203a", "›"))
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
-
-
-def _hash(text: str) -> str:
-    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

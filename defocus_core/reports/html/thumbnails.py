@@ -51,7 +51,7 @@ def of_map(plane: NDArray[Any], value_range: tuple[float, float], side: int = SI
     with np.errstate(all="ignore"):  # NaN, infinity, numbers beyond single precision
         share = (np.asarray(plane, np.float64) - low) / ((high - low) or 1.0)
         values = reduced(share.astype(np.float32)[:, :, None], side)
-    return _encoded(quantised(values, 8), "png")
+    return encoded(quantised(values, 8), "png")
 
 
 def of_difference(greatest: NDArray[Any], full: float, side: int = SIDE) -> bytes:
@@ -100,10 +100,11 @@ def reduced(values: NDArray[Any], side: int, *, worst: bool = False) -> NDArray[
 
 
 def _jpeg(samples: NDArray[np.uint8]) -> bytes:
-    return _encoded(samples, "jpeg", {"Compression": f"jpeg:{_QUALITY}"})
+    return encoded(samples, "jpeg", {"Compression": f"jpeg:{_QUALITY}"})
 
 
-def _encoded(samples: NDArray[Any], codec: str, settings: dict[str, Any] | None = None) -> bytes:
+def encoded(samples: NDArray[Any], codec: str, settings: dict[str, Any] | None = None) -> bytes:
+    """The file of samples [H, W, C]."""
     size = (samples.shape[0], samples.shape[1])
     path = Path(f"thumbnail.{codec}")
     with encoded_samples(path, size, [samples], codec, settings or {}) as memory:

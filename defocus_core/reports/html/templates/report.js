@@ -1,15 +1,8 @@
 // The report: a table to sort and filter, and a viewer of the values of pictures (WebGL 2).
-"use strict";
 (() => {
-const $ = id => document.getElementById(id);
 const { items, heats, signed, nonfinite } = JSON.parse($("data").textContent);
 const body = document.querySelector("#rows tbody");
 const rows = [...body.rows];
-const loaded = new Promise(done => {
-  if (document.readyState !== "loading") done();
-  else document.addEventListener("DOMContentLoaded", done);
-});
-
 // What is shown, and how; it stays while items change. Place and zoom are in px of the picture.
 const view = {
   item: -1, order: items.map((_, n) => n), mode: "slider", shown: "slider", wiggling: false, first: "", second: "",
@@ -20,24 +13,6 @@ let film = 0, flickering = 0;
 const item = () => items[view.item];
 const layerOf = key => item() && item().layers.find(layer => layer.key === key);
 const pictured = () => item() ? item().layers.filter(layer => layer.key !== "difference") : [];
-
-// ---- payloads: base64 in elements at the end of the file
-
-async function textOf(name) {
-  if (!$(name) || !$(name).nextElementSibling) await loaded; // or a part of it may be there
-  return $(name).textContent;
-}
-
-async function bytesOf(name) {
-  const text = atob(await textOf(name)), bytes = new Uint8Array(text.length);
-  for (let n = 0; n < text.length; n++) bytes[n] = text.charCodeAt(n);
-  return bytes;
-}
-
-const addressOf = async name => {
-  const text = await textOf(name);
-  return `data:image/${text.startsWith("iVBOR") ? "png" : "jpeg"};base64,${text}`;
-};
 
 async function inflated(packed, size) {
   const stream = new DecompressionStream("deflate"), writer = stream.writable.getWriter();
@@ -432,8 +407,6 @@ function position() {
   $("position").textContent = frame ? `${place} · frame ${frame[1]}` : place;
 }
 
-const tell = words => { $("news").textContent = words; };
-
 function details() {
   const { words, status, facts, commands, metrics, facets } = item();
   const terms = [...facts, ...Object.entries(facets)];
@@ -444,30 +417,8 @@ function details() {
     what.textContent = text;
     list.append(name, what);
   }
-  const lines = commands.map(([title, line]) => {
-    const box = document.createElement("div"), label = document.createElement("span");
-    const code = document.createElement("code"), copy = document.createElement("button");
-    box.className = "command";
-    label.textContent = title;
-    code.textContent = line;
-    copy.type = "button";
-    copy.textContent = "Copy";
-    copy.setAttribute("aria-label", `Copy: ${title}`);
-    copy.onclick = () => copied(code, copy);
-    box.append(label, code, copy);
-    return box;
-  });
+  const lines = commands.map(([title, line]) => commandLine(title, line));
   $("details").replaceChildren(...lines, list);
-}
-
-async function copied(code, button) {
-  try {
-    await navigator.clipboard.writeText(code.textContent);
-    button.textContent = "Copied";
-    setTimeout(() => { button.textContent = "Copy"; }, 1500);
-  } catch {
-    getSelection().selectAllChildren(code); // to be copied by hand
-  }
 }
 
 function hasDifference() {

@@ -197,6 +197,21 @@ def test_each_kind_of_curve(curve: bytes, light: Any) -> None:
     np.testing.assert_allclose(found.curves[0], light, atol=5e-5)
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize(
+    "curve", [parametric(0, 1.0), parametric(0, 2.4), parametric(3, *SRGB_CURVE)]
+)
+def test_every_number_of_a_profile_comes_back(curve: bytes, dtype: Any) -> None:
+    found = read_profile(profile(WIDE["Adobe RGB"], curve))
+    assert found is not None
+    top = np.iinfo(dtype).max
+    numbers = np.arange(top + 1, dtype=dtype)[None, :, None].repeat(3, 2)
+    back = found.samples(found.light(numbers)) * top
+    assert np.array_equal(np.rint(back), numbers)
+    beyond = np.array([[[-1, np.nan, np.inf]]], np.float32)
+    assert found.samples(beyond).tolist() == [[[0, 0, 1]]]
+
+
 def test_what_is_no_profile_of_curves_is_none() -> None:
     whole = profile(WIDE["Adobe RGB"], parametric(0, 2.2))
     assert read_profile(whole) is not None

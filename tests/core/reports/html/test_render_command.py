@@ -11,7 +11,7 @@ from defocus_core.batch.jobs.lens_from_options import lens_of
 from defocus_core.batch.journal.identity import settings
 from defocus_core.batch.lenses.lens import lens_record
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS
-from defocus_core.reports.html.batches import render_command
+from defocus_core.reports.html.render_command import render_command
 
 LENS = {
     "focal-length": "51.2345678901mm",

@@ -1,0 +1,67 @@
+"""``defocus choose``: a page to choose focus and blur on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from defocus_cli.options import shared
+from defocus_cli.options.reading import reading_options
+from defocus_cli.options.shot import shot_lens_options
+from defocus_cli.options.types import FilePath, GroupedCommand, ReportPath, grouped_option
+from defocus_cli.words import console
+from defocus_cli.words.batch import tile_bar
+from defocus_core.batch.jobs.job import Machine, Reading
+from defocus_core.batch.jobs.pairing import find_pictures
+from defocus_core.batch.jobs.shot_lenses import ShotLenses
+from defocus_core.errors import UsageProblem
+from defocus_core.picture.subject import completed
+from defocus_core.reports.html.focus_choice import write_choice
+
+
+@click.command("choose", cls=GroupedCommand)
+@click.argument("color", type=FilePath())
+@click.argument("depth", type=FilePath(), required=False)
+@grouped_option(
+    "Output",
+    "-o",
+    "--out",
+    type=ReportPath("html"),
+    required=True,
+    metavar="FILE.html",
+    help="The page to write; an earlier one is replaced.",
+)
+@shot_lens_options(required=True)
+@reading_options
+@shared.machine_options
+@shared.verbose_option
+def command(
+    color: Path,
+    depth: Path | None,
+    out: Path,
+    lenses: ShotLenses,
+    reading: Reading,
+    machine: Machine,
+    verbose: bool,
+) -> None:
+    """Write a page to choose focus and blur on, for a browser: one file, which loads nothing.
+
+    A click puts in focus what is there, a slider changes the blur, and below the picture stands
+    the command that renders it. The pictures of the page are small drafts, of 8 distances in focus
+    and 4 strengths, and it shows the nearest. Without a lens, depth is relative, as for 'render'.
+
+    \b
+    Examples:
+      defocus choose photo.jpg depth.png -o choose.html
+      defocus choose rgb.exr depth.exr -o choose.html --lens @portrait-85 --focus 2m
+    """  # noqa: D301  click reads the backspace
+    pictures = find_pictures(color, depth)
+    if len(pictures) > 1:
+        problem = f"holds {len(pictures)} pictures, and the page is of one"
+        raise UsageProblem("contradiction", problem, "name one file", path=color)
+    typed = click.get_current_context().meta["typed"]
+    lens, _ = completed(lenses, pictures, reading, typed).of(pictures[0])
+    with tile_bar("picture") as progress:
+        write_choice(pictures[0], lens, reading, out, machine, progress)
+    console.stdout(f"{out}: a page to choose on, for a browser")

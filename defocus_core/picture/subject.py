@@ -1,0 +1,178 @@
+"""The subject of a picture: what is in focus, and how blurred the rest is, where nobody says it.
+
+A lone picture whose depth is relative needs no lens: its most blurred pixel gets `SHARE_OF_SIDE` of
+the longer side, and its subject is in focus. Where depth is in metres, a lens is asked for, in one
+error with a command that runs. Batches never guess.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from defocus_core.batch.jobs.job import Picture, Reading, reading_through
+from defocus_core.batch.jobs.lens_from_options import (
+    lens_of,
+    missing_options,
+    missing_words,
+    read_lens_file,
+)
+from defocus_core.batch.jobs.shot_lenses import ShotLenses
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.lenses.parameters import BESIDE_BLUR, LENS_OPTIONS
+from defocus_core.errors import UsageProblem
+from defocus_core.io.depth_formats.depth import Depth, read_depth
+from defocus_core.io.depth_formats.photo_depth import sharp_original
+from defocus_core.io.depth_formats.relative import is_relative
+from defocus_core.io.exr.header import is_exr
+from defocus_core.io.images.describe import describe
+from defocus_core.io.images.raster import read_pages
+from defocus_core.io.safe_files import read_head
+from defocus_core.system.log import note
+from defocus_core.system.shell import command_line
+
+SHARE_OF_SIDE = 0.02  # radius of the most blurred pixel, of the longer side
+# A surface takes such a share of the middle half of the picture, and such a share of the disparity
+# there: of six such surfaces one takes a sixth, so that there always is one.
+_LEAST_SHARE, _THICKNESS = 0.08, 1 / 6
+_LOOKED_AT = 1 << 18  # pixels of the middle half
+_UNFOCUSED = ("focus-at", "focus-value", "sharp-range")
+_LENS = Lens(85.0, 1.4, None)  # @portrait-85
+
+
+class FoundPixel(NamedTuple):
+    """A pixel of what is in focus, and the size of the map that it is counted in."""
+
+    x: int
+    y: int
+    size: tuple[int, int]
+
+    def within(self, size: tuple[int, int]) -> tuple[int, int]:
+        """The same place in a picture of a width and a height."""
+        x, y = (
+            int((place + 0.5) * wanted / own)
+            for place, wanted, own in zip(self[:2], size, self.size, strict=True)
+        )
+        return x, y
+
+
+def subject_of(depth: Depth) -> FoundPixel:
+    """The nearest surface that takes 8 % of the middle half of a picture.
+
+    The middle half is that of the width and of the height. A surface is what lies within a sixth of
+    the disparities there; the pixel is one of its median disparity, next to its middle.
+    """
+    width, height = depth.size
+    rows, columns = (slice(length // 4, max(length - length // 4, 1)) for length in (height, width))
+    step = math.isqrt((width * height // 4) // _LOOKED_AT) + 1
+    numbers = np.asarray(depth.metres[rows][::step, columns][:, ::step], np.float64)
+    if depth.is_relative:
+        disparity = -numbers if depth.inverted else numbers
+    else:
+        with np.errstate(divide="ignore"):
+            disparity = np.where(numbers > 0, 1 / numbers, np.nan)
+    down, across = np.nonzero(np.isfinite(disparity))
+    if not len(down):
+        return FoundPixel(width // 2, height // 2, depth.size)
+    disparity = disparity[down, across]
+    nearest_first = -np.sort(-disparity)
+    thickness = _THICKNESS * (nearest_first[0] - nearest_first[-1])
+    ends = np.searchsorted(-nearest_first, thickness - nearest_first, side="right")
+    first = int(np.argmax(ends - np.arange(len(ends)) >= _LEAST_SHARE * len(ends)))
+    surface = nearest_first[first : ends[first]]
+    own = (disparity <= surface[0]) & (disparity >= surface[-1])
+    off = np.where(own, np.abs(disparity - np.median(surface)), np.inf)
+    alike = np.nonzero(off == off.min())[0]
+    away = np.hypot(*(place[alike] - place[own].mean() for place in (down, across)))
+    best = alike[np.argmin(away)]
+    x, y = columns.start + int(across[best]) * step, rows.start + int(down[best]) * step
+    return FoundPixel(x, y, depth.size)
+
+
+def completed(
+    lenses: ShotLenses, pictures: Sequence[Picture], reading: Reading, typed: Sequence[str]
+) -> ShotLenses:
+    """The lenses with blur and focus of a lone picture whose depth is relative, which a note says.
+
+    Args:
+        lenses: as they were asked for.
+        pictures: all that are to be rendered.
+        reading: what is said of the depth.
+        typed: the words of the command, which an error completes.
+
+    Raises:
+        UsageProblem: the depth needs a lens, of which something is missing.
+        InputError: the depth cannot be read.
+    """
+    if len(pictures) != 1 or pictures[0].frame is not None or lenses.varies or lenses.radii:
+        return lenses
+    picture = pictures[0]
+    stored = {} if lenses.file is None else read_lens_file(lenses.file)
+    given = {**stored, **lenses.flags}
+    if given.keys() <= BESIDE_BLUR and ("blur" in given or is_relative(picture.depth, reading)):
+        taken = _of_relative(picture, reading, given)
+        if not taken:
+            return lenses
+        words = " ".join(f"‹{name}› {LENS_OPTIONS[name].text(v)}" for name, v in taken.items())
+        near = "" if reading.invert else "; if black is near, add ‹invert›"
+        note(f"defocus: {picture.depth}: relative depth, taken with {words}{near}")
+        return replace(lenses, flags={**lenses.flags, **taken})
+    if lacking := missing_options(given):
+        raise _incomplete(picture, reading, lacking, typed, has_file=lenses.file is not None)
+    return lenses
+
+
+def _of_relative(picture: Picture, reading: Reading, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Blur and focus, as far as they are not given."""
+    size = size_of(picture)
+    taken: dict[str, Any] = {}
+    if "blur" not in given:
+        taken["blur"] = float(max(1, round(SHARE_OF_SIDE * max(size))))
+    if not given.keys() & set(_UNFOCUSED):
+        lens = lens_of({"blur": taken.get("blur", 1.0)})
+        depth = _depth_alone(picture, reading_through(reading, lens))
+        taken["focus-at"] = subject_of(depth).within(size)
+    return taken
+
+
+def _incomplete(
+    picture: Picture, reading: Reading, lacking: list[str], typed: Sequence[str], *, has_file: bool
+) -> UsageProblem:
+    """The error for a lens of which options are missing, with a command that has them."""
+    words = list(typed)
+    optics = [name for name in lacking if name != "focus"]
+    if optics and not has_file:
+        words += ["--lens", "@portrait-85"]
+    else:
+        words += [word for name in optics for word in (f"--{name}", LENS_OPTIONS[name].example)]
+    if "focus" in lacking:
+        subject = subject_of(_depth_alone(picture, reading))
+        words += ["--focus-at", LENS_OPTIONS["focus-at"].text(subject.within(size_of(picture)))]
+    problem, remedy = missing_words(lacking), f"run: {command_line(words)}"
+    return UsageProblem("missing-option", problem, remedy, field=lacking[0])
+
+
+def _depth_alone(picture: Picture, reading: Reading) -> Depth:
+    """The depth of a picture at its own size."""
+    is_turned = reading.turn_depth is not None and not is_exr(read_head(picture.color))
+    return read_depth(
+        picture.depth,
+        reading,
+        lens_focal=_LENS.foclen / _LENS.sensor_width,
+        orientation=read_pages(picture.color)[0].orientation if is_turned else 1,
+    )
+
+
+def size_of(picture: Picture) -> tuple[int, int]:
+    """Width and height of the picture that is rendered, by its header."""
+    if picture.color != picture.depth:
+        info = describe(picture.color)
+    else:
+        with sharp_original(picture.color) as sharp:
+            info = describe(Path(sharp))
+    return info.width, info.height

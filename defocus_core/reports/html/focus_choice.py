@@ -1,0 +1,262 @@
+"""A page to choose focus and blur on: pictures rendered beforehand, small, and the command of each.
+
+They are of `_FOCUSES` distances, where the depth has mass, by `_STRENGTHS` strengths of blur. The
+page shows the one nearest to what is chosen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.batch.journal.identity import settings
+from defocus_core.batch.lenses.lens import Lens, lens_record
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS
+from defocus_core.errors import InputError, printable
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.exr.windows import NO_OVERSCAN
+from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.encode import display_encoded, srgb_matrix
+from defocus_core.picture.memory_budget import holding
+from defocus_core.picture.pair import InputPair, read
+from defocus_core.picture.plain_path import compute, load
+from defocus_core.picture.subject import subject_of
+from defocus_core.picture.take import Inputs
+from defocus_core.reports.html.render_command import render_words
+from defocus_core.reports.html.template import Payloads, write_page
+from defocus_core.reports.html.thumbnails import encoded
+from defocus_core.reports.replaceable import refuse_other
+from defocus_core.system.shell import command_line
+
+Progress = Callable[[int, int], None]
+_FOCUSES = 8
+_STRENGTHS = (0.25, 0.5, 1.0, 2.0)  # of the blur that is asked for
+_ASKED = _STRENGTHS.index(1.0)
+_PIXELS, _WIDEST = 420_000, 1000  # of a picture, and px of its width
+_QUALITIES = (85, 70, 50, 25)  # of JPEG: the first of which all pictures have room
+_ROOM = 9_500_000  # bytes of all pictures: in base64, with the page, less than 15 MB
+_TOP = 65535  # of the numbers of the map
+_BINS = 256
+_MM_PER_M = 1000.0
+_KEYS = (
+    ("← →", "focus nearer or farther"),
+    ("↑ ↓", "more or less blur"),
+    ("c", "copy the command"),
+    ("?", "this help"),
+)
+
+
+class _Small(NamedTuple):
+    """A picture reduced to the size of the page.
+
+    Attributes:
+        inputs: its colour and depth.
+        scale: its width by that of the picture.
+        disparity: [H, W] numbers of relative depth, or 1/m; greater is nearer, but where black is.
+    """
+
+    inputs: Inputs
+    scale: float
+    disparity: NDArray[np.float64]
+
+
+def write_choice(
+    picture: Picture,
+    lens: Lens,
+    reading: Reading,
+    path: Path,
+    machine: Machine,
+    progress: Progress | None = None,
+) -> None:
+    """Write the page of a picture.
+
+    Args:
+        picture: its files.
+        lens: the lens; its focus is that which is shown first.
+        reading: what is said of the files.
+        path: the HTML file.
+        machine: how to compute; its quality is a draft's.
+        progress: called with pictures done, and in all.
+
+    Raises:
+        InputError: a file cannot be read or written, or is no picture of a lens.
+        UsageProblem: an option makes no sense for the picture.
+    """
+    refuse_other(path, "html")
+    load()
+    job = Job(picture, lens, reading, Outputs(Path()), replace(machine, quality="draft"))
+    color, depth = read(InputPair(picture, job.reading, lens_focal=job.lens_focal))
+    if depth.is_radius and not depth.is_relative:
+        problem, remedy = "holds radii, by which the focus is chosen already", "give depth"
+        raise InputError("radii", problem, remedy, path=depth.path)
+    small = _reduced(job, color, depth)
+    focuses, strengths = focuses_of(small.disparity), _strengths(lens)
+    jobs = [
+        [replace(job, lens=_at(strength, focus, small.scale)) for strength in strengths]
+        for focus in focuses
+    ]
+    shown = []
+    for row in jobs:
+        for each in row:
+            shown.append(_samples(compute(each, small.inputs).images["render"], small.inputs.color))
+            if progress:
+                progress(len(shown), len(focuses) * len(strengths))
+    payloads = Payloads()
+    names = [payloads.add(data) for data in _within_room(shown)]
+    low, high = float(small.disparity.min()), float(small.disparity.max())
+    share = (small.disparity - low) / ((high - low) or 1.0)
+    chosen = _first_place(lens, depth)
+    data = {
+        "size": depth.size,
+        "map": payloads.add(_map(np.round(share * _TOP).astype(np.uint16))),
+        "ends": [low, high],
+        "metric": not depth.is_relative,
+        "focuses": [{"value": value, "place": _place_of(small, value)} for value in focuses],
+        "strengths": [_strength_words(each) for each in strengths],
+        "names": [names[n : n + len(strengths)] for n in range(0, len(names), len(strengths))],
+        "place": chosen,
+        "strength": _ASKED,
+        "near": -1 if depth.inverted else 1,
+        "command": _command(job, small.inputs.color),
+    }
+    title = f"Focus and blur of {printable(picture.color.name)}"
+    write_page(path, "choose", data=data, payloads=payloads, title=title, keys=_KEYS)
+
+
+def focuses_of(disparity: NDArray[np.float64]) -> list[float]:
+    """The disparities of the pictures, ascending: at most `_FOCUSES`, each one that is there.
+
+    They lie as densely as the cube root of the pixels, which makes the mean square of the distance
+    to the nearest one least (Panter and Dite 1951).
+    """
+    low, high = float(disparity.min()), float(disparity.max())
+    if low == high:
+        return [low]
+    counts, edges = np.histogram(disparity, _BINS, (low, high))
+    weight = np.concatenate([[0.0], np.cumsum(np.cbrt(counts))])
+    ends = np.interp(np.linspace(0, weight[-1], _FOCUSES + 1), weight, edges)
+    values = np.sort(disparity, axis=None)
+    starts = np.searchsorted(values, ends)
+    starts[-1] = len(values)
+    pairs = pairwise(starts)
+    return sorted({float(values[(a + b) // 2]) for a, b in pairs if b > a})
+
+
+def _strengths(lens: Lens) -> list[Lens]:
+    """The lens with each strength, of a number that a command says."""
+    if lens.blur is not None:
+        blurs = (float(f"{lens.blur * factor:.3g}") for factor in _STRENGTHS)
+        return [replace(lens, blur=blur) for blur in blurs]
+    numbers = (float(f"{lens.fnum / factor:.3g}") for factor in _STRENGTHS)
+    return [replace(lens, fnum=number) for number in numbers]
+
+
+def _at(lens: Lens, disparity: float, scale: float) -> Lens:
+    """The lens with a disparity in focus, in front of a picture of another size."""
+    lens = replace(lens, focus_at=None, focus_percentile=None)
+    clamp = None if lens.clamp_blur is None else lens.clamp_blur * scale
+    if lens.blur is not None:
+        return replace(lens, blur=lens.blur * scale, clamp_blur=clamp, focus_value=disparity)
+    distance = _MM_PER_M / disparity if disparity else math.inf
+    return replace(lens, clamp_blur=clamp, foc_dist=distance)
+
+
+def _reduced(job: Job, color: Color, depth: Depth) -> _Small:
+    """Colour as the mean of the light, depth as the nearest pixel's."""
+    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    width, height = color.size
+    scale = min(1.0, _WIDEST / width, math.sqrt(_PIXELS / (width * height)))
+    size = max(1, round(height * scale)), max(1, round(width * scale))
+    cut = color.overscan.shown(*color.shape[:2])
+    whole = (np.asarray(plane[cut[0]][:, cut[1]], np.float32) for plane in color.planes)
+
+    def smaller(plane: NDArray[np.float32]) -> NDArray[np.float32]:
+        roi = oiio.ROI(0, size[1], 0, size[0], 0, 1, 0, 1)
+        buffer = oiio.ImageBuf(np.ascontiguousarray(plane[:, :, None]))
+        found = oiio.ImageBufAlgo.resize(buffer, roi=roi, filtername="box")
+        return np.asarray(found.get_pixels(oiio.FLOAT)).reshape(size)
+
+    planes = [smaller(plane) for plane, _ in zip(whole, color.channels, strict=False)]
+    down, across = (
+        place.start + ((np.arange(few) + 0.5) * many / few).astype(int)
+        for place, few, many in zip(cut, size, (height, width), strict=True)
+    )
+    metres = np.ascontiguousarray(depth.metres[:][np.ix_(down, across)])
+    empty = None if depth.empty is None else depth.empty[:][np.ix_(down, across)]
+    inputs = Inputs(
+        holding(job),
+        replace(color, planes=tuple(planes), passes=(), extras={}, overscan=NO_OVERSCAN),
+        replace(depth, metres=metres, empty=empty, overscan=NO_OVERSCAN),
+        empty=empty,
+    )
+    disparity = metres.astype(np.float64)
+    if not depth.is_relative:
+        disparity = 1 / disparity
+    return _Small(inputs, size[1] / width, disparity)
+
+
+def _samples(planes: Sequence[Any], color: Color) -> NDArray[np.uint8]:
+    """A picture as a screen shows it, [H, W, 3]."""
+    channels = color.channels
+    samples: NDArray[np.uint8] = display_encoded(
+        np.stack([plane[:] for plane in planes], axis=2),
+        channels,
+        8,
+        keep_alpha=False,
+        to_srgb=srgb_matrix(color.path, channels, color.attributes),
+    )[0]
+    return np.repeat(samples, 3, axis=2) if samples.shape[2] == 1 else samples
+
+
+def _within_room(pictures: Sequence[NDArray[np.uint8]]) -> list[bytes]:
+    """The pictures as JPEG, of the best quality of which there is room for all."""
+    for quality in _QUALITIES:
+        files = [encoded(each, "jpeg", {"Compression": f"jpeg:{quality}"}) for each in pictures]
+        if sum(map(len, files)) <= _ROOM:
+            break
+    return files
+
+
+def _map(numbers: NDArray[np.uint16]) -> bytes:
+    """Numbers [H, W] of 16 bits as a PNG that a browser reads: high bytes red, low ones green."""
+    planes = (numbers >> 8, numbers & 255, np.zeros_like(numbers))
+    return encoded(np.stack(planes, axis=2).astype(np.uint8), "png")
+
+
+def _place_of(small: _Small, value: float) -> list[int]:
+    """A pixel of the picture that has a disparity, next to the middle of all of them."""
+    rows, columns = np.nonzero(small.disparity == value)
+    best = np.argmin(np.hypot(rows - rows.mean(), columns - columns.mean()))
+    return [int((each[best] + 0.5) / small.scale) for each in (columns, rows)]
+
+
+def _first_place(lens: Lens, depth: Depth) -> list[int]:
+    """The pixel that is in focus at first: where the lens is focused at, or the subject."""
+    return list(lens.focus_at or subject_of(depth).within(depth.size))
+
+
+def _strength_words(lens: Lens) -> dict[str, str]:
+    """A strength in words, and as an option."""
+    if lens.blur is not None:
+        text = LENS_OPTIONS["blur"].text(lens.blur)
+        return {"words": f"blur {text}", "option": f"--blur {text}"}
+    return {"words": f"f/{lens.fnum:g}", "option": f"--fnumber {lens.fnum:g}"}
+
+
+def _command(job: Job, color: Color) -> str:
+    """The command without focus and strength."""
+    record = {**lens_record(job.lens), **{k: str(v) for k, v in job.lens.files.items()}}
+    for name in ("blur", "focus_value", "focus_mm", "focus_at_px", "focus_percentile", "fnumber"):
+        record.pop(name, None)
+    out = "out.jpg" if color.within_white else "out.exr"
+    said = {key: value for key, value in settings(job).items() if key != "quality"}
+    return command_line(render_words(job.picture, out, record, {**said, "quality": "standard"}))

@@ -1,0 +1,100 @@
+"""The command line that renders a picture as a record, or a lens and settings, say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from defocus_core.batch.jobs.job import Machine, Picture
+from defocus_core.batch.jobs.reading_options import READING_OPTIONS
+from defocus_core.batch.journal.journal import Record
+from defocus_core.batch.journal.revived_jobs import input_place, revived
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.lenses.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
+from defocus_core.errors import InputError
+from defocus_core.system.shell import command_line
+
+OUT = "again"  # where the command writes
+# Options by the keys of a record of a lens; its other keys say how the lens was chosen.
+_LENS = {**RECORDED, **EFFECT_OPTIONS}
+# What records round, and settings do not.
+_PAIRS = frozenset(key for key, row in EFFECT_OPTIONS.items() if row.separator)
+_CHOICE = frozenset({"focus_at_px", "focus_percentile", "max_coc_px", "draw"})
+_MACHINE = ("quality", "tolerance", "depth_repair", "tile")
+# Settings that a command line says; a frame of a shot needs the shot.
+_SETTINGS = frozenset({"stem", "suffix", "lens", "reading", "outputs", *_MACHINE})
+
+
+def render_command(record: Record, out: Path) -> str:
+    """The command line that does a job again; empty where no command line says its settings."""
+    try:
+        picture = revived(record, out).picture
+    except InputError:
+        return ""
+    settings, inputs = record["settings"], record["inputs"]
+    lens = {**record["lens"], **{k: v for k, v in settings["lens"].items() if k in _PAIRS}}
+    for name in LENS_FILES:
+        if name in inputs:
+            lens[name] = input_place(inputs[name]["path"], out)
+    if settings.keys() - _SETTINGS or lens.keys() - _LENS.keys() - _CHOICE:
+        return ""
+    return command_line(render_words(picture, OUT, lens, settings))
+
+
+def render_words(
+    picture: Picture, out: object, lens: Mapping[str, Any], settings: Mapping[str, Any]
+) -> list[object]:
+    """The words of a command that renders a picture.
+
+    Args:
+        picture: its files.
+        out: where it writes.
+        lens: the record of the lens.
+        settings: those of the job.
+    """
+    words: list[object] = ["defocus", "render", picture.color]
+    words += [] if picture.depth == picture.color else [picture.depth]
+    words += ["-o", out, *_lens_words(lens)]
+    for role, other in picture.others.items():
+        words += [f"--{role}", other.color]
+        words += [other.depth] if role == "hidden" or other.depth != other.color else []
+    words += _option_words(settings["reading"]) + _option_words(settings["outputs"])
+    machine = {key: settings[key] for key in _MACHINE if key in settings}
+    if "tolerance" in machine or machine["quality"] == Machine.quality:
+        del machine["quality"]
+    return words + _option_words(machine)
+
+
+def _lens_words(lens: Mapping[str, Any]) -> list[object]:
+    """The options of a lens."""
+    words: list[object] = []
+    for key, value in lens.items():
+        if value is None or key in _CHOICE or value == getattr(Lens, _LENS[key].field, None):
+            continue
+        row = _LENS[key]
+        text = value if isinstance(value, Path) else row.text(value) + row.optional_unit
+        words += [f"--{row.name}", text]
+    return words
+
+
+def _option_words(values: Mapping[str, Any]) -> list[object]:
+    """The options of plain settings, which lack those that have their default."""
+    words: list[object] = []
+    for field, value in values.items():
+        if field == "relative":  # as the blur in pixels says
+            continue
+        option = f"--{field.replace('_', '-')}"
+        row = READING_OPTIONS.get(option.removeprefix("--"))
+        if row is not None and row.flag:
+            words.append(option)
+        elif row is not None:
+            text = row.text(value)
+            words += [option, *(text.split() if row.parse_word else [text])]
+        elif field == "geometry":
+            words.append(f"--{value}")
+        elif field == "kinds":
+            words += ["--outputs", ",".join(value)]
+        else:
+            words += [option] if value is True else [option, f"{value}"]
+    return words

@@ -1,0 +1,154 @@
+"""Photographs as people have them: a first picture of one line."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+import pytest
+from command_line import color_exr, depth_exr, pair, ramp, refused, run, texture
+from depth_files import gdepth, png
+from image_files import save
+
+SIZE = (120, 160)
+
+
+def photo(folder: Path) -> Path:
+    return save(folder / "photo.png", (texture(*SIZE[::-1]) * 255).astype(np.uint8))
+
+
+def disparity(*, dtype: Any = np.uint8) -> Any:
+    numbers = np.full(SIZE, 10)
+    numbers[40:90, 60:120] = 180
+    return (numbers * (257 if dtype == np.uint16 else 1)).astype(dtype)
+
+
+def taken(said: str) -> str:
+    """The options that a first picture was taken with."""
+    (options,) = re.findall(r"relative depth, taken with (--[^;]*)(?:;|$)", said.splitlines()[0])
+    return options
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_the_first_picture_takes_one_line_and_says_how_it_was_taken(
+    dtype: Any, tmp_path: Path
+) -> None:
+    files = photo(tmp_path), png(tmp_path / "z.png", disparity(dtype=dtype), dtype)
+    ran = run("render", *files, "-o", tmp_path / "a.png")
+    assert ran.code == 0, ran.err
+    assert taken(ran.err) == "--blur 3px --focus-at 89,64"
+    again = run("render", *files, "-o", tmp_path / "b.png", *shlex.split(taken(ran.err)))
+    assert "taken with" not in again.err
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    other = run("render", *files, "-o", tmp_path / "a.png", "--blur", "9px")
+    assert taken(other.err) == "--focus-at 89,64"
+    black = run("render", *files, "-o", tmp_path / "a.png", "--invert", "--blur", "9px")
+    assert taken(black.err) == "--focus-at 59,51"
+
+
+def test_a_phones_photograph_is_one_file_and_one_line(tmp_path: Path) -> None:
+    depth = png(tmp_path / "d.png", 255 - disparity()[::2, ::2], np.uint8).read_bytes()
+    picture = (texture(*SIZE[::-1]) * 255).astype(np.uint8)
+    kind = {"Format": "RangeInverse", "Near": 0.5, "Far": 25.0}
+    file = gdepth(tmp_path / "a.jpg", depth, picture=picture, **kind)
+    ran = run("render", file, "-o", tmp_path / "a.png")
+    assert (ran.code, taken(ran.err)) == (0, "--blur 3px --focus-at 89,65"), ran.err
+    file = gdepth(tmp_path / "m.jpg", depth, picture=picture, **kind, Units="m")
+    refused(run("render", file, "-o", tmp_path / "m.png"), 2, "missing-option", "focal-length")
+
+
+@pytest.mark.parametrize("given", ["", "--fnumber 2", "--focus 2m", "--lens @hexagon-50"])
+def test_metric_depth_gets_one_error_with_a_command_that_runs(given: str, tmp_path: Path) -> None:
+    files = color_exr(tmp_path / "a b.exr"), depth_exr(tmp_path / "z.exr")
+    ran = run("render", *files, "-o", tmp_path / "out", *given.split())
+    refused(ran, 2, "missing-option")
+    command = shlex.split(ran.err.partition("run: ")[2])
+    assert command[:2] == ["defocus", "render"]
+    assert run(*command[1:]).code == 0, command
+    assert (tmp_path / "out" / "render" / "a b.exr").exists()
+
+
+def test_batches_never_guess(tmp_path: Path) -> None:
+    for stem in "ab":
+        save(tmp_path / "rgb" / f"{stem}.png", (texture() * 255).astype(np.uint8))
+        (tmp_path / "z").mkdir(exist_ok=True)
+        png(tmp_path / "z" / f"{stem}.png", ramp() * 60, np.uint8)
+    folders, out = (tmp_path / "rgb", tmp_path / "z"), ("-o", tmp_path / "out")
+    refused(run("render", *folders, *out), 2, "missing-option", "focal-length")
+    refused(run("render", *folders, *out, "--blur", "8px"), 2, "missing-option", "blur")
+    color, depth = pair(tmp_path)
+    jobs = tmp_path / "jobs.toml"
+    jobs.write_text(f'[inputs]\ncolor = "{color}"\ndepth = "{depth}"\n[lens]\nblades = 5\n')
+    refused(run("batch", jobs, *out), 2, "missing-option", "focal-length")
+
+
+def subject(folder: Path) -> tuple[Path, Path, Path]:
+    """A photograph of a subject before a plane, depth that is 3 px too fat, and its matte."""
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    coverage = np.clip(40.5 - np.hypot(y - 60, x - 80), 0, 1)
+    rgb = np.rint(255 * (0.2 + 0.6 * coverage))[..., None].repeat(3, 2).astype(np.uint8)
+    fat = np.where(np.hypot(y - 60, x - 80) < 43, 200, 40)
+    matte = np.rint(255 * coverage)[..., None].astype(np.uint8)
+    depth = png(folder / "z.png", fat, np.uint8)
+    return save(folder / "a.png", rgb), depth, save(folder / "matte.png", matte)
+
+
+def test_a_matte_keeps_the_background_beside_the_subject_with_itself(tmp_path: Path) -> None:
+    color, depth, matte = subject(tmp_path)
+    blur = ("--blur", "6px", "--focus-value", "200", "--depth-repair")
+    for name, more in (("off", ()), ("known", ("--matte", matte))):
+        out = ("-o", tmp_path / f"{name}.png")
+        ran = run("render", color, depth, *blur, "auto" if more else "off", *more, *out)
+        assert ran.code == 0, ran.err
+    guessed, known = (
+        np.asarray(oiio.ImageBuf(str(tmp_path / f"{name}.png")).get_pixels(oiio.FLOAT))
+        for name in ("off", "known")
+    )
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    beside = (np.hypot(y - 60, x - 80) > 41) & (np.hypot(y - 60, x - 80) < 42.5)
+    assert np.abs(known[beside, 0] - 0.2).max() < 0.02
+    assert known[60, 80, 0] == pytest.approx(guessed[60, 80, 0], abs=0.01)
+
+
+def test_a_matte_stands_in_jobs_files_and_in_the_journal(tmp_path: Path) -> None:
+    color, depth, matte = subject(tmp_path)
+    jobs = tmp_path / "jobs.toml"
+    jobs.write_text(
+        f'[inputs]\ncolor = "{color.name}"\ndepth = "{depth.name}"\nmatte = "{matte.name}"\n'
+        '[lens]\nblur = "6px"\nfocus-value = 200\n[outputs]\nformat = "png"\n'
+    )
+    ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
+    assert ran.code == 0, ran.err
+    again = ("render", color, depth, "--matte", matte, "--blur", "6px", "--focus-value", "200")
+    assert run(*again, "-o", tmp_path / "b.png").code == 0
+    made = tmp_path / "out" / "render" / "a.png"
+    assert made.read_bytes() == (tmp_path / "b.png").read_bytes()
+    save(matte, np.zeros((*SIZE, 1), np.uint8))
+    assert run("batch", jobs, "-o", tmp_path / "out", "--processes", "1").code == 0
+    assert made.read_bytes() != (tmp_path / "b.png").read_bytes(), "another matte, another picture"
+
+
+@pytest.mark.parametrize(
+    ("samples", "code"),
+    [
+        (np.zeros((60, 80, 1), np.uint8), ""),
+        (np.zeros((9, 80, 1), np.uint8), "wrong-size"),
+        ((texture(*SIZE[::-1]) * 255).astype(np.uint8), "not-one-channel"),
+        (np.full((*SIZE, 1), 2, np.float32), "out-of-range"),
+    ],
+)
+def test_a_matte_is_grey_and_of_the_shape_of_the_picture(
+    samples: Any, code: str, tmp_path: Path
+) -> None:
+    color, depth, _ = subject(tmp_path)
+    matte = save(tmp_path / "m.tif", samples)
+    words = ("--matte", matte, "--blur", "6px", "--focus-value", "200")
+    ran = run("render", color, depth, *words, "-o", tmp_path / "out.png")
+    if code:
+        refused(ran, 3, code, matte)
+    else:
+        assert ran.code == 0, ran.err

@@ -1,0 +1,158 @@
+"""The page to choose focus and blur on, in a real browser: what a click shows and says."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import Page, chromium
+from command_line import color_exr, depth_exr, refused, run, texture
+from depth_files import png
+from image_files import save
+
+from defocus_core.io.images.color import read_color
+from defocus_core.io.images.color_space import linear_to_srgb
+from defocus_core.reports.html import focus_choice
+from defocus_core.reports.html.focus_choice import focuses_of
+
+WIDTH, HEIGHT = 96, 64
+SHOWN = """() => {
+  const image = document.getElementById("picture"), canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [image.naturalWidth, image.naturalHeight];
+  const context = canvas.getContext("2d");
+  context.drawImage(image, 0, 0);
+  return [...context.getImageData(0, 0, canvas.width, canvas.height).data];
+}"""
+
+
+def numbers() -> Any:
+    """A near left half, and a far right one."""
+    return np.where(np.arange(WIDTH) < WIDTH // 2, 200, 40) + np.zeros((HEIGHT, 1))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A photograph with relative depth, an EXR with metres, and a page of each."""
+    root = tmp_path_factory.mktemp("choose")
+    color = texture(WIDTH, HEIGHT)
+    save(root / "a b.png", (color * 255).astype(np.uint8))
+    png(root / "z.png", numbers(), np.uint8)
+    color_exr(root / "rgb.exr", color)
+    depth_exr(root / "z.exr", (100 / numbers()).astype(np.float32))
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.chdir(root)
+        ran = run("choose", "a b.png", "z.png", "-o", "photo.html", "--blur", "4px", "-q")
+        assert ran.code == 0, ran.err
+        lens = ("--lens", "@portrait-85", "--focus", "0.5m")
+        assert run("choose", "rgb.exr", "z.exr", "-o", "exr.html", *lens).code == 0
+    return root
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as opened:
+        yield opened
+
+
+class Choice(Page):
+    """A page to choose on that is open."""
+
+    def settle(self) -> None:
+        self.wait("document.getElementById('picture').dataset.shown")
+        self.page.wait_for_timeout(200)
+
+    def click(self, x: float, y: float) -> None:
+        self.settle()
+        box = self.page.locator("#picture").bounding_box()
+        self.page.mouse.click(box["x"] + x * box["width"], box["y"] + y * box["height"])
+        self.settle()
+
+    @property
+    def shown(self) -> Any:
+        self.settle()
+        return np.reshape(self.page.evaluate(SHOWN), (HEIGHT, WIDTH, 4))[..., :3] / 255
+
+    @property
+    def command(self) -> list[str]:
+        return shlex.split(self.text("#details code"))
+
+
+def rendered(words: list[str], folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """What the command of a page renders, in sRGB."""
+    monkeypatch.chdir(folder)
+    ran = run(*words[1:], "--quality", "draft")
+    assert ran.code == 0, ran.err
+    pixels = read_color(Path(words[words.index("-o") + 1])).pixels
+    return linear_to_srgb(np.clip(pixels, 0, 1))
+
+
+@pytest.mark.parametrize(
+    ("page", "options"),
+    [
+        ("photo.html", ("--blur 4px --focus-at 24,32", "--blur 8px --focus-at 72,32")),
+        ("exr.html", ("--fnumber 1.4 --focus 0.5m", "--fnumber 0.7 --focus 2.5m")),
+    ],
+)
+def test_a_click_shows_the_picture_of_the_command_below_it(
+    page: str, options: tuple[str, str], folder: Path, browser: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened, pictures = Choice(browser, folder / page), []
+    for x, strength, said in zip((0.255, 0.755), "23", options, strict=True):
+        opened.click(x, 0.505)
+        opened.page.fill("#strength", strength)
+        assert shlex.join(opened.command).endswith(said)
+        pictures.append(opened.shown)
+        made = rendered(opened.command, folder, monkeypatch)
+        assert np.sqrt(((made - pictures[-1]) ** 2).mean()) < 0.04  # of a JPEG of noise
+        assert "nearest of 2 × 4 small drafts" in opened.text("#shown")
+    (near, far), half = pictures, WIDTH // 2
+    for one, other, columns in ((near, far, slice(8, half - 8)), (far, near, slice(half + 8, -8))):
+        assert one[:, columns].std() > 2 * other[:, columns].std(), "in focus is sharp"
+    opened.close()
+
+
+def test_keys_do_all_of_it(folder: Path, browser: Any) -> None:
+    opened = Choice(browser, folder / "photo.html")
+    opened.settle()
+    opened.press("ArrowRight", "ArrowDown")
+    assert opened.command[-4:] == ["--blur", "2px", "--focus-at", "71,31"]
+    opened.press("ArrowLeft", "ArrowLeft", "ArrowUp", "ArrowUp", "ArrowUp")
+    assert opened.command[-4:-1] == ["--blur", "8px", "--focus-at"]
+    assert "the number 200 of the depth" in opened.text("#focus")
+    opened.page.keyboard.press("?")
+    assert opened.page.locator("#help").is_visible()
+    opened.close()
+
+
+def test_a_page_is_replaced_and_no_other_file(folder: Path) -> None:
+    files = (folder / "a b.png", folder / "z.png")
+    before = (folder / "a b.png").read_bytes()
+    refused(run("choose", *files, "-o", files[0]), 3, "exists", files[0])
+    assert files[0].read_bytes() == before
+    ran = run("choose", folder / "rgb.exr", folder / "z.exr", "-o", folder / "n.html")
+    refused(ran, 2, "missing-option", "focal-length")
+
+
+def test_pictures_that_have_no_room_are_worse(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    pictures = [rng.integers(0, 255, (64, 64, 3), np.uint8) for _ in range(4)]
+    free = sum(map(len, focus_choice._within_room(pictures)))
+    monkeypatch.setattr(focus_choice, "_ROOM", free - 1)
+    assert sum(map(len, focus_choice._within_room(pictures))) < free
+    assert free > focus_choice._ROOM
+    assert 9_500_000 * 4 / 3 < 13e6, "with the map, less than 15 MB"
+
+
+def test_focuses_lie_where_the_depth_has_mass_and_are_there() -> None:
+    rng = np.random.default_rng(0)
+    disparity = np.concatenate([rng.uniform(0, 0.1, 8000), rng.uniform(0.9, 1, 1000), [0.5]])
+    found = np.array(focuses_of(disparity.reshape(1, -1)))
+    assert len(found) == 8
+    assert np.isin(found, disparity).all()
+    assert (found < 0.11).sum() >= 4
+    assert (found > 0.89).sum() >= 2
+    assert focuses_of(np.full((3, 3), 0.25)) == [0.25]
