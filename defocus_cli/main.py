@@ -27,7 +27,7 @@ from defocus_core.errors import (
     reason,
     with_dashes,
 )
-from defocus_core.system.interrupts import Terminated, put_off, terminations
+from defocus_core.system.interrupts import Terminated, delayed_signals, terminations
 from defocus_core.system.text import version
 
 # Each command, in the order help shows them, and what it does, so that help imports none of them.
@@ -68,7 +68,7 @@ class LazyGroup(click.Group):
         """The command of that name."""
         if cmd_name not in COMMANDS:
             return None
-        with put_off():
+        with delayed_signals():
             module = importlib.import_module(f"defocus_cli.commands.{cmd_name}")
         command: click.Command = module.command
         return command

@@ -10,10 +10,10 @@ import torch
 from command_line import color_exr, depth_exr
 from skips import pytest_sessionfinish, pytest_terminal_summary  # noqa: F401 - hooks
 
-from defocus_core.batch.rendering import forecast
 from defocus_core.batch.workers import pipeline
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
 from defocus_core.batch.workers.worker_config import WorkerConfig
+from defocus_core.picture import forecast
 from defocus_core.system.process import settings_kept
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "sample_scenes"))

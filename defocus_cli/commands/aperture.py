@@ -11,8 +11,8 @@ from defocus_cli.options.types import FilePath, GroupedCommand, Quantity, groupe
 from defocus_cli.words import console
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.quantities import pixel_count
-from defocus_core.batch.look.opening import write_aperture
 from defocus_core.errors import InputError
+from defocus_core.picture.opening import write_aperture
 
 
 @click.command("aperture", cls=GroupedCommand)

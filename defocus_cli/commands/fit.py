@@ -13,12 +13,12 @@ from defocus_cli.options.types import FilePath, GroupedCommand, Quantity, groupe
 from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
 from defocus_cli.words.endings import Failures
+from defocus_core.batch import lens_fit
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.jobs.pairing import find_pictures
 from defocus_core.batch.lenses import quantities
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.batch.lenses.quantities import QuantityError, length_text
-from defocus_core.batch.rendering import lens_fit
 from defocus_core.errors import DefocusError, InputError, NotExplained, UsageProblem
 
 _MAX_BLADES = 99

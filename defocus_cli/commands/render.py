@@ -14,9 +14,7 @@ from defocus_cli.options.shot import ShotOptions, shot_lens_options, shot_option
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
-from defocus_cli.words import dry_run as dry_runs
 from defocus_core.batch.datasets import update
-from defocus_core.batch.depth.subject import completed
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.jobs.naming import of_views
 from defocus_core.batch.jobs.output_kinds import KINDS
@@ -27,7 +25,7 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.plan import Execution, make_plan
 from defocus_core.errors import UsageProblem
-from defocus_core.reports.sheets import kind_of_sheet, write_contact_sheet
+from defocus_core.picture.subject import completed
 
 _KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
 _HELP = f"""Defocus COLOR as a lens would that sees DEPTH, and write to OUT/<kind>/<stem>.<ext>.
@@ -111,10 +109,14 @@ def command(
     hashed = check_inputs == "hash"
     execution = functools.partial(Execution, read_inputs=hashed, keep_lenses=True)
     if dry_run:
+        from defocus_cli.words import dry_run as dry_runs
+
         plan = make_plan(jobs, outputs.root, execution(pipeline.execute))
         dry_runs.report_pictures(jobs, plan, as_json=as_json)
         return
     if shot.contact is not None:
+        from defocus_core.reports.sheets import kind_of_sheet, write_contact_sheet
+
         kind_of_sheet(jobs)
     report = batch_report.BatchReport(each=True, keep=as_json, verbose=verbose, stats=stats)
     if len(jobs) > 1:

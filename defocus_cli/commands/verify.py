@@ -13,7 +13,7 @@ from defocus_cli.options import shared
 from defocus_cli.options.types import GroupedCommand
 from defocus_cli.words import console
 from defocus_core.batch.jobs.job import Machine
-from defocus_core.batch.rendering import job_steps
+from defocus_core.picture import plain_path
 from defocus_core.system.process import set_to_render
 from defocus_core.system.text import counted
 
@@ -41,13 +41,13 @@ def command(machine: Machine, as_json: bool) -> int:
       defocus verify --quality high --device cuda
       defocus verify --json | jq '.checks[] | select(.ok | not)'
     """  # noqa: D301  click reads the backspace
-    job_steps.load()
+    plain_path.load()
     import torch
 
     from defocus_core.evaluation.law_checks import LawSetting
     from defocus_core.evaluation.lens_laws import LAWS, verify
 
-    device = job_steps.choose_device(machine.device)
+    device = plain_path.choose_device(machine.device)
     set_to_render()
     start = time.perf_counter()
     checks: list[Check] = []

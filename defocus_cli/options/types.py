@@ -189,16 +189,27 @@ def bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) ->
     """Add ``options`` to a command and hand it what ``make`` makes of their values, as ``name``."""
 
     def decorate(command: Command) -> Command:
-        @functools.wraps(command)
-        def call(*args: Any, **params: Any) -> Any:
-            values = {key: params.pop(key) for key in keys}
-            return command(*args, **{name: make(**values)}, **params)
-
+        call = command if hasattr(command, "bundles") else _with_bundles(command)
         optioned: Any = call
         for option in reversed(options):
             optioned = option(optioned)
         added = optioned.__click_params__[-len(options) :]
         keys = dict.fromkeys(param.name for param in added)  # two flags may set one value
+        call.bundles.insert(0, (name, make, keys))  # type: ignore[attr-defined]
         return call
 
     return decorate
+
+
+def _with_bundles(command: Command) -> Command:
+    """A command that gets what is made of its options, of the first bundle first."""
+    bundles: list[tuple[str, Callable[..., Any], dict[str, None]]] = []
+
+    @functools.wraps(command)
+    def call(*args: Any, **params: Any) -> Any:
+        for name, make, keys in bundles:
+            params[name] = make(**{key: params.pop(key) for key in keys})
+        return command(*args, **params)
+
+    call.bundles = bundles  # type: ignore[attr-defined]
+    return call

@@ -13,12 +13,12 @@ from defocus_cli.words.endings import SomeFailed
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.jobs.jobs_file import Batch
 from defocus_core.batch.journal.journal import Shard
-from defocus_core.batch.rendering import forecast
-from defocus_core.batch.rendering.forecast import Forecast
-from defocus_core.batch.rendering.memory_budget import refuse_small
 from defocus_core.batch.workers.output_checks import refuse_names
 from defocus_core.batch.workers.plan import Execution, Plan, make_plan
 from defocus_core.errors import DefocusError, Rejected
+from defocus_core.picture import forecast
+from defocus_core.picture.forecast import Forecast
+from defocus_core.picture.memory_budget import refuse_small
 from defocus_core.system.text import counted, duration
 
 MAX_PLANNED = 10_000  # jobs of a batch of which each is looked at

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 from statistics import median
 from typing import TYPE_CHECKING
 
-from defocus_core.batch.rendering import job_steps
 from defocus_core.errors import InputError
+from defocus_core.picture import plain_path
 from defocus_core.system import memory
 from defocus_core.system.process import set_to_render
 
@@ -135,13 +135,13 @@ def warm_up(device: str) -> str:
 
     From here on torch uses one thread: threads work on tiles or channels.
     """
-    job_steps.load()
+    plain_path.load()
     import torch
 
     from defocus_core.renderer.render import render
 
     set_to_render()
-    device = job_steps.choose_device(device)
+    device = plain_path.choose_device(device)
     radius = torch.linspace(-3, 3, 32, device=device).repeat(32, 1)
     render(radius[None].abs(), radius)
     return device

@@ -183,7 +183,7 @@ def _no_room(folder: Path, size: int, error: OSError) -> InputError:
     return InputError("no-space", problem, remedy, path=folder)
 
 
-def evenly(plane: Any) -> Any:
+def sample_plane(plane: Any) -> Any:
     """About `_GRID` values of an array [H, W], evenly spread."""
     height, width = plane.shape
     step = max(1, math.isqrt(height * width // _GRID))

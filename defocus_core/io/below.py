@@ -40,7 +40,7 @@ def _is_encodable(name: str) -> bool:
 
 def open_plain(path: Path) -> BinaryIO:
     """Open a regular file that the user named, links followed; never waits for a pipe's writer."""
-    return os.fdopen(_opened(path, os.O_RDONLY), "rb")
+    return os.fdopen(_open(path, os.O_RDONLY), "rb")
 
 
 def read_plain(path: Path, maximum: int = 2**24) -> bytes:
@@ -65,13 +65,13 @@ class Folder:
     def open(self, name: str) -> BinaryIO:
         """Open a regular file for reading."""
         with self._parent(name) as (folder, last):
-            return os.fdopen(_opened(last, os.O_RDONLY | os.O_NOFOLLOW, folder), "rb")
+            return os.fdopen(_open(last, os.O_RDONLY | os.O_NOFOLLOW, folder), "rb")
 
     def append(self, name: str) -> int:
         """A handle that appends to a regular file, which is made if it is missing."""
         with self._parent(name, make=True) as (folder, last):
             flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW
-            number = _opened(last, flags, folder)
+            number = _open(last, flags, folder)
         if os.fstat(number).st_nlink > 1:  # a hard link, whose other name may lie anywhere
             os.close(number)
             raise OSError(errno.EMLINK, "it has a second name, a hard link")
@@ -206,7 +206,7 @@ def _inner(name: str, folder: int) -> int:
         raise
 
 
-def _opened(path: str | Path, flags: int, folder: int | None = None) -> int:
+def _open(path: str | Path, flags: int, folder: int | None = None) -> int:
     """A handle of a regular file; to open a pipe does not wait for its other end."""
     try:
         number = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o666, dir_fd=folder)

@@ -15,13 +15,14 @@ import sys
 import threading
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple
+from functools import lru_cache, wraps
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeVar, cast
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder, Replacement, open_plain
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 MAX_PIXELS = 2**30
@@ -32,13 +33,14 @@ UNASKED_BYTES = 2**28
 _LFS_POINTER = b"version https://git-lfs.github.com/spec/"  # git-lfs, docs/spec.md
 
 LEFTOVER = re.compile(r"\..+\.(\d+)\.\d+\.tmp")  # a hidden sibling, with its process
+_OfFile = TypeVar("_OfFile", bound="Callable[..., Any]")
 _quiet_lock = threading.RLock()
 _serial = itertools.count()
 # The files of the innermost `written_together`; None outside.
-_together: ContextVar[Together | None] = ContextVar("together", default=None)
+_together: ContextVar[FileGroup | None] = ContextVar("together", default=None)
 
 
-class Together(NamedTuple):
+class FileGroup(NamedTuple):
     """Files that are to appear together.
 
     Attributes:
@@ -51,12 +53,28 @@ class Together(NamedTuple):
     files: list[tuple[Replacement, Path]]
 
 
-def read_head(path: Path, count: int = 16) -> bytes:
-    """First ``count`` bytes of an existing, readable, non-empty file.
+def once(function: _OfFile) -> _OfFile:
+    """What a function finds out of a file, found out once as long as the file is as it was."""
 
-    Raises:
-        InputError: the file is missing, no regular one, is empty or may not be read.
-    """
+    @lru_cache(maxsize=32)  # more than the files of a job: headers may be large
+    def found(_stamp: tuple[int, ...], *of: Any) -> Any:
+        return function(*of)
+
+    @wraps(function)
+    def known(path: Path, *of: Any) -> Any:
+        try:
+            it = path.stat()
+        except (OSError, ValueError):  # the function says what is wrong with it
+            return function(path, *of)
+        stamp = (it.st_dev, it.st_ino, it.st_size, it.st_mtime_ns, it.st_ctime_ns, it.st_mode)
+        return found(stamp, path, *of)
+
+    return cast(_OfFile, known)
+
+
+@once
+def read_head(path: Path, count: int = 16) -> bytes:
+    """First ``count`` bytes of an existing, readable, non-empty file."""
     try:
         str(path).encode()
     except UnicodeEncodeError:  # decoders written in C refuse it in words of their own
@@ -104,9 +122,6 @@ def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
         width: in px, as the header claims.
         height: in px, as the header claims.
         pixel_bytes: bytes of one decoded pixel, all channels.
-
-    Raises:
-        InputError: nothing to show, more than `MAX_PIXELS`, or far more than the file could hold.
     """
     claim = f"its header claims {width}×{height} px"
     if width < 1 or height < 1:
@@ -195,9 +210,6 @@ def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
         path: of the file.
         root: the folder that it lies below, no link of which is followed; by default that of
             `written_together`, or else its own.
-
-    Raises:
-        InputError: for any OSError, a full disk among them.
     """
     together = _together.get()
     if root is None:
@@ -227,11 +239,8 @@ def written_together(root: Path | None = None) -> Iterator[None]:
 
     Args:
         root: the folder that all lie below, no link of which is followed.
-
-    Raises:
-        InputError: the system refused a file.
     """
-    together = Together(root, [])
+    together = FileGroup(root, [])
     token = _together.set(together)
     try:
         yield

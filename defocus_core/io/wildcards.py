@@ -34,9 +34,6 @@ def matching(
         folder: the folder that the pattern starts from.
         pattern: a path with ``*``, ``?``, ``[…]``, or ``**`` for folders at any depth.
         with_text: the names hold the text before the wildcards, too: ``s*`` gives s1, and not 1.
-
-    Raises:
-        InputError: a folder cannot be looked into, or holds a link to itself.
     """
     parts = Path(os.path.normpath(pattern)).parts
     parts += ("*",) * (parts[-1] == "**")

@@ -55,7 +55,7 @@ def terminations() -> Iterator[None]:
 
 
 @contextmanager
-def put_off() -> Iterator[None]:
+def delayed_signals() -> Iterator[None]:
     """Delay signals to the end: an import that they interrupt loses them, or half a module."""
     if threading.current_thread() is not threading.main_thread():
         yield

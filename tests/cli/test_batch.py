@@ -29,8 +29,8 @@ from defocus_cli.main import main
 from defocus_core.batch.datasets import update
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.journal.lock import locked
-from defocus_core.batch.rendering import job_steps
 from defocus_core.batch.workers.worker_config import WorkerConfig
+from defocus_core.picture import plain_path
 
 NAMES = [f"{stem}_focus{focus}" for stem in "ab" for focus in ("1.5m", "2m")]
 
@@ -103,7 +103,7 @@ def test_a_fault_of_our_own_fails_its_job_and_v_says_more(
         raise RuntimeError("wires crossed")
 
     path = jobs_file(tmp_path)
-    monkeypatch.setattr(job_steps, "compute", faulty)
+    monkeypatch.setattr(plain_path, "compute", faulty)
     ran = run("batch", path, "-o", out)
     assert ran.code == 1
     assert "unexpected RuntimeError: wires crossed" in ran.err

@@ -25,10 +25,10 @@ from command_line import (
 
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.rendering import forecast, job_steps, memory_budget
-from defocus_core.batch.rendering.memory_budget import Holding
 from defocus_core.errors import TooLarge
 from defocus_core.evaluation import cost
+from defocus_core.picture import forecast, memory_budget, plain_path
+from defocus_core.picture.memory_budget import Holding
 from defocus_core.system import memory
 from defocus_core.system.text import duration, percent
 from defocus_core.tensors.tiling import TILE
@@ -37,7 +37,7 @@ from defocus_core.tensors.tiling import TILE
 def test_a_dry_run_says_what_it_would_do_and_does_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(job_steps, "compute", None)
+    monkeypatch.setattr(plain_path, "compute", None)
     color, depth = pair(tmp_path)
     ran = render(color, depth, "-o", tmp_path / "out", "--dry-run", "--outputs", "coc,render")
     assert (ran.code, ran.err) == (0, "")

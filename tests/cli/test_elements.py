@@ -12,10 +12,10 @@ from command_line import header, read_exr, refused, run
 from elements import METRES, SIZE, disc, element, write, write_within
 from image_files import SCANLINE, box
 
-from defocus_core.batch.rendering import memory_budget
 from defocus_core.io import arrays
 from defocus_core.io.exr.header import read_headers
 from defocus_core.io.exr.reading import read_parts
+from defocus_core.picture import memory_budget
 
 LENS = ("--focal-length", "120mm", "--fnumber", "1.2", "--focus")
 FLOATS = ("--exr-type", "float")

@@ -11,7 +11,7 @@ from command_line import LENS, color_exr, depth_exr, header, read_exr, refused, 
 from image_files import save
 
 from defocus_core.batch.datasets.finished import samples
-from defocus_core.batch.rendering import renderers
+from defocus_core.picture import scene as renderers
 
 SIZE = 48
 SHAPES = {

@@ -31,8 +31,8 @@ from command_line import (
 from image_files import box, multi_part, save, write_window
 
 from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.batch.rendering import job_steps
 from defocus_core.io.exr.header import read_headers
+from defocus_core.picture import plain_path
 from defocus_core.renderer.engine import renderer
 
 EVERYTHING = ",".join(KINDS)
@@ -326,7 +326,7 @@ def test_existing_outputs_are_refused_before_any_work(
     files, out = pair(tmp_path), tmp_path / "out"
     (out / "coc").mkdir(parents=True)
     (out / "coc" / "a.exr").write_text("mine")
-    monkeypatch.setattr(job_steps, "compute", None)
+    monkeypatch.setattr(plain_path, "compute", None)
     ran = render(*files, "-o", out, "--outputs", "render,coc")
     refused(ran, 3, "exists", "a.exr")
     assert files_under(out) == {"coc/a.exr"}
@@ -355,7 +355,7 @@ def test_ctrl_c_ends_with_130_and_one_line(tmp_path: Path, monkeypatch: pytest.M
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(job_steps, "compute", interrupt)
+    monkeypatch.setattr(plain_path, "compute", interrupt)
     refused(render(*pair(tmp_path), "-o", tmp_path / "out"), 130, None)
 
 

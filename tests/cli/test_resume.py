@@ -24,9 +24,9 @@ from command_line import (
     texture,
 )
 
-from defocus_core.batch.rendering import delivery, job_steps
-from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.batch.workers import pipeline
+from defocus_core.picture import plain_path
+from defocus_core.picture.take import Take
 
 __all__ = ["folders"]
 Computed = list[str]
@@ -41,13 +41,13 @@ STOPPED_RUN = """\
 def computed(monkeypatch: pytest.MonkeyPatch) -> Computed:
     """The names of the samples that are computed."""
     names: Computed = []
-    compute = job_steps.compute
+    compute = plain_path.compute
 
     def counted(job: Any, *rest: Any) -> Any:
         names.append(job.sample_id)
         return compute(job, *rest)
 
-    monkeypatch.setattr(job_steps, "compute", counted)
+    monkeypatch.setattr(plain_path, "compute", counted)
     return names
 
 
@@ -312,14 +312,14 @@ def test_what_a_killed_run_had_begun_is_not_forgotten_by_the_next_that_is_killed
 def test_what_a_worker_left_that_died_elsewhere_is_gone_when_all_is_done(
     folders: tuple[Path, Path], out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write = delivery.write
+    write = plain_path.write
 
-    def leaving(made: Rendered) -> Rendered:
+    def leaving(made: Take) -> Take:
         done = write(made)
         (out / "coc" / ".b.exr.17.3.tmp").write_text("half")
         return done
 
-    monkeypatch.setattr(delivery, "write", leaving)
+    monkeypatch.setattr(plain_path, "write", leaving)
     assert again(folders, out).code == 0
     assert files_under(out) == {"coc/a.exr", "coc/b.exr", "coc/c.exr"}
 

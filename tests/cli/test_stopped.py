@@ -57,11 +57,11 @@ def test_a_shot_that_is_killed_comes_to_the_same_end(tmp_path: Path) -> None:
     assert sorted(each["sample_id"] for each in records(out)) == [f"rgb.{k:04}" for k in range(10)]
 
 
-def started(*args: object, slow: float, step: str = "job_steps.compute") -> subprocess.Popen[str]:
+def started(*args: object, slow: float, step: str = "plain_path.compute") -> subprocess.Popen[str]:
     """A run of which a step takes its time; it says when the first picture comes to it."""
     script = (
         "import os, sys, time; from defocus_cli import main\n"
-        "from defocus_core.batch.rendering import job_steps\n"
+        "from defocus_core.picture import plain_path\n"
         f"do = {step}\n"
         "def slowly(*args, **named):\n"
         "    print('up', flush=True)\n"

@@ -23,8 +23,8 @@ from command_line import (
     run,
 )
 
-from defocus_core.batch.rendering import delivery, job_steps
-from defocus_core.system.interrupts import put_off
+from defocus_core.picture import plain_path
+from defocus_core.system.interrupts import delayed_signals
 
 
 def fill_at_the_third_file(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -138,7 +138,7 @@ def test_a_file_that_another_worker_wrote_meanwhile_stays(
         other.replace(out / "render" / "color.exr")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(delivery, "write_exr", full)
+    monkeypatch.setattr("defocus_core.picture.write.write_exr", full)
     refused(render(color, depth, "-o", out, "--outputs", "render,coc"), 3, None)
     assert (out / "render" / "color.exr").read_text() == "theirs"
 
@@ -150,8 +150,7 @@ def test_an_output_directory_that_is_removed_meanwhile_ends_the_run(
 ) -> None:
     for stem in "ab":
         color, depth = pair(tmp_path, stem)
-    module = delivery if at == "write" else job_steps
-    step = getattr(module, at)
+    step = getattr(plain_path, at)
 
     def removing(*args: object) -> object:
         done = step(*args)
@@ -160,7 +159,7 @@ def test_an_output_directory_that_is_removed_meanwhile_ends_the_run(
             out.mkdir()
         return done
 
-    monkeypatch.setattr(module, at, removing)
+    monkeypatch.setattr(plain_path, at, removing)
     ran = render(color.parent, depth.parent, "-o", out, "--outputs", "coc")
     refused(ran, 3, "unwritable", ".journal.lock")
     assert again or not out.exists()
@@ -172,7 +171,7 @@ def test_the_systems_own_errors_are_one_line(
     def broken(*_: object) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO), "/mnt/disk")
 
-    monkeypatch.setattr(job_steps, "compute", broken)
+    monkeypatch.setattr(plain_path, "compute", broken)
     ran = render(color, depth, "-o", out)
     refused(ran, 3, None)
     assert ran.err.startswith("defocus: /mnt/disk: ")
@@ -184,7 +183,7 @@ def test_a_fault_of_our_own_asks_for_a_report(
     def faulty(*_: object) -> None:
         raise RuntimeError("wires\ncrossed")
 
-    monkeypatch.setattr(job_steps, "compute", faulty)
+    monkeypatch.setattr(plain_path, "compute", faulty)
     ran = render(color, depth, "-o", out)
     refused(ran, 1, None)
     assert "RuntimeError: wires crossed" in ran.err
@@ -207,7 +206,7 @@ def test_the_process_itself_says_one_line_and_exits(color: Path, out: Path) -> N
 
 def test_ctrl_c_waits_for_imports_and_is_not_lost() -> None:
     def imports() -> None:
-        with put_off():
+        with delayed_signals():
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(0.01)
             done.append("imports")
@@ -222,8 +221,8 @@ def test_ctrl_c_ends_the_process_with_130_and_one_line(tmp_path: Path) -> None:
     files = [*pair(tmp_path), "-o", tmp_path / "out"]
     script = (
         "import sys, time; from defocus_cli import main\n"
-        "from defocus_core.batch.rendering import delivery, job_steps\n"
-        "job_steps.compute = lambda *_: (print('up', flush=True), time.sleep(60)); "
+        "from defocus_core.picture import plain_path\n"
+        "plain_path.compute = lambda *_: (print('up', flush=True), time.sleep(60)); "
         "sys.exit(main.main())"
     )
     process = subprocess.Popen(

@@ -13,10 +13,10 @@ from typing import Any
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal.identity import versions
 from defocus_core.batch.journal.plain_values import typed
-from defocus_core.batch.rendering import job_steps
 from defocus_core.batch.workers import job_result, pool
 from defocus_core.batch.workers.pool import READY
 from defocus_core.io.safe_files import leftover
+from defocus_core.picture import plain_path
 
 
 def result_of(job: Job) -> dict[str, Any]:
@@ -48,19 +48,19 @@ def serve(connection: Connection) -> None:
 def serve_slowly(connection: Connection) -> None:
     """Do what comes as a real worker does, whose steps take their time and make nothing."""
 
-    def compute(job: Job, inputs: Any, progress: Any) -> dict[str, Any]:
+    def compute(job: Job, inputs: Any) -> dict[str, Any]:
         time.sleep(0.5)
         return {"status": "ok", "reason": None}
 
     job_result.Reader = lambda: SimpleNamespace(read=lambda job: "inputs")
-    job_result.compute, job_steps.load = compute, lambda: None
+    job_result.compute, plain_path.load = compute, lambda: None
     pool.serve(connection)
 
 
 def serve_on(connection: Connection) -> None:
     """Import something that takes a minute."""
     connection.send(READY)
-    job_steps.load = lambda: time.sleep(60)
+    plain_path.load = lambda: time.sleep(60)
     pool.serve(connection)
 
 

@@ -68,7 +68,7 @@ def run(seed: int, kills: int, journal: Path, arguments: list[str]) -> None:
 
 if __name__ == "__main__":
     from defocus_cli.main import main
-    from defocus_core.batch.rendering import job_steps
+    from defocus_core.picture import plain_path
 
-    job_steps.load()
+    plain_path.load()
     run(int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3]), sys.argv[5:])

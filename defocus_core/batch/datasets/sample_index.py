@@ -19,9 +19,9 @@ from defocus_core.batch.jobs.job import FRAME_ROLE
 from defocus_core.batch.jobs.origin import Origin
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.lenses.lens import EFFECTS
-from defocus_core.batch.rendering.measures import MEASURES
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
+from defocus_core.picture.measures import MEASURES
 
 NAME = "metadata.jsonl"
 Record = Mapping[str, Any]

@@ -16,9 +16,8 @@ from typing import Any
 
 from defocus_core.batch.jobs.lens_from_options import refuse_contradiction
 from defocus_core.batch.jobs.reading_options import field_of_view
-from defocus_core.batch.jobs.sweep import SCALES
 from defocus_core.batch.jobs.toml_file import read_toml, refuse_unknown
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS, LensParam
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS, SCALES, LensParam
 from defocus_core.batch.lenses.quantities import read_at, text_of
 from defocus_core.errors import CALLER, InputError, Place, UsageProblem
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
@@ -118,7 +117,7 @@ def animation_of(keys: Keys, interpolation: str | None) -> Animation:
         where = next(iter(of_option.values())).where
         refuse_unknown([name], tuple(_ANIMATED), where, "a lens", "option")
         every[name] = {
-            frame: Key(_checked(name, key), key.where) for frame, key in sorted(of_option.items())
+            frame: Key(_check(name, key), key.where) for frame, key in sorted(of_option.items())
         }
     if every:
         refuse_contradiction(every, next(iter(next(iter(every.values())).values())).where)
@@ -179,7 +178,7 @@ def _add(every: dict[str, Mapping[int, Key]], keys: Keys, file: Path) -> None:
         every[name] = of_option
 
 
-def _checked(name: str, key: Key) -> str:
+def _check(name: str, key: Key) -> str:
     """The text of a key with the unit that a bare number has."""
     row = _ANIMATED[name]
     text = row.with_unit(key.text)

@@ -183,11 +183,7 @@ class Shot:
 
 
 def reading_through(reading: Reading, lens: Lens | None) -> Reading:
-    """The reading of depth that a lens needs: as relative disparity if its blur is in pixels.
-
-    Raises:
-        UsageProblem: the reading says what the numbers are, or which are near in vain.
-    """
+    """The reading of depth that a lens needs: as relative disparity if its blur is in pixels."""
     if lens is not None and lens.blur is not None:
         return reading if reading.relative else reading.as_relative()
     if reading.invert is not None:
@@ -222,11 +218,7 @@ class Job:
     split: Split = NO_SPLIT
 
     def __post_init__(self) -> None:
-        """Read depth as the lens needs it.
-
-        Raises:
-            UsageProblem: the reading says what the numbers are, and the blur is in pixels.
-        """
+        """Read depth as the lens needs it."""
         object.__setattr__(self, "reading", reading_through(self.reading, self.lens))
 
     @property

@@ -216,7 +216,10 @@ def refuse_missing(values: Mapping[str, Any], source: Place, lacking: Path | Non
 def refuse_unfocused(values: Mapping[str, Any], source: Place) -> None:
     """Raise UsageProblem if nothing says what is in focus beside a blur in pixels."""
     if not values.keys() & {"focus-at", "focus-value", "sharp-range"}:
-        problem, remedy = "says not what is in focus", "add ‹focus-at› X,Y or ‹focus-value› NUMBER"
+        problem, remedy = (
+            "does not say what is in focus",
+            "add ‹focus-at› X,Y or ‹focus-value› NUMBER",
+        )
         raise UsageProblem("missing-option", problem, remedy, path=source.at("blur"))
 
 

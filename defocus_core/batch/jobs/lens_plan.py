@@ -40,12 +40,11 @@ from defocus_core.batch.jobs.random_lenses import (
 from defocus_core.batch.jobs.sweep import Point, read_sweep
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.batch.lenses.lens import Draw, Lens
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS, alternatives
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS, METADATA, alternatives
 from defocus_core.batch.lenses.quantities import Percentile, pixel_count
 from defocus_core.batch.lenses.shipped_lenses import lens_path
 from defocus_core.errors import Place, UsageProblem
 
-METADATA = "lens-from-metadata"
 KEYS = (*LENS_OPTIONS, "file", "max-coc", METADATA)
 
 

@@ -37,9 +37,9 @@ class Kind:
             white at 0 and blue above 0. None of a kind that is rendered: it is the attribute
             ``name`` of `defocus_core.Views`, and its preview shows linear light.
         views: of an image of several, the kinds that are the views of its one EXR file.
-        turned: the view that it is of the picture with rows for columns, left or right.
+        transposed: the view that it is of the picture with rows for columns, left or right.
         source: input that it is made of without rendering, a row of
-            `defocus_core.batch.rendering.contents`; empty for other kinds.
+            `defocus_core.picture.contents`; empty for other kinds.
         channel: the channel of a map in an EXR, if it is not the kind's name.
         title: what a map shows, for ``defocus info``.
         unit: the unit of a map's values, empty for a number without one.
@@ -51,7 +51,7 @@ class Kind:
     halves: bool = False
     of_radius: Callable[..., NDArray[Any]] | None = None
     views: tuple[str, ...] = ()
-    turned: str = ""
+    transposed: str = ""
     source: str = ""
     channel: str = ""
     title: str = ""
@@ -87,8 +87,8 @@ _ROWS = (
     Kind("render", "the defocused picture", image=True),
     Kind("left", "what the left half of the lens sees (dual pixel)", image=True, halves=True),
     Kind("right", "what the right half of the lens sees", image=True, halves=True),
-    Kind("up", "what the upper half sees (quad pixel)", image=True, turned="left"),
-    Kind("down", "what the lower half sees", image=True, turned="right"),
+    Kind("up", "what the upper half sees (quad pixel)", image=True, transposed="left"),
+    Kind("down", "what the lower half sees", image=True, transposed="right"),
     Kind(
         "coc",
         "signed radius of the circle of confusion in px, beyond the focus positive",
@@ -186,9 +186,6 @@ def in_one_file(kinds: tuple[str, ...], where: Place) -> tuple[str, ...]:
     Args:
         kinds: as they were asked for.
         where: option or key that asks for one file, for errors.
-
-    Raises:
-        UsageProblem: left or right is not among them.
     """
     row = KINDS["multiview"]
     if missing := [view for view in row.views if view not in kinds]:

@@ -77,10 +77,6 @@ def find_pictures(
             form.
         patterns_in: the folder that paths are relative to, which then may be patterns.
         frames: the frames wanted of frame patterns.
-
-    Raises:
-        InputError: a path is missing or of the wrong sort, or files do not pair up.
-        UsageProblem: frames are chosen, but no path numbers any.
     """
     others = others or {}
     every = (color, depth, *(path for pair in others.values() for path in pair))
@@ -95,11 +91,11 @@ def find_pictures(
     if depth is not None:
         _refuse_frames(color, depth)
     with_text = all(texts_before(path) == texts_before(color) for path in paths)
-    colors, pictures = _paired(color, depth, patterns_in, with_text)
+    colors, pictures = _pair(color, depth, patterns_in, with_text)
     for role, (other_color, other_depth) in others.items():
         # a plate needs no depth, nor does a matte, and a holdout has its own
         lone = role != "hidden" and other_depth is None
-        other_colors, paired = _paired(
+        other_colors, paired = _pair(
             other_color, other_color if lone else other_depth, patterns_in, with_text
         )
         _refuse_unpaired(colors, other_colors)
@@ -110,11 +106,7 @@ def find_pictures(
 
 
 def _refuse_frames(color: Path, depth: Path) -> None:
-    """Refuse two frames that a shell made of a pattern, as colour and depth.
-
-    Raises:
-        UsageProblem: they are.
-    """
+    """Refuse two frames that a shell made of a pattern, as colour and depth."""
     names = [_NUMBER.sub("#", path.name) for path in (color, depth)]
     if color != depth and color.parent == depth.parent and names[0] == names[1]:
         problem = f"looks like the next frame of {color.name}, not its depth"
@@ -129,17 +121,13 @@ def whole_shot(
     *,
     patterns_in: Path | None = None,
 ) -> list[Picture]:
-    """All frames of frame patterns that have all of their files, ascending; none of other paths.
-
-    Raises:
-        InputError: a pattern matches nothing, or a path is none.
-    """
+    """All frames of frame patterns that have all of their files, ascending; none of other paths."""
     root, others = patterns_in or Path(), others or {}
     every = (color, depth, *(path for pair in others.values() for path in pair))
     paths = [path for path in every if path is not None]
     if not any(is_pattern(root / path) for path in paths):
         return []
-    files = _numbered(color, depth, others, root)
+    files = _number(color, depth, others, root)
     everywhere = set.intersection(*(set(of) for of in files.values()))
     return [_frame(files, number) for number in sorted(everywhere)]
 
@@ -152,7 +140,7 @@ def _shot(
     frames: FrameChoice,
 ) -> list[Picture]:
     """The pictures of frame patterns, by frame; frames that are left out are named."""
-    files = _numbered(color, depth, others, root)
+    files = _number(color, depth, others, root)
     paths = [color, depth or color]
     for other_color, other_depth in others.values():
         paths += [other_color, other_depth or other_color]
@@ -163,7 +151,7 @@ def _shot(
     return [_frame(files, number) for number in numbers]
 
 
-def _numbered(
+def _number(
     color: Path, depth: Path | None, others: Others, root: Path
 ) -> dict[str, dict[int, Path]]:
     """The files of frame patterns by role, by number."""
@@ -202,7 +190,7 @@ def holds_both(path: Path) -> bool:
     return suffix in SCENE_SUFFIXES or (suffix in OWN_DEPTH_SUFFIXES and holds_depth(path))
 
 
-def _paired(
+def _pair(
     color: Path, depth: Path | None, root: Path | None, with_text: bool
 ) -> tuple[_Files, dict[str, Picture]]:
     """The files of a colour path, and the picture of each name."""

@@ -315,9 +315,6 @@ def reading_values(values: Mapping[str, Any], where: Callable[[str], Place]) -> 
     Args:
         values: keys of the file and their values.
         where: the place of a key, for errors.
-
-    Raises:
-        UsageProblem: a value makes no sense.
     """
     fields: dict[str, Any] = {}
     for name, value in values.items():
@@ -334,17 +331,12 @@ def reading_values(values: Mapping[str, Any], where: Callable[[str], Place]) -> 
                     "contradiction", "contradicts the other", "give one of them", path=where(name)
                 )
         else:
-            fields[row.field] = _parsed(row, value, where(name))
+            fields[row.field] = _parse(row, value, where(name))
     return fields
 
 
 def lens_file_reading(file: Path | None) -> dict[str, Any]:
-    """Fields of `Reading` that a lens file has beside the options of the lens.
-
-    Raises:
-        InputError: the file cannot be read as TOML.
-        UsageProblem: a value makes no sense.
-    """
+    """Fields of `Reading` that a lens file has beside the options of the lens."""
     if file is None or file.is_dir():  # of a folder of lens files
         return {}
     remedy = 'give a TOML file, with lines like focal-length = "50mm"'
@@ -357,11 +349,7 @@ def make_reading(
     below: Mapping[str, Any],
     source: Place = CALLER,
 ) -> Reading:
-    """The reading of the fields that are set, over those of a lens file.
-
-    Raises:
-        UsageProblem: the width of edges contradicts the repair of depth.
-    """
+    """The reading of the fields that are set, over those of a lens file."""
     options = {name: value for name, value in fields.items() if value is not None}
     reading = Reading(**{**below, **options})
     repair, width = reading.depth_repair, reading.edge_width
@@ -373,7 +361,7 @@ def make_reading(
     return reading
 
 
-def _parsed(row: ReadingParam, value: object, where: Place) -> Any:
+def _parse(row: ReadingParam, value: object, where: Place) -> Any:
     if row.parse is str and not (isinstance(value, str) and value and "\0" not in value):
         raise UsageProblem(
             "malformed", f"{value!r} is not a text", "write it in quotes", path=where

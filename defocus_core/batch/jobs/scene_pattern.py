@@ -86,7 +86,7 @@ class _Parser:
                 others = self._alternatives()
                 return [(1, len(steps + item) + 2), *steps, *item, (len(others) + 1,), *others]
             if kind == "repeat":
-                item = _repeated(item, text)
+                item = _repeat(item, text)
             else:
                 steps, item = steps + item, self._item(kind, text)
             if len(steps) + len(item) > _LONGEST:
@@ -104,7 +104,7 @@ class _Parser:
         return ["begin", *item, "end"] if is_noted else item
 
 
-def _repeated(item: Sequence[_Step], text: str) -> list[_Step]:
+def _repeat(item: Sequence[_Step], text: str) -> list[_Step]:
     """The steps of an item that is repeated, as ``*`` or ``{2,3}?`` says."""
     order = -1 if len(text) > 1 and text.endswith("?") else 1
     size = len(item)

@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.jobs.animation import (
     Animation,
@@ -19,7 +19,6 @@ from defocus_core.batch.jobs.animation import (
     keys_of_table,
     read_animation,
 )
-from defocus_core.batch.jobs.inputs import Entry
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.jobs.lens_from_options import (
     checked,
@@ -29,16 +28,19 @@ from defocus_core.batch.jobs.lens_from_options import (
     read_lens_file,
     refuse_metadata_beside_blur,
 )
-from defocus_core.batch.jobs.lens_plan import METADATA, LensPlan
 from defocus_core.batch.jobs.reading_options import field_of_view
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.parameters import alternatives
+from defocus_core.batch.lenses.parameters import METADATA, alternatives
 from defocus_core.errors import CALLER, Place, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.images.describe import describe
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW
 from defocus_core.io.shots.lens_metadata import OptionFromMetadata, lens_of
+
+if TYPE_CHECKING:
+    from defocus_core.batch.jobs.inputs import Entry
+    from defocus_core.batch.jobs.lens_plan import LensPlan
 
 
 @dataclass(frozen=True)

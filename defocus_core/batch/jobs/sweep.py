@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -22,19 +22,13 @@ from defocus_core.batch.jobs.lens_from_options import (
     refuse_contradiction,
 )
 from defocus_core.batch.jobs.toml_file import Table, refuse_unknown
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS, SCALES
 from defocus_core.batch.lenses.quantities import Percentile
 from defocus_core.errors import Place, UsageProblem
 
 MAX_LENSES = 100_000
 _RANGE = re.compile(r"(.+?)\.\.(.+?)@\s*(\d{1,6})\s*(?:in\s+(\w+)\s*)?")
 _RANGE_EXAMPLE = "write it like 0.5m..8m @ 12 in disparity"
-SCALES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = {
-    "depth": (float, float),
-    "steps": (float, float),
-    "log": (math.log, math.exp),
-    "disparity": (lambda z: 1 / z, lambda x: math.inf if x == 0 else 1 / x),
-}
 
 
 @dataclass(frozen=True)

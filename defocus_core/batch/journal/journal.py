@@ -14,7 +14,7 @@ A record has
     outputs     kind, or kind.preview, to path relative to OUT; if ok, size, mtime_ns, blake2b, too
     lens        what it turned out to be, as `lens_record`; with size, coc_px, color_note,
                 depth_note, device and warnings, null if not ok; depth_repair, null if nothing
-                was rendered, see `defocus_core.batch.depth.repair_words`
+                was rendered, see `defocus_core.picture.repair_words`
     quality, version (of the package), renderer (its version)
     seconds     of reading, rendering and writing; cpu, of rendering
     finished    when, UTC, for people: the order of the lines decides

@@ -31,7 +31,7 @@ Say = Callable[[str], object]
 Check = Callable[[], None]
 
 
-class LockLost(InputError):  # noqa: N818 - a mistake of nobody's
+class LockLost(InputError):  # noqa: N818 - no mistake
     """Another process has taken the lock while this one did not run."""
 
 

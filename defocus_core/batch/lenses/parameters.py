@@ -16,6 +16,15 @@ from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
 from defocus_core.batch.lenses import quantities
 from defocus_core.batch.lenses.quantities import FileNumbers, Percentile, length_text
 
+METADATA = "lens-from-metadata"  # the option, and the key, by which a picture says its lens
+# Scales of sweeps, and between keys of frames: to each, and back.
+SCALES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = {
+    "depth": (float, float),
+    "steps": (float, float),
+    "log": (math.log, math.exp),
+    "disparity": (lambda z: 1 / z, lambda x: math.inf if x == 0 else 1 / x),
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Param:
@@ -48,19 +57,19 @@ class Param:
             text = f"{number:.{digits}g}" if digits else f"{number}".removesuffix(".0")
             return text + self.unit
 
-        return self._joined(value, write)
+        return self._join(value, write)
 
     def shown(self, value: object, digits: int = 6) -> str:
         """A value for people: lengths from 1 m on in metres."""
         if self.unit == "mm":
-            return self._joined(value, lambda number: length_text(number, digits))
+            return self._join(value, lambda number: length_text(number, digits))
         return self.text(value, digits)
 
-    def _joined(self, value: object, write: Callable[[float], str]) -> str:
+    def _join(self, value: object, write: Callable[[float], str]) -> str:
         if isinstance(value, FileNumbers):
             return str(value)
         if isinstance(value, tuple | list):
-            return self.separator.join(self._joined(each, write) for each in value)
+            return self.separator.join(self._join(each, write) for each in value)
         if value is None or isinstance(value, bool):
             return "on" if value else "off"
         if isinstance(value, int | float):

@@ -159,9 +159,7 @@ def do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
     for sent in jobs:
         job = typed(Job, sent)
         job = replace(job, machine=replace(job.machine, threads=threads))
-        inputs = reader.read(job)
-        rendered = inputs if isinstance(inputs, Mapping) else job_result.compute(job, inputs)
-        record = rendered if isinstance(rendered, Mapping) else job_result.write(rendered)
+        record = job_result.write(job_result.compute(job, reader.read(job)))
         results.append({key: value for key, value in record.items() if key != "error"})
     return {"versions": identity.versions(), "results": results}
 

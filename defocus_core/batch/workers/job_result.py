@@ -3,8 +3,8 @@
 What a worker knows of a record of the journal is there: status, reason, message, inputs, outputs,
 lens, size, coc_px, color_note, depth_note, depth_repair, device, quality, measures, warnings and
 seconds; outputs are relative to the root, inputs have no paths. Beside them, for the moment, are
-`BESIDE`: ``stats`` of the renderer; where something was raised, ``trace``, its traceback if it was
-a fault, and ``error`` itself, for this process alone.
+`TRANSIENT`: ``stats`` of the renderer; where an error was raised, ``trace``, its traceback if it
+was a fault, and ``error`` itself, for this process alone.
 """
 
 from __future__ import annotations
@@ -17,20 +17,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.depth.repair_words import repair_record
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.failure_codes import Step, verdict
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.lenses.lens import lens_record
 from defocus_core.batch.lenses.parameters import LENS_FILES
-from defocus_core.batch.rendering import delivery, job_steps
-from defocus_core.batch.rendering.inputs import Inputs, load_inputs
-from defocus_core.batch.rendering.measures import measures
-from defocus_core.batch.rendering.rendered import Rendered
+from defocus_core.picture import plain_path
+from defocus_core.picture.measures import measures
+from defocus_core.picture.repair_words import repair_record
+from defocus_core.picture.take import Inputs, Take
 
 TileCount = Callable[[int, int], None]
-BESIDE = ("stats", "trace", "error")  # keys of what the journal does not keep
+TRANSIENT = ("stats", "trace", "error")  # keys of what the journal does not keep
 _NO_PICTURE = dict.fromkeys(
     (
         "lens",
@@ -63,7 +62,7 @@ class Reader:
         self._last = None  # free a picture before the next is decoded
         start, stamps = time.perf_counter(), _stamps(job.files)
         try:
-            inputs = load_inputs(job)
+            inputs = plain_path.read(job)
         except Exception as error:
             return failure(error, "read", stamps)
         inputs = replace(inputs, stamps=stamps, seconds=time.perf_counter() - start)
@@ -80,20 +79,24 @@ def _stamps(files: Mapping[str, Path]) -> dict[str, Any]:
     return stamps
 
 
-def compute(job: Job, inputs: Inputs, progress: TileCount | None = None) -> Rendered | Record:
+def compute(job: Job, inputs: Inputs | Record, progress: TileCount | None = None) -> Take | Record:
     """Compute a job whose inputs are decoded; its record if it cannot be done."""
+    if isinstance(inputs, Mapping):
+        return inputs
     try:
-        return job_steps.compute(job, inputs, progress)
+        return plain_path.compute(job, inputs, progress)
     except Exception as error:
         return failure(error, "render", inputs.stamps)
 
 
-def write(rendered: Rendered) -> Record:
+def write(take: Take | Record) -> Record:
     """Write what a job computed; when this returns, it is durable."""
+    if isinstance(take, Mapping):
+        return take
     start = time.perf_counter()
-    job, inputs = rendered.job, rendered.inputs.stamps
+    job, inputs = take.job, take.inputs.stamps
     try:
-        rendered = delivery.write(rendered)
+        take = plain_path.write(take)
         outputs = {
             name: {"path": path, **identity.stamp(job.outputs.root / path, job.outputs.root)}
             for name, path in job.names.items()
@@ -106,23 +109,23 @@ def write(rendered: Rendered) -> Record:
         "message": "",
         "inputs": dict(inputs),
         "outputs": outputs,
-        "lens": lens_record(rendered.lens),
-        "size": list(rendered.size),
-        "coc_px": list(rendered.radii.limits),
-        "color_note": rendered.color_note,
-        "depth_note": rendered.depth_words(),
-        "depth_repair": repair_record(rendered.repair),
-        "device": rendered.device,
-        "quality": rendered.quality,
-        "measures": measures(rendered),
-        "warnings": list(rendered.warnings),
+        "lens": lens_record(take.lens),
+        "size": list(take.size),
+        "coc_px": list(take.limits),
+        "color_note": take.color_note,
+        "depth_note": take.depth_words(),
+        "depth_repair": repair_record(take.repair),
+        "device": take.device,
+        "quality": take.quality,
+        "measures": measures(take),
+        "warnings": list(take.warnings),
         "seconds": {
-            "read": round(rendered.inputs.seconds, 4),
-            "render": round(rendered.seconds, 4),
+            "read": round(take.inputs.seconds, 4),
+            "render": round(take.seconds, 4),
             "write": round(time.perf_counter() - start, 4),
-            "cpu": round(rendered.cpu_seconds, 4),
+            "cpu": round(take.cpu_seconds, 4),
         },
-        "stats": dict(rendered.stats),
+        "stats": dict(take.stats),
     }
 
 

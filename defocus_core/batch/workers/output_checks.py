@@ -124,7 +124,7 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
     pictures = set({id(job.picture): job.picture for job in jobs}.values())
     pictures |= {other for picture in pictures for other in picture.others.values()}
     named = {path for one in pictures for path in (one.color, one.depth)}
-    # Path.resolve raises where a link leads in a circle; who reads it says it better.
+    # Path.resolve raises where a link leads in a circle; its reader names that.
     named |= {Path(os.path.realpath(path)) for path in named if path.is_symlink()}
     places = {folder: folder.resolve() for folder in {path.parent for path in named}}
     own = {folder.resolve() for outputs in _outputs_of(jobs) for folder in outputs.folders}

@@ -8,28 +8,34 @@ of jobs.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
+from itertools import chain, islice
 from queue import SimpleQueue
 from typing import TYPE_CHECKING
 
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal.journal import Record
-from defocus_core.batch.rendering import job_steps
-from defocus_core.batch.rendering.inputs import Inputs
-from defocus_core.batch.rendering.memory_budget import Gate
-from defocus_core.batch.rendering.rendered import Rendered
 from defocus_core.batch.workers import job_result
 from defocus_core.batch.workers.job_result import TileCount
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
+from defocus_core.picture import plain_path
+from defocus_core.picture.memory_budget import Gate
+from defocus_core.picture.take import Inputs, Take
+from defocus_core.system.interrupts import delayed_signals
 
 if TYPE_CHECKING:
     _Read = tuple[int, Job, Inputs | Record]
 
 
 def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
-    """Do the jobs of a batch in this process."""
-    job_steps.load()
-    run(_jobs(chunks, stopped), done, stopped=stopped)
+    """Do the jobs of a batch in this process; a single one without threads."""
+    plain_path.load()
+    jobs = _jobs(chunks, stopped)
+    first = [*islice(jobs, 2)]
+    if len(first) > 1:
+        run(chain(first, jobs), done, stopped=stopped)
+    for number, job in first if len(first) == 1 else ():
+        _carry_out(number, job, done)
 
 
 def execute_alone(progress: TileCount | None) -> Execute:
@@ -41,10 +47,18 @@ def execute_alone(progress: TileCount | None) -> Execute:
                 raise record["error"]
             done(number, record)
 
-        job_steps.load()
-        run(_jobs(chunks, stopped), done_or_raised, progress, stopped)
+        plain_path.load()
+        for number, job in _jobs(chunks, stopped):
+            _carry_out(number, job, done_or_raised, progress)
 
     return execute
+
+
+def _carry_out(number: int, job: Job, done: Done, progress: TileCount | None = None) -> None:
+    """Do a job."""
+    take = job_result.compute(job, job_result.Reader().read(job), progress)
+    with delayed_signals():  # nothing stays half-written, or written and not told
+        done(number, job_result.write(take))
 
 
 def _jobs(chunks: Iterator[Chunk], stopped: Callable[[], bool]) -> Iterator[tuple[int, Job]]:
@@ -58,14 +72,13 @@ def _jobs(chunks: Iterator[Chunk], stopped: Callable[[], bool]) -> Iterator[tupl
 def run(
     jobs: Iterable[tuple[int, Job]],
     done: Done,
-    progress: TileCount | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> None:
     """Do jobs in their order.
 
     `jobs`: numbered; asked for the next one, on a thread of its own, before the last is done.
     `done`: called with number and record of each as soon as it is durable, on another thread or on
-    this one, one at a time. `progress`: with (tiles done, tiles in all) of the picture in work.
+    this one, one at a time.
     """
     gate = Gate()
     ahead, behind = _Ahead(jobs, gate), _Writer(done, gate)
@@ -73,10 +86,7 @@ def run(
         for number, job, inputs in ahead:
             if stopped():
                 break
-            if isinstance(inputs, Mapping):
-                behind.put(number, inputs)
-            else:
-                behind.put(number, job_result.compute(job, inputs, progress))
+            behind.put(number, job_result.compute(job, inputs))
     finally:
         try:
             ahead.stop()
@@ -138,15 +148,15 @@ class _Writer:
     def __init__(self, done: Done, gate: Gate) -> None:
         self._done, self._gate = done, gate
         self._room = threading.Semaphore(1)
-        self._queue: SimpleQueue[tuple[int, Rendered | Record] | None] = SimpleQueue()
+        self._queue: SimpleQueue[tuple[int, Take | Record] | None] = SimpleQueue()
         self._error: BaseException | None = None
         self._ended = threading.Event()  # a join that a signal interrupts cannot be tried again
         threading.Thread(target=self._write, name="writer", daemon=True).start()
 
-    def put(self, number: int, rendered: Rendered | Record) -> None:
+    def put(self, number: int, take: Take | Record) -> None:
         self._room.acquire()
         self.check()
-        self._queue.put((number, rendered))
+        self._queue.put((number, take))
 
     def check(self) -> None:
         """Raise what ``done`` raised."""
@@ -167,10 +177,10 @@ class _Writer:
 
     def _write(self) -> None:
         while (item := self._queue.get()) is not None:
-            number, rendered = item
+            number, take = item
             try:
-                record = rendered if isinstance(rendered, Mapping) else job_result.write(rendered)
-                del rendered, item
+                record = job_result.write(take)
+                del take, item
                 self._done(number, record)
             except BaseException as error:
                 self._error = error

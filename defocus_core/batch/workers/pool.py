@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING, Any
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.journal.run_file import sweep_up_after
-from defocus_core.batch.rendering import job_steps
 from defocus_core.batch.workers import pipeline
 from defocus_core.batch.workers.job_result import failed
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
 from defocus_core.errors import InputError
+from defocus_core.picture import plain_path
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -46,7 +46,7 @@ def serve(connection: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     stopped = threading.Event()
     jobs = _received(connection, stopped)
-    job_steps.load()
+    plain_path.load()
 
     def send(number: int, record: Record) -> None:
         connection.send((number, {key: value for key, value in record.items() if key != "error"}))

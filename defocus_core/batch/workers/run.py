@@ -20,8 +20,7 @@ from defocus_core.batch.journal import identity, journal_copy, run_file
 from defocus_core.batch.journal.journal import Journal, Record, input_path, journal_path, read_all
 from defocus_core.batch.journal.lock import Check, LockLost, locked
 from defocus_core.batch.journal.run_file import RunPlan
-from defocus_core.batch.rendering.memory_budget import refuse_small
-from defocus_core.batch.workers.job_result import BESIDE
+from defocus_core.batch.workers.job_result import TRANSIENT
 from defocus_core.batch.workers.output_checks import (
     refuse_misplaced,
     refuse_unknown,
@@ -31,13 +30,14 @@ from defocus_core.batch.workers.plan import Chunk, Execute, Execution, Plan, mak
 from defocus_core.errors import InputError, NoteKinds
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable
+from defocus_core.picture.memory_budget import refuse_small
 from defocus_core.system.interrupts import Interrupts
 from defocus_core.system.log import note
 
 MAX_IN_A_CHUNK = 8
 
 
-class NoSpace(InputError):  # noqa: N818 - a mistake of nobody's
+class NoSpace(InputError):  # noqa: N818 - no mistake
     """Nothing more can be written."""
 
 
@@ -48,7 +48,7 @@ class Listener(Protocol):
         """Before the first job is done."""
 
     def ended(self, job: Job, record: Record) -> None:
-        """A job has come to its end, and the journal has it, but for what stands `BESIDE`."""
+        """A job has come to its end, and the journal has it, but for what stands `TRANSIENT`."""
 
 
 @dataclass
@@ -75,7 +75,7 @@ def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Li
             more can be written.
     """
     with (
-        _made({job.outputs for job in jobs}, out),
+        _output_folders({job.outputs for job in jobs}, out),
         locked(out, execution.shard, say=note) as require_lock,
     ):
         journal_copy.mend(out, execution.shard)
@@ -101,17 +101,17 @@ def write_alone(job: Job, execute: Execute, listener: Listener) -> Summary:
     def done(_: int, record: Record) -> None:
         summary.left = 0
         summary.statuses[record["status"]] += 1
-        beside = {key: record[key] for key in BESIDE if key in record}
+        beside = {key: record[key] for key in TRANSIENT if key in record}
         listener.ended(job, {**completed(record, job, identity.recipe(job), out), **beside})
 
-    with _made({job.outputs}, out), Interrupts(patient=False) as interrupts:
+    with _output_folders({job.outputs}, out), Interrupts(patient=False) as interrupts:
         execute(iter([[(0, job)]]), done, lambda: interrupts.asked)
     summary.interrupted = interrupts.asked
     return summary
 
 
 @contextmanager
-def _made(every: Collection[Outputs], out: Path) -> Iterator[None]:
+def _output_folders(every: Collection[Outputs], out: Path) -> Iterator[None]:
     """OUT exists in the block; folders that were not there, and are empty at its end, are not."""
     for outputs in every:
         refuse_unwritable(outputs)
@@ -228,7 +228,7 @@ class _Batch:
         if record["reason"] == "no-space":  # no other job will find space
             path, _, problem = record["message"].partition(": ")
             raise NoSpace("no-space", problem, path=path)
-        beside = {key: record[key] for key in BESIDE if key in record}
+        beside = {key: record[key] for key in TRANSIENT if key in record}
         record = completed(record, job, recipe, self.out)
         self.journal.append(record)
         if record["status"] == "ok":

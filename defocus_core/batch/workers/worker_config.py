@@ -8,9 +8,9 @@ from functools import cached_property
 from pathlib import Path
 
 from defocus_core.batch.jobs.job import Job, Machine
-from defocus_core.batch.rendering import memory_budget
 from defocus_core.batch.workers.dask_pool import execute_at
 from defocus_core.batch.workers.plan import Execute
+from defocus_core.picture import memory_budget
 from defocus_core.system import memory
 from defocus_core.system.process import cores
 

@@ -6,6 +6,7 @@ What the numbers of a file mean is a row of `table`, or said by the user.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,6 @@ from defocus_core.errors import InputError
 from defocus_core.io.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
 from defocus_core.io.depth_formats.depth_numbers import DepthNumbers, divided
 from defocus_core.io.depth_formats.file_types import read_numbers
-from defocus_core.io.depth_formats.holes import fill_from_farther, set_far, set_outside
 from defocus_core.io.depth_formats.photo_depth import own_format
 from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading
 from defocus_core.io.depth_formats.resolving import resolved
@@ -27,6 +27,66 @@ from defocus_core.io.depth_formats.signs import refuse_named
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.raster import SIDEWAYS, upright
 from defocus_core.system.text import counted
+
+Valid = Callable[[slice], NDArray[np.bool_]]  # where some rows have a depth
+
+
+def set_far(metres: Any, valid: Valid, far: float = np.inf) -> None:
+    """Make invalid pixels as far as ``far``, in place."""
+    for rows in bands(metres.shape):
+        metres[rows] = np.where(valid(rows), metres[rows], np.float32(far))
+
+
+def set_outside(metres: Any, within: tuple[slice, slice]) -> None:
+    """Make the depth invalid outside some rows and columns."""
+    (height, width), (rows, columns) = metres.shape, within
+    for outside in (
+        (slice(0, rows.start), slice(0, width)),
+        (slice(rows.stop, height), slice(0, width)),
+        (rows, slice(0, columns.start)),
+        (rows, slice(columns.stop, width)),
+    ):
+        if all(cut.stop > cut.start for cut in outside):
+            metres[outside] = np.full([c.stop - c.start for c in outside], np.nan, np.float32)
+
+
+def fill_from_farther(metres: Any, valid: Valid, farther: np.ufunc = np.maximum) -> None:
+    """Give invalid pixels, which are not all, the farther of those next to them in their row.
+
+    A hole is nearly always behind the edge that made it (shadows of stereo, laser and structured
+    light). Rows without any depth take the farther of the nearest rows above and below.
+
+    `metres`: [H, W].
+    """
+    height, _ = metres.shape
+    empty = np.ones(height, bool)
+    for rows in bands(metres.shape):
+        known = valid(rows)
+        empty[rows] = ~known.any(axis=1)
+        if not known.all():
+            metres[rows] = _filled_along_rows(metres[rows], known, farther)
+    full = np.flatnonzero(~empty)
+    for y in np.flatnonzero(empty):
+        place = int(np.searchsorted(full, y))
+        beside = full[max(place - 1, 0) : place + 1]
+        metres[y : y + 1] = farther.reduce([metres[n : n + 1] for n in beside])
+
+
+def _filled_along_rows(
+    band: NDArray[np.float32], valid: NDArray[np.bool_], farther: np.ufunc
+) -> NDArray[np.float32]:
+    """Rows whose invalid pixels have the farther of the nearest valid ones left and right."""
+    columns = np.arange(band.shape[1])
+    left = np.maximum.accumulate(np.where(valid, columns, -1), axis=1)
+    right = np.where(valid, columns, band.shape[1])[:, ::-1]
+    right = np.minimum.accumulate(right, axis=1)[:, ::-1]
+    none = np.float32(-np.inf if farther is np.maximum else np.inf)  # nearer than all
+    known = np.where(valid, band, none)
+    padded = np.pad(known, ((0, 0), (0, 1)), constant_values=none)  # the columns −1 and W
+    sides = [np.take_along_axis(padded, side, axis=1) for side in (left, right)]
+    filled: NDArray[np.float32] = np.where(valid, band, farther(*sides))
+    return filled
+
 
 _TOP = 65535  # of 16 bits
 
@@ -42,15 +102,15 @@ class Depth:
         channel: the channel's name in the file, empty where channels have none.
         note: how the file was understood, for people.
         is_radius: whether the file holds radii instead of depth.
-        by_custom: whether nothing but the custom of the type of file says that 16 bits are
+        is_assumed: whether only the type of the file says that 16 bits are
             millimetres.
-        whole: whether the numbers of the file are integers, which have no inf.
+        is_integer: whether the numbers of the file are integers, which have no inf.
         named: whether the user named the format, which says what 0 is.
         replaced: how many invalid pixels were taken as far, or filled.
         replaced_words: the same for people; empty if none.
         data_window: its data window in words, if it does not cover the picture.
         overscan: pixels beyond the picture shown.
-        nothing: where the colour is an element's and holds nothing, bool [H, W]; None if nowhere.
+        empty: where the colour is an element's and holds nothing, bool [H, W]; None if nowhere.
             The depth is inf there, a radius 0.
         is_relative: whether the numbers are relative disparity, which gives radii as well.
         inverted: of relative disparity, whether black is near.
@@ -61,14 +121,14 @@ class Depth:
     channel: str
     note: str
     is_radius: bool = False
-    by_custom: bool = False
-    whole: bool = False
+    is_assumed: bool = False
+    is_integer: bool = False
     named: bool = False
     replaced: int = 0
     replaced_words: str = ""
     data_window: str = ""
     overscan: Overscan = NO_OVERSCAN
-    nothing: Any = None
+    empty: Any = None
     is_relative: bool = False
     inverted: bool = False
 
@@ -85,12 +145,17 @@ class Depth:
             f"{self.path.name}: 16 bits read as millimetres; say ‹depth-unit› or ‹depth-format›"
         )
         replaced = f"{self.path.name}: {self.replaced_words}"
-        return *([granted] * self.by_custom), *([replaced] * bool(self.replaced_words))
+        return *([granted] * self.is_assumed), *([replaced] * bool(self.replaced_words))
 
-    def something(self, rows: slice) -> NDArray[np.float32]:
+    @property
+    def is_exact(self) -> bool:
+        """Whether the file holds radii in px, of which no distance is taken for another."""
+        return self.is_radius and not self.is_relative
+
+    def present(self, rows: slice) -> NDArray[np.float32]:
         """The depths of some rows but where there is nothing."""
         band: NDArray[np.float32] = self.metres[rows]
-        return band.ravel() if self.nothing is None else band[~self.nothing[rows]]
+        return band.ravel() if self.empty is None else band[~self.empty[rows]]
 
     @property
     def ends(self) -> tuple[float, float] | None:
@@ -98,7 +163,7 @@ class Depth:
         ends: list[np.float32] = []
         for rows in bands(self.metres.shape):
             valid = self.valid(rows)
-            valid = valid if self.nothing is None else valid & ~self.nothing[rows]
+            valid = valid if self.empty is None else valid & ~self.empty[rows]
             if valid.any():
                 known = self.metres[rows][valid]
                 ends += [known.min(), known.max()]
@@ -168,8 +233,8 @@ def read_depth(
     if orientation != 1:
         metres, turned = upright(metres[:], orientation), "turned as its colour"
         marks = (*marks, turned)
-    by_custom = samples.type == "16-bit PNG" and not reading.says_scale
-    if by_custom:
+    is_assumed = samples.type == "16-bit PNG" and not reading.says_scale
+    if is_assumed:
         refuse_named(path, values)
         _refuse_scaled(path, values)
     words = (samples.words, division, decoding.words, *marks)
@@ -181,8 +246,8 @@ def read_depth(
         samples.channel,
         note,
         is_radius=is_radius,
-        by_custom=by_custom,
-        whole=samples.is_integer,
+        is_assumed=is_assumed,
+        is_integer=samples.is_integer,
         named=reading.depth_format is not None,
         data_window=samples.data_window,
         overscan=overscan,
@@ -229,9 +294,9 @@ def require_valid(depth: Depth) -> None:
     if depth.data_window:
         problem = f"{problem}; its data window is {depth.data_window} only"
         remedy = "render the whole display window, or give the colour alpha; or say ‹invalid› far"
-    if depth.whole and depth.named:
+    if depth.is_integer and depth.named:
         remedy = "say ‹invalid› far if they are sky, or fill if they are holes"
-    elif depth.whole:
+    elif depth.is_integer:
         remedy = (
             "say ‹depth-format›, since 0 is a hole for some and sky for others; "
             "or ‹invalid› far, or fill"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -15,16 +16,26 @@ from defocus_core.io.depth_formats.reading import DepthReading, require_size
 from defocus_core.io.depth_formats.rules import DepthFormat
 from defocus_core.io.exr.channel_choice import (
     ChannelGroup,
-    NoDepthChannel,
+    by_name,
     channels_of,
-    choose_depth,
+    in_words,
+    labels,
+    last_word,
+    only,
 )
 from defocus_core.io.exr.header import Header, read_headers
 from defocus_core.io.exr.reading import has_equal_colors, read_parts
 from defocus_core.io.exr.views import in_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 
+_DEPTH_NAMES = frozenset({"depth", "zdepth"})  # of channels, whatever their layer
+_DEPTH_LAYERS = ("depth", "zdepth", "worlddepth")  # how the names of layers end
+NO_DEPTH = ("coc", "disparity", "trust")  # channels of maps that defocus writes
 _CAMERA = "worldToCamera"  # OpenEXR's attribute: of points as rows, from the world to the camera
+
+
+class NoDepthChannel(InputError):  # noqa: N818 - it says what the file lacks
+    """None of the channels of a file is known to be depth."""
 
 
 def exr_depth_numbers(
@@ -34,11 +45,7 @@ def exr_depth_numbers(
     overscan: Overscan = NO_OVERSCAN,
     size: tuple[int, int] | None = None,
 ) -> DepthNumbers:
-    """Read the depth channel of an EXR file.
-
-    Raises:
-        InputError: the file cannot be read, or has no depth channel or several.
-    """
+    """Read the depth channel of an EXR file."""
     headers = in_view(path, read_headers(path), reading.view)
     if (position := _position(headers, reading.depth_channel)) is not None:
         shown = position[0].display
@@ -75,13 +82,13 @@ def exr_depth_numbers(
 
 
 def _position(
-    headers: Sequence[Header], named: str | None
+    headers: Sequence[Header], layer: str | None
 ) -> tuple[Header, tuple[str, ...]] | None:
     """The part and the three channels of a position in the world, if a layer of them is named."""
-    for header in headers if named else ():
+    for header in headers if layer else ():
         plain = {channel.plain: channel.name for channel in header.channels}
         for axes in ("XYZ", "xyz", "RGB"):
-            names = [f"{named}.{axis}" for axis in axes]
+            names = [f"{layer}.{axis}" for axis in axes]
             if all(name in plain for name in names):
                 return header, tuple(plain[name] for name in names)
     return None
@@ -97,9 +104,6 @@ def _along_axis(
     """Depth of positions in the world, by the camera of the header; infinite where all are 0.
 
     What is seen lies before the camera, whichever way its axis is counted.
-
-    Raises:
-        InputError: the header has no camera.
     """
     header, names = position
     camera = header.attributes.get(_CAMERA)
@@ -133,25 +137,66 @@ def _along_axis(
 def choose_depth_channel(
     path: Path, headers: Sequence[Header], reading: DepthReading
 ) -> ChannelGroup:
-    """The depth channel of a file: the one named, that of the format, or one of the usual names.
-
-    Raises:
-        InputError: there is none, or several could be the depth.
-    """
-    row, named = reading.row, reading.depth_channel
-    if named is None and (row.channels or row.plane is not None):
+    """The depth channel of a file: the one named, that of the format, or one of the usual names."""
+    row, channel = reading.row, reading.depth_channel
+    if channel is None and (row.channels or row.plane is not None):
         every = channels_of(path, headers, reading.part)
         if (known := _by_pattern(row, every)) is not None:
             return known
     try:
-        return choose_depth(path, headers, channel=named, part=reading.part)
+        return choose_depth(path, headers, channel=channel, part=reading.part)
     except NoDepthChannel as error:
         if not any(has_equal_colors(path, header) for header in headers):
             raise
-        if reading.depth_format is not None and named is None:  # then it is said to be depth
+        if reading.depth_format is not None and channel is None:  # then it is said to be depth
             return choose_depth(path, headers, channel="R", part=reading.part)
         remedy = "R, G and B are equal: if they are the depth, say ‹depth-channel› R"
         raise NoDepthChannel("no-depth", error.problem, remedy, path=path) from None
+
+
+def choose_depth(
+    path: Path, headers: Sequence[Header], *, channel: str | None, part: int | None
+) -> ChannelGroup:
+    """The depth channel of a file; ``channel`` and ``part`` as for `read_depth`."""
+    every = channels_of(path, headers, part)
+    if channel is not None:
+        return by_name(path, every, channel, "channel", "‹depth-channel›")
+    candidates = [c for c in every if _is_depth(c)]
+    if not candidates and len(every) == 1 and every[0].name not in NO_DEPTH:
+        candidates = every
+    if len(candidates) > 1:
+        # Multi-part files may name only the part: "ViewLayer.Depth" beside "ViewLayer.Mist".
+        in_depth_part = [c for c in candidates if last_word(c.header.name).lower() == "depth"]
+        candidates = in_depth_part if len(in_depth_part) == 1 else candidates
+    if not candidates:
+        problem = f"has no depth channel, only {in_words(labels(every))}"
+        likely = [c for c in every if re.search(r"depth|dist|mist|(^|[._])p?z", c.name.lower())]
+        names = labels(every)
+        proposed = [names[every.index(c)] for c in likely] or ["NAME"]
+        layer, _, axis = proposed[0].rpartition(".")
+        if axis.lower() == "z" and {f"{layer}.X", f"{layer}.x"} & {*names}:  # of a position
+            proposed = [layer]
+        remedy = f"if one of them is the depth, say ‹depth-channel› {proposed[0]}"
+        raise NoDepthChannel("no-depth", problem, remedy, path=path)
+    return only(path, candidates, "depth channel", "‹depth-channel›")
+
+
+def _is_depth(candidate: ChannelGroup) -> bool:
+    """Whether the name says so: Z, V, depth, or one of a layer whose name says depth."""
+    layer, _, base = candidate.name.rpartition(".")
+    base, own_layer = base.lower(), last_word(layer).lower()
+    siblings = candidate.header.folded_names
+    dot = f"{layer}.".lower() if layer else ""
+    if base in _DEPTH_NAMES:
+        return True
+    if base == "pz":  # of a position there are three
+        return f"{dot}px" not in siblings
+    if own_layer.endswith(_DEPTH_LAYERS):  # its G and B, if there are any, repeat R
+        return base in ("r", "x", "y", "z", "v") and (base == "r" or f"{dot}r" not in siblings)
+    if base not in {"z", "v"} or (layer and own_layer not in ("depth", "z")):
+        return False
+    vector = {f"{dot}x", f"{dot}y", f"{dot}z"} <= siblings or {f"{dot}u", f"{dot}v"} <= siblings
+    return not vector
 
 
 def _by_pattern(row: DepthFormat, every: Sequence[ChannelGroup]) -> ChannelGroup | None:

@@ -16,7 +16,6 @@ from defocus_core.io.array_files.containers import ArrayEntry, container_type, r
 from defocus_core.io.array_files.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.damage import decoding
-from defocus_core.io.depth_formats.color_maps import color_map_of
 from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
 from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
 from defocus_core.io.depth_formats.photo_depth import (
@@ -36,6 +35,33 @@ from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.png_text import png_text
 from defocus_core.io.images.raster import Raster, choose_page, pnm_top, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
+
+# Nine colours of each map at even steps, sRGB.
+_MAPS = {
+    "viridis": "440154 472d7b 3b528b 2c728e 21918c 27ad81 5cc863 aadc32 fde725",
+    "inferno": "000004 210c4a 57106e 8a226a bc3754 e35933 f98c0a f9c932 fcffa4",
+    "magma": "000004 1d1147 51127c 832681 b73779 e55064 fb8761 fec287 fcfdbf",
+    "plasma": "0d0887 4c02a1 7e03a8 aa2395 cc4778 e56b5d f89441 fdc328 f0f921",
+    "turbo": "30123b 466be3 28bceb 32f298 a4fc3c ecd13a fb8122 d23105 7a0403",
+    "jet": "000080 0000ff 0080ff 16ffe1 7dff7a e1ff16 ff9800 ff2200 800000",
+    "Spectral": "9e0142 dd4a4c f98e52 fed481 ffffbe d8ef9b 89d0a4 3f97b7 5e4fa2",
+}
+# Levels of 8 bits that a colour may be away from its map, by few steps and a codec; the share of
+# pixels that are near; steps between the colours of the table.
+_NEAR, _MOST, _STEPS = 30, 0.95, 8
+
+
+def color_map_of(pixels: NDArray[Any]) -> str:
+    """The map that colours [N, 3] of 8 bits are drawn in; empty if it is not sure."""
+    for name, words in _MAPS.items():
+        colors = np.array([list(bytes.fromhex(word)) for word in words.split()], float)
+        at = np.linspace(0, len(colors) - 1, (len(colors) - 1) * _STEPS + 1)
+        line = np.stack([np.interp(at, range(len(colors)), c) for c in colors.T], axis=1)
+        away = np.abs(pixels[:, None].astype(float) - line).max(axis=2).min(axis=1)
+        if np.mean(away <= _NEAR) >= _MOST:
+            return name
+    return ""
+
 
 # Levels of 8 bits by which channels of grey differ after JPEG; weights of its luma; pixels of a
 # strip that are looked at for a map of colours.
@@ -58,21 +84,17 @@ def read_numbers(
         keeping: where the numbers are to be kept.
         size: width and height of the colour that the depth belongs to, None if there is none.
         overscan: pixels beyond the picture shown, of files that have them.
-
-    Raises:
-        InputError: the file cannot be read, or is of no type that the format comes in.
-        UsageProblem: a channel for a file that has no named ones.
     """
     row, head = reading.row, read_head(path, 32)
     if row.files == ("headerless",):
         width, height = size or row.size or (0, 0)
         return DepthNumbers(read_headerless(path, (width, height)), "headerless", "float32 rows")
     if is_exr(head):
-        return _allowed(path, exr_depth_numbers(path, reading, keeping, overscan, size), reading)
+        return _accept(path, exr_depth_numbers(path, reading, keeping, overscan, size), reading)
     if path.suffix.lower() == ".exr":
         raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
     if container_type(head):
-        return _allowed(path, _from_container(path, reading, container_type(head), size), reading)
+        return _accept(path, _from_container(path, reading, container_type(head), size), reading)
     if reading.depth_channel is not None:
         problem = f"{path} has no named channels"
         raise UsageProblem("idle-option", problem, "leave it out", field="depth-channel")
@@ -87,10 +109,10 @@ def read_numbers(
     else:
         samples = _from_raster(path, reading, keeping, size)
     require_size(path, reading, samples.values.shape, size)
-    return _allowed(path, samples, reading)
+    return _accept(path, samples, reading)
 
 
-def _allowed(path: Path, samples: DepthNumbers, reading: DepthReading) -> DepthNumbers:
+def _accept(path: Path, samples: DepthNumbers, reading: DepthReading) -> DepthNumbers:
     """Refuse a type of file that the named format does not come in."""
     row = reading.row
     if reading.depth_format is not None and samples.type not in row.files:
@@ -250,21 +272,17 @@ def _from_raster(
 
 
 def _grey(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
-    """The luma of samples [h, w, 3…] of equal channels, or of 8 bits but for the noise of a codec.
-
-    Raises:
-        InputError: they have colours.
-    """
+    """The luma of samples [h, w, 3…] of equal channels, or of 8 bits but for a codec's noise."""
     colors = samples[:, :, :3]
     spread = colors.max(axis=2) - colors.min(axis=2)
     if not spread.any():
         return colors[:, :, 0]
     if spread.max() > _CHROMA_NOISE or samples.dtype != np.uint8:
-        raise _colored(path)
+        raise _color_error(path)
     return np.rint(colors @ _LUMA).astype(samples.dtype)
 
 
-def _colored(path: Path) -> InputError:
+def _color_error(path: Path) -> InputError:
     """The error for depth of several channels, by the name of the map that it is drawn in."""
     page = choose_page(path, read_pages(path), None)
     pieces = (np.ravel(s[:, :, :3]).reshape(-1, 3) for _, s in read_samples(path, page.page))
@@ -281,7 +299,7 @@ def _colored(path: Path) -> InputError:
 def _refuse_unsuited(path: Path, raster: Raster, reading: DepthReading) -> None:
     """Refuse pictures of 8 bits, and of several channels, unless options declare them as depth."""
     if raster.type == "uint8" and not reading.says_scale:
-        if len(raster.channels) >= 3 and "drawn" in (error := _colored(path)).problem:
+        if len(raster.channels) >= 3 and "drawn" in (error := _color_error(path)).problem:
             raise error
         problem = "has 8 bits, too few for depth and without a metric scale"
         remedy = f"save depth as {WANTED}; or say ‹depth-range› NEAR FAR and ‹depth-kind›"

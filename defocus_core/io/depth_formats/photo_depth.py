@@ -76,17 +76,13 @@ def own_format(path: Path) -> str:
 
 @contextmanager
 def sharp_original(path: Path) -> Iterator[Path]:
-    """A file with the sharp picture inside a photograph; itself if it has none of its own.
-
-    Raises:
-        InputError: it is damaged.
-    """
+    """A file with the sharp picture inside a photograph; itself if it has none of its own."""
     data = _properties(path).get(b"GImage:Data") if holds_gdepth(path) else None
     if data is None:
         yield path
         return
     try:
-        with _unpacked(base64.b64decode(data, validate=False)) as image:
+        with _unpack(base64.b64decode(data, validate=False)) as image:
             yield image
     except ValueError as error:
         problem = f"has a damaged picture in GImage:Data ({reason(error)})"
@@ -94,11 +90,7 @@ def sharp_original(path: Path) -> Iterator[Path]:
 
 
 def open_heic(path: Path) -> Any:
-    """A HEIC file as pillow-heif opens it; its pixels are decoded where they are asked for.
-
-    Raises:
-        InputError: it is damaged, or pillow-heif is missing.
-    """
+    """A HEIC file as pillow-heif opens it; its pixels are decoded where they are asked for."""
     try:
         import pillow_heif
     except ImportError:
@@ -113,11 +105,7 @@ def open_heic(path: Path) -> Any:
 
 
 def heic_pixels(path: Path) -> tuple[NDArray[Any], bytes]:
-    """The picture of a HEIC photograph, upright: integers [H, W, C], and its ICC profile.
-
-    Raises:
-        InputError: it is damaged, or pillow-heif is missing.
-    """
+    """The picture of a HEIC photograph, upright: integers [H, W, C], and its ICC profile."""
     file = open_heic(path)
     try:
         with quiet():
@@ -134,11 +122,7 @@ def _damaged_heic(path: Path, error: Exception) -> InputError:
 
 
 def read_heic(path: Path) -> PhotoDepth:
-    """The depth image of a HEIC photograph.
-
-    Raises:
-        InputError: it is damaged or has none, or pillow-heif is missing.
-    """
+    """The depth image of a HEIC photograph."""
     file = open_heic(path)
     try:
         with quiet():
@@ -155,11 +139,7 @@ def read_heic(path: Path) -> PhotoDepth:
 
 
 def read_gdepth(path: Path) -> PhotoDepth:
-    """The depth image of a JPEG photograph that holds GDepth, turned upright with it.
-
-    Raises:
-        InputError: it has none, or one that is damaged.
-    """
+    """The depth image of a JPEG photograph that holds GDepth, turned upright with it."""
     metadata = {
         name.removeprefix(b"GDepth:"): text
         for name, text in _properties(path).items()
@@ -170,7 +150,7 @@ def read_gdepth(path: Path) -> PhotoDepth:
         raise InputError("no-depth", "has no GDepth in its XMP", remedy, path=path)
     data = metadata.pop(b"Data")
     try:
-        values = _decoded(base64.b64decode(data, validate=False))
+        values = _decode(base64.b64decode(data, validate=False))
     except (InputError, ValueError) as error:  # it would name the scratch file
         why = error.problem if isinstance(error, InputError) else reason(error)
         problem = f"has a damaged GDepth image ({why})"
@@ -209,7 +189,7 @@ def _xmp(data: bytes) -> Iterator[bytes]:
 
 
 @contextmanager
-def _unpacked(data: bytes) -> Iterator[Path]:
+def _unpack(data: bytes) -> Iterator[Path]:
     """A file of an encoded image: OpenImageIO reads files alone."""
     suffix = ".png" if data.startswith(b"\x89PNG") else ".jpg"
     with tempfile.NamedTemporaryFile(suffix=suffix) as file:
@@ -218,9 +198,9 @@ def _unpacked(data: bytes) -> Iterator[Path]:
         yield Path(file.name)
 
 
-def _decoded(data: bytes) -> NDArray[Any]:
+def _decode(data: bytes) -> NDArray[Any]:
     """First channel [H, W] of an encoded image, 8 or 16 bit."""
-    with _unpacked(data) as image:
+    with _unpack(data) as image:
         page = read_pages(image)[0]
         dtype = np.uint16 if page.type == "uint16" else np.uint8
         values = np.empty((page.height, page.width), dtype)

@@ -97,11 +97,7 @@ class DepthReading:
         return self.relative or self.row.rule == "radius"
 
     def as_relative(self) -> Self:
-        """This reading of files whose numbers are relative disparity.
-
-        Raises:
-            UsageProblem: it says what their numbers are.
-        """
+        """This reading of files whose numbers are relative disparity."""
         for name in _OF_METRES:
             if getattr(self, name) is not None:
                 problem = "stands beside ‹blur›, which takes the numbers as relative disparity"
@@ -139,9 +135,6 @@ def require_size(
         reading: what the user says of it.
         shape: rows and columns of its numbers.
         size: width and height of the colour, None if there is none.
-
-    Raises:
-        InputError: it is of another size.
     """
     rows, columns = (-(-length // reading.row.stride) for length in shape[:2])
     if size is not None and reading.resize_depth is None and (columns, rows) != size:

@@ -1,4 +1,4 @@
-"""Colour layers and depth channels of an EXR file, found by name.
+"""Colour layers of an EXR file, found by name, and how any of its channels is named.
 
 OpenEXR names channels ``LAYER.CHANNEL``; files may also split layers into named parts. A name that
 the user gives is compared exactly, then without regard to case. Nothing is guessed: several
@@ -21,15 +21,8 @@ from defocus_core.io.exr.header import Channel, Header
 # Names of colour, and of the layer that holds the whole picture beside its passes.
 _LONG_NAMES = {"RED": "R", "GREEN": "G", "BLUE": "B", "ALPHA": "A"}
 _WHOLE_PICTURE = frozenset({"combined", "rgba", "beauty"})
-_DEPTH_NAMES = frozenset({"depth", "zdepth"})  # of channels, whatever their layer
-_DEPTH_LAYERS = ("depth", "zdepth", "worlddepth")  # how the names of layers end
-NO_DEPTH = ("coc", "disparity", "trust")  # channels of maps that defocus writes
 _SHOWN = 40  # names in a message
 _ASPECTS = 0.1, 10.0  # least and greatest width of a pixel by its height
-
-
-class NoDepthChannel(InputError):  # noqa: N818 - it says what the file lacks
-    """None of the channels of a file is known to be depth."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +54,6 @@ def choose_color(
     """The colour layer of a file; ``layer`` and ``part`` as of `images.color.read_color`.
 
     Without either, the default layer (plain R, G, B) wins over named ones, as in every viewer.
-
-    Raises:
-        InputError: there is none, or several; or its pixels are of an aspect that none has.
     """
     chosen = _chosen_color(path, headers, layer, part)
     aspect, (minimum, maximum) = chosen.header.pixel_aspect, _ASPECTS
@@ -80,7 +70,7 @@ def _chosen_color(
     searched = _flat(_headers_of_part(path, headers, part))
     layers = [each for header in searched for each in _color_layers(header)]
     if layer is not None:
-        return _named(path, layers, layer, "colour layer", "‹color-layer›")
+        return by_name(path, layers, layer, "colour layer", "‹color-layer›")
     candidates = [each for each in layers if {"R", "RY"} & each.channels.keys()] or layers
     for known in (
         [c for c in candidates if c.default],
@@ -91,48 +81,11 @@ def _chosen_color(
     if not candidates:
         problem = f"has no colour channels (R, G, B or Y), only {_listing(searched)}"
         raise InputError("no-color", problem, "name a file that has them", path=path)
-    return _only(path, candidates, "colour layer", "‹color-layer›")
-
-
-def choose_depth(
-    path: Path, headers: Sequence[Header], *, channel: str | None, part: int | None
-) -> ChannelGroup:
-    """The depth channel of a file; ``channel`` and ``part`` as for `read_depth`.
-
-    Raises:
-        NoDepthChannel: none of the channels is known to be depth.
-        InputError: the channel or part is not there, or several channels could be the depth.
-    """
-    searched = _flat(_headers_of_part(path, headers, part))
-    every = channels_of(path, headers, part)
-    if channel is not None:
-        return _named(path, every, channel, "channel", "‹depth-channel›")
-    candidates = [c for c in every if _is_depth(c)]
-    if not candidates and len(every) == 1 and every[0].name not in NO_DEPTH:
-        candidates = every
-    if len(candidates) > 1:
-        # Multi-part files may name only the part: "ViewLayer.Depth" beside "ViewLayer.Mist".
-        in_depth_part = [c for c in candidates if _last(c.header.name).lower() == "depth"]
-        candidates = in_depth_part if len(in_depth_part) == 1 else candidates
-    if not candidates:
-        problem = f"has no depth channel, only {_listing(searched)}"
-        likely = [c for c in every if re.search(r"depth|dist|mist|(^|[._])p?z", c.name.lower())]
-        names = _labels(every)
-        proposed = [names[every.index(c)] for c in likely] or ["NAME"]
-        layer, _, axis = proposed[0].rpartition(".")
-        if axis.lower() == "z" and {f"{layer}.X", f"{layer}.x"} & {*names}:  # of a position
-            proposed = [layer]
-        remedy = f"if one of them is the depth, say ‹depth-channel› {proposed[0]}"
-        raise NoDepthChannel("no-depth", problem, remedy, path=path)
-    return _only(path, candidates, "depth channel", "‹depth-channel›")
+    return only(path, candidates, "colour layer", "‹color-layer›")
 
 
 def channels_of(path: Path, headers: Sequence[Header], part: int | None) -> list[ChannelGroup]:
-    """All channels of a file, or of one of its parts, in the order of the file.
-
-    Raises:
-        InputError: the part is not there.
-    """
+    """All channels of a file, or of one of its parts, in the order of the file."""
     searched = _flat(_headers_of_part(path, headers, part))
     return _each(searched)
 
@@ -146,9 +99,6 @@ def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str])
         path: the file.
         extras: its channels beside the colour by name.
         patterns: names of channels, or patterns like ``diffuse.*``, of any case.
-
-    Raises:
-        InputError: a pattern names no channel of light.
     """
     light = [name for name, plane in extras.items() if not _is_data(name, plane)]
     for pattern in patterns:
@@ -158,7 +108,7 @@ def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str])
             problem = f"has no channel {pattern} of light beside its colour"
             if isnt:
                 problem = f"has {pattern}, which is depth or whole numbers and is never averaged"
-            known = f"it has {_some(light)}" if light else "it has none"
+            known = f"it has {in_words(light)}" if light else "it has none"
             remedy = f"check ‹blur-channels›: {known}"
             raise InputError("no-such-channel", problem, remedy, path=path)
     folded_patterns = [pattern.casefold() for pattern in patterns]
@@ -169,15 +119,11 @@ def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str])
 
 def _is_data(name: str, plane: Any) -> bool:
     """Whether a channel holds depth, or whole numbers like those of objects."""
-    return plane.dtype.kind in "iu" or _last(name).lower() in ("z", "zback", "depth")
+    return plane.dtype.kind in "iu" or last_word(name).lower() in ("z", "zback", "depth")
 
 
 def require_part(path: Path, part: int, count: int) -> None:
-    """Refuse a part that a file of ``count`` parts has not got.
-
-    Raises:
-        InputError: it has not.
-    """
+    """Refuse a part that a file of ``count`` parts has not got."""
     if not 0 <= part < count:
         problem = f"has no part {part}, only {count}"
         remedy = "leave ‹part› out" if count == 1 else f"‹part› counts from 0 to {count - 1}"
@@ -204,7 +150,7 @@ def _color_layers(header: Header) -> Iterable[ChannelGroup]:
     for prefix, members in layers.items():
         bases: dict[str, str] = {}
         for fold in (lambda base: _LONG_NAMES.get(base.upper(), ""), str.upper, str):
-            bases |= {fold(_last(channel.plain)): channel.name for channel in members}
+            bases |= {fold(last_word(channel.plain)): channel.name for channel in members}
         if {"R", "G", "B"} <= bases.keys():
             wanted = ["R", "G", "B", "A"]
         elif {"Y", "RY", "BY"} <= bases.keys():
@@ -233,25 +179,7 @@ def _each(headers: Iterable[Header]) -> list[ChannelGroup]:
     ]
 
 
-def _is_depth(candidate: ChannelGroup) -> bool:
-    """Whether the name says so: Z, V, depth, or one of a layer whose name says depth."""
-    layer, _, base = candidate.name.rpartition(".")
-    base, own_layer = base.lower(), _last(layer).lower()
-    siblings = candidate.header.folded_names
-    dot = f"{layer}.".lower() if layer else ""
-    if base in _DEPTH_NAMES:
-        return True
-    if base == "pz":  # of a position there are three
-        return f"{dot}px" not in siblings
-    if own_layer.endswith(_DEPTH_LAYERS):  # its G and B, if there are any, repeat R
-        return base in ("r", "x", "y", "z", "v") and (base == "r" or f"{dot}r" not in siblings)
-    if base not in {"z", "v"} or (layer and own_layer not in ("depth", "z")):
-        return False
-    vector = {f"{dot}x", f"{dot}y", f"{dot}z"} <= siblings or {f"{dot}u", f"{dot}v"} <= siblings
-    return not vector
-
-
-def _named(
+def by_name(
     path: Path, groups: Sequence[ChannelGroup], wanted: str, kind: str, option: str
 ) -> ChannelGroup:
     """The one candidate that the user calls ``wanted``."""
@@ -262,10 +190,10 @@ def _named(
         members = [c for c in groups if c.name.rpartition(".")[0].casefold() == folded]
         matches = members if len(members) == 1 else []
     if not matches:
-        known = _some(_labels(groups)) or "none"
+        known = in_words(labels(groups)) or "none"
         problem = f"has no {kind} {wanted}; it has {known}"
         raise InputError("no-such-channel", problem, f"check {option}", path=path)
-    return _only(path, matches, kind, option)
+    return only(path, matches, kind, option)
 
 
 def _names(candidate: ChannelGroup) -> set[str]:
@@ -277,36 +205,38 @@ def _names(candidate: ChannelGroup) -> set[str]:
     return names
 
 
-def _labels(candidates: Sequence[ChannelGroup]) -> list[str]:
+def labels(candidates: Sequence[ChannelGroup]) -> list[str]:
     """Names that tell the candidates apart: PART/NAME when they are in several parts."""
     parts = {candidate.header.index for candidate in candidates}
     if len(parts) < 2:
         return [candidate.name for candidate in candidates]
-    labels = [f"{c.header.label}/{c.name}" for c in candidates]
-    if len(set(labels)) == len(labels):
-        return labels
+    of_parts = [f"{c.header.label}/{c.name}" for c in candidates]
+    if len(set(of_parts)) == len(of_parts):
+        return of_parts
     return [f"{c.header.index}/{c.name}" for c in candidates]
 
 
-def _only(path: Path, candidates: Sequence[ChannelGroup], kind: str, option: str) -> ChannelGroup:
+def only(path: Path, candidates: Sequence[ChannelGroup], kind: str, option: str) -> ChannelGroup:
+    """The only candidate there is."""
     if len(candidates) == 1:
         return candidates[0]
-    labels = _labels(candidates)
-    problem = f"has {len(candidates)} candidates for the {kind}: {_some(labels)}"
-    remedy = f"choose one, like {option} {labels[0]}, or a part with ‹part›"
+    names = labels(candidates)
+    problem = f"has {len(candidates)} candidates for the {kind}: {in_words(names)}"
+    remedy = f"choose one, like {option} {names[0]}, or a part with ‹part›"
     raise InputError("ambiguous", problem, remedy, path=path)
 
 
 def _listing(headers: Sequence[Header]) -> str:
     """The channels of ``headers``, for a message."""
-    return _some(_labels(_each(headers)))
+    return in_words(labels(_each(headers)))
 
 
-def _some(names: Sequence[str]) -> str:
+def in_words(names: Sequence[str]) -> str:
     """Names for a message, the first of many."""
     more = len(names) - _SHOWN
     return ", ".join(names[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
-def _last(name: str) -> str:
+def last_word(name: str) -> str:
+    """The name of a channel without its layers."""
     return name.rpartition(".")[2]

@@ -18,7 +18,7 @@ from defocus_core.errors import InputError
 from defocus_core.io.exr.header import Header
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images.primaries import declared_primaries, xyz_of_primaries
-from defocus_core.system.interrupts import put_off
+from defocus_core.system.interrupts import delayed_signals
 
 if TYPE_CHECKING:
     Wanted = Callable[[Header, str], bool]
@@ -35,7 +35,7 @@ def planes_of(
     path: Path, headers: Sequence[Header], wanted: Wanted, overscan: Overscan
 ) -> list[dict[str, NDArray[Any]]]:
     """The channels of each part in the frame; of those of fewer samples, chroma is interpolated."""
-    with put_off():
+    with delayed_signals():
         import OpenEXR
 
     decoded = OpenEXR.File(str(path), separate_channels=True).parts
@@ -47,7 +47,7 @@ def planes_of(
         every.append(
             {
                 channel.name: _in_frame(
-                    _interpolated(samples[channel.name].pixels, channel.sampling, header),
+                    _interpolate(samples[channel.name].pixels, channel.sampling, header),
                     header,
                     overscan,
                 )
@@ -86,7 +86,7 @@ def weights_of(header: Header, path: Path) -> tuple[float, ...]:
     return tuple(weights.tolist())
 
 
-def _interpolated(samples: NDArray[Any], sampling: tuple[int, int], header: Header) -> NDArray[Any]:
+def _interpolate(samples: NDArray[Any], sampling: tuple[int, int], header: Header) -> NDArray[Any]:
     """Samples [h, w] of a data window, one for each of its pixels."""
     if sampling == (1, 1):
         return samples

@@ -78,20 +78,20 @@ class _Part:
 
 def decoded(path: Path, header: Header) -> Iterator[Samples]:
     """The samples of a deep part, some rows at a time."""
-    with _opened(path, header) as (file, part, chunks):
+    with _open(path, header) as (file, part, chunks):
         for strip_chunks in _strips(part, chunks):
             yield _samples(file, part, strip_chunks)
 
 
 def max_count(path: Path, header: Header) -> int:
     """The number of samples of the pixel with most of them, of which none is decoded."""
-    with _opened(path, header) as (file, part, chunks):
+    with _open(path, header) as (file, part, chunks):
         counts = (_counts(file, part, chunk) for chunk in chunks if chunk.unpacked)
         return max((int(count.max()) for count in counts), default=0)
 
 
 @contextmanager
-def _opened(path: Path, header: Header) -> Iterator[tuple[BinaryIO, _Part, list[_Chunk]]]:
+def _open(path: Path, header: Header) -> Iterator[tuple[BinaryIO, _Part, list[_Chunk]]]:
     """A deep part whose samples are counted, to read."""
     try:
         with path.open("rb") as file:
@@ -191,7 +191,7 @@ def _samples(file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]) -> Samples:
     pixels: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
     for chunk in (chunk for chunk in chunks if chunk.unpacked):
         counts = _counts(file, part, chunk)
-        data = _unpacked(file.read(chunk.packed), chunk.unpacked, part.compression)
+        data = _unpack(file.read(chunk.packed), chunk.unpacked, part.compression)
         y, x = (np.arange(n) for n in counts.shape)
         number = (y[:, None] + (chunk.y - top)) * width + chunk.x + x
         pixels.append(np.repeat(number.ravel(), counts.ravel()))
@@ -215,7 +215,7 @@ def _counts(file: BinaryIO, part: _Part, chunk: _Chunk) -> NDArray[np.int64]:
     rows = min(part.tile[1], y1 - y0 + 1 - chunk.y)
     columns = min(part.tile[0], x1 - x0 + 1 - chunk.x)
     file.seek(chunk.at)
-    table = _unpacked(file.read(chunk.table), 4 * rows * columns, part.compression)
+    table = _unpack(file.read(chunk.table), 4 * rows * columns, part.compression)
     ends = np.frombuffer(table, "<i4").reshape(rows, columns).astype(np.int64)
     counts = np.diff(ends, axis=1, prepend=0)
     if (counts < 0).any() or int(ends[:, -1].sum()) * part.sample_bytes != chunk.unpacked:
@@ -223,14 +223,14 @@ def _counts(file: BinaryIO, part: _Part, chunk: _Chunk) -> NDArray[np.int64]:
     return counts
 
 
-def _unpacked(data: bytes, size: int, compression: int) -> bytes:
+def _unpack(data: bytes, size: int, compression: int) -> bytes:
     """So many bytes, from what they were packed to; as they are if packing made them no smaller."""
     if compression == NONE or len(data) == size:
         unpacked = data
     elif compression == RLE:
-        unpacked = _ordered(_run_lengths(data, size))
+        unpacked = _order(_run_lengths(data, size))
     else:
-        unpacked = _ordered(zlib.decompressobj().decompress(data, size + 1)) if size else b""
+        unpacked = _order(zlib.decompressobj().decompress(data, size + 1)) if size else b""
     if len(unpacked) != size:
         raise ValueError(f"{len(unpacked)} bytes in place of {size}")
     return unpacked
@@ -247,7 +247,7 @@ def _run_lengths(data: bytes, size: int) -> bytes:
     return bytes(unpacked)
 
 
-def _ordered(data: bytes) -> bytes:
+def _order(data: bytes) -> bytes:
     """Bytes from differences of bytes whose even ones stand before the odd ones."""
     steps = np.frombuffer(data, np.uint8).copy()
     steps[1:] -= np.uint8(128)

@@ -1,13 +1,22 @@
-"""Deep OpenEXR parts as a picture in focus, or as layers.
+"""Deep OpenEXR parts as a picture in focus, or as layers that have one sample of each pixel.
 
 In the picture in focus, colours and alpha are `over` each other; depth, and what is no colour, is
-that of the nearest sample. Layers have one sample of each pixel.
+that of the nearest sample.
+
+Of two pictures in one pixel volumes are cut, and what lies in one place is mixed by what each
+absorbs: a part t of a volume of alpha a has 1 - (1 - a)^t (P. Hillman, The Theory of OpenEXR Deep
+Samples; F. Kainz, Interpreting OpenEXR Deep Pixels, 2013).
+
+Of a pixel of more samples than layers, the two neighbours nearest to each other in 1 / distance
+become one, until there are few enough: blur is linear in 1 / distance. The nearer one weakens the
+light of the farther one by its alpha, and both count by what shows of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.io.arrays import Keeping
-from defocus_core.io.exr.deep_merging import merged
-from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT, Strip, strips
+from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT, Strip, middle, strips
 from defocus_core.io.exr.header import Header
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
 
@@ -72,7 +80,7 @@ def deep_layers(
     volumes = any(channel.plain == BACK for channel in header.channels)
     wanted = (*names, ALPHA, DEPTH, *((FRONT, BACK) if volumes else ()))
     for strip in strips(path, header, last=True):
-        strip, count = merged(strip, (*names, ALPHA))
+        strip, count = merge_samples(strip, (*names, ALPHA))
         crowded += count
         while len(layers) < max(1, strip.maximum):
             layers.append(
@@ -113,3 +121,206 @@ def _paste(plane: Any, rows: NDArray[Any], window: Window, frame: Window) -> Non
     place, shown = frame.cut(window), window.cut(frame)
     if rows[shown].size:
         plane[place] = rows[shown]
+
+
+_CUT = 1 << 12  # pixels cut at once
+_OPAQUE = 1e6  # absorption of alpha 1
+
+
+def cut_volumes(strip: Strip, light: tuple[str, ...], mixed: NDArray[Any]) -> Strip:
+    """The samples in which no volume holds another one."""
+    import numpy as np
+
+    front, back = strip.values[FRONT], strip.values[BACK]
+    is_volume = (back > front) & np.isfinite(back) & (front > 0)
+    counts = np.bincount(strip.pixel)
+    cut = np.unique(strip.pixel[is_volume & (counts[strip.pixel] > 1)])
+    kept = ~is_volume | ~np.isin(strip.pixel, cut)
+    pieces = [(strip.pixel[kept], *(strip.values[n][kept] for n in (*light, DEPTH)))]
+    for first in range(0, len(cut), _CUT):
+        pieces += _pieces(strip, is_volume, cut[first : first + _CUT], light)
+    pixel, *values = (np.concatenate(column) for column in zip(*pieces, strict=True))
+    order = np.lexsort((np.nan_to_num(values[-1], nan=np.inf, posinf=np.inf), pixel))
+    pixel, values = _mix(pixel[order], [each[order] for each in values], mixed)
+    rank = np.arange(len(pixel)) - np.searchsorted(pixel, pixel)
+    named = zip((*light, DEPTH), values, strict=True)
+    return Strip(strip.window, pixel, rank, {n: each.astype("f4") for n, each in named})
+
+
+def _pieces(
+    strip: Strip, is_volume: NDArray[Any], pixels: NDArray[Any], light: tuple[str, ...]
+) -> list[tuple[NDArray[Any], ...]]:
+    """The pixel, light and depth of the volumes of pixels between neighbouring cuts."""
+    import numpy as np
+
+    chosen = np.flatnonzero(np.isin(strip.pixel, pixels))
+    at = np.searchsorted(pixels, strip.pixel[chosen]), strip.rank[chosen]
+    shape = len(pixels), int(strip.rank[chosen].max()) + 1
+
+    def dense(values: NDArray[Any], nothing: float) -> NDArray[Any]:
+        array = np.full(shape, nothing, np.float64)
+        array[at] = values[chosen]
+        return array
+
+    front, back = (dense(strip.values[n], np.inf) for n in (FRONT, BACK))
+    volume = dense(is_volume, 0) > 0
+    back = np.where(volume, back, front)
+    alpha = dense(strip.values[ALPHA], 0)
+    color = [dense(strip.values[n], 0) / np.where(alpha > 0, alpha, 1) for n in light]
+    length = np.subtract(back, front, where=volume, out=np.ones(shape))
+    cuts, absorbed, pieces = np.sort(np.concatenate([front, back], 1), 1).T, _absorption(alpha), []
+    for near, far in pairwise(cuts):
+        inside = volume & (front <= near[:, None]) & (back >= far[:, None]) & (far > near)[:, None]
+        some = inside.any(1)
+        first, last = near[some], far[some]
+        fractions = (inside * absorbed / length)[some] * (last - first)[:, None]
+        alphas = _alpha_per(total := fractions.sum(1)) * total
+        values = [_ratio((fractions * each[some]).sum(1), total) * alphas for each in color]
+        pieces.append((pixels[some], *values, middle(first, last)))
+    return pieces
+
+
+def _mix(
+    pixel: NDArray[Any], values: list[NDArray[Any]], where: NDArray[Any]
+) -> tuple[NDArray[Any], list[NDArray[Any]]]:
+    """Sorted samples, their alpha and depth last, in which those of one place are one."""
+    import numpy as np
+
+    *light, alpha, depth = values
+    same = (pixel[1:] == pixel[:-1]) & (depth[1:] == depth[:-1]) & np.isin(pixel[1:], where)
+    if not same.any():
+        return pixel, values
+    first = np.concatenate([[True], ~same])
+    group, absorbed = np.cumsum(first) - 1, _absorption(alpha)
+    weights = _ratio(absorbed, alpha) * _alpha_per(np.bincount(group, absorbed))[group]
+    mixed = [np.bincount(group, weights * each) for each in (*light, alpha)]
+    return pixel[first], [*mixed, depth[first]]
+
+
+def _absorption(alpha: NDArray[Any]) -> NDArray[Any]:
+    """How much samples absorb: it adds up, and 1 - exp(-absorbed) is their alpha."""
+    import numpy as np
+
+    with np.errstate(divide="ignore"):
+        absorbed: NDArray[Any] = np.minimum(-np.log1p(-alpha.astype("f8")), _OPAQUE)
+    return absorbed
+
+
+def _alpha_per(absorbed: NDArray[Any]) -> NDArray[Any]:
+    """Alpha by what is absorbed."""
+    import numpy as np
+
+    return _ratio(-np.expm1(-absorbed), absorbed)
+
+
+def _ratio(part: NDArray[Any], whole: NDArray[Any]) -> NDArray[Any]:
+    import numpy as np
+
+    ratio: NDArray[Any] = part / np.where(whole > 0, whole, 1)
+    return ratio
+
+
+MAX_LAYERS = 12
+_MERGED = 1 << 18  # samples merged at once, were each pixel to have as many
+
+
+def merge_samples(strip: Strip, light: tuple[str, ...]) -> tuple[Strip, int]:
+    """The strip with `MAX_LAYERS` samples a pixel at most, and how many pixels had more."""
+    crowded = np.unique(strip.pixel[strip.rank >= MAX_LAYERS])
+    if not len(crowded):
+        return strip, 0
+    kept = ~np.isin(strip.pixel, crowded)
+    pieces = [(strip.pixel[kept], strip.rank[kept], {n: strip.values[n][kept] for n in light})]
+    depths = [strip.values[DEPTH][kept]]
+    for some in _alike(crowded, np.bincount(strip.pixel)[crowded]):
+        values, near = _merge_pixels(strip, some, light)
+        alive = near >= 0
+        rank = np.cumsum(alive, 1) - 1
+        pieces.append(
+            (
+                np.repeat(some, alive.sum(1)),
+                rank[alive],
+                {n: each[alive] for n, each in zip(light, values, strict=True)},
+            )
+        )
+        with np.errstate(divide="ignore"):
+            depths.append((1 / near[alive]).astype(np.float32))
+    pixel, rank = (np.concatenate([piece[k] for piece in pieces]) for k in (0, 1))
+    merged = {n: np.concatenate([piece[2][n] for piece in pieces]).astype("f4") for n in light}
+    merged[DEPTH] = np.concatenate(depths)
+    for name in (n for n in (FRONT, BACK) if n in strip.values):
+        merged[name] = np.concatenate([strip.values[name][kept], *depths[1:]])
+    return Strip(strip.window, pixel, rank, merged), len(crowded)
+
+
+def _alike(pixels: NDArray[Any], counts: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """Pixels in order, some at a time, that have about as many samples."""
+    order, first = np.argsort(counts, kind="stable"), 0
+    while first < len(order):
+        sizes = counts[order[first : first + _MERGED]]
+        fit = np.searchsorted(sizes * np.arange(1, len(sizes) + 1), _MERGED, "right")
+        end = first + max(int(fit), 1)
+        yield np.sort(pixels[order[first:end]])
+        first = end
+
+
+def _merge_pixels(
+    strip: Strip, pixels: NDArray[Any], light: tuple[str, ...]
+) -> tuple[list[NDArray[Any]], NDArray[Any]]:
+    """Values [P, K] of pixels, and 1 / distance; -1 where a sample was merged into the one before.
+
+    `pixels`: [P] pixels that have too many.
+    """
+    chosen = np.flatnonzero(np.isin(strip.pixel, pixels))
+    at = np.searchsorted(pixels, strip.pixel[chosen]), strip.rank[chosen]
+    shape = len(pixels), int(strip.rank[chosen].max()) + 1
+    near = np.full(shape, -1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        near[at] = np.nan_to_num(1 / strip.values[DEPTH][chosen], nan=0, posinf=0)
+    values = [np.zeros(shape) for _ in light]
+    for name, each in zip(light, values, strict=True):
+        each[at] = strip.values[name][chosen]
+    while (excess := (near >= 0).sum(1) - MAX_LAYERS).max() > 0:
+        # living samples in order
+        order = np.argsort(near < 0, axis=1, kind="stable")[:, : MAX_LAYERS + excess.max()]
+        near = np.take_along_axis(near, order, 1)
+        values = [np.take_along_axis(each, order, 1) for each in values]
+        which, one = _nearest_pairs(near, excess)
+        two, left = one + 1, 1 - values[-1][which, one]
+        weights = values[-1][which, one], values[-1][which, two] * left
+        total = np.maximum(weights[0] + weights[1], 1e-30)
+        near[which, one] = (weights[0] * near[which, one] + weights[1] * near[which, two]) / total
+        for each in values:
+            each[which, one] += each[which, two] * left
+        near[which, two] = -1
+    return values, near
+
+
+def _nearest_pairs(near: NDArray[Any], excess: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Pixel, and first sample, of pairs that are merged sooner or later if the nearest come first.
+
+    A merged pair is no nearer to its neighbours than its samples were. So of `excess` merges none
+    is of samples farther apart than as many steps are; up to there the pairs that are nearer to
+    each other than to their neighbours are merged as they are, whichever comes first.
+
+    `near`: [P, K] 1 / distance of samples in order, -1 behind the last; `excess`: [P] how many
+    samples are to be merged into others.
+    """
+    step = np.where(near[:, 1:] >= 0, near[:, :-1] - near[:, 1:], np.inf)
+    row = np.arange(len(near))
+    limit = np.sort(step, 1)[row, np.maximum(excess, 1) - 1][:, None]
+    beside = np.pad(step, ((0, 0), (1, 1)), constant_values=np.inf)
+    # of equal steps in a row every other one is taken, from the first
+    falls = beside[:, :-2] > step
+    run = np.arange(step.shape[1]) - np.maximum.accumulate(
+        np.where(beside[:, :-2] != step, np.arange(step.shape[1]), 0), 1
+    )
+    start = np.take_along_axis(falls, np.arange(step.shape[1]) - run, 1)
+    local = (start & (run % 2 == 0) | ~start & (run % 2 == 1)) & (beside[:, 2:] >= step)
+    local &= step <= limit
+    ties = local & (step == limit)
+    allowed = excess - (step < limit).sum(1)
+    local &= ~ties | (np.cumsum(ties, 1) <= allowed[:, None])
+    local &= excess[:, None] > 0
+    which, first = np.nonzero(local)
+    return which, first

@@ -18,7 +18,7 @@ from defocus_core.errors import InputError
 from defocus_core.io.damage import damaged
 from defocus_core.io.exr.compression import codec_name
 from defocus_core.io.exr.windows import Overscan, Window
-from defocus_core.io.safe_files import check_size, read_head
+from defocus_core.io.safe_files import check_size, once, read_head
 
 MAGIC = b"\x76\x2f\x31\x01"
 PIXEL_TYPES = {0: "uint", 1: "half", 2: "float"}
@@ -147,6 +147,7 @@ def is_exr(head: bytes) -> bool:
     return head.startswith(MAGIC)
 
 
+@once
 def read_headers(path: Path) -> tuple[Header, ...]:
     """Headers of all parts, sizes checked.
 

@@ -20,16 +20,42 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError, first_line
 from defocus_core.io.arrays import IN_MEMORY, Keeping
 from defocus_core.io.damage import damaged, decoding
-from defocus_core.io.exr.chroma import planes_of
-from defocus_core.io.exr.deep_layers import DeepLayers, deep_layers, flat_channels
 from defocus_core.io.exr.header import Header, read_headers
-from defocus_core.io.exr.opening import opened, seek
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
 from defocus_core.io.safe_files import quiet
-from defocus_core.system.interrupts import put_off
+from defocus_core.system.interrupts import delayed_signals
 
 if TYPE_CHECKING:
     Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
+
+if TYPE_CHECKING:
+    from defocus_core.io.exr.deep_layers import DeepLayers
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """OpenImageIO's input: to open a file reads the headers of all its parts."""
+    with delayed_signals():
+        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    file = oiio.ImageInput.open(str(path))
+    if not file:
+        raise damaged(path, first_line(path, oiio.geterror()))
+    try:
+        yield file
+    finally:
+        file.close()
+        oiio.geterror()  # or the next file would be blamed
+
+
+def seek(path: Path, file: Any, header: Header) -> None:
+    """Turn an open file to a part, whose data window is the header's."""
+    if not file.seek_subimage(header.index, 0):
+        raise damaged(path, first_line(path, file.geterror()))
+    spec, (x0, y0, x1, y1) = file.spec(), header.data
+    if (spec.x, spec.y, spec.width, spec.height) != (x0, y0, x1 - x0 + 1, y1 - y0 + 1):
+        raise damaged(path, "two sizes in its header")
+
 
 _STRIP_BYTES = 1 << 23  # of pixels, decoded at once
 _LARGEST_TILE = 1 << 26  # bytes, decoded at once
@@ -68,13 +94,12 @@ def read_parts(
         keeping: where the channels are to be kept.
         wanted: whether a channel of a part is wanted; the others are left out.
         overscan: the pixels beyond the display window that are wanted, too.
-
-    Raises:
-        InputError: the file cannot be read, or not all of it.
     """
     headers = read_headers(path) if headers is None else headers
     with decoding(path), quiet(), _unlimited():
         if any(header.subsampled for header in headers):  # OpenImageIO does not open it
+            from defocus_core.io.exr.chroma import planes_of
+
             planes = planes_of(path, headers, wanted, overscan)
             return tuple(ExrPart(*pair) for pair in zip(headers, planes, strict=True))
         with nullcontext() if all(header.deep for header in headers) else opened(path) as file:
@@ -96,20 +121,15 @@ def read_layers(
         names: its channels of light that are wanted, without alpha.
         keeping: where the layers are to be kept.
         overscan: the pixels beyond the display window that are wanted, too.
-
-    Raises:
-        InputError: the file cannot be read, or not all of it.
     """
+    from defocus_core.io.exr.deep_layers import deep_layers
+
     with decoding(path), quiet(), _unlimited():
         return deep_layers(path, header, names, keeping, overscan)
 
 
 def has_equal_colors(path: Path, header: Header) -> bool:
-    """Whether R, G and B of a part are equal: depth may have been saved as a grey picture.
-
-    Raises:
-        InputError: the file cannot be read, or not all of it.
-    """
+    """Whether R, G and B of a part are equal: depth may have been saved as a grey picture."""
     types = {channel.name: channel.type for channel in header.channels if channel.name in "RGB"}
     if len(types) < 3 or header.deep or header.subsampled:
         return False
@@ -133,9 +153,10 @@ def _part(
         channel.name: channel.type for channel in header.channels if wanted(header, channel.name)
     }
     if header.deep:
-        return ExrPart(
-            header, flat_channels(path, header, types, keeping, overscan) if types else {}
-        )
+        from defocus_core.io.exr.deep_layers import flat_channels
+
+        flat = flat_channels(path, header, types, keeping, overscan) if types else {}
+        return ExrPart(header, flat)
     frame = header.display.grown(overscan)
     size = (frame.height, frame.width)
     channels = {name: keeping.new(size, _DTYPES[kind]) for name, kind in types.items()}
@@ -168,13 +189,13 @@ def _pieces(
     wide, high = across * wide, cells // across * high
     for top, left in product(range(y0, y1 + 1, high), range(x0, x1 + 1, wide)):
         window = Window(left, top, min(left + wide - 1, x1), min(top + high - 1, y1))
-        yield window, _decoded(path, file, header.index, window, types)
+        yield window, _decode(path, file, header.index, window, types)
 
 
 @contextmanager
 def _unlimited() -> Iterator[None]:
     """Lift OpenImageIO's own limits: `read_headers` has checked the size of the pictures."""
-    with put_off():
+    with delayed_signals():
         import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     limits = {name: oiio.get_int_attribute(name) for name in _LIMITS}
@@ -187,7 +208,7 @@ def _unlimited() -> Iterator[None]:
             oiio.attribute(name, limit)
 
 
-def _decoded(
+def _decode(
     path: Path, file: Any, part: int, window: Window, types: Mapping[str, str]
 ) -> dict[str, NDArray[Any]]:
     """The channels of a window, of one type after the other: OpenImageIO converts a mixture."""

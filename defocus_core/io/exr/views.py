@@ -58,9 +58,6 @@ def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[He
         path: the file.
         headers: of all its parts.
         view: the name of the view; None for the default one.
-
-    Raises:
-        InputError: the file has other views.
     """
     views = views_of(headers)
     if not views or (view is None and len(views) == 1):
@@ -70,15 +67,11 @@ def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[He
         problem = f"has no view {view}; it has {', '.join(views)}"
         raise InputError("no-such-view", problem, "check ‹view›", path=path)
     chosen = views[0] if view is None else known[view.casefold()]
-    return tuple(_restricted(header, views, chosen) for header in headers)
+    return tuple(_restrict(header, views, chosen) for header in headers)
 
 
 def require_view(paths: Sequence[Path], view: str | None) -> None:
-    """Refuse the name of a view for files of which none has views.
-
-    Raises:
-        InputError: it is one.
-    """
+    """Refuse the name of a view for files of which none has views."""
     if view is None:
         return
     exrs = [path for path in paths if is_exr(read_head(path))]
@@ -101,7 +94,7 @@ def name_in_view(name: str, view: str) -> str:
     return ".".join(filter(None, (layer, view, base)))
 
 
-def _restricted(header: Header, views: Sequence[str], chosen: str) -> Header:
+def _restrict(header: Header, views: Sequence[str], chosen: str) -> Header:
     """A part with the channels of a view and those of none."""
     if (of_part := _of_part(header)) in views:
         return replace(header, channels=header.channels if of_part == chosen else (), shown=chosen)

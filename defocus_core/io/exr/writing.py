@@ -20,7 +20,7 @@ from defocus_core.io.exr.compression import LARGEST_CHUNK, Codec, codec_of
 from defocus_core.io.exr.header import STRUCTURAL, Raw, header_bytes, read_attributes
 from defocus_core.io.exr.windows import Layout, Window
 from defocus_core.io.safe_files import quiet, written_whole
-from defocus_core.system.interrupts import put_off
+from defocus_core.system.interrupts import delayed_signals
 
 _STRIP_BYTES = 1 << 25  # of pixels, encoded at once
 
@@ -44,9 +44,6 @@ def write_exr(
         attributes: header metadata, `Raw` or as OpenEXR takes it; `STRUCTURAL` names are ignored.
         layout: where the pixels lie.
         compression: the codec, as `compression` names it.
-
-    Raises:
-        InputError: the file cannot be written.
     """
     kept = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
     carried = {name: value for name, value in kept.items() if isinstance(value, Raw)}
@@ -79,7 +76,7 @@ def _encoded_strips(
     channels: Mapping[str, Any], attributes: Mapping[str, object], whole: Window, codec: Codec
 ) -> Iterator[tuple[dict[str, Raw], NDArray[np.uint64], bytes]]:
     """Each strip of rows as OpenEXR encodes it: attributes, offsets of the chunks, the chunks."""
-    with put_off():
+    with delayed_signals():
         import OpenEXR
 
     kind = {"compression": OpenEXR.Compression(codec.number), "type": OpenEXR.scanlineimage}

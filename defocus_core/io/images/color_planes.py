@@ -67,6 +67,13 @@ class Color:
         return columns.stop - columns.start, rows.stop - rows.start
 
     @property
+    def is_cut(self) -> bool:
+        """Whether its EXR file lacks pixels of the picture."""
+        (x, y), (width, height) = self.corner, self.size
+        frame = Window(x, y, x + width - 1, y + height - 1).grown(self.overscan)
+        return self.data is not None and not self.data.covers(frame)
+
+    @property
     def alpha(self) -> Any:
         """The plane of alpha [H, W]; None if there is none."""
         return self.planes[len(self.channels) - 1] if self.channels[-1] == "A" else None

@@ -54,7 +54,7 @@ class ColorSpace:
 
 def color_space(spec: Any) -> ColorSpace:
     """How the samples of an OpenImageIO ``spec`` are understood."""
-    declared, gamma = _declared(spec)
+    declared, gamma = _declaration(spec)
     kind = str(spec.format)
     named, profile, data = _profile(spec)
     if profile is not None:
@@ -78,7 +78,7 @@ def profiled_space(data: bytes) -> ColorSpace:
     return ColorSpace(None, f"8-bit, decoded by {name}", "", profile, data)
 
 
-def _declared(spec: Any) -> tuple[bool, float | None]:
+def _declaration(spec: Any) -> tuple[bool, float | None]:
     """Whether the file declares a curve that is known, and its exponent."""
     space = _name(spec)
     if space.startswith("lin") or space == "scene_linear":
@@ -163,18 +163,18 @@ def linear_light(
         # Such files were premultiplied after encoding, as editors do: undo that first.
         visible = np.where(alpha > 0, alpha, np.float32(1.0))
         straight = np.minimum(unit(colour) / visible, 1.0)
-        light = _decoded(straight, gamma) if profile is None else profile.light(straight)
+        light = _decode(straight, gamma) if profile is None else profile.light(straight)
         return light * alpha
     if profile is not None:
         linear = profile.light(colour)
     elif colour.dtype.kind == "u":
         linear = decoding_table(colour.dtype.itemsize * 8, gamma)[colour]
     else:
-        linear = _decoded(colour, gamma)
+        linear = _decode(colour, gamma)
     return linear if alpha is None or associated else linear * alpha
 
 
-def _decoded(values: NDArray[np.float32], gamma: float | None) -> NDArray[np.float32]:
+def _decode(values: NDArray[np.float32], gamma: float | None) -> NDArray[np.float32]:
     if gamma == 1.0:
         return values
     linear = srgb_to_linear(values) if gamma is None else np.maximum(values, 0.0) ** gamma

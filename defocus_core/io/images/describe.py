@@ -12,8 +12,9 @@ from defocus_core.io.array_files.float_maps import NPY_MAGIC, is_float_map, read
 from defocus_core.io.depth_formats.photo_depth import is_heic, open_heic
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import views_of_parts
+from defocus_core.io.exr.windows import Window
 from defocus_core.io.images.raster import read_pages
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.safe_files import once, read_head
 
 # A file of more numbers than either of these is nearly empty: real pictures pack less tightly.
 _MOST_NUMBERS, _NUMBERS_OF_A_BYTE = 2**26, 32
@@ -41,9 +42,15 @@ class PartInfo:
     deep: bool
     whole: bool = True
     views: tuple[str, ...] = ()
-    data_window: tuple[int, ...] | None = None
-    display_window: tuple[int, ...] | None = None
+    data_window: Window | None = None
+    display_window: Window | None = None
     pixel_aspect: float = 1.0
+
+    @property
+    def has_overscan(self) -> bool:
+        """Whether it has pixels beyond the picture shown."""
+        display, data = self.display_window, self.data_window
+        return display is not None and data is not None and not display.covers(data)
 
 
 @dataclass(frozen=True)
@@ -71,6 +78,11 @@ class FileInfo:
         object.__setattr__(self, "pixels", self.pixels or self.width * self.height)
 
     @property
+    def deep(self) -> bool:
+        """Whether a part of it has deep pixels."""
+        return any(part.deep for part in self.parts)
+
+    @property
     def numbers(self) -> int:
         """Of all channels, as many as are read at most."""
         return self.pixels * sum(len(part.channels) for part in self.parts)
@@ -84,12 +96,9 @@ class FileInfo:
         return f"{self.numbers / 10**6:.0f} million numbers in a file of {size / 10**6:.1f} MB"
 
 
+@once
 def describe(path: Path) -> FileInfo:
-    """The header of a colour or depth file, of which no pixel is decoded.
-
-    Raises:
-        InputError: the file is missing, damaged or of no known kind.
-    """
+    """The header of a colour or depth file, of which no pixel is decoded."""
     head = read_head(path, 32)
     if is_exr(head):
         headers = read_headers(path)

@@ -39,12 +39,12 @@ def _value(kind: bytes, value: bytes) -> str:
     if kind == b"tEXt":
         return value.decode("latin-1")
     if kind == b"zTXt":
-        return _inflated(value[1:]).decode("latin-1", "replace")
+        return _inflate(value[1:]).decode("latin-1", "replace")
     compressed, text = value[:1] == b"\1", value[2:].split(b"\0", 2)[-1]
-    return (_inflated(text) if compressed else text).decode("utf-8", "replace")
+    return (_inflate(text) if compressed else text).decode("utf-8", "replace")
 
 
-def _inflated(data: bytes) -> bytes:
+def _inflate(data: bytes) -> bytes:
     try:
         return zlib.decompressobj().decompress(data, _LONGEST)
     except zlib.error:

@@ -69,9 +69,6 @@ def refuse_other_primaries(
         attributes: of its header.
         other: attributes of the other picture.
         name: what the other is, in words.
-
-    Raises:
-        InputError: they are not the same.
     """
     theirs, own = declared_primaries(attributes), declared_primaries(other)
     if not same_primaries(theirs, own):
@@ -88,11 +85,7 @@ def primaries_name(primaries: Chromaticities) -> str:
 
 
 def xyz_of_primaries(primaries: Chromaticities) -> NDArray[np.float64]:
-    """The matrix [3, 3] from R, G, B to X, Y, Z, where white has Y = 1.
-
-    Raises:
-        ValueError: the primaries span no colours.
-    """
+    """The matrix [3, 3] from R, G, B to X, Y, Z, where white has Y = 1."""
     points = np.array(primaries, np.float64).reshape(4, 2)
     spread = np.c_[points, 1 - points.sum(1)]
     if not np.isfinite(spread).all() or not points[3, 1] > 0:
@@ -110,9 +103,6 @@ def between_primaries(
     """The matrix [3, 3] from linear R, G, B of one set to those of another; None for the same.
 
     White becomes white, adapted by the Bradford matrix.
-
-    Raises:
-        ValueError: a set spans no colours.
     """
     if same_primaries(source, target):
         return None

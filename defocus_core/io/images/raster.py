@@ -22,7 +22,7 @@ from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.images.color_space import ColorSpace, color_space
 from defocus_core.io.images.tags import Tag, tags_of
 from defocus_core.io.safe_files import check_size, quiet, read_head
-from defocus_core.system.interrupts import put_off
+from defocus_core.system.interrupts import delayed_signals
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 _KINDS = ("png", "jpeg", "tiff", "hdr", "webp", "pnm")
@@ -83,12 +83,9 @@ def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF, WEBP or HDR")
     Args:
         path: the file.
         wanted: the formats to propose if it is of none that can be read.
-
-    Raises:
-        InputError: missing, empty, damaged, of unreasonable size or number, or not an image.
     """
     read_head(path)
-    with decoding(path, "cannot be read"), quiet(), _opened(path, wanted) as file:
+    with decoding(path, "cannot be read"), quiet(), _open(path, wanted) as file:
         pages = [_raster(path, file, 0)]
         while file.seek_subimage(len(pages), 0):
             if len(pages) == _MOST_PAGES:
@@ -109,11 +106,7 @@ def pnm_top(path: Path) -> int | None:
 
 
 def choose_page(path: Path, pages: Sequence[_Page], part: int | None) -> _Page:
-    """The image of a file that is meant: the only one, or that which ``part`` counts from 0.
-
-    Raises:
-        InputError: there are several to choose from, or not so many.
-    """
+    """The image of a file that is meant: the only one, or that which ``part`` counts from 0."""
     if len(pages) == 1:  # as of EXR files: one part serves the colour and the depth
         return pages[0]
     if part is not None:
@@ -136,14 +129,11 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
     Yields:
         Rows and columns of the upright picture, and their samples: uint8, uint16 or float32
         [h, w, C].
-
-    Raises:
-        InputError: it is damaged, or has samples of another type.
     """
     with ExitStack() as stack:
         # Not around the yield: it silences all that is printed.
         with decoding(path, "cannot be read"), quiet():
-            file = stack.enter_context(_opened(path, "an image"))
+            file = stack.enter_context(_open(path, "an image"))
             file.seek_subimage(page, 0)
             spec = file.spec()
         kind = _SAMPLES.get(str(spec.format))
@@ -153,7 +143,7 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
             raise InputError("unsupported", problem, remedy, path=path)
         for rows in _strips(spec):
             with decoding(path, "cannot be read"), quiet():
-                samples = _decoded(file, page, spec, rows, kind)
+                samples = _decode(file, page, spec, rows, kind)
                 # A truncated JPEG comes back filled with grey, and only the error flag says so.
                 if samples is None or file.has_error:
                     raise damaged(path, first_line(path, file.geterror()))
@@ -161,9 +151,9 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
 
 
 @contextmanager
-def _opened(path: Path, formats: str) -> Iterator[Any]:
+def _open(path: Path, formats: str) -> Iterator[Any]:
     """An `ImageInput` of a file; ``formats`` are proposed if it is of none of these."""
-    with put_off():
+    with delayed_signals():
         import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     config = oiio.ImageSpec()
@@ -192,7 +182,7 @@ def _strips(spec: Any) -> Iterator[slice]:
         yield slice(top, min(top + step, spec.height))
 
 
-def _decoded(file: Any, page: int, spec: Any, rows: slice, kind: str) -> NDArray[Any] | None:
+def _decode(file: Any, page: int, spec: Any, rows: slice, kind: str) -> NDArray[Any] | None:
     """Samples [h, W, C] of some rows as they are in the file, None if they cannot be had."""
     z, channels = spec.z, spec.nchannels
     place = (spec.y + rows.start, spec.y + rows.stop, z)

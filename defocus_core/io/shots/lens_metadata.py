@@ -20,7 +20,7 @@ from defocus_core.io.exr.windows import Window
 from defocus_core.io.images.raster import SIDEWAYS
 from defocus_core.io.images.tags import tags_of
 from defocus_core.io.safe_files import read_head
-from defocus_core.system.interrupts import put_off
+from defocus_core.system.interrupts import delayed_signals
 
 _FORMATS = {"float": "<f", "double": "<d", "int": "<i"}
 _NO_TARGET = 1e9  # of V-Ray's distances: there is no target
@@ -55,7 +55,7 @@ def _target(value: float, numbers: Numbers) -> str | None:
     return f"{value * numbers['metres']:.7g}m" if 0 < value < _NO_TARGET else None
 
 
-def _pitched(value: float, numbers: Numbers) -> str | None:
+def _pitch(value: float, numbers: Numbers) -> str | None:
     """The width of the sensor, from its pitch in micrometres and its columns."""
     columns = numbers.get("columns", 0.0)
     return f"{value * columns / 1000:.7g}mm" if 0 < value * columns < math.inf else None
@@ -88,7 +88,7 @@ _RULES: dict[str, tuple[Rule, ...]] = {
         *((name, _times(1, "")) for name in ("Exif:FNumber", "FNumber")),
     ),
     "sensor-width": (
-        ("sensorPhotositePitch", _pitched),
+        ("sensorPhotositePitch", _pitch),
         ("cameraAperture", _times(1, "mm")),
         ("Exif:FocalLengthIn35mmFilm", _equivalent),
     ),
@@ -106,9 +106,6 @@ def lens_of(path: Path, metres: float = 1.0) -> dict[str, OptionFromMetadata]:
     Args:
         path: the colour file.
         metres: the unit of the scene, which V-Ray's target distance is in.
-
-    Raises:
-        InputError: the file cannot be read.
     """
     numbers = {**_numbers(path), "metres": metres}
     taken: dict[str, OptionFromMetadata] = {}
@@ -151,7 +148,7 @@ def _number(raw: Raw) -> float | None:
 
 def _exif_numbers(path: Path) -> dict[str, float]:
     """The Exif of a photograph, numbers alone."""
-    with put_off():
+    with delayed_signals():
         import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     file = oiio.ImageInput.open(str(path))

@@ -16,20 +16,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.depth.subject import subject_of
-from defocus_core.batch.elements.reading import read
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.journal.identity import settings
 from defocus_core.batch.lenses.lens import Lens, lens_record
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS
-from defocus_core.batch.rendering.inputs import Inputs
-from defocus_core.batch.rendering.job_steps import compute, load
-from defocus_core.batch.rendering.memory_budget import holding
 from defocus_core.errors import InputError, printable
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.encode import display_encoded, srgb_matrix
+from defocus_core.picture.memory_budget import holding
+from defocus_core.picture.pair import InputPair, read
+from defocus_core.picture.plain_path import compute, load
+from defocus_core.picture.subject import subject_of
+from defocus_core.picture.take import Inputs
 from defocus_core.reports.html.render_command import render_words
 from defocus_core.reports.html.template import Payloads, write_page
 from defocus_core.reports.html.thumbnails import encoded
@@ -93,7 +93,7 @@ def write_choice(
     refuse_other(path, "html")
     load()
     job = Job(picture, lens, reading, Outputs(Path()), replace(machine, quality="draft"))
-    color, depth = read(picture, job.reading, lens_focal=job.lens_focal)
+    color, depth = read(InputPair(picture, job.reading, lens_focal=job.lens_focal))
     if depth.is_radius and not depth.is_relative:
         problem, remedy = "holds radii, by which the focus is chosen already", "give depth"
         raise InputError("radii", problem, remedy, path=depth.path)
@@ -191,11 +191,12 @@ def _reduced(job: Job, color: Color, depth: Depth) -> _Small:
         for place, few, many in zip(cut, size, (height, width), strict=True)
     )
     metres = np.ascontiguousarray(depth.metres[:][np.ix_(down, across)])
-    nothing = None if depth.nothing is None else depth.nothing[:][np.ix_(down, across)]
+    empty = None if depth.empty is None else depth.empty[:][np.ix_(down, across)]
     inputs = Inputs(
         holding(job),
         replace(color, planes=tuple(planes), passes=(), extras={}, overscan=NO_OVERSCAN),
-        replace(depth, metres=metres, nothing=nothing, overscan=NO_OVERSCAN),
+        replace(depth, metres=metres, empty=empty, overscan=NO_OVERSCAN),
+        empty=empty,
     )
     disparity = metres.astype(np.float64)
     if not depth.is_relative:

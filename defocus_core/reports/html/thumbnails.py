@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.look.preview import FAR, IN_FOCUS, NEAR, largest
 from defocus_core.io.images.color_space import linear_to_srgb, quantised, srgb_to_linear
 from defocus_core.io.images.encode import encoded_samples
+from defocus_core.picture.preview import FAR, IN_FOCUS, NEAR, largest
 from defocus_core.reports.html.item import LIGHT, SHARE, SIGNED
 
 SIDE = 320  # px of the longer side

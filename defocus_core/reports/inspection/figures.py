@@ -9,11 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.depth.focusing import focused, scaled
-from defocus_core.batch.depth.implausible import implausible_radii
-from defocus_core.batch.depth.radii import radii_of, signed_radius
-from defocus_core.batch.depth.repair_words import repair_record, repair_words
-from defocus_core.batch.elements.alpha import element_depth
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.lenses.lens import Lens, lens_record
 from defocus_core.errors import InputError
@@ -22,6 +17,11 @@ from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images.color import LARGEST_FLOAT, count_beyond, read_color
 from defocus_core.io.images.color_planes import Color
+from defocus_core.picture.radii import radii_of, signed_radius
+from defocus_core.picture.repair_words import repair_record, repair_words
+from defocus_core.picture.steps.alpha import element_depth
+from defocus_core.picture.steps.focusing import with_blur_reach, with_focus
+from defocus_core.picture.steps.implausible import implausible_radii
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
@@ -71,9 +71,9 @@ def depth_figures(
     finite_ends: list[float] = []
     for rows in bands((height, width)):
         usable = depth.valid(rows)
-        if depth.nothing is not None:
-            usable = usable & ~depth.nothing[rows]
-            nothing += int(np.count_nonzero(depth.nothing[rows]))
+        if depth.empty is not None:
+            usable = usable & ~depth.empty[rows]
+            nothing += int(np.count_nonzero(depth.empty[rows]))
         metres = depth.metres[rows][usable]
         finite = metres[np.isfinite(metres)]
         sky, valid = sky + metres.size - finite.size, valid + metres.size
@@ -83,7 +83,7 @@ def depth_figures(
     coc_px, repair = None, None
     warnings: tuple[str, ...] = ()
     if lens is not None and limits:
-        lens = scaled(focused(lens, depth), (depth,))
+        lens = with_blur_reach(with_focus(lens, depth), (depth,))
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
         extremes = np.array([min(limits), max(limits)], np.float32)
         coc_px = _ends_px(lens, extremes, depth, keeping)
@@ -130,7 +130,7 @@ def _repair(
     with suppress(InputError):  # too near to be rendered, as the radius shows
         radii, declared = radii_of(lens, depth, keeping), reading.says_scale
         warnings = implausible_radii(depth, radii.px, radii.limits, lens, declared=declared)
-        return radii.diagnosed(reading), warnings
+        return radii.diagnose(reading), warnings
     return None, ()
 
 

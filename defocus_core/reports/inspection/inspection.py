@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from defocus_core.batch.elements.overscan import overscan_of
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import DefocusError, InputError
 from defocus_core.io.array_files.containers import container_type
 from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH, choose_depth
 from defocus_core.io.depth_formats.photo_depth import holds_depth
-from defocus_core.io.exr.channel_choice import NO_DEPTH, choose_color, choose_depth, require_part
+from defocus_core.io.exr.channel_choice import choose_color, require_part
 from defocus_core.io.exr.deep_samples import summary
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.reading import read_parts
@@ -26,6 +26,8 @@ from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.describe import FileInfo, PartInfo, describe
 from defocus_core.io.images.raster import choose_page
 from defocus_core.io.safe_files import read_head
+from defocus_core.picture.pair import InputPair
+from defocus_core.picture.steps.overscan import overscan_of
 from defocus_core.reports.inspection.depth_evidence import (
     evidence_of,
     is_grey_in_color,
@@ -38,7 +40,7 @@ from defocus_core.reports.inspection.figures import (
     read_picture,
 )
 from defocus_core.reports.inspection.pair_evidence import evidence_of_pair
-from defocus_core.system.interrupts import put_off
+from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.memory import MB
 
 # A file with more numbers, 256 MB as floats, is read into scratch files.
@@ -53,7 +55,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
 
     `lens`: what to say the blur of; None for none.
     """
-    with put_off():
+    with delayed_signals():
         import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
 
     info = describe(path)
@@ -67,7 +69,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     depth_note = too_large or _why_no_depth(info, reading, grey=grey)
     picture, color, depth, overscan = None, None, None, NO_OVERSCAN
     if not color_note and not depth_note and info.parts[0].display_window:
-        overscan = overscan_of(Picture("", path, path), reading, (reading.part, reading.part))
+        overscan = overscan_of(InputPair(Picture("", path, path), reading))
     if not color_note:
         picture = read_picture(path, reading, keeping, overscan)
         color_note, color = picture.note, color_figures(picture)
@@ -203,7 +205,7 @@ def _why_no_depth(info: FileInfo, reading: Reading, *, grey: bool) -> str:
     if why or channels is None:
         return why
     if reading.says_scale or holds_depth(info.path) or container_type(read_head(info.path, 32)):
-        return ""  # who decodes it says it better
+        return ""  # the decoder names what is wrong
     if len(channels) != 1 and not grey:
         return f"has {len(channels)} channels, and depth is one"
     return "has 8 bits, too few for depth" if channels[0][1] == "uint8" else ""

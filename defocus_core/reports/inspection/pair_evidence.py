@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.elements.alpha import element_depth
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.io.arrays import IN_MEMORY, Keeping
 from defocus_core.io.depth_formats.depth import read_depth
 from defocus_core.io.images.color import read_color
+from defocus_core.picture.steps.alpha import element_depth
 
 if TYPE_CHECKING:
     Floats = NDArray[np.float32]

@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.depth.focusing import focused, scaled
-from defocus_core.batch.depth.radii import radii_of
-from defocus_core.batch.depth.repair_words import repair_record, repair_words
-from defocus_core.batch.elements.reading import read
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.sources import to_array
 from defocus_core.errors import UsageProblem
 from defocus_core.io.arrays import bands
 from defocus_core.io.images.color_planes import Color
 from defocus_core.io.images.color_space import quantised
 from defocus_core.io.images.encode import display_encoded, write_samples
+from defocus_core.picture.pair import InputPair, read
+from defocus_core.picture.radii import radii_of
+from defocus_core.picture.repair_words import repair_record, repair_words
+from defocus_core.picture.sources import to_array
+from defocus_core.picture.steps.focusing import with_blur_reach, with_focus
 
 # Brightness of the grey picture below the false colours; px of radius from which these are full.
 _DIMMED, _FULL = 0.5, 2.0
@@ -57,9 +57,9 @@ def draw_repair(pairs: Sequence[dict[str, Any]], reading: Reading, lens: Lens, p
         )
     (pair,) = pairs
     picture = Picture(Path(pair["color"]).stem, Path(pair["color"]), Path(pair["depth"]))
-    color, depth = read(picture, reading, lens_focal=lens.foclen / lens.sensor_width)
-    radii = radii_of(scaled(focused(lens, depth), (depth,)), depth)
-    repaired, repair = radii.repaired(color, reading)
+    color, depth = read(InputPair(picture, reading, lens_focal=lens.foclen / lens.sensor_width))
+    radii = radii_of(with_blur_reach(with_focus(lens, depth), (depth,)), depth)
+    repaired, repair = radii.repair(color, reading)
     height, width = radii.px.shape
     write_samples(path, (height, 2 * width), _strips(color, radii.px, repaired), "png", {})
     pair["repair"], pair["depth_repair"] = repair_words(repair), repair_record(repair)

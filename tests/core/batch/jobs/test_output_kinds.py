@@ -15,7 +15,7 @@ from command_line import header, pair, read_exr, render, run
 from defocus_cli.commands.help import text
 from defocus_core import render as rendered
 from defocus_core.batch.jobs.output_kinds import KINDS, Kind
-from defocus_core.io.exr.channel_choice import NO_DEPTH
+from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 
 MAPS = [kind for kind in KINDS.values() if not kind.image]
 TOLD = [kind for kind in MAPS if not kind.source]  # others are told as what they are of
@@ -75,7 +75,7 @@ def test_a_kind_computes_pixels_of_its_shape(kind: Kind) -> None:
     if kind.of_radius:
         assert kind.of_radius(radius.numpy(), 0.85).shape == radius.shape
         return
-    if kind.source or kind.turned:  # tests of its own
+    if kind.source or kind.transposed:  # tests of its own
         return
     views = rendered(torch.rand(3, 6, 8), radius, left_right=kind.halves)
     for view in kind.rendered_as:

@@ -16,7 +16,7 @@ from refusals import refuses, refuses_as
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.jobs.lens_from_options import checked
 from defocus_core.batch.jobs.random_lenses import drawn_lens
-from defocus_core.batch.look.opening import dual_pixel_of
+from defocus_core.picture.opening import dual_pixel_of
 
 
 def swept(folder: Path, text: str, lens: str = "") -> list[Job]:

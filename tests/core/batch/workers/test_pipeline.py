@@ -14,6 +14,7 @@ import pytest
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers import job_result, pipeline
+from defocus_core.picture import plain_path
 
 STEP = 0.03  # seconds
 LENS = Lens(50.0, 2.0, 2000.0)
@@ -42,13 +43,17 @@ class Steps:
         self.step("read", job)
         return {"status": "failed"} if self.fails == ("read", job.sample_id) else "inputs"
 
-    def compute(self, job: Job, inputs: Any, progress: Any) -> Any:
+    def compute(self, job: Job, inputs: Any, progress: Any = None) -> Any:
+        if isinstance(inputs, dict):
+            return inputs
         self.step("compute", job)
         if self.fails == ("compute", job.sample_id):
             return {"status": "failed"}
         return job
 
-    def write(self, made: Job) -> Any:
+    def write(self, made: Any) -> Any:
+        if isinstance(made, dict):
+            return made
         self.step("write", made)
         return {"status": "ok"}
 
@@ -86,6 +91,16 @@ def test_one_picture_waits_at_most_before_and_behind(steps: Steps) -> None:
         assert steps.at("read", after) > steps.at("read.", now)
         assert steps.at("read", after) > steps.at("compute", before) - 1
         assert steps.at("compute.", after) > steps.at("write.", before)
+
+
+def test_one_job_is_a_call_without_threads(steps: Steps, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plain_path, "load", lambda: None)
+    monkeypatch.setattr(threading.Thread, "start", None)
+    done: list[int] = []
+    pipeline.execute(iter([[*jobs("a")]]), lambda number, _: done.append(number), lambda: False)
+    assert done == [0]
+    in_order = ["read", "read.", "compute", "compute.", "write", "write."]
+    assert [event for event, _ in steps.events] == in_order
 
 
 @pytest.mark.parametrize("step", ["read", "compute"])
@@ -149,7 +164,7 @@ def test_what_is_being_decoded_ends_before_the_run_does(steps: Steps) -> None:
 def test_jobs_of_one_picture_are_decoded_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from defocus_core.batch.rendering.inputs import Inputs
+    from defocus_core.picture.take import Inputs
 
     decoded: list[str] = []
 
@@ -157,7 +172,7 @@ def test_jobs_of_one_picture_are_decoded_once(
         decoded.append(job.picture.stem)
         return Inputs(*[None] * 3)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(job_result, "load_inputs", load)
+    monkeypatch.setattr(plain_path, "read", load)
     reader = job_result.Reader()
     for name in "aaabba":
         picture = Picture(name, tmp_path / name, tmp_path / name)

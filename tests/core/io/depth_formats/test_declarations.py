@@ -19,12 +19,13 @@ from image_files import save
 from optional_libraries import HDF5_MAGIC, HEIC_MAGIC, with_heic
 from refusals import refuses
 
-from defocus_core.batch.elements.reading import read as read_both
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.table import FORMATS, NAMES
+from defocus_core.picture.pair import InputPair
+from defocus_core.picture.pair import read as read_both
 
 RAMP = np.array([[0, 51, 102], [153, 204, 255]])
 
@@ -362,8 +363,8 @@ def test_depth_beside_a_photograph_is_turned_with_it_if_that_is_said(
     picture = Picture("a", photo, png(tmp_path / "a.png", RAMP + 1, np.uint16))
     if turn != 3:
         with refuses("wrong-size", "turn-depth", path=picture.depth):
-            read_both(picture, Reading())
-    _, depth = read_both(picture, Reading(turn_depth="turn-depth"))
+            read_both(InputPair(picture, Reading()))
+    _, depth = read_both(InputPair(picture, Reading(turn_depth="turn-depth")))
     np.testing.assert_allclose(depth.metres, (TURNS[turn] + 1) / 1000, rtol=1e-6)
 
 

@@ -13,8 +13,8 @@ from refusals import refuses
 from defocus_core.errors import UsageProblem
 from defocus_core.io.depth_formats.depth import Depth, require_valid
 from defocus_core.io.depth_formats.depth import read_depth as read_any
+from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel
 from defocus_core.io.depth_formats.reading import DepthReading
-from defocus_core.io.exr.channel_choice import NoDepthChannel
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.color import read_color
 

@@ -10,8 +10,7 @@ from depth_files import npy
 from refusals import refuses
 
 from defocus_core.io.arrays import Keeping
-from defocus_core.io.depth_formats.depth import read_depth, require_valid
-from defocus_core.io.depth_formats.holes import fill_from_farther
+from defocus_core.io.depth_formats.depth import fill_from_farther, read_depth, require_valid
 from defocus_core.io.depth_formats.reading import DepthReading
 
 INF, NAN = np.inf, np.nan

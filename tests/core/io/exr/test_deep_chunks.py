@@ -15,8 +15,7 @@ from refusals import refuses
 
 from defocus_core.io.exr import deep_chunks
 from defocus_core.io.exr.deep_chunks import decoded
-from defocus_core.io.exr.deep_layers import _fractions
-from defocus_core.io.exr.deep_merging import MAX_LAYERS, merged
+from defocus_core.io.exr.deep_layers import MAX_LAYERS, _fractions, merge_samples
 from defocus_core.io.exr.deep_samples import Strip, max_samples, summary
 from defocus_core.io.exr.header import raw_headers, read_headers
 from defocus_core.io.exr.windows import Window
@@ -98,7 +97,7 @@ def test_a_pixel_of_many_samples_is_merged_at_once() -> None:
     values = {**light, "Z": depth.astype("f4")}
     strip = Strip(Window(0, 0, 0, 0), pixel, np.arange(count, dtype=np.int32), values)
     made: list[tuple[Strip, int]] = []
-    assert calls(lambda: made.append(merged(strip, ("R", "A")))) < count
+    assert calls(lambda: made.append(merge_samples(strip, ("R", "A")))) < count
     ((few, crowded),) = made
     assert (crowded, few.maximum) == (1, MAX_LAYERS)
     shown = [float((each.values["R"] * _fractions(each)).sum()) for each in (strip, few)]

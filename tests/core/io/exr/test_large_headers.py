@@ -16,7 +16,8 @@ from image_files import multi_part, random_planes, save
 from refusals import refuses
 
 from defocus_core.compare.picture import color_layers, layers
-from defocus_core.io.exr.channel_choice import choose_color, choose_depth
+from defocus_core.io.depth_formats.exr_depth_channel import choose_depth
+from defocus_core.io.exr.channel_choice import choose_color
 from defocus_core.io.exr.header import MAGIC, MULTIPART, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.images import raster

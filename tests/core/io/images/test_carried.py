@@ -21,8 +21,8 @@ from command_line import (
 )
 from image_files import SCANLINE, box, write_window
 
-from defocus_core.batch.rendering import memory_budget
 from defocus_core.io.exr.header import Raw, read_headers
+from defocus_core.picture import memory_budget
 
 DEEP = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
 X, Y = 5, -7  # of the display window's first pixel

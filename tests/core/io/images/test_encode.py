@@ -17,13 +17,13 @@ import pytest
 from command_line import header
 from refusals import refuses
 
-from defocus_core.batch.look.preview import diverging, largest, write_preview, write_signed_preview
 from defocus_core.errors import UsageProblem
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.images.encode import FORMATS, display_encoded, write_image, write_map
 from defocus_core.io.images.primaries import primaries_attribute
 from defocus_core.io.safe_files import written_whole
+from defocus_core.picture.preview import diverging, largest, write_preview, write_signed_preview
 
 SUFFIXES = (".exr", *FORMATS)
 ATTRIBUTES = {"defocus:focus": "2m"}

@@ -13,7 +13,6 @@ from command_line import color_exr, depth_exr, pair, render, run, texture
 from image_files import save
 from refusals import refuses
 
-from defocus_core.batch.look import opening
 from defocus_core.io import arrays, below
 from defocus_core.io.array_files import containers
 from defocus_core.io.array_files.float_maps import read_float_map
@@ -22,6 +21,7 @@ from defocus_core.io.images import describe as describing
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import MAX_PIXELS
+from defocus_core.picture import opening
 from defocus_core.reports.html import sample_layers
 from defocus_core.reports.inspection import inspection
 

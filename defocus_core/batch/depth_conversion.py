@@ -1,0 +1,125 @@
+"""Depth files converted to EXR: where each goes, what may be replaced, and its preview."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from defocus_core.batch.jobs.job import Reading
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.arrays import bands
+from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
+from defocus_core.io.exr.writing import write_exr
+from defocus_core.io.images.describe import describe
+from defocus_core.io.safe_files import written_together
+from defocus_core.picture.preview import write_depth_preview
+from defocus_core.picture.steps.implausible import implausible_file
+from defocus_core.system.interrupts import delayed_signals
+from defocus_core.system.text import version
+
+
+@dataclass(frozen=True)
+class DepthTarget:
+    """A depth file, the EXR to write, and its preview if there is to be one."""
+
+    file: Path
+    out: Path
+    preview: Path | None
+
+    @property
+    def written(self) -> list[Path]:
+        """Every file that is written."""
+        return [self.out, *([] if self.preview is None else [self.preview])]
+
+
+@dataclass(frozen=True)
+class Converted:
+    """A depth file that was converted."""
+
+    place: DepthTarget  # from where, to where
+    depth: Depth
+    range_m: tuple[float, float] | None  # nearest and farthest but sky; None if there is only sky
+    sky: int  # how many pixels are sky
+    warnings: tuple[str, ...]  # what was taken for granted, and what tells of another format
+
+
+def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarget]:
+    """Where each file goes: to OUT itself if that ends in .exr, else to OUT/<stem>.exr."""
+    if out.suffix.lower() == ".exr":
+        if len(files) > 1:
+            problem = f"is one file, and there are {len(files)} to convert"
+            raise UsageProblem("one-file", problem, "name a directory, without .exr", field="out")
+        outs = [out]
+    else:
+        outs = [out / f"{file.stem}.exr" for file in files]
+    first: dict[Path, Path] = {}
+    for file, target in zip(files, outs, strict=True):
+        if first.setdefault(target, file) is not file:
+            problem = f"would be written to {target}, and so would {first[target]}"
+            raise UsageProblem("duplicate", problem, "convert them to two directories", path=file)
+    return [
+        DepthTarget(file, target, target.with_suffix(".preview.png") if preview else None)
+        for file, target in zip(files, outs, strict=True)
+    ]
+
+
+def refuse_existing(wanted: Sequence[DepthTarget], *, overwrite: bool) -> None:
+    """Refuse to replace files, unless that is asked for; an input is never replaced."""
+    for place in wanted:
+        for path in place.written:
+            if path.exists() and any(path.samefile(p.file) for p in wanted if p.file.exists()):
+                raise InputError(
+                    "replaces-input", "is a file to convert", "name another output", path=path
+                )
+            if path.exists() and not overwrite:
+                raise InputError(
+                    "exists",
+                    "is there already",
+                    "say ‹overwrite›, or name another output",
+                    path=path,
+                )
+
+
+def convert(place: DepthTarget, reading: Reading) -> Converted:
+    """Read a depth file and write it as EXR."""
+    with delayed_signals():
+        import numpy as np
+
+    if reading.row.rule == "radius":
+        problem = "holds radii of a lens, and no depth"
+        raise UsageProblem(
+            "radii", problem, "give such files to 'defocus render'", field="depth-format"
+        )
+    _refuse_nearly_empty(place.file)
+    depth = read_depth(place.file, reading)
+    require_valid(depth)
+    sky, extremes = 0, []
+    for rows in bands(depth.metres.shape):
+        finite = depth.metres[rows][np.isfinite(depth.metres[rows])]
+        sky += depth.metres[rows].size - finite.size
+        extremes += [float(finite.min()), float(finite.max())] if finite.size else []
+    attributes = {
+        "defocus:version": version(),
+        "defocus:kind": "depth",
+        "defocus:depth": place.file.name,
+        "defocus:depth_read_as": depth.note,
+    }
+    range_m = (min(extremes), max(extremes)) if extremes else None
+    with written_together():
+        write_exr(place.out, {"Z": depth.metres}, attributes)
+        if place.preview is not None:
+            write_depth_preview(place.preview, depth.metres)
+    warnings = (*implausible_file(depth, declared=reading.says_scale), *depth.warnings)
+    return Converted(place, depth, range_m, sky, warnings)
+
+
+def _refuse_nearly_empty(file: Path) -> None:
+    """Refuse a file of a few MB that would take all memory to say next to nothing."""
+    info = None
+    with suppress(InputError):  # a file without a header has no size; the decoder says why
+        info = describe(file)
+    if info is not None and info.nearly_empty:
+        problem = f"has {info.nearly_empty}"
+        raise InputError("too-large", problem, "cut it into smaller pictures", path=file)

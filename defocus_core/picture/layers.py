@@ -1,0 +1,133 @@
+"""Layers of a scene: light, coverage and depth of surfaces that are known behind each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from defocus_core.io.arrays import Keeping, bands, computed
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.exr.deep_layers import cut_volumes, merge_samples
+from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT, Strip
+from defocus_core.io.exr.windows import Window
+from defocus_core.io.images.color_planes import Color
+from defocus_core.system.text import counted
+
+_CUT_AT_ONCE = 1 << 16  # pixels
+
+
+@dataclass(frozen=True)
+class Layers:
+    """The layers of a deep picture, nearest first."""
+
+    # Of each layer its arrays [H, W] of light, premultiplied: colours, then passes
+    light: tuple[tuple[Any, ...], ...]
+    alpha: tuple[Any, ...]  # of each layer [H, W]
+    depths: tuple[Depth, ...]
+    colors: int  # number of colours in `light`
+    merged: int = 0  # number of pixels that had more samples than there are layers
+    # Whether some layers hide others and have no alpha: then that of the picture is the last
+    # plane of `light`
+    held_out: bool = False
+    # Of each layer where its samples begin and end, in metres [H, W]; None of surfaces
+    ends: tuple[tuple[Any, Any] | None, ...] = ()
+    pictures: tuple[Color, ...] = ()  # of each layer the colour if its depth is to be repaired
+    front: int = 0  # number of layers of the picture in front, if it is before another one
+
+    @property
+    def words(self) -> str:
+        """How many layers there are, and what was merged, for people."""
+        merged = f", more in {counted(self.merged, 'pixel')} merged" if self.merged else ""
+        return f"deep, {counted(len(self.alpha), 'sample')} a pixel at most{merged}"
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether each pixel has one sample that covers it, as of a picture that is not deep."""
+        return all(
+            np.all(np.stack([alpha[rows] > 0 for alpha in self.alpha]).sum(0) == 1)
+            and np.all(np.max([alpha[rows] for alpha in self.alpha], axis=0) >= 1)
+            for rows in bands(self.alpha[0].shape)
+        )
+
+    def before(self, plate: Layers) -> Layers:
+        """These layers and those of a plate behind them."""
+        return replace(
+            self,
+            light=(*self.light, *plate.light),
+            alpha=(*self.alpha, *plate.alpha),
+            depths=(*self.depths, *plate.depths),
+            merged=self.merged + plate.merged,
+            ends=(*self.ends, *plate.ends),
+            front=len(self.alpha),
+        )
+
+    def cut(self, keeping: Keeping) -> Layers:
+        """These layers with volumes cut where other samples lie within, and mixed in one place."""
+        if not any(self.ends) and not self.front:
+            return self
+        shape, merged = self.alpha[0].shape, 0
+        names = (*(str(k) for k in range(len(self.light[0]))), ALPHA)
+        layers: list[dict[str, Any]] = []
+        for rows in bands(shape, _CUT_AT_ONCE):
+            strip = self._samples(rows, names)
+            behind = strip.pixel[strip.rank >= self.front] if self.front else ()
+            both = np.intersect1d(behind, strip.pixel[strip.rank < self.front])
+            strip, count = merge_samples(cut_volumes(strip, names, both), names)
+            merged += count
+            while len(layers) < max(1, strip.maximum):
+                layers.append({name: keeping.new(shape, "float32") for name in (*names, DEPTH)})
+            for number, layer in enumerate(layers):
+                chosen = strip.rank == number
+                for name, plane in layer.items():
+                    plane[rows] = strip.dense(chosen, strip.values[name])
+        far = np.float32(np.inf)
+        for layer in layers:
+            for rows in bands(shape):
+                layer[DEPTH][rows] = np.where(layer[ALPHA][rows] > 0, layer[DEPTH][rows], far)
+        return replace(
+            self,
+            light=tuple(tuple(layer[name] for name in names[:-1]) for layer in layers),
+            alpha=tuple(layer[ALPHA] for layer in layers),
+            depths=tuple(replace(self.depths[0], metres=layer[DEPTH]) for layer in layers),
+            merged=self.merged + merged,
+            ends=(None,) * len(layers),
+        )
+
+    def _samples(self, rows: slice, names: tuple[str, ...]) -> Strip:
+        """The samples of some rows, by number of the light, alpha, depth and ends."""
+        window = Window(0, rows.start, self.alpha[0].shape[1] - 1, rows.stop - 1)
+        columns = []
+        every = zip(self.light, self.alpha, self.depths, self.ends, strict=True)
+        for number, (light, alpha, depth, ends) in enumerate(every):
+            planes = [plane[rows] for plane in (*light, alpha, depth.metres, *(ends or ()))]
+            planes += planes[-1:] * (0 if ends else 2)
+            at = np.flatnonzero(planes[len(light)] > 0)
+            rank = np.full(len(at), number)
+            columns.append((at, rank, *(np.ravel(plane)[at] for plane in planes)))
+        pixel, rank, *values = (np.concatenate(each) for each in zip(*columns, strict=True))
+        return Strip(
+            window, pixel, rank, dict(zip((*names, DEPTH, FRONT, BACK), values, strict=True))
+        )
+
+    def hold_out(self, holdout: Layers, black: Any) -> Layers:
+        """These layers with others, which hide what is behind them and show nothing."""
+        shown = tuple((*light, a) for light, a in zip(self.light, self.alpha, strict=True))
+        hiding = ((black,) * len(shown[0]),) * len(holdout.alpha)
+        whole = replace(self, light=shown).before(replace(holdout, light=hiding))
+        return replace(whole, held_out=True, front=self.front)
+
+
+def flat_layer(color: Color, depth: Depth) -> Layers:
+    """A picture that is not deep as one layer."""
+    light = (*color.light, *color.planes[len(color.channels) :])
+    alpha, depth = coverage(color.planes[0].shape, color.alpha), replace(depth, empty=None)
+    return Layers((light,), (alpha,), (depth,), len(color.light), ends=(None,))
+
+
+def coverage(shape: tuple[int, int], alpha: Any) -> Any:
+    """The share of each pixel that a picture covers: its alpha within 0 … 1, or 1 without one."""
+    if alpha is None:
+        return np.broadcast_to(np.float32(1), shape)
+    return computed(lambda a: np.clip(np.asarray(a, np.float32), 0, 1), alpha, dtype=np.float32)

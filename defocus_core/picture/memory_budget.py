@@ -1,0 +1,293 @@
+"""The memory budget of a process: arrays of pictures, and regions computed at once. All in MB.
+
+Terms:
+  limit     memory that the process may take in all
+  base      memory of the program itself, before any picture
+  capacity  limit less base: shared by the arrays of pictures and by the computation
+  arrays    inputs and outputs of one picture, decoded
+  room      capacity less arrays: left to compute in
+
+A picture whose arrays fit into half of the capacity stays in memory. Two more, one being read and
+one being written, stay beside it as long as all together take a quarter at most. A larger picture
+goes through scratch files, and is alone in the process.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from defocus_core.batch.jobs.job import Job, Machine, Picture
+from defocus_core.errors import InputError, TooLarge
+from defocus_core.io.arrays import Keeping
+from defocus_core.io.exr.header import is_exr, read_headers
+from defocus_core.io.images.describe import describe
+from defocus_core.io.safe_files import read_head
+from defocus_core.system import memory
+
+if TYPE_CHECKING:
+    from defocus_core.renderer.engine.renderer import Renderer
+
+# Share of the available memory that a process takes without --memory.
+SHARE = 0.8
+# Shares of the capacity: for the arrays of one picture, and for those of all in the pipeline; how
+# many these are.
+_FOR_ARRAYS, _FOR_PICTURES, _PICTURES = 0.5, 0.25, 3
+# Share of the room that the cells of a draft may take.
+_FOR_CELLS = 0.25
+# Most memory of the strips through which a picture in scratch files is read and written.
+_STRIPS_MB = 168.0
+# Least memory of the program itself; what a rendering usually takes beside it and the files, of
+# which a part goes with the pixels.
+_PROGRAM_MB, _FEW_MB, _LIKELY_BYTES = 200.0, 150.0, 45.0
+# Greatest difference of base memory between two processes.
+_SPARE_MB = 4.0
+_FLOAT = 4  # bytes
+_BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float16": 2, "uint": 4, "uint32": 4}
+
+
+@dataclass(frozen=True)
+class Holding:
+    """Memory of a picture, beside the memory of the computation."""
+
+    arrays_mb: float  # size of its inputs and outputs, decoded
+    whole_mb: float  # size of the files that can only be decoded at once
+    scratch: bool  # whether its arrays are in scratch files
+    files_mb: float  # memory of its arrays and of those of the pictures in the pipeline beside it
+    room_mb: float  # memory left to compute in
+
+    @property
+    def keeping(self) -> Keeping:
+        """Where its arrays are kept."""
+        return Keeping(self.scratch)
+
+
+def holding(job: Job) -> Holding:
+    """Memory of the picture of a job, from the headers of its files."""
+    return _divide(*_sizes(job), capacity_mb(job.machine))
+
+
+def refuse_small(job: Job, program_mb: float = _PROGRAM_MB) -> None:
+    """Refuse a limit below what program and files take in any case, before files are decoded.
+
+    What the computation takes beside them depends on the blur, which no header tells.
+    """
+    if job.machine.memory is None:
+        return
+    pixels, (arrays, _) = describe(job.picture.color).pixels, _sizes(job)
+    files, limit = min(_STRIPS_MB, arrays), limit_mb(job.machine)
+    if (minimum := program_mb + files) > limit:
+        problem = (
+            f"needs more than {math.ceil(minimum)} MB to render, but {limit:.0f} MB are allowed"
+        )
+        likely = program_mb + 2 * files + _FEW_MB + pixels * _LIKELY_BYTES / memory.MB
+        remedy = f"use ‹memory› {_size(likely)}"
+        raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color)
+
+
+def _divide(arrays_mb: float, whole_mb: float, capacity: float) -> Holding:
+    """The division of a capacity between arrays, files that are decoded at once, and work."""
+    scratch = arrays_mb > _FOR_ARRAYS * capacity
+    strips = min(_STRIPS_MB, 2 * arrays_mb)
+    files = strips if scratch else _beside_each_other_mb(arrays_mb, capacity)
+    return Holding(arrays_mb, whole_mb, scratch, files, max(capacity - files, 0.0))
+
+
+def _beside_each_other_mb(arrays_mb: float, capacity: float) -> float:
+    """Memory for the arrays of the pictures that are read, rendered and written at one time."""
+    return min(max(arrays_mb, _FOR_PICTURES * capacity), _PICTURES * arrays_mb)
+
+
+def enough_mb(job: Job, needed_mb: float) -> float:
+    """The smallest limit that leaves ``needed_mb`` of room, within a few percent."""
+    sizes, room = _sizes(job), max(capacity_mb(job.machine), 1.0)
+    # Rounded up, it must still be one: arrays in memory leave less room than those in scratch.
+    while min(_divide(*sizes, mb).room_mb for mb in (room, 1.05 * room + 20)) < needed_mb:
+        room *= 1.01
+    return base_mb() + room + _SPARE_MB
+
+
+def capacity_mb(machine: Machine) -> float:
+    """Memory that the process may take beyond its base."""
+    return max(limit_mb(machine) - base_mb(), 0.0)
+
+
+def limit_mb(machine: Machine) -> float:
+    """Memory that the process may take in all."""
+    return _usual_limit_mb() if machine.memory is None else machine.memory / memory.MB
+
+
+@cache
+def _usual_limit_mb() -> float:
+    available = memory.available_mb()
+    return math.inf if available is None else SHARE * available + memory.held_mb()
+
+
+@cache
+def base_mb() -> float:
+    """Memory of the process at the first call, which comes before any picture."""
+    return memory.held_mb()
+
+
+def _sizes(job: Job) -> tuple[float, float]:
+    """MB of the arrays of a job, and of those files that can only be decoded at once."""
+    pixels, per_pixel, whole, channels = _inputs(job.picture, job.reading.blur_channels)
+    outputs, sample = job.outputs, 2 if _half(job) else _FLOAT
+    if outputs.need_rendering:
+        for other in job.picture.others.values():
+            _, behind, whole_behind, _ = _inputs(other)
+            per_pixel, whole = per_pixel + behind + _FLOAT + 1, max(whole, whole_behind)
+        per_pixel += sum(kind.memory_bytes(channels, sample) for kind in outputs.rows)
+    return pixels * (per_pixel + _FLOAT) / memory.MB, pixels * whole / memory.MB
+
+
+def _inputs(picture: Picture, passes: Sequence[str] = ()) -> tuple[int, float, float, int]:
+    """Pixels; bytes of each as arrays, and of those decoded at once; channels of the colour."""
+
+    def pixel_bytes(path: Path) -> tuple[int, float, float, int]:
+        info = describe(path)
+        parts = info.parts
+        if not is_exr(read_head(path)):  # of several pages, one is read
+            parts = (max(parts, key=lambda part: len(part.channels)),)
+        kinds = [kind for part in parts for _, kind in part.channels]
+        native = sum(_BYTES.get(kind, _FLOAT) for kind in kinds)
+        if any(part.deep for part in parts):
+            # the picture in focus in floats; of each layer its channels, metres and radius; and
+            # samples as they are held, their channels in floats, place and rank
+            layers, held = _layers_of(path), _FLOAT * (len(kinds) + 2)
+            native = _FLOAT * len(kinds) + layers * (native + 2 * _FLOAT + held)
+        names = [name for part in parts for name, _ in part.channels]
+        light = sum(any(fnmatchcase(name, pattern) for pattern in passes) for name in names)
+        return info.pixels, native, native if info.at_once else 0.0, min(len(kinds), 4) + light
+
+    try:
+        pixels, native, color_whole, count = pixel_bytes(picture.color)
+        depth_whole = 0.0
+        with suppress(InputError):  # a file without a header has no size to report
+            _, _, depth_whole, _ = pixel_bytes(picture.depth)
+        arrays = native if is_exr(read_head(picture.color)) else _FLOAT * count
+    except InputError:  # the decoder names what is wrong
+        return 0, 0.0, 0.0, 0
+    return pixels, arrays + _FLOAT, max(color_whole, depth_whole), count
+
+
+def _layers_of(path: Path) -> int:
+    """The number of layers that a deep EXR becomes."""
+    from defocus_core.io.exr.deep_layers import MAX_LAYERS
+    from defocus_core.io.exr.deep_samples import max_samples
+
+    deep = [header for header in read_headers(path) if header.deep]
+    return min(MAX_LAYERS, max(max_samples(path, header) for header in deep))
+
+
+def _half(job: Job) -> bool:
+    """Whether half floats are enough for the images of a job until they are written."""
+    outputs = job.outputs
+    return (outputs.format, outputs.exr_type, outputs.preview) == ("exr", "half", False)
+
+
+def image_type(job: Job) -> str:
+    """The type in which the images of a job are kept until they are written."""
+    return "float16" if _half(job) else "float32"
+
+
+def room_on(device: str, room_mb: float) -> float:
+    """Memory left to compute in, with what the machine has free now."""
+    available = memory.available_mb(device)
+    if device != "cpu":
+        return math.inf if available is None else available
+    return max(room_mb if available is None else min(room_mb, available), 0.0)
+
+
+def holds_cells(shape: tuple[int, ...], room_mb: float) -> bool:
+    """Whether the cells of a draft of a picture [C, H, W] are kept, not computed where needed."""
+    from defocus_core.evaluation.cost import coarse_bytes
+
+    return coarse_bytes(shape) / memory.MB <= _FOR_CELLS * room_mb
+
+
+def regions_at_once(
+    job: Job, renderer: Renderer, holding: Holding, device: str
+) -> tuple[int, float]:
+    """How many regions of a picture may be computed at once, and a bound of their memory in MB."""
+    from defocus_core.evaluation.cost import memory_bound
+
+    threads, room = job.machine.threads, room_on(device, holding.room_mb)
+
+    def needed(threads: int, at_once: int) -> float:
+        return memory_bound(renderer, threads, at_once) / memory.MB
+
+    for at_once in range(threads, 0, -1):
+        if (bound := needed(threads, at_once)) <= room:
+            return at_once, bound
+    beside = base_mb() + holding.files_mb
+    raise TooLarge(
+        "out-of-memory",
+        f"needs {_sum(base_mb(), holding.files_mb, bound)} to render, "
+        f"but {min(limit_mb(job.machine), beside + room):.0f} MB are allowed",
+        _remedy(job, bound, threads > 1 and needed(1, 1) <= room, device),
+        path=job.picture.color,
+    )
+
+
+def _sum(base: float, files: float, rendering: float) -> str:
+    """Three sizes and their sum, in words."""
+    parts = [math.ceil(mb) for mb in (base, files, rendering)]
+    return "{} MB ({} of the program, {} of its files, {})".format(sum(parts), *parts)
+
+
+def _remedy(job: Job, needed_mb: float, with_one_thread: bool, device: str) -> str:
+    if with_one_thread:
+        return "use ‹threads› 1"
+    machine = memory.available_mb(device)
+    enough = enough_mb(job, needed_mb)
+    if device == "cpu" and (machine is None or enough < machine + base_mb()):
+        return f"use ‹memory› {_size(enough)}"
+    if job.machine.quality != "draft":
+        return "use ‹quality› draft, a smaller picture, or a machine with more"
+    return "use a smaller picture or a machine with more"
+
+
+def _size(mb: float) -> str:
+    """A size, rounded up, as the command line takes it."""
+    tens = math.ceil(mb * memory.MB / 10**7)
+    return f"{10 * tens}MB" if tens < 1000 else f"{math.ceil(tens / 10) / 10:.1f}GB"
+
+
+class Gate:
+    """Lets pictures into the pipeline as long as their arrays fit together; one in any case."""
+
+    def __init__(self) -> None:
+        self._held: dict[int, float] = {}
+        self._opened = False
+        self._changed = threading.Condition()
+
+    def enter(self, number: int, job: Job) -> None:
+        """Wait until there is room for the picture of a job."""
+        arrays, room = _sizes(job)[0], capacity_mb(job.machine)
+        limit = _beside_each_other_mb(arrays, room)
+        need = limit if arrays > _FOR_ARRAYS * room else arrays  # in scratch, it is alone
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._opened or not self._held or sum(self._held.values()) + need <= limit
+            )
+            self._held[number] = need
+
+    def open(self) -> None:
+        """Let every waiting picture in."""
+        with self._changed:
+            self._opened = True
+            self._changed.notify_all()
+
+    def leave(self, number: int) -> None:
+        """Forget a picture whose arrays are freed."""
+        with self._changed:
+            self._held.pop(number, None)
+            self._changed.notify_all()

@@ -1,0 +1,146 @@
+"""Colour and depth of a picture, decoded: of one size, with a depth where it is not empty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from defocus_core.batch.jobs.job import Job, Picture, Reading
+from defocus_core.errors import InputError
+from defocus_core.io.array_files.containers import container_type
+from defocus_core.io.arrays import IN_MEMORY, Keeping
+from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
+from defocus_core.io.exr.channel_choice import require_part
+from defocus_core.io.exr.header import is_exr
+from defocus_core.io.exr.views import require_view
+from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.io.images.color import SHARP_INSIDE, read_color, require_finite
+from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.describe import describe
+from defocus_core.io.safe_files import read_head
+from defocus_core.picture.steps.table import through
+from defocus_core.system.log import note
+
+
+@dataclass(frozen=True)
+class InputPair:
+    """Colour and depth of a picture, and how they are read.
+
+    Attributes:
+        picture: where they are.
+        reading: the options.
+        keeping: where the arrays are kept.
+        lens_focal: focal length in widths of the sensor, where the depth needs it.
+        whole: whether all pixels beyond the picture shown are wanted, else those that blur reaches.
+        limit: the most pixels beyond the picture shown; None for no limit.
+        overscan: the pixels beyond the picture shown that both have.
+        planes: colour and depth, once they are decoded.
+    """
+
+    picture: Picture
+    reading: Reading
+    keeping: Keeping = IN_MEMORY
+    lens_focal: float | None = None
+    whole: bool = False
+    limit: Overscan | None = None
+    overscan: Overscan = NO_OVERSCAN
+    planes: tuple[Color, Depth] | None = None
+
+    @classmethod
+    def of(cls, job: Job, keeping: Keeping) -> InputPair:
+        """The picture of a job."""
+        whole = job.outputs.keep_overscan
+        return cls(job.picture, job.reading, keeping, job.lens_focal, whole=whole)
+
+    @property
+    def has_overscan(self) -> bool:
+        """Whether the colour has pixels beyond the picture shown."""
+        return any(part.has_overscan for part in describe(self.picture.color).parts)
+
+    @property
+    def color(self) -> Color:
+        """The colour, decoded."""
+        assert self.planes is not None
+        return self.planes[0]
+
+    @property
+    def depth(self) -> Depth:
+        """The depth, decoded."""
+        assert self.planes is not None
+        return self.planes[1]
+
+    @property
+    def differs(self) -> bool:
+        """Whether colour and depth are of two sizes."""
+        return bool(self.color.shape[:2] != self.depth.metres.shape)
+
+    def with_depth(self, depth: Depth) -> InputPair:
+        """The pair with another depth."""
+        return replace(self, planes=(self.color, depth))
+
+
+def read(wanted: InputPair) -> tuple[Color, Depth]:
+    """Colour and depth of the same size, whose pixels are all valid."""
+    picture = wanted.picture
+    shared = picture.color == picture.depth
+    if shared and wanted.reading.resize_depth is None and not is_exr(read_head(picture.color)):
+        reading = replace(wanted.reading, resize_depth="guided")  # smaller in a photograph
+        wanted = replace(wanted, reading=reading)
+    require_view((picture.color, picture.depth), wanted.reading.view)
+    pair = through("pair", _decode(through("window", wanted)))
+    require_valid(pair.depth)
+    require_finite(pair.color)
+    if pair.color.note.endswith(SHARP_INSIDE):
+        note(f"defocus: {picture.color}: {SHARP_INSIDE} is rendered")
+    return pair.color, pair.depth
+
+
+def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None]:
+    """The part to read in the colour and in the depth file; None where there is only one."""
+    if reading.part is None:
+        return None, None
+    if container_type(read_head(picture.depth, 32)):  # which has frames
+        return reading.part if len(describe(picture.color).parts) > 1 else None, reading.part
+    paths = (picture.color, picture.depth)
+    color, depth = (len(describe(path).parts) for path in paths)
+    if picture.color == picture.depth or max(color, depth) == 1:
+        require_part(picture.color, reading.part, color)
+    return reading.part if color > 1 else None, reading.part if depth > 1 else None
+
+
+def _decode(wanted: InputPair) -> InputPair:
+    """The pair as its files hold it."""
+    picture, reading = wanted.picture, wanted.reading
+    color_part, depth_part = parts_of(picture, reading)
+    shared = picture.color == picture.depth
+    color = read_color(
+        picture.color,
+        layer=reading.color_layer,
+        part=color_part,
+        view=reading.view,
+        keeping=wanted.keeping,
+        overscan=wanted.overscan,
+        blur_channels=reading.blur_channels,
+        original=shared,
+    )
+    depth = read_depth(
+        picture.depth,
+        replace(reading, part=depth_part),
+        keeping=wanted.keeping,
+        size=color.size,
+        lens_focal=wanted.lens_focal,
+        overscan=wanted.overscan,
+        alpha=color.alpha,
+        orientation=color.orientation,
+    )
+    radial = (reading.geometry or reading.row.geometry) == "radial"
+    if radial and color.pixel_aspect != 1:
+        problem = "holds distances to the point, and the pixels of the colour are not square"
+        raise InputError(
+            "not-square", problem, "convert it to depth along the axis", path=picture.depth
+        )
+    if shared and len(color.channels) == 1 and not color.extras and depth.channel:
+        problem = f"has {depth.channel} alone, which is not both colour and depth"
+        raise InputError(
+            "no-depth", problem, "give the depth file as a second argument", path=picture.color
+        )
+    return replace(wanted, planes=(color, depth))

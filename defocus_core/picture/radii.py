@@ -1,0 +1,260 @@
+"""The signed radii of a depth through a lens: the one way from metres to px of radius."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.batch.jobs.job import Reading
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.errors import InputError, UsageProblem, reason
+from defocus_core.io.arrays import IN_MEMORY, Keeping, bands, times
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.images.color_planes import Color
+from defocus_core.picture.sources import map_windows, windows
+from defocus_core.system.text import counted
+
+if TYPE_CHECKING:
+    from defocus_core.depth.diagnosis import DepthRepair
+    from defocus_core.optics.thin_lens import ThinLens
+    from defocus_core.tensors.source import Pixels
+
+MM_PER_M = 1000.0
+_MAX_PX = 1e6  # wider than any frame
+_FARTHEST_PX = 1e8  # what the renderer takes
+
+
+class Radii(NamedTuple):
+    """The signed radii of the circle of confusion of a frame.
+
+    Attributes:
+        px: [H, W] float32. Where there is nothing, it is the greatest: nothing lies before nothing,
+            and what lies beside it is seen through the whole lens.
+        limits: the least and the greatest of them, of what is there.
+        infinity: of what is infinitely far; None where the file holds radii.
+        scale: px for a disparity of 1 per mm; 1 where the file holds radii.
+        warnings: what became of radii that were larger than the lens lets them be, in words.
+    """
+
+    px: Any
+    limits: tuple[float, float]
+    infinity: float | None
+    scale: float
+    warnings: tuple[str, ...] = ()
+
+    def repair(
+        self,
+        color: Color,
+        reading: Reading,
+        *,
+        device: str = "cpu",
+        threads: int | None = None,
+        longer: float = 1.0,
+        decided: DepthRepair | None = None,
+        hold: bool = False,
+        matte: Pixels | None = None,
+    ) -> tuple[Pixels, DepthRepair]:
+        """The radii [H, W] px by which a picture is rendered, and the repair that made them.
+
+        Args:
+            color: the colour, whose edges are those of the depth.
+            reading: what is known of the repair.
+            device: where it is computed.
+            threads: to compute with; None for as many as torch has.
+            longer: the longer half axis of the blur in px, in radii of the CoC.
+            decided: the repair, where it is known already.
+            hold: whether there is room for the repaired radii.
+            matte: the coverage of the subject, whose edges are those of the depth; None if it is
+                not known.
+        """
+        import torch
+
+        from defocus_core.depth.repair import repair_depth
+
+        return repair_depth(
+            map_windows(times(self.px, longer), device),
+            windows(color.planes, device),
+            None if self.infinity is None else longer * self.infinity,
+            torch.get_num_threads() if threads is None else threads,
+            depth_repair=reading.depth_repair,
+            edge_width=reading.edge_width,
+            decided=decided,
+            hold=hold,
+            matte=matte,
+        )
+
+    def diagnose(self, reading: Reading) -> DepthRepair:
+        """The repair that they need to be rendered, as far as it shows without colours."""
+        import torch
+
+        from defocus_core.depth.repair import diagnose_depth
+
+        return diagnose_depth(
+            map_windows(self.px, "cpu"),
+            self.infinity,
+            torch.get_num_threads(),
+            depth_repair=reading.depth_repair,
+            edge_width=reading.edge_width,
+        )
+
+
+def radii_of(lens: Lens, depth: Depth, keeping: Keeping = IN_MEMORY) -> Radii:
+    """The radii of a whole frame; those of a file of radii as they are."""
+    radii = _radii_of(lens, depth, keeping)
+    return radii if lens.clamp_blur is None else _clamp(radii, lens.clamp_blur, depth, keeping)
+
+
+def _radii_of(lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
+    import torch
+
+    if lens.blur is not None:
+        return _relative(lens.blur, lens, depth, keeping)
+    if depth.is_radius:
+        limits = _limits_of_file(depth)
+        return Radii(_with_nothing(depth.metres, limits[1], depth), limits, None, 1.0)
+    thin_lens = thin_lens_of(lens, depth.size)
+    whole = keeping.new(depth.metres.shape, "float32")
+    extremes = []
+    for rows in bands(depth.metres.shape):
+        radius = _through(thin_lens, depth.metres[rows])
+        whole[rows] = radius
+        if depth.empty is not None:
+            radius = radius[~depth.empty[rows]]
+        if radius.size:
+            extremes += [float(radius.min()), float(radius.max())]
+            _refuse_blur(extremes[-2:], depth, rows)
+    limits = (min(extremes), max(extremes)) if extremes else (0.0, 0.0)
+    infinity = thin_lens.radius_at_infinity()
+    near = float(thin_lens.signed_radius(torch.tensor([MM_PER_M], dtype=torch.float64)))
+    scale = (infinity - near) * MM_PER_M
+    return Radii(_with_nothing(whole, limits[1], depth), limits, infinity, scale)
+
+
+def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
+    """The radii of relative disparity, linear in its numbers."""
+    import torch
+
+    from defocus_core.depth.conversion import radius_from_relative_disparity
+
+    assert lens.focus_value is not None
+    assert lens.blur_reach is not None, "with_blur_reach() is for this"
+    if blur > _MAX_PX:
+        problem = f"is blurred by {blur:.2g} px"
+        raise InputError("too-blurred", problem, "give a smaller ‹blur›", path=depth.path)
+    reach = lens.blur_reach
+    largest = -blur if depth.inverted else blur
+    whole = keeping.new(depth.metres.shape, "float32")
+    for rows in bands(depth.metres.shape):
+        disparity = torch.from_numpy(depth.metres[rows].astype("float64"))
+        radius = radius_from_relative_disparity(disparity, lens.focus_value, largest, reach)
+        if lens.sharp_range is not None:
+            low, high = lens.sharp_range
+            radius[(disparity >= low) & (disparity <= high)] = 0.0
+        whole[rows] = radius.float().numpy()
+    ends = depth.ends or (lens.focus_value, lens.focus_value)
+    limits = sorted(largest * (lens.focus_value - number) / reach for number in ends)
+    return Radii(_with_nothing(whole, limits[1], depth), (limits[0], limits[1]), None, 1.0)
+
+
+def _clamp(radii: Radii, limit: float, depth: Depth, keeping: Keeping) -> Radii:
+    """The radii of which none is larger than ``limit`` px."""
+    clamped = 0
+    whole = keeping.new(radii.px.shape, "float32")  # those of a file are other jobs', too
+    for rows in bands(radii.px.shape):
+        larger = np.abs(radii.px[rows]) > np.float32(limit)
+        if depth.empty is not None:
+            larger &= ~depth.empty[rows]
+        clamped += int(np.count_nonzero(larger))
+        whole[rows] = np.clip(radii.px[rows], -limit, limit)
+
+    def within(radius: float) -> float:
+        return min(max(radius, -limit), limit)
+
+    infinity = None if radii.infinity is None else within(radii.infinity)
+    limits = within(radii.limits[0]), within(radii.limits[1])
+    words = f"radius of {counted(clamped, 'pixel')} clamped to {limit:g} px"
+    warnings = (words,) if clamped else ()
+    return radii._replace(px=whole, limits=limits, infinity=infinity, warnings=warnings)
+
+
+def signed_radius(
+    lens: Lens, metres: NDArray[np.float32], size: tuple[int, int]
+) -> NDArray[np.float32]:
+    """Signed CoC radius in px at depths in metres, for pictures of ``size`` (width, height)."""
+    return _through(thin_lens_of(lens, size), metres)
+
+
+def color_offsets(lens: Lens, size: tuple[int, int]) -> tuple[float, float]:
+    """Px by which the signed radii of red and of blue differ from those of green."""
+    from defocus_core.optics.axial_color import color_offset
+
+    assert lens.axial_color is not None
+    thin_lens = thin_lens_of(lens, size)
+    red, blue = (float(color_offset(thin_lens, shift)) for shift in lens.axial_color)
+    return red, blue
+
+
+def thin_lens_of(lens: Lens, size: tuple[int, int]) -> ThinLens:
+    """The lens in front of a sensor of ``size`` (width, height) px."""
+    import torch
+
+    from defocus_core.optics.thin_lens import ThinLens
+
+    width, height = size
+    sensor = (lens.sensor_width, lens.sensor_width * height / width)
+    try:
+        thin_lens = ThinLens(lens.foclen, lens.fnum, sensor, (width, height), "cpu", torch.float64)
+        thin_lens.refocus(math.inf if lens.foc_dist is None else lens.foc_dist)
+        thin_lens.sharp_range = lens.sharp_range
+    except ValueError as error:
+        option = lens.focus_source.at("focus")
+        raise UsageProblem(
+            "out-of-range", reason(error), "check the lens options", path=option
+        ) from error
+    return thin_lens
+
+
+def _through(thin_lens: ThinLens, metres: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The law in float64, rounded once."""
+    import torch
+
+    depth_mm = torch.from_numpy(metres.astype("float64")) * MM_PER_M
+    radius: NDArray[np.float32] = thin_lens.signed_radius(depth_mm).float().numpy()
+    if not np.isfinite(radius).all():
+        problem = f"f/{float(thin_lens.fnum):g} blurs beyond all numbers in this picture"
+        raise UsageProblem(
+            "out-of-range", problem, "check the lens options and the depth's unit", field="fnumber"
+        )
+    return radius
+
+
+def _refuse_blur(limits: list[float], depth: Depth, rows: slice) -> None:
+    """Refuse radii that no frame would hold."""
+    if not -limits[0] <= _MAX_PX:
+        nearest = float(depth.present(rows).min())
+        problem = f"has a depth of {nearest:.3g} m, which is blurred by {-limits[0]:.2g} px"
+        raise InputError("too-blurred", problem, "check ‹depth-unit› and ‹focus›", path=depth.path)
+    if not limits[1] <= _FARTHEST_PX:
+        problem = f"is blurred by {limits[1]:.2g} px: focus is hardly beyond the focal length"
+        raise InputError("out-of-range", problem, "give ‹focus› in the scene", path=depth.path)
+
+
+def _with_nothing(radius: Any, farthest: float, depth: Depth) -> Any:
+    """The radii, the farthest where there is nothing; in place."""
+    for rows in bands(radius.shape) if depth.empty is not None else ():
+        radius[rows] = np.where(depth.empty[rows], np.float32(farthest), radius[rows])
+    return radius
+
+
+def _limits_of_file(depth: Depth) -> tuple[float, float]:
+    """The least and greatest radius of a file of radii, in px."""
+    of_bands = [depth.present(rows) for rows in bands(depth.metres.shape)]
+    minimum = min((float(radius.min()) for radius in of_bands if radius.size), default=0.0)
+    maximum = max((float(radius.max()) for radius in of_bands if radius.size), default=0.0)
+    if max(-minimum, maximum) > _MAX_PX:
+        problem = f"has a CoC radius of {max(-minimum, maximum):.2g} px"
+        raise InputError("too-blurred", problem, "check ‹depth-format› coc", path=depth.path)
+    return minimum, maximum

@@ -1,0 +1,178 @@
+"""Render: the images and maps of each kind that needs rendering, within the memory there is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from defocus_core.batch.jobs.output_kinds import KINDS
+from defocus_core.errors import TooLarge
+from defocus_core.io.exr.writing import clamped_half
+from defocus_core.picture.memory_budget import image_type, regions_at_once
+from defocus_core.picture.scene import Pass, has_room, passes_of, surfaces_of
+from defocus_core.picture.sources import to_array
+from defocus_core.picture.take import Take
+from defocus_core.system import memory
+from defocus_core.system.process import set_to_render
+
+if TYPE_CHECKING:
+    from defocus_core.renderer.engine.renderer import Renderer
+    from defocus_core.tensors.views import Views
+
+Progress = Callable[[int, int], None]
+# Share of the pixels of left or right from which on a warning says that they were negative.
+_MANY_CLAMPED = 0.01
+_TRUSTED = 0.99  # share of the lens
+
+
+def render(take: Take, progress: Progress | None = None) -> Take:
+    """The picture with the images and maps that need rendering.
+
+    `progress`: called with (tiles done, tiles in all).
+    """
+    import torch
+
+    set_to_render()
+    images, held = _Images(take), take.inputs.holding
+    wall, cpu = time.perf_counter(), time.process_time()
+    surfaces = surfaces_of(take)
+    renderer = _fill(images, take, passes_of(take, surfaces.scene()), progress)
+    if take.device == "cuda":
+        torch.cuda.synchronize()
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    scratch = {"scratch_mb": held.arrays_mb} if held.scratch else {}
+    lamps = {} if surfaces.lamps is None else {"lights": surfaces.lamps}
+    return replace(
+        take,
+        images=images.planes,
+        clamped=images.clamped,
+        reach=images.reach,
+        lamps=surfaces.lamps,
+        repair=renderer.repair,
+        seconds=wall,
+        cpu_seconds=cpu,
+        stats={**renderer.stats, "pixels_invented": images.invented, **lamps, **scratch},
+        warnings=(*take.warnings, *_clamp_warning(renderer.stats)),
+    )
+
+
+def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Renderer]]:
+    """Each pass with its renderer, which works region by region."""
+    from defocus_core.renderer.engine.renderer import Renderer
+
+    for each in passes:
+        scene = each.scene.of_colors(each.light, each.px, each.shared)
+        yield each, Renderer(scene, each.settings, hold=scene.layered is None and has_room(take))
+
+
+def _clamp_warning(stats: Mapping[str, float]) -> list[str]:
+    """A warning if many pixels of left or right were negative."""
+    fraction = stats.get("pixels_clamped", 0) / stats["pixels"]
+    if fraction < _MANY_CLAMPED:
+        return []
+    why = "detail as fine as a pixel overshoots in half a lens"
+    return [f"left, right: below 0 in {100 * fraction:.0f} % of the pixels, and made 0: {why}"]
+
+
+def _fill(
+    images: _Images, take: Take, passes: tuple[Pass, ...], progress: Progress | None
+) -> Renderer:
+    """Render as many regions at once as fit, and one by one if a GPU runs out of memory."""
+    import torch
+
+    job, maximum = take.job, None
+    while True:
+        images.clamped.clear()
+        try:
+            for number, (each, renderer) in enumerate(renderers(take, passes)):
+                images.reach = max(images.reach, renderer.reach)
+                at_once = (
+                    maximum or regions_at_once(job, renderer, take.inputs.holding, take.device)[0]
+                )
+                if at_once < job.machine.threads:  # memory is short
+                    memory.keep_freed(False)
+                    memory.trim()
+                shown = progress and partial(_of_all, progress, number, len(passes))
+                images.invented = 0  # of one rendering
+                for part in renderer.tiles(at_once, shown):
+                    first = number == 0 or each.transposed != passes[number - 1].transposed
+                    images.place(part, each, first=first)
+            return renderer
+        except torch.OutOfMemoryError:  # other programs use the GPU, too
+            torch.cuda.empty_cache()
+            if maximum == 1:
+                problem = "does not fit into the memory of the GPU"
+                remedy = "use ‹device› cpu, or a smaller ‹tile›"
+                raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color) from None
+            maximum = 1
+
+
+def _of_all(progress: Progress, number: int, count: int, done: int, tiles: int) -> None:
+    """Report tiles of one of several renderings of a picture."""
+    progress(number * tiles + done, count * tiles)
+
+
+class _Images:
+    """The images of a job while they are rendered.
+
+    Attributes:
+        planes: each rendered kind's arrays [H, W]: C of each view of an image, one of a map.
+        clamped: number of pixels of each kind that were clamped to the range of half.
+        reach: px that light reaches at most.
+        invented: number of pixels of which less than `_TRUSTED` of the lens saw what is there.
+    """
+
+    def __init__(self, take: Take) -> None:
+        job, (height, width, channels) = take.job, take.inputs.color.shape
+        keeping = take.inputs.holding.keeping
+        self.planes: dict[str, tuple[Any, ...]] = {}
+        self.clamped: dict[str, int] = {}
+        self.reach = self.invented = 0
+        for kind in job.outputs.rows:
+            if not kind.rendered:
+                continue
+            count, dtype = (channels, image_type(job)) if kind.image else (1, "float32")
+            count *= len(kind.rendered_as)
+            self.planes[kind.name] = tuple(
+                keeping.new((height, width), dtype) for _ in range(count)
+            )
+
+    def place(self, part: Views, of: Pass, *, first: bool = True) -> None:
+        """Copy a rendered region to its place: the channels and kinds that were rendered.
+
+        Of trust, after the first colours, the least of all.
+        """
+        if of.order:
+            part = part._replace(images=[image[list(of.order)] for image in part.images])
+        top, left, height, width = part.box
+        if of.transposed:
+            top, left, height, width = left, top, width, height
+        rows, columns = slice(top, top + height), slice(left, left + width)
+        self.invented += int(np.count_nonzero(to_array(part.trust) < _TRUSTED))
+        for kind, planes in self.planes.items():
+            row = KINDS[kind]
+            if bool(row.transposed) != of.transposed:
+                continue
+            names = (row.transposed,) if row.transposed else row.rendered_as
+            views = [to_array(getattr(part, view)) for view in names]
+            if of.transposed:
+                views = [view.swapaxes(-1, -2) for view in views]
+            if row.image and len(of.channels) * len(views) < len(planes):
+                apart, some = len(planes) // len(views), of.channels
+                planes = tuple(planes[v * apart + c] for v in range(len(views)) for c in some)
+            pixels = views[0] if len(views) == 1 else np.concatenate(views)
+            pixels = pixels.reshape(len(planes), height, width)
+            if planes[0].dtype == np.float16:
+                pixels, beyond = clamped_half(pixels)
+                if beyond.any():
+                    count = int(np.count_nonzero(beyond.any(axis=0)))
+                    self.clamped[kind] = self.clamped.get(kind, 0) + count
+            for plane, values in zip(planes, pixels, strict=True):
+                if not (first or row.image):
+                    values = np.minimum(values, plane[rows, columns])
+                plane[rows, columns] = values

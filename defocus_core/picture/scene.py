@@ -1,0 +1,153 @@
+"""Scene: what a lens sees of a take, and the settings of its renderer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+from defocus_core.io.arrays import times
+from defocus_core.io.images.color_planes import Color
+from defocus_core.picture.memory_budget import holds_cells, room_on
+from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
+from defocus_core.picture.radii import Radii
+from defocus_core.picture.sources import layer_windows, map_windows, windows
+from defocus_core.picture.steps.table import through
+from defocus_core.picture.take import Take
+
+if TYPE_CHECKING:
+    from defocus_core.depth.diagnosis import DepthRepair
+    from defocus_core.renderer.engine.scene import Scene
+    from defocus_core.renderer.engine.settings import Settings
+    from defocus_core.renderer.engine.shared_surfaces import SharedSurfaces
+    from defocus_core.renderer.inpainting.known_layer import KnownLayer
+    from defocus_core.tensors.source import Pixels
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """The surfaces of a scene: that of the picture, or one of each layer, nearest first.
+
+    Attributes:
+        take: whose they are.
+        colors: of each surface that may be repaired the colour, whose edges are those of its depth.
+        radii: of each surface its radii, as the depth says.
+        light: of each surface [C, H, W], linear, premultiplied: of a picture with its alpha.
+        px: of each surface the radii [H, W] that it is rendered by.
+        coverage: [L, H, W] of layers; None of a picture.
+        repair: of the depth; None where nothing was looked for.
+        hidden: the known hidden layer.
+        matte: [H, W], the coverage of the subject; None if it is not known.
+        lamps: number of clipped lights that were made brighter; None if this is not asked for.
+    """
+
+    take: Take
+    colors: tuple[Color, ...]
+    radii: tuple[Radii, ...]
+    light: tuple[Pixels, ...]
+    px: tuple[Pixels, ...]
+    coverage: Pixels | None = None
+    repair: DepthRepair | None = None
+    hidden: KnownLayer | None = None
+    matte: Pixels | None = None
+    lamps: int | None = None
+
+    @cached_property
+    def longer(self) -> float:
+        """The longer half axis of the blur in px, in radii of the CoC."""
+        return longer_axis(self.take)
+
+    @property
+    def is_repaired(self) -> bool:
+        """Whether its depth is to be repaired: that of deep pixels is what it is."""
+        return bool(self.colors) and self.take.job.reading.depth_repair != "off"
+
+    @property
+    def knows_hidden(self) -> bool:
+        """Whether files or other frames know what is hidden."""
+        return self.take.inputs.hidden is not None or self.take.seen is not None
+
+    @property
+    def holds(self) -> bool:
+        """Whether there is room for what is derived from the whole picture."""
+        return self.coverage is None and has_room(self.take)
+
+    def scene(self) -> Scene:
+        """The scene of them."""
+        from defocus_core.renderer.engine.scene import Scene
+        from defocus_core.renderer.layers.stacked_samples import Layered
+
+        if self.coverage is None:
+            return Scene(
+                self.light[0], self.px[0], self.hidden, repair=self.repair, matte=self.matte
+            )
+        stacked = layer_windows(self.light), layer_windows(self.px), self.coverage
+        return Scene.of_layered(Layered.of(*stacked), self.repair)
+
+
+class Pass(NamedTuple):
+    """A rendering of a scene, or of some of its colours."""
+
+    scene: Scene
+    settings: Settings
+    channels: tuple[int, ...]  # of the planes of the picture
+    light: tuple[int, ...]  # the same of the scene, in its order
+    px: float = 0.0  # added to the radii
+    shared: SharedSurfaces | None = None  # the surfaces of all colours of the scene
+    order: tuple[int, ...] = ()  # of the rendered channels; empty: as they are
+    transposed: bool = False  # rows are rendered as columns, whose left and right are up and down
+    color: int | None = None  # of the light, where the opening is coloured: 0 is red
+
+
+@dataclass(frozen=True)
+class Passes:
+    """What is rendered one after another; what says most of the picture comes last."""
+
+    take: Take
+    every: tuple[Pass, ...]
+
+
+def surfaces_of(take: Take) -> Surfaces:
+    """The surfaces of a take, with all that happens to them."""
+    color, device = take.inputs.color, take.device
+    px = map_windows(times(take.blur.px, longer_axis(take)), device)
+    light = windows(color.planes, device)
+    return through("scene", Surfaces(take, (color,), (take.blur,), (light,), (px,)))
+
+
+def passes_of(take: Take, scene: Scene) -> tuple[Pass, ...]:
+    """All that is rendered of a scene."""
+    channels = tuple(range(len(take.inputs.color.planes)))
+    whole = Pass(scene, settings_of(take), channels, channels)
+    return through("passes", Passes(take, (whole,))).every
+
+
+def settings_of(take: Take) -> Settings:
+    """The options of the renderer."""
+    from defocus_core.renderer.engine.settings import Settings
+
+    job, infinity = take.job, take.blur.infinity
+    return Settings(
+        aperture=aperture_in_pixels(take.lens, take.inputs.color.pixel_aspect)[0],
+        dual_pixel=dual_pixel_of(take.lens),
+        cat_eye=cat_eye_of(take.lens, take.size),
+        quality=take.quality,
+        left_right=any(kind.halves for kind in job.outputs.rows),
+        threads=job.machine.threads,
+        tile=job.machine.tile,
+        infinity=None if infinity is None else longer_axis(take) * infinity,
+        depth_repair=job.reading.depth_repair,
+        edge_width=job.reading.edge_width,
+    )
+
+
+def longer_axis(take: Take) -> float:
+    """The longer half axis of the blur in px, in radii of the CoC."""
+    return aperture_in_pixels(take.lens, take.inputs.color.pixel_aspect)[1]
+
+
+def has_room(take: Take) -> bool:
+    """Whether there is room for what is derived from the whole picture."""
+    color = take.inputs.color
+    room = room_on(take.device, take.inputs.holding.room_mb)
+    return holds_cells((len(color.planes), *color.shape[:2]), room)

@@ -1,0 +1,151 @@
+"""Deep pictures: the samples of each pixel as layers for the renderer.
+
+What lies behind each other is known, with its coverage; nothing is invented where the file knows
+better. Colour and depth of such a file are those of its picture in focus and of its first surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from defocus_core.batch.jobs.job import Picture, Reading
+from defocus_core.errors import InputError
+from defocus_core.io.arrays import bands, count_of
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
+from defocus_core.io.depth_formats.resolving import resolved
+from defocus_core.io.depth_formats.rules import decoded
+from defocus_core.io.exr.channel_choice import choose_color
+from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT
+from defocus_core.io.exr.header import Header, is_exr, read_headers
+from defocus_core.io.exr.reading import read_layers
+from defocus_core.io.exr.views import in_view
+from defocus_core.io.safe_files import read_head
+from defocus_core.picture.layers import Layers, flat_layer
+from defocus_core.picture.pair import InputPair, parts_of
+from defocus_core.picture.take import Take
+from defocus_core.system.text import counted
+
+
+def read(take: Take) -> Take:
+    """The take with the layers of its picture, its plate and its holdout."""
+    inputs, plate = take.inputs, take.inputs.plate
+    wanted = InputPair.of(take.job, inputs.holding.keeping)
+    picture, keeping = wanted.picture, wanted.keeping
+    if picture.hidden is not None:
+        problem = "is given ‹hidden›, but what its samples or its holdout hide is known"
+        raise InputError("contradiction", problem, "leave ‹hidden› out", path=picture.color)
+    layers = _layers(replace(wanted, planes=(inputs.color, inputs.depth)))
+    if plate is not None:
+        below = replace(wanted, picture=plate.picture, reading=plate.reading)
+        layers = layers.before(_layers(replace(below, planes=(plate.color, plate.depth))))
+    if picture.holdout is not None:
+        black = keeping.new(inputs.depth.metres.shape, np.float16)
+        hiding = replace(wanted, picture=picture.holdout, planes=(inputs.color, inputs.depth))
+        layers = layers.hold_out(_holdout(hiding), black)
+    layers = layers.cut(keeping)
+    note = f"{inputs.color.note}, {layers.words}"
+    return take.reading(
+        color=replace(inputs.color, note=note), layers=None if layers.is_flat else layers
+    )
+
+
+def _layers(pair: InputPair) -> Layers:
+    """The layers of one picture: its samples, or a single one if it is not deep."""
+    part, _ = parts_of(pair.picture, pair.reading)
+    header = deep_header(pair.picture, pair.reading, part)
+    return flat_layer(pair.color, pair.depth) if header is None else read_deep(pair, header)
+
+
+def _holdout(pair: InputPair) -> Layers:
+    """The samples of a deep holdout, without light."""
+    color, path = pair.color, pair.picture.color
+    headers = read_headers(path) if is_exr(read_head(path)) else ()
+    deep = [header for header in headers if header.deep]
+    if len(deep) != 1:
+        problem = f"holds {len(deep)} deep parts" if deep else "holds no deep data"
+        raise InputError("empty", problem, "give ‹holdout› a deep EXR of one part", path=path)
+    display = deep[0].display
+    if (display.width, display.height) != color.size:
+        width, height = color.size
+        problem = f"is {display.width}x{display.height} px but the picture is {width}x{height} px"
+        raise InputError("wrong-size", problem, "give a holdout of its size", path=path)
+    return _read_samples(
+        pair.with_depth(replace(pair.depth, path=path, channel=DEPTH)), deep[0], ()
+    )
+
+
+def deep_header(picture: Picture, reading: Reading, part: int | None) -> Header | None:
+    """The part of a picture's colour if it is deep."""
+    if not is_exr(read_head(picture.color)):
+        return None
+    headers = in_view(picture.color, read_headers(picture.color), reading.view)
+    if not any(header.deep for header in headers):
+        return None
+    header = choose_color(picture.color, headers, layer=reading.color_layer, part=part).header
+    return header if header.deep else None
+
+
+def read_deep(pair: InputPair, header: Header) -> Layers:
+    """Read the samples of a deep picture."""
+    picture, color = pair.picture, pair.color
+    if picture.depth != picture.color or pair.depth.channel != DEPTH:
+        problem = "is deep: its samples have a depth of their own, channel Z"
+        raise InputError(
+            "deep-data", problem, "leave the depth file and ‹depth-channel› out", path=picture.color
+        )
+    names = {channel.plain: channel.name for channel in header.channels}
+    sources = tuple(names[name] for name in (*color.channels[: len(color.light)], *color.passes))
+    return _read_samples(pair, header, sources)
+
+
+def _read_samples(pair: InputPair, header: Header, sources: tuple[str, ...]) -> Layers:
+    """The samples of a deep part as layers, with the channels of light that are wanted."""
+    color, depth = pair.color, pair.depth
+    read = read_layers(pair.picture.color, header, sources, pair.keeping, color.overscan)
+    metres = [_metres(layer[DEPTH], pair) for layer in read.layers]
+    ends = tuple(
+        (_metres(layer[FRONT], pair), _metres(layer[BACK], pair)) if BACK in layer else None
+        for layer in read.layers
+    )
+    alpha = tuple(layer[ALPHA] for layer in read.layers)
+    depths = tuple(_depth(depth, *both) for both in zip(metres, alpha, strict=True))
+    light = tuple(tuple(layer[name] for name in sources) for layer in read.layers)
+    return Layers(light, alpha, depths, len(color.light), read.merged, ends=ends)
+
+
+def _metres(numbers: Any, pair: InputPair) -> Any:
+    """Metres [H, W] of the numbers of a layer, read as those of the first surface."""
+    like, samples = pair.depth, DepthNumbers(numbers, "EXR", "", channel=pair.depth.channel)
+    decoding = resolved(
+        like.path,
+        replace(pair.reading, part=None),
+        samples,
+        picture_width=pair.color.size[0],
+        lens_focal=pair.lens_focal,
+    )
+    metres = pair.keeping.new(numbers.shape, "float32")
+    frame = (numbers.shape[0], numbers.shape[1])
+    for rows in bands(numbers.shape):
+        metres[rows] = decoded(
+            numbers[rows], decoding, first_row=rows.start, frame=frame, overscan=like.overscan
+        )
+    return metres
+
+
+def _depth(like: Depth, metres: Any, alpha: Any) -> Depth:
+    """The depth of one layer; infinitely far where it has no sample."""
+    for rows in bands(metres.shape):
+        far = np.float32(0 if like.is_radius else np.inf)
+        metres[rows] = np.where(np.asarray(alpha[rows]) > 0, metres[rows], far)
+    depth = replace(like, metres=metres, empty=None)
+    count, first = count_of((~depth.valid(rows), rows.start) for rows in bands(metres.shape))
+    if count:
+        problem = f"is NaN or ≤ 0 in {counted(count, 'sample')}, the first in pixel {first}"
+        raise InputError(
+            "not-finite", problem, "write inf for sky, and leave other samples out", path=like.path
+        )
+    return depth

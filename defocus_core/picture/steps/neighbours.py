@@ -1,0 +1,267 @@
+"""Neighbours of a frame: its depth averaged with theirs, and what they have seen behind it."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from defocus_core.batch.jobs.job import Shot
+from defocus_core.batch.jobs.shots import AVERAGED
+from defocus_core.errors import InputError, TooLarge, UsageProblem
+from defocus_core.io.arrays import bands
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.images.color_planes import Color
+from defocus_core.io.shots.motion_channels import Motion, read_motion
+from defocus_core.picture.memory_budget import capacity_mb
+from defocus_core.picture.pair import InputPair, read
+from defocus_core.picture.radii import radii_of
+from defocus_core.picture.steps.overscan import reframe
+from defocus_core.picture.take import Take
+from defocus_core.system import memory
+
+if TYPE_CHECKING:
+    import torch
+
+    from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
+    from defocus_core.sequences.motion import Frame
+
+# Rows beside a band that decide its means; share of the memory that decoded neighbours may take;
+# change of radius in px, from a frame to the next, of one surface; most frames that are kept.
+_BESIDE, _SHARE, _STEP, _MAX_KEPT = 4, 0.1, 0.5, 40
+# Distances in frames of the neighbours that may show what is hidden: in a moving shot the nearest
+# show it best, and each farther one shows more; of those between there is little more to see.
+_DISTANCES = frozenset({1, 3, 6, 10})
+
+
+def blur(take: Take) -> Take:
+    """The take with radii averaged over frames, and what neighbours have seen of what is hidden."""
+    shot, averaged = take.job.shot, None
+    assert shot is not None
+    if take.inputs.layers is not None and shot.motion is not None:
+        problem = "has no effect: layers, of deep pixels or of a plate, hold what is hidden"
+        raise UsageProblem("idle-option", problem, "leave it out", field="motion")
+    noise = None if take.decided is None else take.decided.noise
+    if noise is None and shot.motion is None:
+        return take
+    neighbours = Neighbours(take)
+    if noise is not None:
+        averaged = neighbours.averaged_radius(noise)
+        count = min(len(shot.window), AVERAGED)
+        note = f"averaged over {count} frames where the scene is still"
+        take = replace(
+            take, shot_note=f"{note}, {take.shot_note}", blur=take.blur._replace(px=averaged)
+        )
+    if shot.motion is not None:
+        take = replace(take, seen=neighbours.hidden(averaged))
+    return take
+
+
+class Neighbours:
+    """The neighbours of a frame, decoded when they are needed; neighbours of the last are kept."""
+
+    def __init__(self, take: Take) -> None:
+        """Keep what the neighbours are read with."""
+        job, inputs = take.job, take.inputs
+        assert job.shot is not None
+        self._job, self._inputs, self._lens = job, inputs, take.lens
+        self._shot, window = job.shot, job.shot.window
+        self._place = [picture.frame for picture in window].index(job.picture.frame)
+        self._window, self._radii = window, {self._place: take.radii.px}
+        others = (place for place in range(len(window)) if place != self._place)
+        self._order = sorted(others, key=lambda place: (abs(place - self._place), place))
+        if self._shot.motion is not None and inputs.holding.scratch:
+            problem = "is too large for ‹motion› in the memory that is allowed"
+            raise TooLarge(
+                "out-of-memory",
+                problem,
+                "allow more ‹memory›, or leave out ‹motion›",
+                path=job.picture.color,
+            )
+
+    def averaged_radius(self, noise: float) -> Any:
+        """Radii [H, W] px averaged with those of the neighbours where the scene is still."""
+        import torch
+
+        from defocus_core.sequences.motion import Frame
+        from defocus_core.sequences.temporal_mean import temporal_mean
+
+        radius = self._radii[self._place]
+        averaged = self._inputs.holding.keeping.new(radius.shape, "float32")
+        own = self._inputs.color
+        order = self._order[: AVERAGED - 1]
+        others = [(self._files(place), self._radius(place)) for place in order]
+        moved, parts = None, bands(radius.shape)
+        if self._shot.motion is not None:
+            moved = [self._path(self._place, place) for place in order]
+            parts = [slice(0, radius.shape[0])]
+        for rows in parts:
+            top = max(rows.start - _BESIDE, 0)
+            around = slice(top, rows.stop + _BESIDE)
+            frame = Frame(_image(own, around), torch.from_numpy(radius[around]))
+            mean, _ = temporal_mean(
+                frame,
+                (
+                    Frame(
+                        _image(color, around),
+                        torch.from_numpy(other[around]),
+                        moved[number] if moved else None,
+                    )
+                    for number, ((color, _), other) in enumerate(others)
+                ),
+                noise,
+            )
+            averaged[rows] = mean[rows.start - top : rows.stop - top].numpy()
+        return averaged
+
+    def hidden(self, radius: Any = None) -> HiddenLayer:
+        """What neighbours have seen behind surfaces of radii [H, W] px; None for its own."""
+        import torch
+
+        from defocus_core.sequences.motion import Frame
+        from defocus_core.sequences.seen_behind import seen_behind
+
+        radius = self._radii[self._place] if radius is None else radius
+        image = _image(self._inputs.color, slice(None))
+        return seen_behind(Frame(image, torch.from_numpy(radius[:])), self._moved())
+
+    def _moved(self) -> Iterator[Frame]:
+        """The neighbours that are looked at, the closest first, with the motion to the frame."""
+        import torch
+
+        from defocus_core.sequences.motion import Frame
+
+        for place in self._order:
+            if abs(place - self._place) not in _DISTANCES:
+                continue
+            image = _image(self._files(place)[0], slice(None))
+            motion = self._path(place, self._place)
+            yield Frame(image, torch.from_numpy(self._radius(place)[:]), motion)
+
+    def _path(self, start: int, end: int) -> torch.Tensor:
+        """The motion [2, H, W] px from one frame of the window to another."""
+        import torch
+
+        from defocus_core.sequences.motion import chained
+
+        way = range(start, end, 1 if end > start else -1)
+        motions = [self._motion(place)[end > start] for place in way]
+        radii = [torch.from_numpy(self._radius(place)[:]) for place in way]
+        return chained([torch.from_numpy(each) for each in motions], radii, _STEP)
+
+    def _motion(self, place: int) -> Motion:
+        picture = self._window[place]
+        channel = self._shot.motion
+        assert channel is not None
+        files, color = (picture.color, picture.depth), self._decode(place)[0]
+        motion: Motion = _CACHE.kept(
+            ("motion", picture, channel, color.overscan),
+            lambda: read_motion(files, channel, color.overscan),
+            self._max_mb(),
+        )
+        wanted = self._inputs.color.overscan
+        if color.overscan != wanted:
+            still = None if color.alpha is None else 0.0
+            pairs = (
+                [reframe(plane, color.overscan, wanted, still)[:] for plane in vectors]
+                for vectors in motion
+            )
+            motion = Motion(*map(np.stack, pairs))
+        if motion.to_next.shape[1:] != self._inputs.depth.metres.shape:
+            raise InputError(
+                "wrong-size",
+                "has motion vectors of another size",
+                "render it again",
+                path=picture.color,
+            )
+        return motion
+
+    def _radius(self, place: int) -> Any:
+        """The radii of a frame of the window through the lens of the frame."""
+        if place not in self._radii:
+            keeping = self._inputs.holding.keeping
+            self._radii[place] = radii_of(self._lens, self._files(place)[1], keeping).px
+        return self._radii[place]
+
+    def _decode(self, place: int) -> tuple[Color, Depth]:
+        """Colour and depth of a frame of the window, with its own overscan."""
+        if place == self._place:
+            return self._inputs.color, self._inputs.depth
+        picture, keeping = self._window[place], self._inputs.holding.keeping
+        both: tuple[Color, Depth] = _CACHE.kept(
+            (picture, self._job.reading, self._job.lens_focal),
+            lambda: read(InputPair(picture, self._job.reading, keeping, self._job.lens_focal)),
+            self._max_mb(),
+        )
+        return both
+
+    def _files(self, place: int) -> tuple[Color, Depth]:
+        """Colour and depth of a frame of the window, with the overscan of the frame.
+
+        Beyond its own there is nothing of an element; other pictures go on as at their edge.
+        """
+        picture, (color, depth) = self._window[place], self._decode(place)
+        own, wanted = color.overscan, self._inputs.color.overscan
+        if own != wanted:
+            dark, far = (None, None) if color.alpha is None else (0.0, np.inf)
+            far = 0.0 if far is not None and depth.is_radius else far
+            planes = tuple(reframe(plane, own, wanted, dark) for plane in color.planes)
+            color = replace(color, planes=planes, overscan=wanted)
+            metres = reframe(depth.metres, own, wanted, far)
+            depth = replace(depth, metres=metres, overscan=wanted, empty=None)
+        if color.shape != self._inputs.color.shape:
+            height, width, channels = color.shape
+            unlike = self._inputs.color.path
+            problem = f"is {width}x{height} px of {channels} channels, unlike {unlike}"
+            raise InputError("wrong-size", problem, _remedy_of(self._shot), path=picture.color)
+        return color, depth
+
+    def _max_mb(self) -> float:
+        return _SHARE * capacity_mb(self._job.machine)
+
+
+def _remedy_of(shot: Shot) -> str:
+    """What to do about frames of several sizes: those of a shot with motion are always needed."""
+    return f"give frames of one size, or {'leave out ‹motion›' if shot.motion else '‹no-steady›'}"
+
+
+class _Cache:
+    """What was decoded of frames of a shot, as long as it fits; the oldest goes first."""
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[object, Any] = OrderedDict()
+
+    def kept(self, key: object, make: Any, max_mb: float) -> Any:
+        """The value of a key, made if it is not there."""
+        if key in self._kept:
+            self._kept.move_to_end(key)
+            return self._kept[key]
+        value = make()
+        self._kept[key] = value
+        while len(self._kept) > 1 and (
+            len(self._kept) > _MAX_KEPT or sum(map(_size_mb, self._kept.values())) > max_mb
+        ):
+            self._kept.popitem(last=False)
+        return value
+
+
+_CACHE = _Cache()
+
+
+def _size_mb(value: Any) -> float:
+    """The memory of what was decoded."""
+    if isinstance(value, Motion):
+        return float(value.to_next.nbytes + value.to_previous.nbytes) / memory.MB
+    color, depth = value
+    planes = (*color.planes, *color.extras.values(), depth.metres)
+    return sum(getattr(plane, "nbytes", 0) for plane in planes) / memory.MB
+
+
+def _image(color: Color, rows: slice) -> torch.Tensor:
+    """The colours [C, h, W] of some rows."""
+    import torch
+
+    return torch.from_numpy(np.stack([plane[rows] for plane in color.planes]).astype(np.float32))

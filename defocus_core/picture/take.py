@@ -1,0 +1,130 @@
+"""A take: a job on its way from its files to its outputs, and what is known of it so far."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.batch.jobs.job import Job, Picture, Reading
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.images.color_planes import Color
+from defocus_core.picture.memory_budget import Holding
+from defocus_core.picture.radii import Radii
+from defocus_core.picture.repair_words import repair_words
+from defocus_core.system.text import counted
+
+if TYPE_CHECKING:
+    from defocus_core.depth.diagnosis import DepthRepair
+    from defocus_core.picture.layers import Layers
+    from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
+
+_UNKNOWN = Radii(None, (0.0, 0.0), None, 1.0)
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A decoded plate."""
+
+    picture: Picture
+    reading: Reading  # how it was read
+    color: Color
+    depth: Depth  # infinitely far if its file has none
+    warnings: tuple[str, ...] = ()  # what was taken for granted of it, and of the element over it
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The decoded inputs of a job; jobs of one picture share them."""
+
+    holding: Holding  # memory of the picture
+    color: Color
+    depth: Depth
+    hidden: tuple[Color, Depth] | None = None  # of the hidden layer, if it is needed
+    plate: Plate | None = None  # the plate that it lies over, if it is an element
+    layers: Layers | None = None  # of a deep picture, or of an element and its plate
+    matte: Any = None  # [H, W], the coverage of its subject; None if it is not known
+    empty: Any = None  # where there is nothing, bool [H, W]; None if nowhere
+    warnings: tuple[str, ...] = ()  # what the files hold and the renderer ignores
+    stamps: Mapping[str, Any] = field(default_factory=dict)  # of the files, by role
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Take:
+    """A job on its way.
+
+    Attributes:
+        job: what was asked for.
+        inputs: its decoded inputs.
+        lens: with its focus distance, once that is known.
+        radii: of the picture, or of the element over a plate.
+        behind: radii of what else the lens sees, by id of its depth.
+        shown: [H, W] px, the radii of what is in front: of the plate where the element is empty.
+        limits: the least and the greatest of those shown.
+        blur: the radii that it is rendered by.
+        seen: what other frames have seen of what is hidden; None if that is not asked.
+        device: where it is rendered.
+        quality: of the rendering.
+        images: each rendered kind's arrays [H, W]: C of each view of an image, in linear light;
+            one of a map.
+        clamped: number of pixels of each kind that were clamped to the range of half.
+        reach: px that light of the picture reaches at most.
+        lamps: number of clipped lights that were made brighter; None if this is not asked for.
+        seconds: that rendering took.
+        cpu_seconds: that it took of processors.
+        warnings: for people.
+        stats: of the renderer.
+        repair: of the depth; None if nothing was rendered.
+        decided: the repair, by its shot; None if the frame decides.
+        shot_note: what other frames did for its depth.
+    """
+
+    job: Job
+    inputs: Inputs
+    lens: Lens
+    radii: Radii = _UNKNOWN
+    behind: Mapping[int, Radii] = field(default_factory=dict)
+    shown: Any = None
+    limits: tuple[float, float] = (0.0, 0.0)
+    blur: Radii = _UNKNOWN
+    seen: HiddenLayer | None = None
+    device: str = "cpu"
+    quality: str = ""
+    images: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
+    clamped: Mapping[str, int] = field(default_factory=dict)
+    reach: int = 0
+    lamps: int | None = None
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+    warnings: tuple[str, ...] = ()
+    stats: Mapping[str, float] = field(default_factory=dict)
+    repair: DepthRepair | None = None
+    decided: DepthRepair | None = None
+    shot_note: str = ""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the picture shown, in px."""
+        return self.inputs.depth.size
+
+    @property
+    def metres(self) -> Any:
+        """Planar depth in metres [H, W]; None if the file holds radii."""
+        return None if self.inputs.depth.is_radius else self.inputs.depth.metres
+
+    def reading(self, **changes: Any) -> Take:
+        """The take with other inputs in some fields."""
+        return replace(self, inputs=replace(self.inputs, **changes))
+
+    @property
+    def color_note(self) -> str:
+        """How the colour was read, and what became of clipped lights, for people."""
+        lit = "" if self.lamps is None else f"{counted(self.lamps, 'clipped light')} brightened"
+        return ", ".join(filter(None, (self.inputs.color.note, lit)))
+
+    def depth_words(self, *, rendered: bool = True) -> str:
+        """How the depth was read and, for a rendered kind, repaired; maps show it unrepaired."""
+        notes = (repair_words(self.repair), self.shot_note) if rendered else ()
+        return "; ".join(filter(None, (self.inputs.depth.note, *notes)))

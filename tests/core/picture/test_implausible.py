@@ -1,0 +1,116 @@
+"""Depth in a wrong unit, or a disparity taken for a distance, is told; plausible depth is not."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.io.arrays import IN_MEMORY
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.picture.radii import radii_of
+from defocus_core.picture.steps.focusing import with_blur_reach
+from defocus_core.picture.steps.implausible import implausible
+
+LENS = Lens(50.0, 2.0, 2000.0)
+SCENE = np.geomspace(1.0, 40.0, 320 * 240).reshape(240, 320)  # m
+
+
+def warnings(
+    metres: Any, lens: Lens = LENS, *, path: str = "depth.exr", declared: bool = False, **more: str
+) -> tuple[str, ...]:
+    depth = Depth(np.asarray(metres, np.float32), Path(path), more.get("channel", "Z"), "")
+    radius, ends, *_ = radii_of(lens, depth, IN_MEMORY)
+    return implausible(depth, radius, ends, lens, declared=declared)
+
+
+@pytest.mark.parametrize("foclen", [24.0, 50.0, 85.0])
+@pytest.mark.parametrize("focus", [1000.0, 2000.0, 8000.0, math.inf])
+def test_a_lens_focused_in_the_scene_or_at_infinity_is_not_doubted(
+    foclen: float, focus: float
+) -> None:
+    assert not warnings(SCENE, Lens(foclen, 2.0, focus))
+
+
+def test_a_scene_as_good_as_sharp_is_not_doubted() -> None:
+    assert not warnings(SCENE * 100, Lens(8.0, 16.0, 2000.0))
+
+
+def test_sky_beside_what_is_in_focus_is_not_doubted() -> None:
+    metres = np.full((240, 320), math.inf)
+    metres[:3] = 2.0
+    assert not warnings(metres)
+
+
+def test_centimetres_taken_for_metres_leave_nothing_in_focus() -> None:
+    (line,) = warnings(SCENE * 100)
+    assert "nothing is in focus at 2m: depth goes from 100m to 4000m" in line
+    assert line.endswith("check ‹depth-unit› and ‹focus›")
+
+
+@pytest.mark.parametrize("number", [0, 255, 300, 400])
+def test_a_number_beyond_those_of_the_file_is_not_in_focus(number: float) -> None:
+    numbers = np.linspace(0, 255, 48, dtype=np.float32).reshape(6, 8)
+    depth = Depth(numbers, Path("d.png"), "", "", is_radius=True, is_relative=True)
+    lens = with_blur_reach(Lens(math.nan, math.nan, None, blur=30.0, focus_value=number), [depth])
+    radius, ends, *_ = radii_of(lens, depth, IN_MEMORY)
+    lines = implausible(depth, radius, ends, lens, declared=True)
+    assert bool(lines) == (number > 255)
+    if lines:
+        assert f"nothing is in focus at the number {number}: numbers go from 0 to 255" in lines[0]
+
+
+def test_metres_taken_for_millimetres_lie_nearer_than_the_focal_length() -> None:
+    (line,) = warnings(SCENE / 1000)
+    assert "nearer than the focal length 50mm in 76800 pixels" in line
+
+
+def test_a_blur_wider_than_the_picture_is_told() -> None:
+    metres = SCENE.copy()
+    metres[0, 0] = 0.06
+    (line,) = warnings(metres, Lens(50.0, 1.0, 2000.0))
+    assert "wider than the picture" in line
+    assert "depth goes from 60mm to 40m" in line
+
+
+def test_a_focus_in_a_gap_of_the_scene_is_told() -> None:
+    (line,) = warnings(np.where(SCENE < 3, 1.0, 20.0))
+    assert "nothing is in focus at 2m: depth goes from 1m to 20m" in line
+
+
+def test_all_sky_has_no_range() -> None:
+    (line,) = warnings(np.full((240, 320), math.inf))
+    assert "nowhere but to the sky" in line
+
+
+def test_whoever_declared_the_unit_is_not_asked_to_declare_it() -> None:
+    (line,) = warnings(SCENE * 100, declared=True)
+    assert line.endswith("check the declared format or unit and ‹focus›")
+
+
+def test_a_pfm_beside_calib_txt_may_be_disparity(tmp_path: Path) -> None:
+    path = str(tmp_path / "disp0.pfm")
+    assert not warnings(SCENE, path=path)
+    (tmp_path / "calib.txt").write_text("cam0=[1 0 0; 0 1 0; 0 0 1]\n")
+    (line,) = warnings(SCENE, path=path)
+    assert "‹depth-format› middlebury" in line
+    assert not warnings(SCENE, path=path, declared=True)
+
+
+def test_channels_of_unreal_are_in_centimetres() -> None:
+    channel = "FinalImageMovieRenderQueue_WorldDepth.R"
+    (line,) = warnings(SCENE, channel=channel)
+    assert "‹depth-format› unreal-mrq" in line
+    assert not warnings(SCENE, channel=channel, declared=True)
+
+
+def test_the_array_of_hypersim_holds_distances_to_the_point() -> None:
+    path = "frame.0000.depth_meters.hdf5"
+    (line,) = warnings(SCENE, path=path, channel="dataset")
+    assert "‹depth-format› hypersim" in line
+    assert not warnings(SCENE, path=path, channel="dataset", declared=True)
+    assert not warnings(SCENE, path="depth.npz", channel="dataset")

@@ -1,0 +1,389 @@
+"""``--memory`` bounds what a process holds, ``--tile`` sets the grid; neither changes a picture."""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from command_line import color_exr, depth_exr, files_under, pair, ramp, refused, render, texture
+from image_files import save
+from refusals import refuses
+
+from defocus_core.batch.jobs import output_kinds as kinds
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.lenses.quantities import byte_count
+from defocus_core.batch.workers import worker_config
+from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
+from defocus_core.io import arrays
+from defocus_core.io.arrays import Scratch
+from defocus_core.io.exr import reading, writing
+from defocus_core.picture import memory_budget, plain_path
+from defocus_core.renderer.engine import renderer
+from defocus_core.system import memory
+
+KINDS = ",".join(kinds.KINDS)
+SIZE = (70, 90)
+
+
+@pytest.fixture
+def scratch(monkeypatch: pytest.MonkeyPatch) -> list[Scratch]:
+    """Everything goes through scratch files, in strips of few rows."""
+    made: list[Scratch] = []
+    begin = Scratch.__init__
+
+    def spy(self: Scratch, *args: Any) -> None:
+        made.append(self)
+        begin(self, *args)
+
+    monkeypatch.setattr(Scratch, "__init__", spy)
+    monkeypatch.setattr(memory_budget, "_FOR_ARRAYS", 0.0)
+    monkeypatch.setattr(arrays.bands, "__defaults__", (1000,))
+    monkeypatch.setattr(reading, "_STRIP_BYTES", 20_000)
+    monkeypatch.setattr(writing, "_STRIP_BYTES", 20_000)
+    return made
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    paths = (path for path in folder.rglob("*") if path.is_file() and path.parent != folder)
+    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
+
+
+def frames(tmp_path: Path, kind: str) -> tuple[Path, Path]:
+    pixels = texture(*SIZE)
+    color = color_exr(tmp_path / "c.exr", pixels)
+    if kind == "png":
+        color = save(tmp_path / "c.png", (255 * np.clip(pixels, 0, 1)).astype(np.uint8))
+    if kind == "tiff":
+        color = save(tmp_path / "c.tif", np.float32(pixels), tile=(16, 32))
+        depth = (1000 * ramp(*SIZE)).astype(np.uint16)[..., None]
+        return color, save(tmp_path / "z.png", depth)
+    return color, depth_exr(tmp_path / "z.exr", ramp(*SIZE))
+
+
+@pytest.mark.parametrize("kind", ["exr", "png", "tiff"])
+@pytest.mark.parametrize("written", ["exr", "float", "png", "png16", "tiff", "jpg"])
+def test_scratch_files_change_no_byte(
+    kind: str, written: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    args = (*frames(tmp_path, kind), "--outputs", KINDS, "--threads", "2")
+    more = ("--exr-type", "float") if written == "float" else ("--format", written)
+    preview = ("--preview",) if written == "png" else ()
+    assert render(*args, "-o", tmp_path / "a", *more, *preview).code == 0
+    made = request.getfixturevalue("scratch")
+    ran = render(*args, "-o", tmp_path / "b", *more, *preview)
+    assert ran.code == 0, ran.err
+    assert len(made) > 10
+    assert files(tmp_path / "a") == files(tmp_path / "b")
+
+
+def test_what_lies_behind_goes_through_scratch_files_too(
+    tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    near = np.where(ramp(*SIZE) < ramp(*SIZE).mean(), 0.5, ramp(*SIZE)).astype(np.float32)
+    color, depth = (
+        color_exr(tmp_path / "c.exr", texture(*SIZE)),
+        depth_exr(tmp_path / "z.exr", near),
+    )
+    behind = color_exr(tmp_path / "b.exr", texture(*SIZE)[::-1].copy())
+    args = (color, depth, "--hidden", behind, depth_exr(tmp_path / "bz.exr", ramp(*SIZE) * 4))
+    assert render(*args, "-o", tmp_path / "out_a").code == 0
+    request.getfixturevalue("scratch")
+    assert render(*args, "-o", tmp_path / "out_b").code == 0
+    assert files(tmp_path / "out_a") == files(tmp_path / "out_b")
+
+
+def test_holes_and_infinite_pixels_are_found_in_scratch_files(
+    tmp_path: Path, scratch: list[Scratch]
+) -> None:
+    pixels, depth = texture(*SIZE), ramp(*SIZE)
+    depth[40, 7] = depth[60, 1] = np.nan
+    args = (color_exr(tmp_path / "c.exr", pixels), depth_exr(tmp_path / "z.exr", depth))
+    refused(render(*args, "-o", tmp_path / "out"), 3, "invalid-depth", "z.exr")
+    pixels[50, 3] = np.inf
+    color_exr(tmp_path / "c.exr", pixels)
+    depth_exr(tmp_path / "z.exr", ramp(*SIZE))
+    refused(render(*args, "-o", tmp_path / "out"), 3, "not-finite", "c.exr")
+
+
+def test_a_damaged_file_is_refused_in_strips_as_well(
+    tmp_path: Path, scratch: list[Scratch]
+) -> None:
+    color, depth = frames(tmp_path, "exr")
+    color.write_bytes(color.read_bytes()[:-400])
+    refused(render(color, depth, "-o", tmp_path / "out"), 3, "damaged", color)
+
+
+def test_no_room_for_scratch_is_said_before_any_work(
+    tmp_path: Path, scratch: list[Scratch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.posix_fallocate", full)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    ran = render(*frames(tmp_path, "exr"), "-o", tmp_path / "out")
+    refused(ran, 3, "no-space", tmp_path)
+
+
+def test_scratch_files_have_no_name_and_lie_where_tmpdir_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    assert arrays.scratch_folder() == tmp_path
+    made = Scratch((30, 20), np.float32)
+    assert files_under(tmp_path) == set()
+    assert not made[:].any()
+
+
+@pytest.mark.parametrize("dtype", ["float16", "float32", "uint32", "bool"])
+def test_a_scratch_file_is_cut_and_filled_like_an_array(dtype: str) -> None:
+    whole = (np.random.default_rng(3).random((40, 30)) * 9).astype(dtype)
+    made = Scratch((40, 30), dtype)
+    made[0:17] = whole[:17]
+    made[17:40, 0:11] = whole[17:, :11]
+    made[17:40, 11:30] = whole[17:, 11:]
+    for cut in (slice(None), slice(3, 9), (slice(5, 40), slice(7, 8)), (slice(1, 99, 3),) * 2):
+        np.testing.assert_array_equal(made[cut], whole[cut])
+    made[2:4] = 0
+    assert not made[2:4].any()
+
+
+def job(tmp_path: Path, limit: int, size: tuple[int, int] = SIZE, kinds: str = "render") -> Job:
+    color = color_exr(tmp_path / "c.exr", texture(*size))
+    depth = depth_exr(tmp_path / "z.exr", ramp(*size))
+    outputs = Outputs(tmp_path / "out", tuple(kinds.split(",")))
+    machine = Machine(memory=limit)
+    return Job(Picture("c", color, depth), Lens(50.0, 2.0, 2000.0), Reading(), outputs, machine)
+
+
+def test_memory_for_program_and_files_alone_is_refused_before_they_are_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plain_path, "base_mb", lambda: 900.0)
+    monkeypatch.setattr(plain_path, "read_pair", None)
+    with refuses("out-of-memory", "‹memory›"):
+        plain_path.read(job(tmp_path, 900 * memory.MB, (70, 90)))
+
+
+def test_what_fits_into_half_of_the_memory_is_held(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(memory_budget, "base_mb", lambda: 100.0)
+    size = (512, 1024)
+    arrays_mb = memory_budget.holding(job(tmp_path, 2**33, size)).arrays_mb
+    for limit_mb, scratch_ in ((100 + 2.1 * arrays_mb, False), (100 + 1.9 * arrays_mb, True)):
+        held = memory_budget.holding(job(tmp_path, int(limit_mb * memory.MB), size))
+        assert held.scratch == scratch_
+    pair_ = memory_budget.holding(job(tmp_path, 2**33, size, "render,left,right")).arrays_mb
+    assert pair_ == pytest.approx(arrays_mb + 2 * 6 * math.prod(size) / memory.MB)
+
+
+def test_a_dry_run_says_how_much_scratch_and_where(
+    tmp_path: Path, scratch: list[Scratch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    args = (*frames(tmp_path, "exr"), "-o", tmp_path / "out", "--dry-run")
+    assert f"MB of scratch in {tmp_path}" in render(*args).out
+    told = render(*args, "--json").json["pictures"][0]["forecast"]
+    assert told["scratch_mb"] > 0
+    assert told["scratch_folder"] == str(tmp_path)
+
+
+def test_scratch_is_told_of_in_many_words(tmp_path: Path, scratch: list[Scratch]) -> None:
+    ran = render(*frames(tmp_path, "exr"), "-o", tmp_path / "out", "-v")
+    assert f"MB of scratch in {arrays.scratch_folder()}" in ran.err
+
+
+def test_what_must_be_decoded_at_once_and_does_not_fit_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(memory_budget, "_sizes", lambda job: (900.0, 700.0))
+    monkeypatch.setattr(memory_budget, "capacity_mb", lambda machine: 800.0)
+    monkeypatch.setattr("defocus_core.picture.plain_path.capacity_mb", lambda machine: 800.0)
+    ran = render(*frames(tmp_path, "png"), "-o", tmp_path / "out")
+    refused(ran, 3, "out-of-memory", "c.png")
+
+
+def test_too_little_memory_is_refused_with_how_much_would_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    args = (*frames(tmp_path, "exr"), "-o", tmp_path / "out")
+    ran = render(*args, "--memory", "20MB", "--threads", "1")
+    refused(ran, 3, "out-of-memory", "c.exr")
+    dry = render(*args, "--memory", "20MB", "--threads", "1", "--dry-run")
+    assert (dry.code, dry.err) == (3, ran.err), "a dry run says so, too"
+    for _ in range(2):  # from the headers first, then from what was decoded
+        enough = ran.err.strip().rpartition(" ")[2]
+        ran = render(*args, "--memory", enough, "--threads", "1")
+        if ran.code == 0:
+            break
+    assert ran.code == 0
+
+
+@pytest.mark.parametrize("arrays", [5.0, 53.0, 160.0, 500.0, 2000.0])
+@pytest.mark.parametrize("needed", [10.0, 113.0, 415.0, 900.0])
+@pytest.mark.parametrize("limit", [300, 800, 1100])
+def test_the_limit_that_is_proposed_is_enough_and_hardly_more(
+    limit: int, needed: float, arrays: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(memory_budget, "_sizes", lambda job: (arrays, 0.0))
+    monkeypatch.setattr(memory_budget, "base_mb", lambda: 220.0)
+
+    def job(limit_mb: float) -> Job:
+        picture, machine = Picture("a", Path(), Path()), Machine(memory=int(limit_mb * memory.MB))
+        return Job(picture, Lens(50.0, 2.0, 2000.0), Reading(), Outputs(Path()), machine)
+
+    def suffices(limit_mb: float) -> bool:
+        return memory_budget.holding(job(limit_mb)).room_mb >= needed
+
+    if not suffices(limit):
+        enough = memory_budget.enough_mb(job(limit), needed)
+        assert limit < enough
+        assert suffices(enough)
+        assert suffices(enough + 10), "as it is rounded up"
+        assert not any(suffices(mb) for mb in range(limit, int(0.95 * enough)))
+
+
+class Gated:
+    """Which of two pictures is in at a time."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, each_mb: float, half_mb: float) -> None:
+        monkeypatch.setattr(memory_budget, "_sizes", lambda job: (each_mb, 0.0))
+        monkeypatch.setattr(memory_budget, "capacity_mb", lambda machine: 2 * half_mb)
+        self.gate, self.entered = memory_budget.Gate(), threading.Event()
+        some: Any = type("Job", (), {"machine": None})
+        self.gate.enter(0, some)
+        self.thread = threading.Thread(target=lambda: self._enter(some), daemon=True)
+        self.thread.start()
+
+    def _enter(self, some: Any) -> None:
+        self.gate.enter(1, some)
+        self.entered.set()
+
+
+def test_pictures_that_fit_beside_each_other_are_let_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert Gated(monkeypatch, each_mb=20, half_mb=100).entered.wait()
+
+
+@pytest.mark.parametrize("each_mb", [30.0, 60.0, 400.0])
+def test_others_wait_until_there_is_room(each_mb: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    gated = Gated(monkeypatch, each_mb, half_mb=100)
+    time.sleep(0.05)
+    assert not gated.entered.is_set()
+    gated.gate.leave(0)
+    assert gated.entered.wait()
+
+
+def test_nobody_waits_at_an_open_gate(monkeypatch: pytest.MonkeyPatch) -> None:
+    gated = Gated(monkeypatch, each_mb=60, half_mb=100)
+    gated.gate.open()
+    assert gated.entered.wait()
+
+
+def test_tile_sets_the_grid(tmp_path: Path) -> None:
+    args = (*frames(tmp_path, "exr"), "--json")
+    (usual,) = render(*args, "-o", tmp_path / "a").json["pictures"]
+    (small,) = render(*args, "-o", tmp_path / "b", "--tile", "32").json["pictures"]
+    assert (usual["stats"]["tiles"], small["stats"]["tiles"]) == (1, 9)
+    (again,) = render(*args, "-o", tmp_path / "b").json["pictures"]
+    assert not again["done_before"], "other tiles make other last digits"
+
+
+def out_of_memory(monkeypatch: pytest.MonkeyPatch, fits: int) -> list[int | None]:
+    """A device that holds some regions at once; how many are tried on it."""
+    tried: list[int | None] = []
+    true_tiles = renderer.Renderer.tiles
+
+    def tiles(self: renderer.Renderer, at_once: int | None = None, progress: Any = None) -> Any:
+        tried.append(at_once)
+        parts = true_tiles(self, at_once, progress)
+        if at_once is None or at_once > fits:
+            yield next(parts)
+            raise torch.OutOfMemoryError
+        yield from parts
+
+    monkeypatch.setattr(renderer.Renderer, "tiles", tiles)
+    return tried
+
+
+def test_where_a_gpu_runs_out_of_memory_regions_come_one_by_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    args = (*pair(tmp_path), "--threads", "2")
+    render(*args, "-o", tmp_path / "a")
+    tried = out_of_memory(monkeypatch, fits=1)
+    assert render(*args, "-o", tmp_path / "b").code == 0
+    assert tried == [2, 1]
+    assert files(tmp_path / "a") == files(tmp_path / "b")
+
+
+def test_where_no_region_fits_a_gpu_the_picture_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out_of_memory(monkeypatch, fits=0)
+    ran = render(*pair(tmp_path), "-o", tmp_path / "out")
+    refused(ran, 3, "out-of-memory", "a.exr")
+
+
+def test_a_megabyte_is_that_of_the_option() -> None:
+    assert memory_budget.limit_mb(Machine(memory=byte_count("500MB"))) == 500
+    if not memory.held_mb():
+        pytest.skip("not on this system: it does not tell")
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    assert memory.held_mb() == pytest.approx(pages * os.sysconf("SC_PAGE_SIZE") / 1e6, rel=0.02)
+
+
+def test_processes_share_the_memory_unless_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "available_mb", lambda: 1000.0)
+    shared = WorkerConfig("local", 4, 1, "cpu", None, None).machine.memory
+    assert shared == int(0.8 * 1000 / 4 * memory.MB)
+    assert WorkerConfig("local", 4, 1, "cpu", 7, None).machine.memory == 7
+    assert WorkerConfig("local", 1, 1, "cpu", None, None).machine.memory is None
+
+
+@pytest.mark.parametrize(
+    ("available", "threads", "processes", "shared_out"),
+    [
+        (64000.0, None, None, (8, 1)),
+        (9000.0, None, None, (4, 2)),
+        (11000.0, None, None, (5, 1)),
+        (500.0, None, None, (1, 8)),
+        (None, None, None, (8, 1)),
+        (500.0, 2, None, (4, 2)),
+        (500.0, None, 8, (8, 1)),
+        (64000.0, 16, None, (1, 16)),
+    ],
+)
+def test_each_core_has_a_process_if_there_is_memory_for_it(
+    monkeypatch: pytest.MonkeyPatch,
+    available: float | None,
+    threads: int | None,
+    processes: int | None,
+    shared_out: tuple[int, int],
+) -> None:
+    free = iter([available])
+    monkeypatch.setattr(memory, "available_mb", lambda: next(free, 0.0))
+    monkeypatch.setattr(worker_config, "cores", lambda: 8)
+    crew = WorkerConfig("local", processes, threads, "cpu", 7, None)
+    assert (crew.count, crew.machine.threads) == shared_out
+    assert crew.count == shared_out[0], "whatever is free by now"
+
+
+def test_tiles_of_a_job_stay_when_another_machine_does_it(tmp_path: Path) -> None:
+    asked = replace(job(tmp_path, 2**33), machine=Machine("draft", tile=64))
+    (same,) = computed_by([asked], Machine(threads=3))
+    assert same.machine == Machine("draft", threads=3, tile=64)
+    (other,) = computed_by([asked], Machine(tile=32))
+    assert other.machine.tile == 32

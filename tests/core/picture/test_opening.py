@@ -1,0 +1,36 @@
+"""Pictures of the opening: what is none is refused by its header."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from image_files import save
+from refusals import refuses
+
+from defocus_core.picture import opening
+
+
+def test_a_picture_too_wide_for_a_pupil_is_not_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save(tmp_path / "wide.png", np.ones((1, 5000, 1), np.uint8))
+    monkeypatch.delattr(opening, "read_color")
+    with refuses("malformed", "1 × 1 × 5000", path=tmp_path / "wide.png"):
+        opening.pupil_images(tmp_path / "wide.png")
+
+
+def test_an_array_of_no_possible_size_is_damaged(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    np.save(tmp_path / "a.npy", np.ones((4, 4), np.float32))
+    data = (tmp_path / "a.npy").read_bytes()
+    shape = b"(4, 4), }"
+    claimed = b"(4294967296, 4294967296), }"
+    at = data.index(shape)
+    padding = data[at + len(shape) :].replace(b" " * (len(claimed) - len(shape)), b"", 1)
+    (tmp_path / "a.npy").write_bytes(data[:at] + claimed + padding)
+    with refuses("damaged", path=tmp_path / "a.npy"):
+        opening.pupil_images(tmp_path / "a.npy")
+    assert not recwarn

@@ -1,0 +1,89 @@
+"""The plain path of a picture, and the table of what else may happen to it."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+from command_line import color_exr, depth_exr
+
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.io.exr import header
+from defocus_core.picture import plain_path, steps
+from defocus_core.picture.steps.table import STEPS
+
+# Of any picture that is rendered: its depth is doubted, and repaired.
+ALWAYS = {"implausible", "repair"}
+
+
+def job(folder: Path, **lens: Any) -> Job:
+    picture = Picture("a", color_exr(folder / "c.exr"), depth_exr(folder / "z.exr"))
+    outputs = Outputs(folder / "out")
+    return Job(picture, Lens(50.0, 2.0, 2000.0, **lens), Reading(), outputs, Machine())
+
+
+@pytest.mark.parametrize("step", STEPS, ids=lambda step: f"{step.stage}-{step.module}")
+def test_a_step_is_a_function_of_its_module(step: Any) -> None:
+    function = getattr(import_module(f"{steps.__name__}.{step.module}"), step.stage)
+    assert function.__doc__
+
+
+def test_each_module_of_a_step_is_in_the_table() -> None:
+    modules = {path.stem for path in Path(steps.__path__[0]).glob("*.py")}
+    assert modules - {"__init__", "table"} == {step.module for step in STEPS}
+
+
+def test_the_plain_path_knows_no_step() -> None:
+    folder = Path(steps.__path__[0]).parent
+    for path in folder.glob("*.py"):
+        known = set(re.findall(r"picture\.steps\.(\w+) import", path.read_text()))
+        assert known <= {"table"}, path
+
+
+def test_no_step_knows_another_but_what_it_is_made_of() -> None:
+    """A plate has an alpha and an overscan, and frames that decide together find a focus."""
+    known = {
+        (path.stem, step.module)
+        for path in Path(steps.__path__[0]).glob("*.py")
+        for step in STEPS
+        if f"steps.{step.module} import" in path.read_text()
+    }
+    assert known == {
+        ("plate", "alpha"),
+        ("plate", "overscan"),
+        ("neighbours", "overscan"),
+        ("shot_decisions", "focusing"),
+    }
+
+
+def test_what_does_not_apply_is_not_imported(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    files = color_exr(tmp_path / "c.exr"), depth_exr(tmp_path / "z.exr")
+    words = ["--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "-o", "out"]
+    code = (
+        "import atexit, sys; from defocus_cli.main import main\n"
+        "atexit.register(lambda: print(*sys.modules)); main()"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", code, "render", *map(str, files), *words],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    loaded = {name.split(".")[-1] for name in ran.stdout.split() if f"{steps.__name__}." in name}
+    assert loaded == {"table", *ALWAYS}
+
+
+def test_headers_are_parsed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, parsed = job(tmp_path), []
+    parse = header.raw_headers
+    monkeypatch.setattr(header, "raw_headers", lambda file: parsed.append(file.name) or parse(file))
+    plain_path.read(asked)
+    assert sorted(parsed) == sorted(str(path) for path in asked.picture.files.values())
