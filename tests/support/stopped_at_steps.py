@@ -161,9 +161,9 @@ def rounds(stop: Stop, every: int, folder: Path, arguments: list[str]) -> list[d
 
 if __name__ == "__main__":
     from defocus_cli.main import main
-    from defocus_core.batch.rendering import job_steps
+    from defocus_core.picture import plain_path
 
-    job_steps.load()
+    plain_path.load()
     mode, every, folder = sys.argv[1:4]
     sys.stdout.write(
         json.dumps(rounds(fill if mode == "full" else kill, int(every), Path(folder), sys.argv[5:]))

@@ -33,7 +33,7 @@ from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.hidden_fill import Filling
 from defocus_core.renderer.engine.layer_order import add_in_order
 from defocus_core.renderer.engine.scene import Scene
-from defocus_core.renderer.engine.shared_surfaces import Surfaces, SurfacesOfColors, continued
+from defocus_core.renderer.engine.shared_surfaces import RegionSurfaces, SurfacesOfColors, continued
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
 from defocus_core.renderer.inpainting.known_layer import known_within, separated
 from defocus_core.renderer.layers.samples import Sheet, SurfaceSamples
@@ -93,7 +93,7 @@ class Region:
             pixels, signed_radius = pixels.contiguous(), signed_radius.contiguous()
         inmost = core.seen_from(outer)
         self._others: list[Sheet] = []
-        self._shared: Surfaces | None = None
+        self._shared: RegionSurfaces | None = None
         if isinstance(backdrop, SurfacesOfColors):
             self._shared = backdrop.at(outer, self._inside)
         unmixed_pixels, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)

@@ -1,4 +1,4 @@
-"""Surfaces of a picture whose colours are rendered apart: taken apart and continued once.
+"""RegionSurfaces of a picture whose colours are rendered apart: taken apart and continued once.
 
 A pixel holds the same shares of the same surfaces in all colours, whose radii differ by some px.
 What is continued in a region is kept until each colour has taken it, if there is room.
@@ -24,7 +24,7 @@ from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.source import Pixels, Scalar, banded
 
 
-class Surfaces(NamedTuple):
+class RegionSurfaces(NamedTuple):
     """The surfaces of a rectangle.
 
     Attributes:
@@ -80,7 +80,7 @@ class SharedSurfaces:
         """The surfaces of some channels, whose radii have an offset."""
         return SurfacesOfColors(self, list(channels), px)
 
-    def at(self, outer: Box, inside: Box) -> Surfaces:
+    def at(self, outer: Box, inside: Box) -> RegionSurfaces:
         """The visible surfaces of the rectangle `outer`, the hidden ones within `inside` of it."""
         frame, position = self._frame, (outer, inside)
         pixels, radius = (
@@ -101,7 +101,7 @@ class SharedSurfaces:
             self._taken[position] += 1
             if self._taken[position] == self._groups:
                 del self._hidden[position]
-        return Surfaces(shown, hidden)
+        return RegionSurfaces(shown, hidden)
 
     def prepare(self) -> None:
         """Find now what is found once for the whole frame."""
@@ -140,7 +140,7 @@ class SurfacesOfColors(NamedTuple):
     channels: list[int]
     px: Scalar
 
-    def at(self, outer: Box, inside: Box) -> Surfaces:
+    def at(self, outer: Box, inside: Box) -> RegionSurfaces:
         """As those of all colours."""
         shown, hidden = self.shared.at(outer, inside)
         _, layer, radius = shown.fringe
@@ -149,9 +149,9 @@ class SurfacesOfColors(NamedTuple):
         )
         shown = shown._replace(color=shown.color[self.channels], fringe=fringe)
         if hidden is None:
-            return Surfaces(shown, None)
+            return RegionSurfaces(shown, None)
         color, radius, mask = hidden
-        return Surfaces(shown, HiddenLayer(color[self.channels], radius + self.px, mask))
+        return RegionSurfaces(shown, HiddenLayer(color[self.channels], radius + self.px, mask))
 
 
 def continued(

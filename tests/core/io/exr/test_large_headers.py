@@ -113,6 +113,7 @@ def test_a_look_at_the_colour_decodes_no_other_channel(tmp_path: Path) -> None:
     assert all(map(np.array_equal, whole.planes, alone.planes))
 
 
+@pytest.mark.bench
 def test_layers_are_found_in_time_linear_in_the_channels() -> None:
     def seconds(count: int) -> float:
         names, times = [f"l{n}.R" for n in range(count)], []
