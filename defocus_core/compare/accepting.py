@@ -17,9 +17,6 @@ def accept_files(a: Path, b: Path, records: Sequence[Comparison]) -> list[Path]:
     """Copy the files of B that differ from A, or that A has not, to A; their new paths.
 
     All appear together, or none. What B lacks stays, and what cannot be read is not accepted.
-
-    Raises:
-        InputError: a file cannot be written, or one that A has not is no picture.
     """
     pairs = []
     for record in records:

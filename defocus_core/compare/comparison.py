@@ -60,14 +60,7 @@ _SEEN = 0.5 / 255  # half a step of 8 bits, on the scale of hdr
 def compare_pair(
     pair: FilePair, rules: Rules, settings: CompareSettings
 ) -> tuple[Comparison, Pixels | None]:
-    """Compare two files.
-
-    Returns:
-        The record, and the pixels if the two have comparable ones.
-
-    Raises:
-        UsageProblem: the region is not within the picture.
-    """
+    """Compare two files."""
     blank = Comparison(pair.name, pair.a, pair.b)
     if pair.a is None or pair.b is None:
         return replace(blank, status=MISSING if pair.b is None else EXTRA), None
@@ -83,15 +76,7 @@ def compare_pair(
 def compare_pictures(
     name: str, a: DecodedPicture, b: DecodedPicture, rules: Rules, settings: CompareSettings
 ) -> tuple[Comparison, Pixels | None]:
-    """Compare two pictures that have been read.
-
-    Returns:
-        The record, and the pixels if the two have comparable ones.
-
-    Raises:
-        InputError: the mask or the CoC map cannot be read, or is not of this picture.
-        UsageProblem: the region is not within the picture.
-    """
+    """Compare two pictures that have been read."""
     with np.errstate(all="ignore"):  # NaN and infinity are looked for, not stumbled upon
         return _compared(Comparison(name, a.path, b.path), a, b, rules, settings)
 

@@ -19,26 +19,15 @@ _FRAME_NUMBER = re.compile(r"(\d+)(?=\D*$)")
 
 @dataclass(frozen=True)
 class FilePair:
-    """A file of A and the file of B with the same name.
+    """A file of A and the file of B with the same name."""
 
-    Attributes:
-        name: the path relative to both folders, or the name of the lone file of B.
-        a: the reference; None if A has no such file.
-        b: what is judged; None if B has no such file.
-    """
-
-    name: str
-    a: Path | None
-    b: Path | None
+    name: str  # the path relative to both folders, or the name of the lone file of B
+    a: Path | None  # the reference; None if A has no such file
+    b: Path | None  # what is judged; None if B has no such file
 
 
 def find_pairs(a: Path, b: Path) -> list[FilePair]:
-    """The pairs of two files or two folders, sorted by name.
-
-    Raises:
-        InputError: a path is missing, one is a file and the other a folder, or neither folder
-            holds a picture.
-    """
+    """The pairs of two files or two folders, sorted by name."""
     for path in (a, b):
         if not path.exists():
             raise missing(path, "file or directory")

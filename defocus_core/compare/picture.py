@@ -48,43 +48,30 @@ _LONGEST = 80  # characters of a metadata value that are shown
 
 @dataclass(frozen=True)
 class DecodedPicture:
-    """A decoded file.
-
-    Attributes:
-        path: the file.
-        width: of the picture shown, in px.
-        height: in px.
-        planes: name of each channel to its pixels [h, w]; parts and pages of another size have
-            planes of their own size.
-        types: name of each channel to its number type in the file.
-        gamma: exponent of the power law that decodes the colour, 1 for linear, None for sRGB.
-        associated: whether colour is multiplied by alpha.
-        primaries: of the colour, as the file declares them.
-        metadata: attributes that describe the picture, as text.
-        layout: how the file is laid out, as text; it changes no pixel.
-        samples: of deep parts, whose planes are the picture in focus: the places y · 2^32 + x [N]
-            under the name "", and the values [N] by channel, sorted by place and depth.
-    """
+    """A decoded file."""
 
     path: Path
-    width: int
-    height: int
+    width: int  # of the picture shown, in px
+    height: int  # in px
+    # Name of each channel to its pixels [h, w]; parts and pages of another size have planes of
+    # their own size
     planes: Mapping[str, NDArray[Any]]
-    types: Mapping[str, str]
+    types: Mapping[str, str]  # name of each channel to its number type in the file
+    # Exponent of the power law that decodes the colour, 1 for linear, None for sRGB
     gamma: float | None = 1.0
-    associated: bool = True
-    primaries: Chromaticities = REC_709
+    associated: bool = True  # whether colour is multiplied by alpha
+    primaries: Chromaticities = REC_709  # of the colour, as the file declares them
+    # Attributes that describe the picture, as text
     metadata: Mapping[str, str] = field(default_factory=dict)
+    # How the file is laid out, as text; it changes no pixel
     layout: Mapping[str, str] = field(default_factory=dict)
+    # Of deep parts, whose planes are the picture in focus: the places y · 2^32 + x [N] under
+    # the name "", and the values [N] by channel, sorted by place and depth
     samples: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
 def read_picture(path: Path) -> DecodedPicture:
-    """Decode all channels of a colour, depth or map file.
-
-    Raises:
-        InputError: the file cannot be read, or not all of it.
-    """
+    """Decode all channels of a colour, depth or map file."""
     head = read_head(path)
     if is_exr(head):
         return _from_exr(path)
@@ -100,11 +87,7 @@ def read_picture(path: Path) -> DecodedPicture:
 
 
 def _refuse_damaged_png(path: Path) -> None:
-    """Refuse a PNG whose chunks are not whole: decoders skip a damaged one that holds no pixels.
-
-    Raises:
-        InputError: a checksum is wrong, or the file does not end with its last chunk.
-    """
+    """Refuse a PNG whose chunks are not whole: decoders skip a damaged one that holds no pixels."""
     data = memoryview(path.read_bytes())
     at, kind = len(_PNG), b""
     while at < len(data) and kind != b"IEND":

@@ -19,30 +19,19 @@ PASSING = (SAME, WARNING)
 
 @dataclass(frozen=True)
 class CompareSettings:
-    """How pairs are compared.
+    """How pairs are compared."""
 
-    Attributes:
-        region: the part that is compared; None for all.
-        mask: a file that is not 0 where pixels are compared.
-        ignore_region: parts that are not compared.
-        ignore_mask: a file that is not 0 where pixels are not compared.
-        tolerate_edges: whether pixels may differ as far as their neighbours along edges do.
-        coc: a folder of CoC maps, to tell depth edges apart.
-        flip: whether FLIP is measured.
-        metadata: whether metadata that differs makes a picture different.
-        ignore_metadata: patterns of names of attributes that may differ.
-        diagnose: whether the cause of a difference is looked for where no rule asks for it.
-    """
-
-    region: CropRegion | None = None
-    mask: Path | None = None
-    ignore_region: tuple[CropRegion, ...] = ()
-    ignore_mask: Path | None = None
+    region: CropRegion | None = None  # the part that is compared; None for all
+    mask: Path | None = None  # a file that is not 0 where pixels are compared
+    ignore_region: tuple[CropRegion, ...] = ()  # parts that are not compared
+    ignore_mask: Path | None = None  # a file that is not 0 where pixels are not compared
+    # Whether pixels may differ as far as their neighbours along edges do
     tolerate_edges: bool = False
-    coc: Path | None = None
-    flip: bool = False
-    metadata: bool = False
-    ignore_metadata: tuple[str, ...] = ()
+    coc: Path | None = None  # a folder of CoC maps, to tell depth edges apart
+    flip: bool = False  # whether FLIP is measured
+    metadata: bool = False  # whether metadata that differs makes a picture different
+    ignore_metadata: tuple[str, ...] = ()  # patterns of names of attributes that may differ
+    # Whether the cause of a difference is looked for where no rule asks for it
     diagnose: bool = True
 
 

@@ -30,15 +30,7 @@ class Task:
     causes: str = "first"
 
     def carry_out(self, piece: tuple[FilePair, bool]) -> Comparison:
-        """Compare a pair, and write its difference images if it differs and they are wanted.
-
-        Args:
-            piece: the pair, and whether its cause is sought.
-
-        Raises:
-            InputError: a difference image cannot be written.
-            UsageProblem: the region is not within the picture.
-        """
+        """Compare a pair, and write its difference images if it differs and they are wanted."""
         pair, sought = piece
         settings = replace(self.settings, diagnose=self.settings.diagnose and sought)
         record, pixels = compare_pair(pair, self.thresholds.of(pair.name), settings)
@@ -52,10 +44,6 @@ def compare_all(pairs: Sequence[FilePair], task: Task, processes: int) -> Iterat
 
     Of the first pairs causes are sought at once; of a later one if it fails and is among the first
     that do, so that the same pairs have causes whatever number of processes there is.
-
-    Raises:
-        InputError: a process died, or a difference image cannot be written.
-        UsageProblem: the region is not within a picture.
     """
     most = CAUSES[task.causes]
     pieces = [(pair, number < most) for number, pair in enumerate(pairs)]

@@ -33,33 +33,19 @@ _DEPTHS = ("Z", "ZBack")  # channels of deep samples
 
 @dataclass(frozen=True)
 class Structure:
-    """How two files differ apart from the values of their pixels.
+    """How two files differ apart from the values of their pixels."""
 
-    Attributes:
-        findings: another size, missing and further channels.
-        notes: differences that change no pixel, in words.
-        metadata: attributes that differ, in words.
-        common: names of the channels of the size of the picture that both have.
-        apart: names of the common channels of another size, as those of a thumbnail.
-    """
-
-    findings: tuple[Finding, ...]
-    notes: tuple[str, ...]
-    metadata: tuple[str, ...]
-    common: tuple[str, ...]
-    apart: tuple[str, ...]
+    findings: tuple[Finding, ...]  # another size, missing and further channels
+    notes: tuple[str, ...]  # differences that change no pixel, in words
+    metadata: tuple[str, ...]  # attributes that differ, in words
+    common: tuple[str, ...]  # names of the channels of the size of the picture that both have
+    apart: tuple[str, ...]  # names of the common channels of another size, as those of a thumbnail
 
 
 def compare_structure(
     a: DecodedPicture, b: DecodedPicture, ignored: Sequence[str] = ()
 ) -> Structure:
-    """How two files differ apart from the values of their pixels.
-
-    Args:
-        a: the picture A.
-        b: the picture B.
-        ignored: patterns of names of attributes that may differ, besides times and programs.
-    """
+    """How two files differ apart from the values of their pixels."""
     findings = []
     if (a.width, a.height) != (b.width, b.height):
         text = f"another size: {b.width}x{b.height} instead of {a.width}x{a.height}"

@@ -28,21 +28,13 @@ _KEYS = ("fail", "warn", "over")
 
 @dataclass(frozen=True)
 class Rule:
-    """A condition that a bad picture meets.
+    """A condition that a bad picture meets."""
 
-    Attributes:
-        metric: a name of `METRICS`; empty if the rule is on what was found.
-        sign: <, <=, > or >=.
-        bound: the number on the right.
-        text: as it was written.
-        found: the name, or the first words of the name, of a finding; ``*`` for any.
-    """
-
-    metric: str
-    sign: str
-    bound: float
-    text: str
-    found: str = ""
+    metric: str  # a name of `METRICS`; empty if the rule is on what was found
+    sign: str  # <, <=, > or >=
+    bound: float  # the number on the right
+    text: str  # as it was written
+    found: str = ""  # the name, or the first words of the name, of a finding; ``*`` for any
 
     def is_met(self, metrics: Mapping[str, float], findings: Collection[str]) -> bool | None:
         """Whether a picture is bad by its metrics and findings; None if it has no such metric."""
@@ -60,11 +52,7 @@ class Rule:
 
 
 def rule(text: str) -> Rule:
-    """The rule that a text means.
-
-    Raises:
-        QuantityError: it means none, or would let everything through.
-    """
+    """The rule that a text means."""
     word, colon, finding = text.strip().partition(":")
     if colon and word.lower() == "found":
         return _found(" ".join(finding.split()))
@@ -92,11 +80,7 @@ def rule(text: str) -> Rule:
 
 
 def _found(name: str) -> Rule:
-    """The rule that a finding is bad.
-
-    Raises:
-        QuantityError: no finding is named so.
-    """
+    """The rule that a finding is bad."""
     exact = {known.lower(): known for known in FINDINGS}.get(name.lower(), name)
     if exact != "*" and not any(f"{exact} ".startswith(f"{known} ") for known in FINDINGS):
         remedy = did_you_mean(name, [*FINDINGS], f"findings are *, {', '.join(FINDINGS)}")
@@ -106,17 +90,11 @@ def _found(name: str) -> Rule:
 
 @dataclass(frozen=True)
 class Rules:
-    """The rules for one picture.
+    """The rules for one picture."""
 
-    Attributes:
-        fail: a picture that meets one of them is different.
-        warn: a picture that meets one of them is the same, with a warning.
-        over: the difference that the metric ``share`` counts pixels beyond.
-    """
-
-    fail: tuple[Rule, ...] = ()
-    warn: tuple[Rule, ...] = ()
-    over: float = OVER
+    fail: tuple[Rule, ...] = ()  # a picture that meets one of them is different
+    warn: tuple[Rule, ...] = ()  # a picture that meets one of them is the same, with a warning
+    over: float = OVER  # the difference that the metric ``share`` counts pixels beyond
 
     @property
     def asked(self) -> set[str]:
@@ -144,16 +122,12 @@ PRESETS = {
 
 @dataclass(frozen=True)
 class Thresholds:
-    """The rules for all pictures, and for pictures whose names match a pattern.
+    """The rules for all pictures, and for pictures whose names match a pattern."""
 
-    Attributes:
-        general: the rules for all.
-        overrides: pattern, and what differs from the general rules; the last that matches wins.
-        flags: what the command line says, which wins over all.
-    """
-
-    general: Rules = Rules()
+    general: Rules = Rules()  # the rules for all
+    # Pattern, and what differs from the general rules; the last that matches wins
     overrides: tuple[tuple[str, Mapping[str, Any]], ...] = ()
+    # What the command line says, which wins over all
     flags: Mapping[str, Any] = field(default_factory=dict)
 
     def of(self, name: str) -> Rules:
@@ -181,25 +155,13 @@ def matches(name: str, pattern: str) -> bool:
 
 
 def read_thresholds(
-    file: Path | None,
+    file: Path | None,  # like compare.toml, or None
     fail: Sequence[Rule] = (),
     warn: Sequence[Rule] = (),
     over: float | None = None,
     default: Rules = Rules(),
 ) -> Thresholds:
-    """The thresholds of a file and of the command line.
-
-    Args:
-        file: like compare.toml, or None.
-        fail: rules of flags; if there are any, they replace those of the file.
-        warn: the same.
-        over: of flags.
-        default: what holds where neither says anything.
-
-    Raises:
-        InputError: the file cannot be read.
-        UsageProblem: it has an unknown key, or a rule that makes no sense.
-    """
+    """The thresholds of a file and of the command line."""
     given = {"fail": tuple(fail), "warn": tuple(warn), "over": over}
     flags = {key: value for key, value in given.items() if value not in ((), None)}
     if file is None:
@@ -245,11 +207,7 @@ def _changes(table: Table) -> dict[str, Any]:
 
 
 def difference(value: object, where: Place) -> float:
-    """A difference that the metric ``share`` counts pixels beyond.
-
-    Raises:
-        UsageProblem: it is no number of 0 or more.
-    """
+    """A difference that the metric ``share`` counts pixels beyond."""
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf:
         return float(value)
     raise UsageProblem(

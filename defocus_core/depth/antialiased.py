@@ -37,13 +37,10 @@ def averages(
     averages on narrow edges, the sum of their places on these edges from 0 to 1, the pixels on wide
     edges, and the hard steps.
 
-    Args:
-        band: [..., h, W] px, the counted rows and the three rows of the frame above and below, of
-            a picture or of each of a batch.
-        sizes: Of steps in px from each pixel to the next, down and across.
-        rows: The counted rows of the band, [first, end).
-        infinity: Signed radius in px of what is infinitely far, or [B] for each picture; None if
-            that is not known.
+    `band`: [..., h, W] px, the counted rows and the three rows of the frame above and below, of a
+    picture or of each of a batch; `sizes`: of steps in px from each pixel to the next, down and
+    across; `infinity`: signed radius in px of what is infinitely far, or [B] for each picture; None
+    if that is not known.
     """
     counts = band.new_zeros((*band.shape[:-2], 2, 4), dtype=torch.float64)
     long = [dim for dim in (-2, -1) if band.shape[dim] > 2 * _BESIDE]
@@ -75,13 +72,10 @@ def averages(
 def averaged_from(counts: list[list[float]], infinity: float | None, soft: int) -> float | None:
     """The quantity that was averaged on the edges of a frame.
 
-    Args:
-        counts: [2, 4], the sum of `averages` over the frame.
-        infinity: Signed radius in px of what is infinitely far; None if that is not known.
-        soft: Number of pixels of the frame on edges that are several px wide.
-
-    Returns:
-        `infinity` for distance, math.inf for disparity, None if edges are mostly hard or soft.
+    `counts`: [2, 4], the sum of `averages` over the frame; `infinity`: signed radius in px of what
+    is infinitely far; None if that is not known; `soft`: number of pixels of the frame on edges
+    that are several px wide. Returns `infinity` for distance, math.inf for disparity, None if edges
+    are mostly hard or soft.
     """
     maximum, _, wide, _ = max(counts)
     if maximum <= max(_WIDER * wide, _MINIMUM, _SOFTER * soft):
@@ -106,15 +100,8 @@ def _around(
 ) -> tuple[Tensor, Tensor]:
     """The radii [m, width] along both axes around the pixels of a band whose range matters.
 
-    Args:
-        band: [..., h, W] px.
-        ranges: [..., h, W] px by axis, along it only of pixels that have so many around.
-        rows: The rows of the band whose pixels count, [first, end).
-        before: Px before each pixel that belong to it.
-        width: Px that belong to it.
-
-    Returns:
-        The radii, and the number [m] of the picture that each pixel is of.
+    `band`: [..., h, W] px; `ranges`: [..., h, W] px by axis, along it only of pixels that have so
+    many around. Returns the radii, and the number [m] of the picture that each pixel is of.
     """
     (h, W), masks, begins = band.shape[-2:], [], []
     for dim, values in ranges.items():
@@ -144,8 +131,7 @@ def _on_edges(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
     On an edge the values go up only or down only, and level off at an end.
 
-    Returns:
-        [m] places from 0 to 1; [m] bool, on a narrow edge; [m] bool, on a wide edge.
+    Returns [m] places from 0 to 1; [m] bool, on a narrow edge; [m] bool, on a wide edge.
     """
     close, near, all_seven = (
         torch.aminmax(values[:, _BESIDE - by : _BESIDE + by + 1], dim=1) for by in (1, 2, _BESIDE)

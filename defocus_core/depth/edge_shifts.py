@@ -82,34 +82,23 @@ _PROFILES, _BYTES_EACH = 1 << 12, 1 << 14
 
 
 class ShiftEvidence(NamedTuple):
-    """What colours say of the displacements of a silhouette, averaged along it.
+    """What colours say of the displacements of a silhouette, averaged along it."""
 
-    Attributes:
-        costs: [n, 2 * FARTHEST + 1] px, of each displacement.
-        fraction: [n, 1], of the profiles around that show both surfaces.
-    """
-
-    costs: Tensor
-    fraction: Tensor
+    costs: Tensor  # [n, 2 * FARTHEST + 1] px, of each displacement
+    fraction: Tensor  # [n, 1], of the profiles around that show both surfaces
 
 
 class EdgeShifts(NamedTuple):
-    """The displacements of a picture's edges from those of its colours.
+    """The displacements of a picture's edges from those of its colours."""
 
-    Attributes:
-        step: Least step in px of an edge.
-        median: Median displacement in px; positive where depth is too fat, its edges outside.
-        rarity: [2 * FARTHEST + 1] cost of each displacement from -FARTHEST on.
-    """
-
-    step: float
-    median: float
-    rarity: tuple[float, ...]
+    step: float  # least step in px of an edge
+    median: float  # median displacement in px; positive where depth is too fat, its edges outside
+    rarity: tuple[float, ...]  # [2 * FARTHEST + 1] cost of each displacement from -FARTHEST on
 
 
 def measured_shifts(
-    signed_radius: Pixels,
-    pixels: Pixels,
+    signed_radius: Pixels,  # [H, W] px, without ramps
+    pixels: Pixels,  # [C, H, W] linear
     threads: int,
     *,
     soft: float | None,
@@ -117,13 +106,8 @@ def measured_shifts(
 ) -> EdgeShifts | None:
     """The displacements of the edges of a picture; None if its edges lie where they should.
 
-    Args:
-        signed_radius: [H, W] px, without ramps.
-        pixels: [C, H, W] linear.
-        threads: Number of bands of rows examined at once.
-        soft: Slope in px of soft edges, which no edge steps less than; None for hard ones, which
-            are shifted only if most are displaced alike.
-        scale: Of distance, if edges were soft in distance.
+    `soft`: slope in px of soft edges, which no edge steps less than; None for hard ones, which are
+    shifted only if most are displaced alike.
     """
     limits = torch.stack([range_of(band) for band in banded(signed_radius)])
     minimum, maximum = torch.stack([limits[:, 0].amin(), limits[:, 1].amax()]).tolist()
@@ -139,9 +123,7 @@ def measured_shifts(
 def measured_shifts_of_each(signed_radius: Tensor, pixels: Tensor) -> list[EdgeShifts | None]:
     """What `measured_shifts` says of each picture of a batch of hard edges.
 
-    Args:
-        signed_radius: [B, H, W] px.
-        pixels: [C, B, H, W] linear.
+    `signed_radius`: [B, H, W] px; `pixels`: [C, B, H, W] linear.
     """
     radii, colors, (B, H, _) = signed_radius.detach(), pixels.detach(), signed_radius.shape
     limits = ranges_of(radii).tolist()
@@ -186,10 +168,7 @@ def _votes(found: ShiftEvidence, of: Tensor | None = None, count: int = 1) -> Te
 
     By expectation and maximization: a pixel whose colours say little votes as the others do.
 
-    Args:
-        found: The evidence.
-        of: [n] the picture that each pixel is of; None if all are of one.
-        count: Number of pictures.
+    `of`: [n] the picture that each pixel is of; None if all are of one.
     """
     of = torch.zeros(1, dtype=torch.long, device=found.costs.device) if of is None else of
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=found.costs.device)
@@ -344,12 +323,7 @@ def _evidence(
 ) -> ShiftEvidence:
     """The evidence of colours [C, H, W] at pixels of radii [H, W], averaged along a silhouette.
 
-    Args:
-        silhouette: The pixels.
-        radii: [H, W] px.
-        pixels: [C, H, W] linear.
-        along: Whether it is averaged; else that of each pixel's own profile.
-        rims: Whether colours of neither surface may be a rim of the nearer one.
+    `radii`: [H, W] px; `pixels`: [C, H, W] linear.
     """
     step, beside = _profiles(radii), _beside(silhouette.at, radii) if along else None
     parts = (torch.split(x, step, d) for x, d in zip(silhouette, (0, 0, 1), strict=True))
@@ -418,13 +392,8 @@ def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, T
 
     By jump flooding (Rong and Tan 2006); of two that are as close, the first one.
 
-    Args:
-        at: [n, 2] rows and columns of the silhouette.
-        shift: [n] px.
-        size: (height, width) of the frame.
-
-    Returns:
-        [m] numbers of pixels, [m] places in `at`, and [m] distances in px.
+    `at`: [n, 2] rows and columns of the silhouette; `shift`: [n] px; `size`: (height, width) of the
+    frame. Returns [m] numbers of pixels, [m] places in `at`, and [m] distances in px.
     """
     n, (H, W) = len(at), size
     number = at[:, 0] * W + at[:, 1]

@@ -20,19 +20,12 @@ AROUND = 8
 
 
 class _Range(NamedTuple):
-    """The radii [H, W] px of one side in the square around each pixel.
+    """The radii [H, W] px of one side in the square around each pixel."""
 
-    Attributes:
-        nearest: the least; 0 where the side has no pixel.
-        farthest: the greatest; 0 where it has none.
-        mean: their mean; 0 where it has none.
-        known: bool, whether it has a pixel.
-    """
-
-    nearest: Tensor
-    farthest: Tensor
-    mean: Tensor
-    known: Tensor
+    nearest: Tensor  # the least; 0 where the side has no pixel
+    farthest: Tensor  # the greatest; 0 where it has none
+    mean: Tensor  # their mean; 0 where it has none
+    known: Tensor  # bool, whether it has a pixel
 
 
 def with_matte(signed_radius: Tensor, matte: Tensor) -> Tensor:

@@ -47,48 +47,31 @@ _AT_ONCE, _BYTES_EACH = 1 << 12, 1 << 13
 
 
 class Fringe(NamedTuple):
-    """Parts of nearer surfaces in pixels whose depth is that of a farther one.
+    """Parts of nearer surfaces in pixels whose depth is that of a farther one."""
 
-    Attributes:
-        at: [n, 2] rows and columns; rows are counted on from one picture of a batch to the next.
-        layer: [n, C + 1], colour premultiplied by coverage, then coverage.
-        signed_radius: [n] px.
-    """
-
+    # [n, 2] rows and columns; rows are counted on from one picture of a batch to the next
     at: Tensor
-    layer: Tensor
-    signed_radius: Tensor
+    layer: Tensor  # [n, C + 1], colour premultiplied by coverage, then coverage
+    signed_radius: Tensor  # [n] px
 
 
 class Unmixed(NamedTuple):
-    """A picture in which every pixel has the colour of its own surface.
+    """A picture in which every pixel has the colour of its own surface."""
 
-    Attributes:
-        color: [C, H, W], not premultiplied by coverage.
-        coverage: [1, H, W], the share of each pixel that its own surface covers, if it is the
-            nearer one of two; the surface behind shows through the rest. None if all are whole.
-        fringe: The parts of nearer surfaces in pixels of farther ones.
-    """
-
-    color: Tensor
+    color: Tensor  # [C, H, W], not premultiplied by coverage
+    # [1, H, W], the share of each pixel that its own surface covers, if it is the nearer one of
+    # two; the surface behind shows through the rest. None if all are whole
     coverage: Tensor | None
-    fringe: Fringe
+    fringe: Fringe  # the parts of nearer surfaces in pixels of farther ones
 
 
 class _Side(NamedTuple):
-    """One of the two surfaces beside n pixels.
+    """One of the two surfaces beside n pixels."""
 
-    Attributes:
-        mean: [C, n] colour.
-        variance: [C, n] of colour.
-        signed_radius: [n] px.
-        known: [n] bool, whether it has pixels.
-    """
-
-    mean: Tensor
-    variance: Tensor
-    signed_radius: Tensor
-    known: Tensor
+    mean: Tensor  # [C, n] colour
+    variance: Tensor  # [C, n] of colour
+    signed_radius: Tensor  # [n] px
+    known: Tensor  # [n] bool, whether it has pixels
 
     def replaced(self, index: Tensor, other: _Side) -> _Side:
         """The sides with others in the place of those of these indices."""
@@ -97,20 +80,13 @@ class _Side(NamedTuple):
 
 
 class _Squares(NamedTuple):
-    """The pixels around each of n, k of them.
+    """The pixels around each of n, k of them."""
 
-    Attributes:
-        colors: [C, k, n].
-        radii: [k, n] px.
-        is_near: [k, n] bool, whether they are of the nearer one of two surfaces.
-        on_edge: [k, n] bool.
-        known: [n], the coverage of the nearer surface where it is known, else NaN; None if nowhere.
-    """
-
-    colors: Tensor
-    radii: Tensor
-    is_near: Tensor
-    on_edge: Tensor
+    colors: Tensor  # [C, k, n]
+    radii: Tensor  # [k, n] px
+    is_near: Tensor  # [k, n] bool, whether they are of the nearer one of two surfaces
+    on_edge: Tensor  # [k, n] bool
+    # [n], the coverage of the nearer surface where it is known, else NaN; None if nowhere
     known: Tensor | None = None
 
     @property
@@ -141,11 +117,8 @@ def unmixed(
 ) -> Unmixed:
     """Take mixed pixels apart; a pixel stays as it is where one of its surfaces is not seen.
 
-    Args:
-        image: [C, ..., H, W] linear.
-        signed_radius: [..., H, W] px.
-        limit: Brightness above which a pixel is a light, which tells little of what is beside it.
-        matte: [..., H, W], the coverage of a subject, which is not guessed at its silhouette.
+    `image`: [C, ..., H, W] linear; `signed_radius`: [..., H, W] px; `matte`: [..., H, W], the
+    coverage of a subject, which is not guessed at its silhouette.
     """
     r = signed_radius.detach()
     nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
@@ -211,11 +184,7 @@ def _by_matte(squares: _Squares, matte: Tensor) -> _Squares:
 
 
 def _taken_apart(at: Tensor, squares: _Squares, limit: float) -> tuple[Tensor, ...]:
-    """Take apart the pixels at [n, 2].
-
-    Returns:
-        Place, colour and coverage of mixed pixels; place, layer and radius of the fringe in them.
-    """
+    """Take apart the pixels at [n, 2]."""
     near, far = _sides(squares, limit)
     color = squares.colors[:, squares.middle]  # [C, n]
     is_near = squares.is_near[squares.middle]

@@ -41,33 +41,23 @@ _BY_DIAGNOSIS = RepairOptions()
 
 
 def repaired(
-    signed_radius: Pixels,
-    pixels: Pixels,
+    signed_radius: Pixels,  # [H, W] px, as given
+    pixels: Pixels,  # [C, H, W] linear; soft edges of depth are moved to their edges
     *,
     infinity: float | None,
     threads: int,
     hold: bool,
     options: RepairOptions = _BY_DIAGNOSIS,
-    decided: DepthRepair | None = None,
+    decided: DepthRepair | None = None,  # the repair, where it is known already; None to find it
     matte: Pixels | None = None,
 ) -> tuple[Pixels, DepthRepair]:
     """Signed radii as a renderer of scenes would write them, and the repair that was needed.
 
     Noise comes first, for it hides everything else; then edges, then quantisation.
 
-    Args:
-        signed_radius: [H, W] px, as given.
-        pixels: [C, H, W] linear; soft edges of depth are moved to their edges.
-        infinity: Signed radius in px of what is infinitely far; None if that is not known.
-        threads: Number of bands of rows computed at once.
-        hold: Whether there is room for the repaired radii of a large picture that is no tensor;
-            without room each window is repaired when it is cut.
-        options: What is known of soft edges; the diagnosis finds the rest.
-        decided: The repair, where it is known already; None to find it.
-        matte: [H, W], the coverage of a subject, whose edges are those of the depth.
-
-    Returns:
-        [H, W] px, the given radii themselves if they need no repair; and the repair.
+    `infinity`: signed radius in px of what is infinitely far; None if that is not known; `matte`:
+    [H, W], the coverage of a subject, whose edges are those of the depth. Returns [H, W] px, the
+    given radii themselves if they need no repair; and the repair.
     """
     hold_all = partial(held, threads=threads, hold=hold)
     if decided is None:
@@ -106,13 +96,8 @@ def repaired_each(
 ) -> tuple[Tensor, list[DepthRepair]]:
     """What `repaired` makes of each picture of a batch, by diagnosis alone.
 
-    Args:
-        signed_radius: [B, H, W] px.
-        pixels: [C, B, H, W] linear.
-        infinity: As for `repaired`, of each picture.
-
-    Returns:
-        [B, H, W] px, the given radii themselves if none needs a repair; and the repairs.
+    `signed_radius`: [B, H, W] px; `pixels`: [C, B, H, W] linear. Returns [B, H, W] px, the given
+    radii themselves if none needs a repair; and the repairs.
     """
     repairs = diagnosed_each(signed_radius, infinity)
     hard = [number for number, repair in enumerate(repairs) if repair == DepthRepair()]

@@ -41,16 +41,12 @@ _together: ContextVar[FileGroup | None] = ContextVar("together", default=None)
 
 
 class FileGroup(NamedTuple):
-    """Files that are to appear together.
+    """Files that are to appear together."""
 
-    Attributes:
-        root: the folder that they lie below, no link of which is followed; None where each lies in
-            a folder that the user named.
-        files: written, with their paths.
-    """
-
+    # The folder that they lie below, no link of which is followed; None where each lies in a
+    # folder that the user named
     root: Path | None
-    files: list[tuple[Replacement, Path]]
+    files: list[tuple[Replacement, Path]]  # written, with their paths
 
 
 def once(function: _OfFile) -> _OfFile:
@@ -117,11 +113,8 @@ def missing(path: Path, what: str = "file", remedy: str = "check the name") -> I
 def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
     """Refuse a header's size before anything of that size is allocated.
 
-    Args:
-        path: the file, whose length bounds what it can hold.
-        width: in px, as the header claims.
-        height: in px, as the header claims.
-        pixel_bytes: bytes of one decoded pixel, all channels.
+    `width`: in px, as the header claims; `height`: in px, as the header claims; `pixel_bytes`:
+    bytes of one decoded pixel, all channels.
     """
     claim = f"its header claims {width}×{height} px"
     if width < 1 or height < 1:
@@ -205,11 +198,6 @@ def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
     Parent directories are made. If anything fails, the sibling is removed and an existing ``path``
     is untouched. What a process left of it that was killed is removed, too; of files that are
     `written_together` whoever writes them removes it.
-
-    Args:
-        path: of the file.
-        root: the folder that it lies below, no link of which is followed; by default that of
-            `written_together`, or else its own.
     """
     together = _together.get()
     if root is None:
@@ -236,9 +224,6 @@ def written_together(root: Path | None = None) -> Iterator[None]:
     """Files that are `written_whole` in the block appear together when it ends well, or none.
 
     Their names are durable when this returns.
-
-    Args:
-        root: the folder that all lie below, no link of which is followed.
     """
     together = FileGroup(root, [])
     token = _together.set(together)

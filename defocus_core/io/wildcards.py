@@ -30,10 +30,7 @@ def matching(
 ) -> Iterator[tuple[str, Path]]:
     """Name and path of each file or folder that a pattern matches; hidden ones are left out.
 
-    Args:
-        folder: the folder that the pattern starts from.
-        pattern: a path with ``*``, ``?``, ``[…]``, or ``**`` for folders at any depth.
-        with_text: the names hold the text before the wildcards, too: ``s*`` gives s1, and not 1.
+    `pattern`: a path with ``*``, ``?``, ``[…]``, or ``**`` for folders at any depth.
     """
     parts = Path(os.path.normpath(pattern)).parts
     parts += ("*",) * (parts[-1] == "**")

@@ -17,23 +17,14 @@ from defocus_core.picture.take import Take
 
 
 class Contents(NamedTuple):
-    """The contents of a file.
+    """The contents of a file."""
 
-    Attributes:
-        take: what it is of.
-        kind: the kind of output.
-        names: of its channels of colour; the kind of a map.
-        planes: arrays [H, W] of these channels.
-        extras: further channels.
-        layout: where the first pixel is, the display window, the views.
-    """
-
-    take: Take
-    kind: Kind
-    names: tuple[str, ...]
-    planes: tuple[Any, ...]
+    take: Take  # what it is of
+    kind: Kind  # the kind of output
+    names: tuple[str, ...]  # of its channels of colour; the kind of a map
+    planes: tuple[Any, ...]  # arrays [H, W] of these channels
     extras: Mapping[str, Any]
-    layout: Layout
+    layout: Layout  # where the first pixel is, the display window, the views
 
     def mapped(self, change: Callable[[Any], Any]) -> Contents:
         """The contents with each array [H, W] changed."""

@@ -23,27 +23,18 @@ from defocus_core.system.log import note
 
 @dataclass(frozen=True)
 class InputPair:
-    """Colour and depth of a picture, and how they are read.
-
-    Attributes:
-        picture: where they are.
-        reading: the options.
-        keeping: where the arrays are kept.
-        lens_focal: focal length in widths of the sensor, where the depth needs it.
-        whole: whether all pixels beyond the picture shown are wanted, else those that blur reaches.
-        limit: the most pixels beyond the picture shown; None for no limit.
-        overscan: the pixels beyond the picture shown that both have.
-        planes: colour and depth, once they are decoded.
-    """
+    """Colour and depth of a picture, and how they are read."""
 
     picture: Picture
     reading: Reading
-    keeping: Keeping = IN_MEMORY
+    keeping: Keeping = IN_MEMORY  # where the arrays are kept
+    # Focal length in widths of the sensor, where the depth needs it
     lens_focal: float | None = None
+    # Whether all pixels beyond the picture shown are wanted, else those that blur reaches
     whole: bool = False
-    limit: Overscan | None = None
-    overscan: Overscan = NO_OVERSCAN
-    planes: tuple[Color, Depth] | None = None
+    limit: Overscan | None = None  # the most pixels beyond the picture shown; None for no limit
+    overscan: Overscan = NO_OVERSCAN  # the pixels beyond the picture shown that both have
+    planes: tuple[Color, Depth] | None = None  # colour and depth, once they are decoded
 
     @classmethod
     def of(cls, job: Job, keeping: Keeping) -> InputPair:

@@ -28,21 +28,15 @@ _FARTHEST_PX = 1e8  # what the renderer takes
 
 
 class Radii(NamedTuple):
-    """The signed radii of the circle of confusion of a frame.
+    """The signed radii of the circle of confusion of a frame."""
 
-    Attributes:
-        px: [H, W] float32. Where there is nothing, it is the greatest: nothing lies before nothing,
-            and what lies beside it is seen through the whole lens.
-        limits: the least and the greatest of them, of what is there.
-        infinity: of what is infinitely far; None where the file holds radii.
-        scale: px for a disparity of 1 per mm; 1 where the file holds radii.
-        warnings: what became of radii that were larger than the lens lets them be, in words.
-    """
-
+    # [H, W] float32. Where there is nothing, it is the greatest: nothing lies before nothing,
+    # and what lies beside it is seen through the whole lens
     px: Any
-    limits: tuple[float, float]
-    infinity: float | None
-    scale: float
+    limits: tuple[float, float]  # the least and the greatest of them, of what is there
+    infinity: float | None  # of what is infinitely far; None where the file holds radii
+    scale: float  # px for a disparity of 1 per mm; 1 where the file holds radii
+    # What became of radii that were larger than the lens lets them be, in words
     warnings: tuple[str, ...] = ()
 
     def repair(
@@ -51,24 +45,16 @@ class Radii(NamedTuple):
         reading: Reading,
         *,
         device: str = "cpu",
-        threads: int | None = None,
-        longer: float = 1.0,
+        threads: int | None = None,  # to compute with; None for as many as torch has
+        longer: float = 1.0,  # the longer half axis of the blur in px, in radii of the CoC
         decided: DepthRepair | None = None,
         hold: bool = False,
         matte: Pixels | None = None,
     ) -> tuple[Pixels, DepthRepair]:
         """The radii [H, W] px by which a picture is rendered, and the repair that made them.
 
-        Args:
-            color: the colour, whose edges are those of the depth.
-            reading: what is known of the repair.
-            device: where it is computed.
-            threads: to compute with; None for as many as torch has.
-            longer: the longer half axis of the blur in px, in radii of the CoC.
-            decided: the repair, where it is known already.
-            hold: whether there is room for the repaired radii.
-            matte: the coverage of the subject, whose edges are those of the depth; None if it is
-                not known.
+        `matte`: the coverage of the subject, whose edges are those of the depth; None if it is not
+        known.
         """
         import torch
 

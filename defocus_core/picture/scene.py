@@ -26,30 +26,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Surfaces:
-    """The surfaces of a scene: that of the picture, or one of each layer, nearest first.
-
-    Attributes:
-        take: whose they are.
-        colors: of each surface that may be repaired the colour, whose edges are those of its depth.
-        radii: of each surface its radii, as the depth says.
-        light: of each surface [C, H, W], linear, premultiplied: of a picture with its alpha.
-        px: of each surface the radii [H, W] that it is rendered by.
-        coverage: [L, H, W] of layers; None of a picture.
-        repair: of the depth; None where nothing was looked for.
-        hidden: the known hidden layer.
-        matte: [H, W], the coverage of the subject; None if it is not known.
-        lamps: number of clipped lights that were made brighter; None if this is not asked for.
-    """
+    """The surfaces of a scene: that of the picture, or one of each layer, nearest first."""
 
     take: Take
+    # Of each surface that may be repaired the colour, whose edges are those of its depth
     colors: tuple[Color, ...]
-    radii: tuple[Radii, ...]
+    radii: tuple[Radii, ...]  # of each surface its radii, as the depth says
+    # Of each surface [C, H, W], linear, premultiplied: of a picture with its alpha
     light: tuple[Pixels, ...]
-    px: tuple[Pixels, ...]
-    coverage: Pixels | None = None
-    repair: DepthRepair | None = None
-    hidden: KnownLayer | None = None
-    matte: Pixels | None = None
+    px: tuple[Pixels, ...]  # of each surface the radii [H, W] that it is rendered by
+    coverage: Pixels | None = None  # [L, H, W] of layers; None of a picture
+    repair: DepthRepair | None = None  # of the depth; None where nothing was looked for
+    hidden: KnownLayer | None = None  # the known hidden layer
+    matte: Pixels | None = None  # [H, W], the coverage of the subject; None if it is not known
+    # Number of clipped lights that were made brighter; None if this is not asked for
     lamps: int | None = None
 
     @cached_property

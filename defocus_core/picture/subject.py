@@ -98,18 +98,7 @@ def subject_of(depth: Depth) -> FoundPixel:
 def completed(
     lenses: ShotLenses, pictures: Sequence[Picture], reading: Reading, typed: Sequence[str]
 ) -> ShotLenses:
-    """The lenses with blur and focus of a lone picture whose depth is relative, which a note says.
-
-    Args:
-        lenses: as they were asked for.
-        pictures: all that are to be rendered.
-        reading: what is said of the depth.
-        typed: the words of the command, which an error completes.
-
-    Raises:
-        UsageProblem: the depth needs a lens, of which something is missing.
-        InputError: the depth cannot be read.
-    """
+    """The lenses with blur and focus of a lone picture of relative depth, which a note says."""
     if len(pictures) != 1 or pictures[0].frame is not None or lenses.varies or lenses.radii:
         return lenses
     picture = pictures[0]

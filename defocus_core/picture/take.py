@@ -53,56 +53,37 @@ class Inputs:
 
 @dataclass(frozen=True, kw_only=True)
 class Take:
-    """A job on its way.
+    """A job on its way."""
 
-    Attributes:
-        job: what was asked for.
-        inputs: its decoded inputs.
-        lens: with its focus distance, once that is known.
-        radii: of the picture, or of the element over a plate.
-        behind: radii of what else the lens sees, by id of its depth.
-        shown: [H, W] px, the radii of what is in front: of the plate where the element is empty.
-        limits: the least and the greatest of those shown.
-        blur: the radii that it is rendered by.
-        seen: what other frames have seen of what is hidden; None if that is not asked.
-        device: where it is rendered.
-        quality: of the rendering.
-        images: each rendered kind's arrays [H, W]: C of each view of an image, in linear light;
-            one of a map.
-        clamped: number of pixels of each kind that were clamped to the range of half.
-        reach: px that light of the picture reaches at most.
-        lamps: number of clipped lights that were made brighter; None if this is not asked for.
-        seconds: that rendering took.
-        cpu_seconds: that it took of processors.
-        warnings: for people.
-        stats: of the renderer.
-        repair: of the depth; None if nothing was rendered.
-        decided: the repair, by its shot; None if the frame decides.
-        shot_note: what other frames did for its depth.
-    """
-
-    job: Job
+    job: Job  # what was asked for
     inputs: Inputs
-    lens: Lens
-    radii: Radii = _UNKNOWN
+    lens: Lens  # with its focus distance, once that is known
+    radii: Radii = _UNKNOWN  # of the picture, or of the element over a plate
+    # Radii of what else the lens sees, by id of its depth
     behind: Mapping[int, Radii] = field(default_factory=dict)
+    # [H, W] px, the radii of what is in front: of the plate where the element is empty
     shown: Any = None
-    limits: tuple[float, float] = (0.0, 0.0)
-    blur: Radii = _UNKNOWN
+    limits: tuple[float, float] = (0.0, 0.0)  # the least and the greatest of those shown
+    blur: Radii = _UNKNOWN  # the radii that it is rendered by
+    # What other frames have seen of what is hidden; None if that is not asked
     seen: HiddenLayer | None = None
-    device: str = "cpu"
+    device: str = "cpu"  # where it is rendered
     quality: str = ""
+    # Each rendered kind's arrays [H, W]: C of each view of an image, in linear light; one of a
+    # map
     images: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
+    # Number of pixels of each kind that were clamped to the range of half
     clamped: Mapping[str, int] = field(default_factory=dict)
-    reach: int = 0
+    reach: int = 0  # px that light of the picture reaches at most
+    # Number of clipped lights that were made brighter; None if this is not asked for
     lamps: int | None = None
     seconds: float = 0.0
-    cpu_seconds: float = 0.0
+    cpu_seconds: float = 0.0  # that it took of processors
     warnings: tuple[str, ...] = ()
     stats: Mapping[str, float] = field(default_factory=dict)
-    repair: DepthRepair | None = None
-    decided: DepthRepair | None = None
-    shot_note: str = ""
+    repair: DepthRepair | None = None  # of the depth; None if nothing was rendered
+    decided: DepthRepair | None = None  # the repair, by its shot; None if the frame decides
+    shot_note: str = ""  # what other frames did for its depth
 
     @property
     def size(self) -> tuple[int, int]:

@@ -16,10 +16,8 @@ _ROUNDS = 2  # in which a pixel finds the radius that brought it here
 def breathed(image: Tensor, signed_radius: Tensor, breathing: float) -> tuple[Tensor, Tensor]:
     """A picture and its radii, each pixel at the place where its blur is drawn.
 
-    Args:
-        image: [C, H, W].
-        signed_radius: [H, W] px.
-        breathing: Px outwards, half a width from the middle, of a radius of 1 px.
+    `image`: [C, H, W]; `signed_radius`: [H, W] px; `breathing`: px outwards, half a width from the
+    middle, of a radius of 1 px.
     """
     if not breathing:
         return image, signed_radius

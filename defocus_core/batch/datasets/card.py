@@ -36,16 +36,7 @@ _MARKUP = re.compile(r"[\\`*{}\[\]<>#|!~&$]")  # what Markdown takes for its own
 
 
 def write(out: Path, card: Mapping[str, Any], configs: Iterable[str] = ()) -> list[Path]:
-    """Write a card, each file whole or not at all.
-
-    Args:
-        out: the folder of the batch.
-        card: from `card_of`.
-        configs: lines of the head of README.md that tell where the samples are.
-
-    Raises:
-        InputError: a file cannot be written.
-    """
+    """Write a card, each file whole or not at all."""
     as_json = json.dumps(card, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     texts = {_JSON: as_json, _README: markdown(card, configs)}
     if not _is_own(out):
@@ -88,10 +79,7 @@ def card_of(
 ) -> dict[str, Any]:
     """The card of a batch as plain values.
 
-    Args:
-        records: of its journal, oldest first.
-        entries: of its index.
-        origin: what it says of itself.
+    `records`: of its journal, oldest first.
     """
     ids = {entry["sample_id"] for entry in entries}
     done = [r for r in records if r["status"] == "ok" and r["sample_id"] in ids]
@@ -155,12 +143,7 @@ def _common(settings: Iterable[Mapping[str, Any] | None]) -> dict[str, Any]:
 
 
 def markdown(card: Mapping[str, Any], configs: Iterable[str] = ()) -> str:
-    """A card for people.
-
-    Args:
-        card: from `card_of`.
-        configs: as of `write`.
-    """
+    """A card for people."""
     size = next((words for maximum, words in _SIZES if card["samples"] < maximum), "n>1M")
     origin = {key: one_line(text) for key, text in card["origin"].items()}
     title = origin.get("title", _TITLE)

@@ -31,18 +31,7 @@ _DECODED = (".png", ".jpg", ".tif")  # types that image libraries without EXR de
 
 
 def write(out: Path, lines: Iterable[bytes]) -> Path:
-    """Write the index, whole or not at all.
-
-    Args:
-        out: what the outputs' paths are relative to.
-        lines: of `entries`.
-
-    Returns:
-        The file.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Write the index, whole or not at all."""
     path = out / NAME
     with written_whole(path) as file:
         file.writelines(lines)
@@ -52,14 +41,11 @@ def write(out: Path, lines: Iterable[bytes]) -> Path:
 def entries(records: Iterable[Record], origin: Origin | None = None) -> Iterator[dict[str, Any]]:
     """What the index says of each sample, sorted by sample_id.
 
-    Args:
-        records: of the journal, oldest first; those whose status is not ``ok`` are no samples. Of
-            the others are read: sample_id, size, coc_px, quality, warnings, version, renderer, lens
-            (as `lens_record` has it), and by role or kind inputs and outputs, each with its path
-            and, where it is known, its blake2b. Records of one sample are joined if they differ in
-            their outputs alone; else the last holds, as the earlier outputs were taken by another
-            lens.
-        origin: whose licence and source stand in each line.
+    `records`: of the journal, oldest first; those whose status is not ``ok`` are no samples. Of the
+    others are read: sample_id, size, coc_px, quality, warnings, version, renderer, lens (as
+    `lens_record` has it), and by role or kind inputs and outputs, each with its path and, where it
+    is known, its blake2b. Records of one sample are joined if they differ in their outputs alone;
+    else the last holds, as the earlier outputs were taken by another lens.
     """
     done: dict[str, Record] = {}
     for record in records:
@@ -88,14 +74,6 @@ def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
     """Take samples that are about to change out of the index of OUT; the names of those taken.
 
     A process that is killed leaves an index of the samples that it did not touch, each as it is.
-
-    Args:
-        out: the folder of the batch.
-        changing: names of samples.
-        alone: whether no other process does so at the same time; else the index is removed.
-
-    Raises:
-        InputError: the index cannot be written.
     """
     lines: dict[str, bytes] = {}
     with suppress(OSError):

@@ -127,20 +127,15 @@ _EXAMPLE = '{"color": "a.exr", "depth": "b.exr"}'
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A picture, its place in a file for errors, and its own lens options as texts.
+    """A picture, its place in a file for errors, and its own lens options as texts."""
 
-    Attributes:
-        stem: the name of the picture.
-        files: the picture; of a row of a list, its paths as they stand there by `FILES`, of which
-            the picture is made when it is wanted: paths of a million rows take a gigabyte.
-        where: its place.
-        option_texts: its own lens options, the name and the text of each in turn: a million
-            mappings take a quarter of a gigabyte.
-    """
-
-    stem: str
+    stem: str  # the name of the picture
+    # The picture; of a row of a list, its paths as they stand there by `FILES`, of which the
+    # picture is made when it is wanted: paths of a million rows take a gigabyte
     files: Picture | tuple[str | None, ...]
     where: Place
+    # Its own lens options, the name and the text of each in turn: a million mappings take a
+    # quarter of a gigabyte
     option_texts: tuple[str, ...] = ()
 
     @property
@@ -176,9 +171,7 @@ class Entry:
 def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> list[Entry]:
     """The pictures of ``[inputs]``, in the order of the file; those of a pattern by name.
 
-    Args:
-        table: ``[inputs]``.
-        keyed: the frames that have keys.
+    `table`: ``[inputs]``.
     """
     table.refuse_unknown(KEYS)
     entries = [

@@ -23,27 +23,17 @@ OTHERS = ("hidden", "over", "holdout", "matte")  # pictures that belong to anoth
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """Where colour and depth of one picture are; the same file twice when one EXR holds both.
-
-    Attributes:
-        stem: its name.
-        color: its colour file.
-        depth: its depth file; of a plate that has none its colour file.
-        hidden: a picture of what lies behind the visible surface, where that is known.
-        over: the plate that it lies over, if it is an element.
-        holdout: a deep picture that hides what is behind it and shows nothing.
-        matte: a file of the coverage of its subject, twice.
-        frame: its number in a shot.
-    """
+    """Where colour and depth of one picture are; the same file twice when one EXR holds both."""
 
     stem: str
     color: Path
-    depth: Path
+    depth: Path  # its depth file; of a plate that has none its colour file
+    # A picture of what lies behind the visible surface, where that is known
     hidden: Picture | None = None
-    over: Picture | None = None
-    holdout: Picture | None = None
-    matte: Picture | None = None
-    frame: int | None = None
+    over: Picture | None = None  # the plate that it lies over, if it is an element
+    holdout: Picture | None = None  # a deep picture that hides what is behind it and shows nothing
+    matte: Picture | None = None  # a file of the coverage of its subject, twice
+    frame: int | None = None  # its number in a shot
 
     @property
     def others(self) -> dict[str, Picture]:
@@ -62,16 +52,12 @@ class Picture:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading(DepthReading):
-    """What to take from the input files, and how to read it.
+    """What to take from the input files, and how to read it."""
 
-    Attributes:
-        color_layer: colour layer of an EXR.
-        depth_repair: auto, off (depth is used as it is read), or soft-edges=SLOPE in px per px.
-        edge_width: px of the widest soft edges of depth, 0 if none are soft; None: as found.
-    """
-
-    color_layer: str | None = None
+    color_layer: str | None = None  # colour layer of an EXR
+    # Auto, off (depth is used as it is read), or soft-edges=SLOPE in px per px
     depth_repair: str = "auto"
+    # Px of the widest soft edges of depth, 0 if none are soft; None: as found
     edge_width: float | None = None
     blur_channels: tuple[str, ...] = ()  # names or patterns of further channels that are light
 
@@ -150,21 +136,17 @@ class FrameLens:
 
 @dataclass(frozen=True)
 class Shot:
-    """The frames of a shot that decide, besides its own, what a picture looks like.
+    """The frames of a shot that decide, besides its own, what a picture looks like."""
 
-    Attributes:
-        sample: frames by which is decided for all of the shot how depth is repaired and where a
-            focus lies that the depth decides; empty if each frame decides for itself.
-        window: the frame and its neighbours, ascending: their depth is averaged where the scene is
-            still, and with motion vectors they show what is hidden.
-        focus: frames whose focus is averaged for the focus of this one; empty for its own.
-        motion: layer of motion vectors in the files; None if there is none.
-    """
-
+    # Frames by which is decided for all of the shot how depth is repaired and where a focus
+    # lies that the depth decides; empty if each frame decides for itself
     sample: tuple[FrameLens, ...] = ()
+    # The frame and its neighbours, ascending: their depth is averaged where the scene is still,
+    # and with motion vectors they show what is hidden
     window: tuple[Picture, ...] = ()
+    # Frames whose focus is averaged for the focus of this one; empty for its own
     focus: tuple[FrameLens, ...] = ()
-    motion: str | None = None
+    motion: str | None = None  # layer of motion vectors in the files; None if there is none
 
     @property
     def pictures(self) -> dict[int, Picture]:

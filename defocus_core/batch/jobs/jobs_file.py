@@ -81,27 +81,16 @@ KEYS = {
 
 @dataclass(frozen=True)
 class Batch:
-    """What a jobs file asks for: each picture by each lens. Its jobs are made of it.
+    """What a jobs file asks for: each picture by each lens. Its jobs are made of it."""
 
-    Attributes:
-        path: the jobs file, or what errors call its tables.
-        tables: the tables by name.
-        entries: the pictures.
-        plan: the lenses of each.
-        reading: how to read the files.
-        outputs: what is written.
-        machine: how it is computed.
-        animation: the keys of frames.
-    """
-
-    path: Path
-    tables: Mapping[str, Table]
+    path: Path  # the jobs file, or what errors call its tables
+    tables: Mapping[str, Table]  # the tables by name
     entries: Sequence[Entry]
-    plan: LensPlan
-    reading: Reading
+    plan: LensPlan  # the lenses of each
+    reading: Reading  # how to read the files
     outputs: Outputs
-    machine: Machine
-    animation: Animation
+    machine: Machine  # how it is computed
+    animation: Animation  # the keys of frames
 
     @property
     def count(self) -> int:
@@ -109,12 +98,7 @@ class Batch:
         return len(self.entries) * self.plan.count
 
     def jobs(self, numbers: Sequence[int] | None = None) -> list[Job]:
-        """The jobs, or those of ascending numbers; those of one picture follow one another.
-
-        Raises:
-            InputError: a file cannot be read or is missing.
-            UsageProblem: the lens of a picture makes no sense.
-        """
+        """The jobs, or those of ascending numbers; those of one picture follow one another."""
         count = self.plan.count
         by_entry = groupby(
             range(self.count) if numbers is None else numbers, lambda number: number // count
@@ -158,14 +142,8 @@ class Batch:
 def read_batch(path: Path, outputs: Outputs, machine: Machine) -> Batch:
     """What a jobs file asks for.
 
-    Args:
-        path: the jobs file.
-        outputs: directory to write to, and defaults for ``[outputs]``.
-        machine: device, threads and memory, and defaults for ``[machine]``.
-
-    Raises:
-        InputError: a file cannot be read or is missing, or files do not pair up.
-        UsageProblem: a key is unknown, a value makes no sense, or two contradict each other.
+    `outputs`: directory to write to, and defaults for ``[outputs]``; `machine`: device, threads and
+    memory, and defaults for ``[machine]``.
     """
     remedy = "give a jobs file, with tables [inputs] and [lens]"
     return batch_of(read_toml(path, what="jobs file", remedy=remedy), path, outputs, machine)
@@ -180,14 +158,7 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
 
 
 def batch_of(stored: Mapping[str, Any], path: Path, outputs: Outputs, machine: Machine) -> Batch:
-    """What the tables of a jobs file ask for; all else is as of `read_batch`.
-
-    Args:
-        stored: the tables by name.
-        path: the file, or what errors call the tables.
-        outputs: as of `read_batch`.
-        machine: the same.
-    """
+    """What the tables of a jobs file ask for; all else is as of `read_batch`."""
     refuse_unknown(stored, TABLES, path, "a jobs file", "table")
     named = {name: table(path, stored, name) for name in TABLES}
     read_origin(named["dataset"])

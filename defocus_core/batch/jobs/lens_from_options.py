@@ -43,11 +43,7 @@ from defocus_core.errors import CALLER, Place, UsageProblem
 
 @lru_cache(maxsize=65536)
 def parsed(name: str, text: str) -> Any:
-    """The value of an option, in mm, degrees or plain numbers; off is that of a lens without it.
-
-    Raises:
-        QuantityError: the text makes no sense.
-    """
+    """The value of an option, in mm, degrees or plain numbers; off is that of a lens without it."""
     row = LENS_OPTIONS[name]
     if text.strip().lower() == "off" and row.field in EFFECTS and not row.never_off:
         return EFFECTS[row.field]
@@ -55,11 +51,7 @@ def parsed(name: str, text: str) -> Any:
 
 
 def checked(name: str, value: object, where: Place) -> str:
-    """The text of an option, once it is known to make sense.
-
-    Raises:
-        UsageProblem: it makes no sense; the error begins with ``where``.
-    """
+    """The text of an option, once it is known to make sense."""
     text = text_of(value)
     read_at(where, parsed, name, text)
     return text
@@ -85,15 +77,7 @@ def make_lens(
 ) -> Lens:
     """The lens that flags and a lens file describe together; flags win.
 
-    Args:
-        flags: option name (``focal-length``, …) to parsed value; absent or None where not given.
-        file: a lens file, if there is one.
-        radii: the depth files hold radii, so that the lens is the shape of its opening alone.
-        lacking: the picture whose metadata do not hold what is missing, for errors.
-
-    Raises:
-        InputError: the file cannot be read as TOML.
-        UsageProblem: an option is missing or has no effect, contradicts another or makes no sense.
+    `flags`: option name (``focal-length``, …) to parsed value; absent or None where not given.
     """
     options = {name: value for name, value in flags.items() if value is not None}
     refuse_contradiction(options, CALLER)
@@ -120,12 +104,7 @@ def make_lens(
 
 
 def lens_of(values: Mapping[str, Any], source: Place = CALLER) -> Lens:
-    """The lens of parsed options, of which none is missing and none contradicts another.
-
-    Args:
-        values: the options; of a lens whose shape alone is known, blades and their rotation.
-        source: where the focus stands.
-    """
+    """The lens of parsed options, of which none is missing and none contradicts another."""
     fields: dict[str, Any] = {"foclen": math.nan, "fnum": math.nan, "foc_dist": None}
     fields |= {LENS_OPTIONS[name].field_of(value): value for name, value in values.items()}
     if (sharp := fields.get("sharp_range")) is not None:
@@ -145,12 +124,7 @@ def lens_of(values: Mapping[str, Any], source: Place = CALLER) -> Lens:
 
 
 def read_lens_file(file: Path) -> dict[str, str]:
-    """The lens options of a lens file, as texts that make sense; it may have reading options, too.
-
-    Raises:
-        InputError: the file cannot be read as TOML.
-        UsageProblem: a key is unknown or its value makes no sense.
-    """
+    """The lens options of a lens file, as texts that make sense; reading options are left out."""
     remedy = 'give a TOML file, with lines like focal-length = "50mm"'
     stored = read_toml(file, what="lens file", remedy=remedy)
     stored = {name: value for name, value in stored.items() if name not in READING_OPTIONS}
@@ -224,13 +198,7 @@ def refuse_unfocused(values: Mapping[str, Any], source: Place) -> None:
 
 
 def refuse_optics(names: Iterable[str], source: Place, *, in_pixels: bool = False) -> None:
-    """Raise UsageProblem if an option decides the radii, which something else decides already.
-
-    Args:
-        names: of the options.
-        source: where they stand.
-        in_pixels: whether a blur in pixels decides them, else the depth files hold them.
-    """
+    """Raise UsageProblem if an option decides the radii, which something else decides already."""
     for name in names:
         if in_pixels and name not in BESIDE_BLUR:
             problem = "changes nothing beside blur, which is no lens"
@@ -246,13 +214,7 @@ def refuse_optics(names: Iterable[str], source: Place, *, in_pixels: bool = Fals
 
 
 def refuse_lens_file(stored: Mapping[str, str], file: Path | None, where: Place) -> None:
-    """Raise UsageProblem if a lens file decides the radii, which a blur in pixels decides.
-
-    Args:
-        stored: the options of the file.
-        file: the file, if there is one.
-        where: the place that names it.
-    """
+    """Raise UsageProblem if a lens file decides the radii, which a blur in pixels decides."""
     if "blur" in stored:
         refuse_optics(stored, Place(file), in_pixels=True)
     optics = [name for name in stored if name not in BESIDE_BLUR]
@@ -265,12 +227,7 @@ def refuse_lens_file(stored: Mapping[str, str], file: Path | None, where: Place)
 
 
 def refuse_metadata_beside_blur(names: Collection[str], where: Place) -> None:
-    """Raise UsageProblem if metadata are to give a lens, and a blur in pixels takes none.
-
-    Args:
-        names: of the options that are given.
-        where: the place that asks for metadata.
-    """
+    """Raise UsageProblem if metadata are to give a lens, and a blur in pixels takes none."""
     if "blur" in names:
         problem = "changes nothing beside blur, which is no lens"
         raise UsageProblem("contradiction", problem, "leave one of them out", path=where)
@@ -291,14 +248,7 @@ def refuse_idle(row: LensParam, value: Callable[[str], object], source: Place) -
 
 
 def refuse_near_focus(foc_dist: float, foclen: float, where: Place, at: str = "") -> None:
-    """Raise UsageProblem unless a lens of ``foclen`` can focus so near (mm).
-
-    Args:
-        foc_dist: the distance in focus.
-        foclen: the focal length.
-        where: the place of the focus, for errors.
-        at: the file and the pixel that it was found at, if it was.
-    """
+    """Raise UsageProblem unless a lens of ``foclen`` can focus so near (mm)."""
     if foc_dist <= foclen:
         near, far = length_text(foc_dist), length_text(foclen)
         problem = f"{at}{near} is not farther than the focal length {far}"

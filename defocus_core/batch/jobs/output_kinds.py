@@ -25,37 +25,27 @@ DISPARITY_PER_RADIUS = 8 / (3 * math.pi)  # distance of the centroids of two hal
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of output.
+    """A kind of output."""
 
-    Attributes:
-        name: as ``--outputs`` has it.
-        help: a line for ``defocus render --help``.
-        image: whether it is an image; else it is a map.
-        halves: whether it needs the views through the left and the right half of the lens.
-        of_radius: its values [h, w] from signed radii [h, w] in px, NumPy arrays, and from
-            ``disparity``, between dual pixels for a radius of a px; its preview is orange below 0,
-            white at 0 and blue above 0. None of a kind that is rendered: it is the attribute
-            ``name`` of `defocus_core.Views`, and its preview shows linear light.
-        views: of an image of several, the kinds that are the views of its one EXR file.
-        transposed: the view that it is of the picture with rows for columns, left or right.
-        source: input that it is made of without rendering, a row of
-            `defocus_core.picture.contents`; empty for other kinds.
-        channel: the channel of a map in an EXR, if it is not the kind's name.
-        title: what a map shows, for ``defocus info``.
-        unit: the unit of a map's values, empty for a number without one.
-    """
-
-    name: str
-    help: str
-    image: bool = False
+    name: str  # as ``--outputs`` has it
+    help: str  # a line for ``defocus render --help``
+    image: bool = False  # whether it is an image; else it is a map
+    # Whether it needs the views through the left and the right half of the lens
     halves: bool = False
+    # Its values [h, w] from signed radii [h, w] in px, NumPy arrays, and from ``disparity``,
+    # between dual pixels for a radius of a px; its preview is orange below 0, white at 0 and
+    # blue above 0. None of a kind that is rendered: it is the attribute ``name`` of
+    # `defocus_core.Views`, and its preview shows linear light
     of_radius: Callable[..., NDArray[Any]] | None = None
+    # Of an image of several, the kinds that are the views of its one EXR file
     views: tuple[str, ...] = ()
-    transposed: str = ""
+    transposed: str = ""  # the view that it is of the picture with rows for columns, left or right
+    # Input that it is made of without rendering, a row of `defocus_core.picture.contents`;
+    # empty for other kinds
     source: str = ""
-    channel: str = ""
-    title: str = ""
-    unit: str = ""
+    channel: str = ""  # the channel of a map in an EXR, if it is not the kind's name
+    title: str = ""  # what a map shows, for ``defocus info``
+    unit: str = ""  # the unit of a map's values, empty for a number without one
 
     @property
     def rendered(self) -> bool:
@@ -63,12 +53,7 @@ class Kind:
         return self.of_radius is None and not self.source
 
     def memory_bytes(self, channels: int, sample_bytes: int) -> int:
-        """Bytes that a pixel takes in memory before it is written.
-
-        Args:
-            channels: of an image.
-            sample_bytes: of a channel of an image.
-        """
+        """Bytes that a pixel takes in memory before it is written."""
         if not self.rendered:  # computed from the radii while it is written
             return 0
         return channels * len(self.rendered_as) * sample_bytes if self.image else 4
@@ -161,10 +146,7 @@ def compression(text: str) -> str:
 def format_of_file(kind: Kind, suffix: str, given: str | None) -> str | None:
     """The format of the one file of a kind, by its suffix; None if it cannot have that suffix.
 
-    Args:
-        kind: what it holds.
-        suffix: of the file, like .png.
-        given: the format that was asked for, None for any.
+    `given`: the format that was asked for, None for any.
     """
     word = suffix.lower().removeprefix(".")
     word = FORMAT_ALIASES.get(word, word)
@@ -181,12 +163,7 @@ def is_picture_name(suffix: str) -> bool:
 
 
 def in_one_file(kinds: tuple[str, ...], where: Place) -> tuple[str, ...]:
-    """The kinds of output with left and right in one file.
-
-    Args:
-        kinds: as they were asked for.
-        where: option or key that asks for one file, for errors.
-    """
+    """The kinds of output with left and right in one file."""
     row = KINDS["multiview"]
     if missing := [view for view in row.views if view not in kinds]:
         problem = f"asks for left and right in one file, but {' and '.join(missing)} is no output"

@@ -62,22 +62,13 @@ class _Files:
 
 def find_pictures(
     color: Path,
-    depth: Path | None,
+    depth: Path | None,  # the depth file or directory; None if each colour EXR holds its own depth
     others: Others | None = None,
     *,
     patterns_in: Path | None = None,
     frames: FrameChoice = ALL,
 ) -> list[Picture]:
-    """The pictures of the paths of colour and depth, sorted by name; those of a shot by frame.
-
-    Args:
-        color: a colour file, or a directory of them.
-        depth: the depth file or directory; None if each colour EXR holds its own depth.
-        others: colour and depth of what belongs to each picture by role (hidden, over), in the same
-            form.
-        patterns_in: the folder that paths are relative to, which then may be patterns.
-        frames: the frames wanted of frame patterns.
-    """
+    """The pictures of the paths of colour and depth, sorted by name; those of a shot by frame."""
     others = others or {}
     every = (color, depth, *(path for pair in others.values() for path in pair))
     paths = [path for path in every if path is not None]

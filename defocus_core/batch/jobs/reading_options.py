@@ -136,13 +136,9 @@ def words(text: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingParam(Param):
-    """An option of reading.
+    """An option of reading."""
 
-    Attributes:
-        of_pictures: a depth file alone, without a picture and a lens, has no use for it.
-    """
-
-    of_pictures: bool = False
+    of_pictures: bool = False  # a depth file alone, without a picture and a lens, has no use for it
 
 
 def _choice(
@@ -310,12 +306,7 @@ READING_OPTIONS: Mapping[str, ReadingParam] = {row.name: row for row in _ROWS}
 
 
 def reading_values(values: Mapping[str, Any], where: Callable[[str], Place]) -> dict[str, Any]:
-    """Fields of `Reading` of the values of a table of a TOML file; other keys are passed over.
-
-    Args:
-        values: keys of the file and their values.
-        where: the place of a key, for errors.
-    """
+    """Fields of `Reading` of the values of a table of a TOML file; other keys are passed over."""
     fields: dict[str, Any] = {}
     for name, value in values.items():
         row = READING_OPTIONS.get(name)

@@ -24,11 +24,7 @@ _Step = re.Pattern[str] | str | tuple[int, ...]
 
 
 class ScenePattern:
-    """A regular expression whose first group, or else whole match, is the scene in a name.
-
-    Raises:
-        ValueError: it is none, or holds what cannot be matched in linear time.
-    """
+    """A regular expression whose first group, or else whole match, is the scene in a name."""
 
     def __init__(self, text: str) -> None:
         try:

@@ -45,23 +45,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ShotLenses:
-    """Where the lens of each picture comes from.
+    """Where the lens of each picture comes from."""
 
-    Attributes:
-        flags: options of the command line, parsed.
-        file: a lens file, if there is one, or a folder of one for each picture.
-        radii: the depth files hold radii, so that a lens is the shape of its opening alone.
-        animation: options with keys.
-        metadata: whether options are taken from the metadata of each colour file.
-        metres: the unit of the scene, for metadata in it.
-    """
-
-    flags: Mapping[str, Any]
-    file: Path | None = None
+    flags: Mapping[str, Any]  # options of the command line, parsed
+    file: Path | None = None  # a lens file, if there is one, or a folder of one for each picture
+    # The depth files hold radii, so that a lens is the shape of its opening alone
     radii: bool = False
     animation: Animation = field(default_factory=Animation)
-    metadata: bool = False
-    metres: float = 1.0
+    metadata: bool = False  # whether options are taken from the metadata of each colour file
+    metres: float = 1.0  # the unit of the scene, for metadata in it
 
     def __post_init__(self) -> None:
         """Refuse an option that the command line and the keys both set."""
@@ -73,12 +65,7 @@ class ShotLenses:
 
     @cached_property
     def fixed(self) -> Lens | None:
-        """The lens of all pictures, if that is one.
-
-        Raises:
-            InputError: the lens file cannot be read.
-            UsageProblem: an option is missing, or a value makes no sense.
-        """
+        """The lens of all pictures, if that is one."""
         if self.varies:
             return None
         return make_lens(self.flags, self.file, radii=self.radii)
@@ -94,12 +81,7 @@ class ShotLenses:
         return self.file is not None and self.file.is_dir()
 
     def of(self, picture: Picture) -> tuple[Lens, dict[str, OptionFromMetadata]]:
-        """The lens of a picture, and the options that its metadata decided.
-
-        Raises:
-            InputError: its metadata cannot be read.
-            UsageProblem: an option is missing, or a value makes no sense.
-        """
+        """The lens of a picture, and the options that its metadata decided."""
         if self.fixed is not None:
             return self.fixed, {}
         base, taken = self.texts(picture)
@@ -119,12 +101,7 @@ class ShotLenses:
         return lens, {name: each for name, each in used.items() if name not in self.flags}
 
     def texts(self, picture: Picture) -> tuple[dict[str, str], dict[str, OptionFromMetadata]]:
-        """The options of a picture by keys and metadata, as texts, and those of its metadata.
-
-        Raises:
-            InputError: its metadata cannot be read.
-            UsageProblem: a frame has no number, or values of two keys have nothing between them.
-        """
+        """The options of a picture by keys and metadata, as texts, and those of its metadata."""
         taken = lens_of(picture.color, self.metres) if self.metadata else {}
         of_metadata = {
             name: checked(name, each.text, Place(picture.color, field=each.attribute))
@@ -160,11 +137,7 @@ class ShotLenses:
 def _require_sensor(
     picture: Picture, taken: Mapping[str, OptionFromMetadata], known: Collection[str]
 ) -> None:
-    """Refuse a focal length of metadata that do not say the sensor, which decides the blur.
-
-    Raises:
-        UsageProblem: nothing else says it, either.
-    """
+    """Refuse a focal length of metadata that do not say the sensor, which decides the blur."""
     is_said = "sensor-width" in taken or not {"sensor-width", "focal-length"}.isdisjoint(known)
     if "focal-length" in taken and not is_said:
         problem = f"is missing, and not in {picture.color} either"
@@ -177,12 +150,7 @@ def _with_alternatives(name: str) -> set[str]:
 
 
 def read_animation_table(table: Table) -> Animation:
-    """The animation of ``[animate]`` of a jobs file.
-
-    Raises:
-        InputError: a file of keys cannot be read, or makes no sense.
-        UsageProblem: an option is unknown or animated twice, or a value makes no sense.
-    """
+    """The animation of ``[animate]`` of a jobs file."""
     values, interpolation = interpolation_of(table.values, table.place())
     files = values.pop("file", [])
     files = files if isinstance(files, list) else [files]
@@ -198,12 +166,7 @@ def read_animation_table(table: Table) -> Animation:
 def animated(
     entries: list[Entry], animation: Animation, plan: LensPlan, lens: Table, reading: Reading
 ) -> list[Entry]:
-    """The pictures of a jobs file with the options of their frames, and of their metadata.
-
-    Raises:
-        InputError: the metadata of a picture cannot be read.
-        UsageProblem: an option is set elsewhere, too.
-    """
+    """The pictures of a jobs file with the options of their frames, and of their metadata."""
     metadata = lens.flag(METADATA) or False
     if not animation.keys and not metadata:
         return entries

@@ -39,11 +39,7 @@ class Splits:
     where: Place = CALLER
 
     def of(self, picture: Picture | Entry) -> Split:
-        """The split of a picture.
-
-        Raises:
-            UsageProblem: the name of the picture has no scene in it.
-        """
+        """The split of a picture."""
         if not self.fractions:
             return NO_SPLIT
         scene = self._scene_of(picture)
@@ -104,11 +100,7 @@ def with_recorded(jobs: Sequence[Job], recorded: Mapping[str, Collection[str]]) 
 
 
 def read_splits(section: Table) -> Splits:
-    """The splits of ``[split]``; none without it.
-
-    Raises:
-        UsageProblem: a share is no number above 0, they do not add up to 1, or a name is none.
-    """
+    """The splits of ``[split]``; none without it."""
     fractions = {}
     for name, value in section.values.items():
         if name == _SCENE:

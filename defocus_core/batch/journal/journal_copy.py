@@ -44,11 +44,7 @@ def mend(out: Path, shard: Shard | None = None) -> None:
 
 
 def follow(out: Path, shard: Shard | None = None) -> None:
-    """Make the copy of a journal as long as the journal.
-
-    Raises:
-        InputError: it cannot be written.
-    """
+    """Make the copy of a journal as long as the journal."""
     path = copy_path(out, shard)
     data, copied = _read(journal_path(out, shard)), _read(path)
     if data == copied:

@@ -17,12 +17,7 @@ _NAME_BYTES = 255  # the longest name of a file on Linux
 
 
 def refuse_misplaced(jobs: Sequence[Job]) -> None:
-    """Refuse jobs that get in the way of one another or of their inputs.
-
-    Raises:
-        InputError: an output is an input or another job's output, has too long a name, or lies
-            where there can be no folder.
-    """
+    """Refuse jobs that get in the way of one another or of their inputs."""
     _refuse_clashes(jobs)
     for outputs in _outputs_of(jobs):
         list(_places_of(outputs))
@@ -34,15 +29,7 @@ def _outputs_of(jobs: Sequence[Job]) -> Collection[Outputs]:
 
 
 def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
-    """Refuse to replace files that no job is known to have written.
-
-    Args:
-        jobs: what is to be done.
-        known: files that may be replaced, relative to the root of the outputs.
-
-    Raises:
-        InputError: there is another file, or a directory, where one is to be written.
-    """
+    """Refuse to replace files that no job is known to have written."""
     existing = []
     for job in jobs:
         root, overwrite = job.outputs.root, job.outputs.overwrite
@@ -68,11 +55,6 @@ def own_without_record(jobs: Sequence[Job], out: Path, known: Collection[str]) -
     """The files of jobs, relative to OUT, that this program wrote and no journal knows.
 
     Their jobs are done again, for nothing tells how they were done; a line says it.
-
-    Args:
-        jobs: what is to be done.
-        out: the directory.
-        known: files that its journals know.
     """
     if not any(out.glob("journal*.jsonl")):
         return set()
@@ -86,11 +68,7 @@ def own_without_record(jobs: Sequence[Job], out: Path, known: Collection[str]) -
 
 
 def refuse_names(stems: Sequence[str], outputs: Outputs) -> None:
-    """Refuse names of samples that two have, or that are too long for a file.
-
-    Raises:
-        InputError: there is one.
-    """
+    """Refuse names of samples that two have, or that are too long for a file."""
     count = Counter(stems)
     twice = next((stem for stem, times in count.items() if times > 1), None)
     if twice is not None:
@@ -142,22 +120,14 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
 
 
 def refuse_unwritable(outputs: Outputs) -> None:
-    """Refuse a place where nothing can be written.
-
-    Raises:
-        InputError: a file is in the way, or the place is forbidden.
-    """
+    """Refuse a place where nothing can be written."""
     for place in _places_of(outputs):
         if not os.access(place, os.W_OK | os.X_OK):
             raise InputError("unwritable", "cannot be written to", "choose another -o", path=place)
 
 
 def _places_of(outputs: Outputs) -> Iterator[Path]:
-    """The folders of outputs, or the nearest above each that there is.
-
-    Raises:
-        InputError: there can be no folder: a file or a link is in the way.
-    """
+    """The folders of outputs, or the nearest above each that there is."""
     for folder in (outputs.root, *outputs.folders):
         if folder.is_symlink() and not folder.exists():
             raise missing(folder)

@@ -68,12 +68,7 @@ class Summary:
 
 
 def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener) -> Summary:
-    """Do jobs that write to OUT.
-
-    Raises:
-        InputError: the journal, or an output that must not be touched, is in the way; or nothing
-            more can be written.
-    """
+    """Do jobs that write to OUT."""
     with (
         _output_folders({job.outputs for job in jobs}, out),
         locked(out, execution.shard, say=note) as require_lock,
@@ -85,11 +80,7 @@ def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Li
 
 
 def write_alone(job: Job, execute: Execute, listener: Listener) -> Summary:
-    """Do a job of one file, beside which no journal stands; it may replace one of the same kind.
-
-    Raises:
-        InputError: the file, or another in its way, must not be touched.
-    """
+    """Do a job of one file, beside which no journal stands; it may replace one of the same kind."""
     refuse_misplaced([job])
     from defocus_core.io.images.encode import is_own
 

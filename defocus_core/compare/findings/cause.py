@@ -64,15 +64,7 @@ def diagnose(
     corner: tuple[int, int] = (0, 0),
     coc: Path | None = None,
 ) -> list[Finding]:
-    """The cause of the differences of a pair that has some, or their place, or nothing.
-
-    Args:
-        pixels: the pair.
-        a: the picture A, beside whose file the other view, other frames and the CoC may be.
-        b: the picture B.
-        corner: column and row of the first pixel, in the pictures.
-        coc: the CoC map of the picture, if it is named.
-    """
+    """The cause of the differences of a pair that has some, or their place, or nothing."""
     others = _others(pixels, a.path)
     evidence = Evidence(pixels, b.types, others)
     old, new = (evidence.scaled(side) for side in evidence.sampled)

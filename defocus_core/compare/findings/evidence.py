@@ -47,43 +47,28 @@ _RELATIVE_STEPS = {"half": 4e-4, "float": 1e-6}
 
 @dataclass(frozen=True)
 class FittedCause:
-    """A cause whose parameters are those that explain most.
+    """A cause whose parameters are those that explain most."""
 
-    Attributes:
-        left: share of the RMS difference that it leaves.
-        values: its parameters, for words and for programs.
-        said: what else its words say.
-        cost: what is added to ``left`` where causes compete: more for more parameters.
-    """
-
-    left: float
+    left: float  # share of the RMS difference that it leaves
+    # Its parameters, for words and for programs
     values: Mapping[str, Any] = field(default_factory=dict)
-    said: Mapping[str, str] = field(default_factory=dict)
-    cost: float = 0.0
+    said: Mapping[str, str] = field(default_factory=dict)  # what else its words say
+    cost: float = 0.0  # what is added to ``left`` where causes compete: more for more parameters
 
 
 @dataclass(frozen=True)
 class Cause:
-    """A row of the table of causes.
+    """A row of the table of causes."""
 
-    Attributes:
-        name: of the finding, with parameters in braces.
-        model: fits it to a pair, in one way or several.
-        words: the finding, with parameters in braces; the name where empty.
-        limit: the largest share of a difference that it may leave, if it is to be named.
-        rivals: the word for it and all that can make the same picture, which is said where two of
-            them explain about as much; empty if there are none.
-        of_color: whether only light can have it.
-        of_many: whether its parameters fit a few pixels by chance.
-    """
-
-    name: str
-    model: Callable[[Evidence], Iterator[FittedCause]]
-    words: str = ""
-    limit: float = LEFT
+    name: str  # of the finding, with parameters in braces
+    model: Callable[[Evidence], Iterator[FittedCause]]  # fits it to a pair, in one way or several
+    words: str = ""  # the finding, with parameters in braces; the name where empty
+    limit: float = LEFT  # the largest share of a difference that it may leave, if it is to be named
+    # The word for it and all that can make the same picture, which is said where two of them
+    # explain about as much; empty if there are none
     rivals: str = ""
-    of_color: bool = False
-    of_many: bool = False
+    of_color: bool = False  # whether only light can have it
+    of_many: bool = False  # whether its parameters fit a few pixels by chance
 
     def explanations(self, evidence: Evidence) -> Iterator[Explanation]:
         """The fits of this cause to a pair."""
@@ -263,20 +248,14 @@ class Evidence:
 
     def left(
         self,
-        predicted: NDArray[Any],
+        predicted: NDArray[Any],  # [C, N] at the sampled pixels
         where: NDArray[np.bool_] | None = None,
         *,
         exact: bool = False,
     ) -> float:
         """Share of the difference that is left if B were as predicted.
 
-        Args:
-            predicted: [C, N] at the sampled pixels.
-            where: samples [N] or [C, N] at which there is a prediction; None for all.
-            exact: whether noise of a codec may not be left, since it looks like the difference.
-
-        Returns:
-            0 if all is explained up to noise, 1 or more if nothing.
+        `where`: samples [N] or [C, N] at which there is a prediction; None for all.
         """
         aim, whole = self._aim
         tested = np.broadcast_to(~self.fits, predicted.shape)
@@ -386,14 +365,7 @@ def _pairs(values: NDArray[Any], used: NDArray[np.bool_]) -> tuple[NDArray[Any],
 def unexplained(
     whole: tuple[Any, Any], rest: tuple[Any, Any], step: float, lossy: float = LOSSY
 ) -> float:
-    """Share of a difference that is left.
-
-    Args:
-        whole: the difference, at pixels and at their neighbours.
-        rest: what an explanation leaves of it, likewise.
-        step: RMS of what rounding may change.
-        lossy: power of the strongest noise, as of a codec, that is left out on both sides.
-    """
+    """Share of a difference that is left."""
     left, every = _power(*rest), _power(*whole)
     if _is_slight(every, step) or not every:  # rounding alone would explain much of it
         return 0.0 if left == 0.0 < every else math.inf

@@ -53,11 +53,7 @@ _UNLIKE_NEIGHBOURS = 0.3  # greatest correlation of noise with itself one pixel 
 
 @dataclass(frozen=True, eq=False)
 class Softened:
-    """The frame of a pair, what models of softness leave of it, and its frequencies.
-
-    Attributes:
-        evidence: the pair.
-    """
+    """The frame of a pair, what models of softness leave of it, and its frequencies."""
 
     evidence: Evidence
 

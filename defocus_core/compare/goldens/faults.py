@@ -26,36 +26,25 @@ _BLOCK = 8  # px of the side of a block of NaN, or of a highlight that is lost
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault.
+    """A fault."""
 
-    Attributes:
-        name: in words, at full strength.
-        plant: makes planes [C, H, W] of planes and a strength of at most 1.
-        unit: the strength of 1 in words of the fault, as a number and a unit.
-        scales: whether weaker ones make sense.
-    """
-
-    name: str
+    name: str  # in words, at full strength
+    # Makes planes [C, H, W] of planes and a strength of at most 1
     plant: Callable[[NDArray[Any], float], NDArray[Any]]
+    # The strength of 1 in words of the fault, as a number and a unit
     unit: tuple[float, str] = (1.0, "")
-    scales: bool = True
+    scales: bool = True  # whether weaker ones make sense
 
 
 @dataclass(frozen=True)
 class Planted:
-    """How the thresholds of a golden met a fault.
-
-    Attributes:
-        fault: its name.
-        noticed: whether full strength fails.
-        weakest: the weakest that fails, in words; empty if none does, or there is one strength.
-        warned: whether full strength passes with a warning.
-    """
+    """How the thresholds of a golden met a fault."""
 
     fault: str
-    noticed: bool
+    noticed: bool  # whether full strength fails
+    # The weakest that fails, in words; empty if none does, or there is one strength
     weakest: str = ""
-    warned: bool = False
+    warned: bool = False  # whether full strength passes with a warning
 
     @property
     def is_silent(self) -> bool:
@@ -69,10 +58,6 @@ def plant_all(
     """Plant each fault into a golden, and judge it by its rules.
 
     Faults that change nothing, as a lost highlight in a black picture, are left out.
-
-    Raises:
-        InputError: a mask or CoC map cannot be read.
-        UsageProblem: the region is not within the picture.
     """
     settings = replace(settings, diagnose=False)
     other_view = _other_view(picture)

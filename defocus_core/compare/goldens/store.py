@@ -27,16 +27,12 @@ _LARGEST = 2**28  # bytes of golden.json
 
 @dataclass(frozen=True)
 class Store:
-    """What a folder of goldens holds.
-
-    Attributes:
-        folder: the folder.
-        samples: by sample, how its pictures were made: settings, versions, machine, files.
-        aside: samples that are neither looked at nor changed.
-    """
+    """What a folder of goldens holds."""
 
     folder: Path
+    # By sample, how its pictures were made: settings, versions, machine, files
     samples: Mapping[str, Mapping[str, Any]]
+    # Samples that are neither looked at nor changed
     aside: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def only(self, names: Collection[str]) -> Store:
@@ -60,11 +56,7 @@ class Store:
         return lines
 
     def place(self, name: str) -> Path | None:
-        """The path of a golden, None if it is missing.
-
-        Raises:
-            InputError: it is no plain file below the folder.
-        """
+        """The path of a golden, None if it is missing."""
         try:
             path = Folder(self.folder).path(name)
         except OSError as error:
@@ -79,11 +71,7 @@ class Store:
 
 
 def read_store(folder: Path) -> Store:
-    """Read golden.json of a folder; nothing is changed.
-
-    Raises:
-        InputError: there is none, or it is damaged; or an update was interrupted.
-    """
+    """Read golden.json of a folder; nothing is changed."""
     if (folder / _ASIDE / MANIFEST).is_file():
         problem = "has an accepted update that was interrupted"
         remedy = "end it with 'defocus golden update'"
@@ -96,11 +84,7 @@ def read_store(folder: Path) -> Store:
 
 
 def store_to_update(folder: Path) -> Store:
-    """The goldens of a folder, or none yet; an accepted update that was interrupted is ended.
-
-    Raises:
-        InputError: golden.json is damaged, or the update cannot be ended; nothing is changed.
-    """
+    """The goldens of a folder, or none yet; an accepted update that was interrupted is ended."""
     _finish(folder)
     return _read(folder) or Store(folder, {})
 
@@ -141,15 +125,6 @@ def accept(store: Store, jobs: Sequence[Job], root: Path, records: Sequence[Comp
 
     Pictures and golden.json change together: all are written aside first, golden.json last, and
     then take their places. Where that is interrupted, `store_to_update` ends it.
-
-    Args:
-        store: the folder.
-        jobs: whose pictures were rendered.
-        root: where they lie.
-        records: how they compare with the goldens; what passes stays as it is.
-
-    Raises:
-        InputError: a file cannot be written; all goldens are as they were.
     """
     changed = [record for record in records if not record.passes]
     aside = store.folder / _ASIDE
@@ -184,9 +159,6 @@ def _finish(folder: Path) -> None:
     """End an acceptance whose files are all there, and clear one away that is not.
 
     Only goldens that one of the two lists has are moved or removed.
-
-    Raises:
-        InputError: a file cannot be put into its place; if a name is at fault, nothing is changed.
     """
     aside = folder / _ASIDE
     if aside.is_symlink() or not aside.is_dir():

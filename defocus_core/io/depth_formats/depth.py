@@ -258,11 +258,7 @@ def read_depth(
 
 
 def _refuse_scaled(path: Path, values: Any) -> None:
-    """Refuse 16 bits as millimetres that have both ends: they are scaled to the file.
-
-    Raises:
-        InputError: they have.
-    """
+    """Refuse 16 bits as millimetres that have both ends: they are scaled to the file."""
     ends = [end for rows in bands(values.shape) for end in (values[rows].min(), values[rows].max())]
     if min(ends) == 0 and max(ends) == _TOP:
         problem = f"has numbers from 0 to {_TOP}, as depth has that is scaled file by file"
@@ -273,11 +269,7 @@ def _refuse_scaled(path: Path, values: Any) -> None:
 
 
 def require_valid(depth: Depth) -> None:
-    """Refuse a depth map with holes.
-
-    Raises:
-        InputError: naming how many pixels have no depth, and the first as x,y.
-    """
+    """Refuse a depth map with holes."""
     count, first = count_of((~depth.valid(rows), rows.start) for rows in bands(depth.metres.shape))
     if not count:
         return
@@ -372,9 +364,6 @@ def _replaced(depth: Depth, how: str) -> Depth:
     """The depth whose invalid pixels are far, or filled; how many is said.
 
     Of relative disparity its farthest number is far.
-
-    Raises:
-        InputError: no pixel has a depth to fill from.
     """
     shape = depth.metres.shape
     count, _ = count_of((~depth.valid(rows), rows.start) for rows in bands(shape))

@@ -78,12 +78,7 @@ def read_numbers(
 ) -> DepthNumbers:
     """Read the numbers of a depth file.
 
-    Args:
-        path: the file.
-        reading: what to take from it.
-        keeping: where the numbers are to be kept.
-        size: width and height of the colour that the depth belongs to, None if there is none.
-        overscan: pixels beyond the picture shown, of files that have them.
+    `size`: width and height of the colour that the depth belongs to, None if there is none.
     """
     row, head = reading.row, read_head(path, 32)
     if row.files == ("headerless",):

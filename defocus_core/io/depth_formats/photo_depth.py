@@ -34,15 +34,11 @@ _START_OF_SCAN = 0xDA
 
 @dataclass(frozen=True)
 class PhotoDepth:
-    """A depth image inside a photograph.
+    """A depth image inside a photograph."""
 
-    Attributes:
-        values: integers [H, W], upright.
-        metadata: what the file says of them: near, far, format, units, measure of GDepth; d_min,
-            d_max, representation_type of HEIC.
-    """
-
-    values: NDArray[Any]
+    values: NDArray[Any]  # integers [H, W], upright
+    # What the file says of them: near, far, format, units, measure of GDepth; d_min, d_max,
+    # representation_type of HEIC
     metadata: dict[str, Any]
 
 

@@ -19,55 +19,36 @@ UNPREMULTIPLY = ("auto", "on", "off")
 
 @dataclass(frozen=True, kw_only=True)
 class DepthReading:
-    """What a user says of depth files; None leaves it to the format or to the type of file.
+    """What a user says of depth files; None leaves it to the format or to the type of file."""
 
-    Attributes:
-        depth_format: name of a row of the table.
-        depth_unit: unit of the numbers: mm, cm, m or ft.
-        depth_channel: which channel of an EXR, or array of a container; PART/CHANNEL works too.
-        part: which part of an EXR, page of a TIFF or frame of an array, from 0.
-        view: which view of an EXR of several, like left.
-        depth_scale: multiplies the numbers.
-        depth_kind: whether they are depth or disparity.
-        depth_range: the distances in mm of the ends of the number's type, 0 and 255 or 65535, or 0
-            and 1: of depth, the distance of 0, then of the top; of disparity, that of the top,
-            then of 0.
-        focal_px: focal length of the picture in px.
-        baseline: distance in mm between the two cameras.
-        doffs: px added to the disparity; without focal length and baseline, 1/m.
-        geometry: radial (distance to the point) or planar (depth along the axis).
-        fov: horizontal field of view in degrees.
-        sky: numbers from this one on are sky; of disparity, up to this one.
-        invalid: error, far (infinitely far) or fill (from the farther neighbour).
-        unpremultiply_depth: whether the numbers are divided by alpha: on, off, or auto, where edges
-            show that they are multiplied by it.
-        resize_depth: nearest or guided (by the colours), where depth of another size than the
-            colour is to be resampled.
-        turn_depth: whether depth beside its colour is turned by the orientation of the colour.
-        relative: the numbers are disparity of unknown scale and offset, white near.
-        invert: whether black is near; of relative disparity.
-    """
-
-    depth_format: str | None = None
-    depth_unit: str | None = None
+    depth_format: str | None = None  # name of a row of the table
+    depth_unit: str | None = None  # unit of the numbers: mm, cm, m or ft
+    # Which channel of an EXR, or array of a container; PART/CHANNEL works too
     depth_channel: str | None = None
-    part: int | None = None
-    view: str | None = None
+    part: int | None = None  # which part of an EXR, page of a TIFF or frame of an array, from 0
+    view: str | None = None  # which view of an EXR of several, like left
     depth_scale: float | None = None
-    depth_kind: str | None = None
+    depth_kind: str | None = None  # whether they are depth or disparity
+    # The distances in mm of the ends of the number's type, 0 and 255 or 65535, or 0 and 1: of
+    # depth, the distance of 0, then of the top; of disparity, that of the top, then of 0
     depth_range: tuple[float, float] | None = None
-    focal_px: float | None = None
-    baseline: float | None = None
-    doffs: float | None = None
-    geometry: str | None = None
-    fov: float | None = None
-    sky: float | None = None
-    invalid: str = "error"
+    focal_px: float | None = None  # focal length of the picture in px
+    baseline: float | None = None  # distance in mm between the two cameras
+    doffs: float | None = None  # px added to the disparity; without focal length and baseline, 1/m
+    geometry: str | None = None  # radial (distance to the point) or planar (depth along the axis)
+    fov: float | None = None  # horizontal field of view in degrees
+    sky: float | None = None  # numbers from this one on are sky; of disparity, up to this one
+    invalid: str = "error"  # error, far (infinitely far) or fill (from the farther neighbour)
+    # Whether the numbers are divided by alpha: on, off, or auto, where edges show that they are
+    # multiplied by it
     unpremultiply_depth: str = "auto"
+    # Nearest or guided (by the colours), where depth of another size than the colour is to be
+    # resampled
     resize_depth: str | None = None
+    # Whether depth beside its colour is turned by the orientation of the colour
     turn_depth: str | None = None
-    relative: bool = False
-    invert: str | None = None
+    relative: bool = False  # the numbers are disparity of unknown scale and offset, white near
+    invert: str | None = None  # whether black is near; of relative disparity
 
     @property
     def row(self) -> DepthFormat:
@@ -130,11 +111,7 @@ def require_size(
 ) -> None:
     """Refuse depth of another size than its colour, before it is read, if it is not to be resized.
 
-    Args:
-        path: the file.
-        reading: what the user says of it.
-        shape: rows and columns of its numbers.
-        size: width and height of the colour, None if there is none.
+    `size`: width and height of the colour, None if there is none.
     """
     rows, columns = (-(-length // reading.row.stride) for length in shape[:2])
     if size is not None and reading.resize_depth is None and (columns, rows) != size:

@@ -13,11 +13,7 @@ from defocus_core.io.safe_files import read_head
 
 
 def is_relative(path: Path, reading: DepthReading) -> bool:
-    """Whether a depth file names no unit: whole numbers of 8 or 16 bits, HEIC, some GDepth.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """Whether a depth file names no unit: whole numbers of 8 or 16 bits, HEIC, some GDepth."""
     head = read_head(path)
     if reading.says_scale or is_exr(head):
         return reading.relative

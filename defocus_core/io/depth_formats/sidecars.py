@@ -32,42 +32,21 @@ _CHECK = "check the file"
 
 @dataclass(frozen=True)
 class Facts:
-    """The facts that a sidecar holds.
+    """The facts that a sidecar holds."""
 
-    Attributes:
-        source: the file, or the part of the depth file, for people.
-        focal_px: focal length in px.
-        baseline: metres.
-        doffs: px.
-        ends: depth in metres at the ends of log.
-        scale: multiplies numbers, before `shift` is added.
-        shift: see `scale`.
-        rule: scale or inverse, where the file declares one.
-        radial: whether the file says that it holds the distance to the point.
-    """
-
-    source: str
-    focal_px: float | None = None
-    baseline: float | None = None
-    doffs: float | None = None
-    ends: tuple[float, float] | None = None
-    scale: float | None = None
+    source: str  # the file, or the part of the depth file, for people
+    focal_px: float | None = None  # focal length in px
+    baseline: float | None = None  # metres
+    doffs: float | None = None  # px
+    ends: tuple[float, float] | None = None  # depth in metres at the ends of log
+    scale: float | None = None  # multiplies numbers, before `shift` is added
     shift: float | None = None
-    rule: str = ""
-    radial: bool = False
+    rule: str = ""  # scale or inverse, where the file declares one
+    radial: bool = False  # whether the file says that it holds the distance to the point
 
 
 def facts_of(name: str, path: Path, metadata: Mapping[str, Any]) -> Facts | None:
-    """The facts of the sidecar of a depth file; None if there is no such file.
-
-    Args:
-        name: of the kind of sidecar, as a row has it.
-        path: the depth file.
-        metadata: of the depth file.
-
-    Raises:
-        InputError: the sidecar cannot be understood.
-    """
+    """The facts of the sidecar of a depth file; None if there is no such file."""
     place = path
     try:
         if name in _METADATA_READERS:
@@ -247,11 +226,7 @@ def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
 def marked_pixels(
     mask: Mask, path: Path, shape: tuple[int, int]
 ) -> tuple[NDArray[np.bool_], Path] | None:
-    """Where a mask marks pixels, [H, W], and its file; None if there is no such file.
-
-    Raises:
-        InputError: the mask cannot be read, or is of another size.
-    """
+    """Where a mask marks pixels, [H, W], and its file; None if there is no such file."""
     place = _mask_file(mask, path)
     if place is None:
         return None

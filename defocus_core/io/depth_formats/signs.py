@@ -53,11 +53,7 @@ SIGNS = (
 
 
 def refuse_named(path: Path, values: Any) -> None:
-    """Refuse 16 bits [H, W] as millimetres that have a sign of another format.
-
-    Raises:
-        InputError: they have.
-    """
+    """Refuse 16 bits [H, W] as millimetres that have a sign of another format."""
     place, size = "/".join(path.absolute().parts[-_PARTS:]).lower(), values.shape[1::-1]
     likely = [
         (sign, found)

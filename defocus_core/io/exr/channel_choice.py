@@ -27,20 +27,14 @@ _ASPECTS = 0.1, 10.0  # least and greatest width of a pixel by its height
 
 @dataclass(frozen=True)
 class ChannelGroup:
-    """Channels of a part that the user names together: a colour layer, or one depth channel.
+    """Channels of a part that the user names together: a colour layer, or one depth channel."""
 
-    Attributes:
-        header: the part that they are in.
-        name: as ``layer`` or ``depth_channel`` has it inside its part.
-        channels: canonical name to the name in the file: R, G, B or Y, with RY and BY if there is
-            chroma, then A; the name of a depth channel to itself.
-        default: whether it is the part's colour layer of plain names, without a prefix.
-    """
-
-    header: Header
-    name: str
+    header: Header  # the part that they are in
+    name: str  # as ``layer`` or ``depth_channel`` has it inside its part
+    # Canonical name to the name in the file: R, G, B or Y, with RY and BY if there is chroma,
+    # then A; the name of a depth channel to itself
     channels: Mapping[str, str] = field(default_factory=dict)
-    default: bool = False
+    default: bool = False  # whether it is the part's colour layer of plain names, without a prefix
 
     @property
     def source(self) -> str:
@@ -94,11 +88,6 @@ def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str])
     """The channels beside the colour that patterns name, in the order of the file.
 
     A pattern with a wildcard passes over depth and whole numbers, which are never averaged.
-
-    Args:
-        path: the file.
-        extras: its channels beside the colour by name.
-        patterns: names of channels, or patterns like ``diffuse.*``, of any case.
     """
     light = [name for name, plane in extras.items() if not _is_data(name, plane)]
     for pattern in patterns:

@@ -11,17 +11,11 @@ from typing import NamedTuple
 
 
 class Codec(NamedTuple):
-    """A codec.
-
-    Attributes:
-        number: in a header.
-        rows: of a chunk.
-        lossy: whether numbers of channels that are no colour may change, too.
-    """
+    """A codec."""
 
     number: int
     rows: int
-    lossy: bool = False
+    lossy: bool = False  # whether numbers of channels that are no colour may change, too
 
 
 CODECS = {

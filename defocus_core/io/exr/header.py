@@ -55,19 +55,12 @@ class Raw(NamedTuple):
 
 @dataclass(frozen=True)
 class Channel:
-    """One channel of a header.
-
-    Attributes:
-        name: in the file.
-        type: uint, half or float.
-        sampling: every how many pixels it has a sample, across and down.
-        plain: its name without that of a view.
-    """
+    """One channel of a header."""
 
     name: str
-    type: str
-    sampling: tuple[int, int] = (1, 1)
-    plain: str = ""
+    type: str  # uint, half or float
+    sampling: tuple[int, int] = (1, 1)  # every how many pixels it has a sample, across and down
+    plain: str = ""  # its name without that of a view
 
     def __post_init__(self) -> None:
         """Its plain name is its name unless it is of a view."""
@@ -81,14 +74,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Header:
-    """One part of an EXR file; its attributes are those that another file may carry.
-
-    Attributes:
-        multi_view: the views whose channels are in one part, the default one first.
-        shown: the view that the channels are restricted to; empty if to none.
-        compression: the codec of its pixels, as `compression` names it.
-        subsampled: whether a channel of the part, of any view, has fewer samples than pixels.
-    """
+    """One part of an EXR file; its attributes are those that another file may carry."""
 
     index: int
     name: str  # empty in most single-part files
@@ -97,9 +83,11 @@ class Header:
     display: Window
     deep: bool
     pixel_aspect: float = 1.0  # width of a pixel by its height
+    # The views whose channels are in one part, the default one first
     multi_view: tuple[str, ...] = ()
-    shown: str = ""
-    compression: str = "zip"
+    shown: str = ""  # the view that the channels are restricted to; empty if to none
+    compression: str = "zip"  # the codec of its pixels, as `compression` names it
+    # Whether a channel of the part, of any view, has fewer samples than pixels
     subsampled: bool = False
     attributes: Mapping[str, Raw] = field(default_factory=dict, compare=False)
 
@@ -110,11 +98,7 @@ class Header:
         return raw.value.decode("utf-8", "replace") if raw and raw.kind == "string" else ""
 
     def cut_note(self, kept: Overscan) -> str:
-        """Pixels beyond the display window, and those missing in it; empty if there are none.
-
-        Args:
-            kept: the pixels beyond the display window that are read.
-        """
+        """Pixels beyond the display window, and those missing in it; empty if there are none."""
         data, display = self.data, self.display
         overscan = f"overscan {kept}" if any(kept) else ""
         is_cropped = not display.grown(kept).covers(data)
@@ -149,12 +133,7 @@ def is_exr(head: bytes) -> bool:
 
 @once
 def read_headers(path: Path) -> tuple[Header, ...]:
-    """Headers of all parts, sizes checked.
-
-    Raises:
-        InputError: not an OpenEXR file, a damaged header, a size that the file cannot hold, or more
-            channels or parts than are read.
-    """
+    """Headers of all parts, sizes checked."""
     if not is_exr(read_head(path)):
         raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
     try:
@@ -176,11 +155,7 @@ def read_headers(path: Path) -> tuple[Header, ...]:
 
 
 def read_attributes(file: BinaryIO) -> dict[str, Raw]:
-    """Attributes of the header that comes next in a file; none at the end of a list of headers.
-
-    Raises:
-        ValueError: the header is damaged.
-    """
+    """Attributes of the header that comes next in a file; none at the end of a list of headers."""
     attributes = {}
     while name := _text(file):
         kind = _text(file)
@@ -223,11 +198,7 @@ def _text(file: BinaryIO) -> str:
 
 
 def raw_headers(file: BinaryIO) -> tuple[int, list[dict[str, Raw]]]:
-    """The flags of a file, and the attributes of each part; the table of its first part is next.
-
-    Raises:
-        ValueError: the file is damaged.
-    """
+    """The flags of a file, and the attributes of each part; the table of its first part is next."""
     (_, version) = struct.unpack("<4sI", file.read(8))
     if version & 0xFF != 2:
         raise ValueError(f"format version {version & 0xFF}, not 2")
@@ -279,11 +250,7 @@ def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
 
 
 def channels_of(value: bytes) -> list[Channel]:
-    """The channels of the attribute of that name.
-
-    Raises:
-        ValueError: it is damaged.
-    """
+    """The channels of the attribute of that name."""
     channels: list[Channel] = []
     at = 0
     while value[at : at + 1] != b"\0":

@@ -66,16 +66,12 @@ _DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
 
 @dataclass(frozen=True)
 class ExrPart:
-    """One decoded part of an EXR file.
-
-    Attributes:
-        header: the part's header.
-        channels: name to native array [H, W] of the frame, in memory or in a scratch file, without
-            channels of fewer samples than pixels but chroma; of a deep part the picture in focus,
-            whose light is float32.
-    """
+    """One decoded part of an EXR file."""
 
     header: Header
+    # Name to native array [H, W] of the frame, in memory or in a scratch file, without channels
+    # of fewer samples than pixels but chroma; of a deep part the picture in focus, whose light
+    # is float32
     channels: dict[str, Any]
 
 
@@ -86,15 +82,7 @@ def read_parts(
     wanted: Callable[[Header, str], bool] = lambda header, name: True,
     overscan: Overscan = NO_OVERSCAN,
 ) -> tuple[ExrPart, ...]:
-    """All parts of an EXR file, decoded.
-
-    Args:
-        path: the file.
-        headers: its headers, if `read_headers` has read them already.
-        keeping: where the channels are to be kept.
-        wanted: whether a channel of a part is wanted; the others are left out.
-        overscan: the pixels beyond the display window that are wanted, too.
-    """
+    """All parts of an EXR file, decoded."""
     headers = read_headers(path) if headers is None else headers
     with decoding(path), quiet(), _unlimited():
         if any(header.subsampled for header in headers):  # OpenImageIO does not open it
@@ -113,15 +101,7 @@ def read_layers(
     keeping: Keeping = IN_MEMORY,
     overscan: Overscan = NO_OVERSCAN,
 ) -> DeepLayers:
-    """The samples of a deep part as layers.
-
-    Args:
-        path: the file.
-        header: of the part.
-        names: its channels of light that are wanted, without alpha.
-        keeping: where the layers are to be kept.
-        overscan: the pixels beyond the display window that are wanted, too.
-    """
+    """The samples of a deep part as layers."""
     from defocus_core.io.exr.deep_layers import deep_layers
 
     with decoding(path), quiet(), _unlimited():

@@ -54,10 +54,7 @@ def _views_in(header: Header, views: Sequence[str]) -> tuple[str, ...]:
 def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[Header, ...]:
     """The headers of a file with the channels of one view, and of none; their names without it.
 
-    Args:
-        path: the file.
-        headers: of all its parts.
-        view: the name of the view; None for the default one.
+    `view`: the name of the view; None for the default one.
     """
     views = views_of(headers)
     if not views or (view is None and len(views) == 1):

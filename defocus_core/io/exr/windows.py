@@ -94,16 +94,11 @@ class Window(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """Where the pixels of a file lie.
+    """Where the pixels of a file lie."""
 
-    Attributes:
-        corner: x and y of the first pixel.
-        display: the display window; None of all pixels.
-        views: the views whose channels are in the file, the default one first; none of one.
-    """
-
-    corner: tuple[int, int] = (0, 0)
-    display: Window | None = None
+    corner: tuple[int, int] = (0, 0)  # x and y of the first pixel
+    display: Window | None = None  # the display window; None of all pixels
+    # The views whose channels are in the file, the default one first; none of one
     views: tuple[str, ...] = ()
 
 

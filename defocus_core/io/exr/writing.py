@@ -37,13 +37,7 @@ def write_exr(
     OpenEXR encodes strip after strip as a file of its own; their chunks under one header are the
     file that it would write at once, byte for byte.
 
-    Args:
-        path: written whole or not at all.
-        channels: name to float16, float32 or uint32 array [H, W], which is read in strips of
-            rows.
-        attributes: header metadata, `Raw` or as OpenEXR takes it; `STRUCTURAL` names are ignored.
-        layout: where the pixels lie.
-        compression: the codec, as `compression` names it.
+    `channels`: name to float16, float32 or uint32 array [H, W], which is read in strips of rows.
     """
     kept = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
     carried = {name: value for name, value in kept.items() if isinstance(value, Raw)}

@@ -140,11 +140,7 @@ def count_beyond(color: Color, maximum: float) -> tuple[int, str]:
 
 
 def require_finite(color: Color) -> None:
-    """Refuse a colour image whose pixels are not all finite and within ±`BRIGHTEST`.
-
-    Raises:
-        InputError: naming how many pixels are not, and the first as x,y.
-    """
+    """Refuse a colour image whose pixels are not all finite and within ±`BRIGHTEST`."""
     count, first = count_beyond(color, BRIGHTEST)
     if not count:
         return

@@ -25,21 +25,14 @@ _FLOATS = frozenset({"half", "float", "double"})
 
 @dataclass(frozen=True)
 class ColorSpace:
-    """How the samples of a file are understood.
+    """How the samples of a file are understood."""
 
-    Attributes:
-        gamma: exponent of the power law that decodes them, 1 for linear, None for sRGB.
-        note: the same in words.
-        unheeded: what the file declares that is not applied; empty if nothing.
-        profile: the ICC profile that decodes them instead; None if there is none.
-        data: the bytes of the profile that the file has, whether it decodes them or not.
-    """
-
-    gamma: float | None
-    note: str
-    unheeded: str
+    gamma: float | None  # exponent of the power law that decodes them, 1 for linear, None for sRGB
+    note: str  # the same in words
+    unheeded: str  # what the file declares that is not applied; empty if nothing
+    # The ICC profile that decodes them instead; None if there is none
     profile: Profile | None = None
-    data: bytes = b""
+    data: bytes = b""  # the bytes of the profile that the file has, whether it decodes them or not
 
     @property
     def primaries(self) -> Chromaticities:
@@ -132,9 +125,7 @@ def linear_to_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
 def decoding_table(bits: int, gamma: float | None = None) -> NDArray[np.float32]:
     """Linear light of every integer of a file with 8 or 16 bits, [2^bits].
 
-    Args:
-        bits: 8 or 16.
-        gamma: exponent of a file that declares a power law (1 = linear); None for sRGB.
+    `gamma`: exponent of a file that declares a power law (1 = linear); None for sRGB.
     """
     encoded = np.arange(2**bits) / (2**bits - 1)
     linear = srgb_to_linear(encoded) if gamma is None else encoded**gamma
@@ -142,22 +133,14 @@ def decoding_table(bits: int, gamma: float | None = None) -> NDArray[np.float32]
 
 
 def linear_light(
-    colour: NDArray[Any],
-    alpha: NDArray[np.float32] | None,
+    colour: NDArray[Any],  # [H, W, C] as in the file
+    alpha: NDArray[np.float32] | None,  # [H, W, 1], 0…1
     *,
-    gamma: float | None,
+    gamma: float | None,  # exponent of the power law that decodes them, 1 for linear, None for sRGB
     associated: bool,
     profile: Profile | None = None,
 ) -> NDArray[np.float32]:
-    """Linear light of the samples of a file, premultiplied by alpha if there is one.
-
-    Args:
-        colour: [H, W, C] as in the file.
-        alpha: [H, W, 1], 0…1.
-        gamma: exponent of the power law that decodes them, 1 for linear, None for sRGB.
-        associated: whether the samples are multiplied by alpha already.
-        profile: decodes them instead of the power law.
-    """
+    """Linear light of the samples of a file, premultiplied by alpha if there is one."""
     linear: NDArray[np.float32]
     if alpha is not None and associated and gamma != 1.0:
         # Such files were premultiplied after encoding, as editors do: undo that first.

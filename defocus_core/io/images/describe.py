@@ -22,29 +22,19 @@ _MOST_NUMBERS, _NUMBERS_OF_A_BYTE = 2**26, 32
 
 @dataclass(frozen=True)
 class PartInfo:
-    """One part of an EXR file, or page of a TIFF.
-
-    Attributes:
-        index: from 0.
-        name: empty where it has none.
-        channels: as (name, type).
-        deep: whether its pixels are deep.
-        whole: whether it is no thumbnail or mask of another one.
-        views: of an EXR of several cameras, the views that the part has channels of.
-        data_window: of an EXR, x and y of its first and last pixel; None of other files.
-        display_window: the same of the picture shown.
-        pixel_aspect: width of a pixel by its height.
-    """
+    """One part of an EXR file, or page of a TIFF."""
 
     index: int
-    name: str
+    name: str  # empty where it has none
     channels: tuple[tuple[str, str], ...]
-    deep: bool
-    whole: bool = True
+    deep: bool  # whether its pixels are deep
+    whole: bool = True  # whether it is no thumbnail or mask of another one
+    # Of an EXR of several cameras, the views that the part has channels of
     views: tuple[str, ...] = ()
+    # Of an EXR, x and y of its first and last pixel; None of other files
     data_window: Window | None = None
-    display_window: Window | None = None
-    pixel_aspect: float = 1.0
+    display_window: Window | None = None  # the same of the picture shown
+    pixel_aspect: float = 1.0  # width of a pixel by its height
 
     @property
     def has_overscan(self) -> bool:
@@ -55,23 +45,14 @@ class PartInfo:
 
 @dataclass(frozen=True)
 class FileInfo:
-    """The header of a colour or depth file.
-
-    Attributes:
-        path: the file.
-        width: of the picture shown, in px.
-        height: in px.
-        parts: one, except in some EXR and TIFF files.
-        at_once: whether its decoder may hold all of it; else it is read in pieces.
-        pixels: as many as are read at most, with those beyond the picture shown.
-    """
+    """The header of a colour or depth file."""
 
     path: Path
-    width: int
-    height: int
-    parts: tuple[PartInfo, ...]
-    at_once: bool
-    pixels: int = 0
+    width: int  # of the picture shown, in px
+    height: int  # in px
+    parts: tuple[PartInfo, ...]  # one, except in some EXR and TIFF files
+    at_once: bool  # whether its decoder may hold all of it; else it is read in pieces
+    pixels: int = 0  # as many as are read at most, with those beyond the picture shown
 
     def __post_init__(self) -> None:
         """Without overscan the pixels are those shown."""

@@ -120,11 +120,7 @@ def write_image(
 def srgb_matrix(
     path: Path, channels: Sequence[str], attributes: Mapping[str, object]
 ) -> NDArray[np.float32] | None:
-    """The matrix [3, 3] from the primaries that attributes declare to those of sRGB, or None.
-
-    Raises:
-        InputError: the primaries span no colours.
-    """
+    """The matrix [3, 3] from the primaries that attributes declare to those of sRGB, or None."""
     if tuple(channels[:3]) != ("R", "G", "B"):
         return None
     try:
@@ -173,26 +169,18 @@ def _write_display(
 
 
 def display_encoded(
-    pixels: NDArray[np.float32],
+    pixels: NDArray[np.float32],  # [H, W, C] scene-linear
     channels: Sequence[str],
     bits: int,
     *,
     keep_alpha: bool,
     to_srgb: NDArray[np.float32] | None = None,
-    profile: Profile | None = None,
+    profile: Profile | None = None,  # whose curves encode the colours; None for those of sRGB
 ) -> tuple[NDArray[Any], int, int]:
     """Linear, premultiplied pixels as sRGB integers, and the counts clipped at white and black.
 
-    Args:
-        pixels: [H, W, C] scene-linear.
-        channels: names of the C channels.
-        bits: 8 or 16.
-        keep_alpha: divide the colour by alpha and keep it, instead of leaving it over black.
-        to_srgb: matrix [3, 3] to the primaries of sRGB; None if they are that already.
-        profile: whose curves encode the colours; None for those of sRGB.
-
-    Returns:
-        uint8 or uint16 [H, W, C'], and the two counts.
+    `to_srgb`: matrix [3, 3] to the primaries of sRGB; None if they are that already. Returns uint8
+    or uint16 [H, W, C'], and the two counts.
     """
     colour = np.asarray(pixels, np.float32)
     alpha = None
@@ -225,22 +213,14 @@ def write_map(path: Path, plane: Any) -> None:
 
 def write_samples(
     path: Path,
-    size: tuple[int, int],
+    size: tuple[int, int],  # (height, width)
     samples: Iterable[NDArray[Any]],
     codec: str,
     attributes: Mapping[str, str | int | Tag | Embedded],
 ) -> None:
     """Write uint8, uint16 or float32 samples as they are.
 
-    Args:
-        path: written whole or not at all.
-        size: (height, width).
-        samples: strips of rows [h, W, C], from the top; alpha, if any, unassociated.
-        codec: png, tiff or jpeg.
-        attributes: metadata to keep in the file where the format can.
-
-    Raises:
-        InputError: the file cannot be written.
+    `samples`: strips of rows [h, W, C], from the top; alpha, if any, unassociated.
     """
     with (
         encoded_samples(path, size, samples, codec, attributes) as memory,

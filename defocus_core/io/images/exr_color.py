@@ -40,11 +40,7 @@ def read_exr_color(
     overscan: Overscan,
     carried: bool,
 ) -> Color:
-    """Decode the colour of an EXR file; the arguments are those of `read_color`.
-
-    Raises:
-        InputError: the file cannot be read, or has no colour or several to choose from.
-    """
+    """Decode the colour of an EXR file; the arguments are those of `read_color`."""
     every = read_headers(path)
     headers = in_view(path, every, view)
     chosen = choose_color(path, headers, layer=layer, part=part)

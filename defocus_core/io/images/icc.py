@@ -29,13 +29,9 @@ _ROOTS = 1 << 16  # steps of the square root of light, near which samples of all
 
 @dataclass(frozen=True)
 class Profile:
-    """How R, G and B of a file, or its grey, become light.
+    """How R, G and B of a file, or its grey, become light."""
 
-    Attributes:
-        curves: light of each channel of 0…1 at even steps, `_SAMPLES` numbers each.
-        primaries: of the light.
-    """
-
+    # Light of each channel of 0…1 at even steps, `_SAMPLES` numbers each
     curves: tuple[tuple[float, ...], ...]
     primaries: Chromaticities
 

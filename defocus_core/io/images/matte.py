@@ -17,16 +17,7 @@ from defocus_core.io.safe_files import read_head
 
 
 def read_matte(path: Path, size: tuple[int, int], overscan: Overscan) -> NDArray[np.float32]:
-    """The coverage of a subject [H, W] in 0…1: the alpha of a file that has one, else its grey.
-
-    Args:
-        path: the file; its numbers are coverage, whatever curve their picture would have.
-        size: width and height of the picture shown; a matte of its aspect is brought to it.
-        overscan: pixels of the picture beyond that, where the edge of the matte goes on.
-
-    Raises:
-        InputError: it cannot be read, has colours, is of another aspect or not of 0…1.
-    """
+    """The coverage of a subject [H, W] in 0…1: the alpha of a file that has one, else its grey."""
     values = _values(path)
     (height, width), (columns, rows) = values.shape, size
     if (width, height) != size:

@@ -46,44 +46,24 @@ _Page = TypeVar("_Page", bound=_MayBeWhole)
 
 @dataclass(frozen=True)
 class Raster:
-    """The header of an image file, turned upright by its Orientation.
+    """The header of an image file, turned upright by its Orientation."""
 
-    Attributes:
-        width: in px.
-        height: in px.
-        channels: names, upper case for colour and alpha: R, G, B, A or Y.
-        type: sample type in OpenImageIO's words.
-        space: how its samples become light.
-        associated: whether colour is already multiplied by alpha.
-        deep: whether it holds deep data, which has no samples.
-        at_once: whether its decoder may hold all of it.
-        orientation: by which it was turned, as Exif counts them: 1 is upright, 2 to 8.
-        page: which image of the file it is, from 0: a TIFF may have several.
-        whole: whether it is no thumbnail or mask of another one.
-        tags: its metadata on camera and author.
-    """
-
-    width: int
-    height: int
-    channels: tuple[str, ...]
-    type: str
-    space: ColorSpace
-    associated: bool
-    deep: bool
-    at_once: bool
-    orientation: int
-    page: int
-    whole: bool
-    tags: Mapping[str, Tag]
+    width: int  # in px
+    height: int  # in px
+    channels: tuple[str, ...]  # names, upper case for colour and alpha: R, G, B, A or Y
+    type: str  # sample type in OpenImageIO's words
+    space: ColorSpace  # how its samples become light
+    associated: bool  # whether colour is already multiplied by alpha
+    deep: bool  # whether it holds deep data, which has no samples
+    at_once: bool  # whether its decoder may hold all of it
+    orientation: int  # by which it was turned, as Exif counts them: 1 is upright, 2 to 8
+    page: int  # which image of the file it is, from 0: a TIFF may have several
+    whole: bool  # whether it is no thumbnail or mask of another one
+    tags: Mapping[str, Tag]  # its metadata on camera and author
 
 
 def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF, WEBP or HDR") -> list[Raster]:
-    """Look at the headers of all images of a file.
-
-    Args:
-        path: the file.
-        wanted: the formats to propose if it is of none that can be read.
-    """
+    """Look at the headers of all images of a file."""
     read_head(path)
     with decoding(path, "cannot be read"), quiet(), _open(path, wanted) as file:
         pages = [_raster(path, file, 0)]
@@ -122,13 +102,8 @@ def choose_page(path: Path, pages: Sequence[_Page], part: int | None) -> _Page:
 def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice], NDArray[Any]]]:
     """Decode an image of a file, strip after strip of rows.
 
-    Args:
-        path: a file that `read_pages` has looked at.
-        page: which of them, one that is not deep.
-
-    Yields:
-        Rows and columns of the upright picture, and their samples: uint8, uint16 or float32
-        [h, w, C].
+    Returns rows and columns of the upright picture, and their samples: uint8, uint16 or float32 [h,
+    w, C].
     """
     with ExitStack() as stack:
         # Not around the yield: it silences all that is printed.

@@ -101,12 +101,7 @@ _RULES: dict[str, tuple[Rule, ...]] = {
 
 
 def lens_of(path: Path, metres: float = 1.0) -> dict[str, OptionFromMetadata]:
-    """The lens options that the metadata of a colour file holds.
-
-    Args:
-        path: the colour file.
-        metres: the unit of the scene, which V-Ray's target distance is in.
-    """
+    """The lens options that the metadata of a colour file holds."""
     numbers = {**_numbers(path), "metres": metres}
     taken: dict[str, OptionFromMetadata] = {}
     for option, rules in _RULES.items():

@@ -63,12 +63,7 @@ def _focus(lens: Lens, depth: Depth) -> Lens:
 
 
 def with_blur_reach(lens: Lens, depths: Sequence[Depth]) -> Lens:
-    """The lens by which the most blurred pixel gets the blur in pixels, if that is how it is given.
-
-    Args:
-        lens: its focus known.
-        depths: all that it sees; one scale holds for them.
-    """
+    """The lens by which the most blurred pixel gets the blur, if that is given in pixels."""
     if lens.blur is None or lens.focus_value is None:
         return lens
     low, high = lens.sharp_range or (math.inf, -math.inf)

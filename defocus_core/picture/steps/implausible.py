@@ -41,12 +41,7 @@ def implausible(
 ) -> tuple[str, ...]:
     """Warnings of a depth that is likely to be something else than it was taken for.
 
-    Args:
-        depth: as it was understood.
-        radius: signed CoC radius in px, [H, W].
-        limits: the least and the greatest of them.
-        lens: its focus distance known.
-        declared: whether the user said what the numbers of the depth mean.
+    `radius`: signed CoC radius in px, [H, W].
     """
     if depth.is_exact:
         return ()

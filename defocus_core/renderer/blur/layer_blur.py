@@ -22,53 +22,31 @@ from defocus_core.tensors.tiling import Grid
 
 
 class BlurPiece(NamedTuple):
-    """A layer in a tile at full resolution.
+    """A layer in a tile at full resolution."""
 
-    Attributes:
-        layer_index: Number of the layer.
-        window: Window of its slices.
-        slice_indices: The range of the surface's slices that reach the tile.
-        patch: The rectangles where the layer has pixels, and where it shows.
-        near: Whether the layer is near focus, so that parts see sub-pixel shifts.
-    """
-
-    layer_index: int
-    window: TransformWindow
-    slice_indices: range
-    patch: Patch
-    near: bool
+    layer_index: int  # number of the layer
+    window: TransformWindow  # window of its slices
+    slice_indices: range  # the range of the surface's slices that reach the tile
+    patch: Patch  # the rectangles where the layer has pixels, and where it shows
+    near: bool  # whether the layer is near focus, so that parts see sub-pixel shifts
 
 
 class ShownLayer(NamedTuple):
-    """A layer over a rectangle of a tile; elsewhere it is 0.
+    """A layer over a rectangle of a tile; elsewhere it is 0."""
 
-    Attributes:
-        box: Counted from the corner of the tile.
-        layer: [m, C + 1, h, w].
-        moved: [m, C, h, w], sub-pixel shifts to add to its colours; None for no shifts.
-    """
-
-    box: Box
-    layer: Tensor
-    moved: Tensor | None
+    box: Box  # counted from the corner of the tile
+    layer: Tensor  # [m, C + 1, h, w]
+    moved: Tensor | None  # [m, C, h, w], sub-pixel shifts to add to its colours; None for no shifts
 
 
 class Sliced(NamedTuple):
-    """A surface to be blurred.
-
-    Attributes:
-        surface: The surface.
-        stride: Whether it uses every slice (1) or every other (2).
-        layer_of: For each slice the number of its layer.
-        pieces: For each tile its layers at full resolution.
-        reduced: Layers at reduced resolution, by number.
-    """
+    """A surface to be blurred."""
 
     surface: Surface
-    stride: int
-    layer_of: list[int]
-    pieces: list[list[BlurPiece]]
-    reduced: dict[int, Reduced]
+    stride: int  # whether it uses every slice (1) or every other (2)
+    layer_of: list[int]  # for each slice the number of its layer
+    pieces: list[list[BlurPiece]]  # for each tile its layers at full resolution
+    reduced: dict[int, Reduced]  # layers at reduced resolution, by number
 
 
 class Blur:
@@ -77,23 +55,14 @@ class Blur:
     def __init__(
         self,
         windows: list[TransformWindow],
-        reaches: list[int],
+        reaches: list[int],  # reach of each slice in px
         grid: Grid,
         groups: list[slice],
         middle: tuple[Axis, Axis],
         *,
         by_corners: bool = False,
     ) -> None:
-        """Keep the settings that all surfaces share.
-
-        Args:
-            windows: The window of each slice; slices of a layer share one.
-            reaches: Reach of each slice in px.
-            grid: The tiles, counted from the first sample of a surface.
-            groups: Groups of aperture parts; each is computed as if it were alone, to the last bit.
-            middle: The middle of the frame, counted from the first sample of a surface.
-            by_corners: Whether windows have the pupils of the four corners of the region.
-        """
+        """Keep the settings that all surfaces share."""
         self._by_corners = by_corners
         self._windows = windows
         self._reaches = reaches
@@ -152,15 +121,7 @@ class Blur:
         return Sliced(surface, stride, layer_of, pieces, reduced)
 
     def over_tile(self, sliced: Sliced, index: int) -> list[dict[int, ShownLayer]]:
-        """The layers of the visible or the hidden surface over a tile: sums of blurred slices.
-
-        Args:
-            sliced: The surface.
-            index: Number of the tile.
-
-        Returns:
-            For each group of m parts its layers by number; the last group has the shifts.
-        """
+        """The layers of the visible or the hidden surface over a tile: sums of blurred slices."""
         tile = self._grid.tiles[index]
         shown: list[dict[int, ShownLayer]] = [{} for _ in self._groups]
         for layer_index in {sliced.layer_of[k * sliced.stride] for k in sliced.surface.plan[index]}:

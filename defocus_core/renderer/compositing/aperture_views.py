@@ -31,17 +31,12 @@ _LEAST_ERROR = 1e-12  # whose square is a number of float32, too
 
 
 class Aside(NamedTuple):
-    """Surfaces that were set aside.
+    """Surfaces that were set aside."""
 
-    Attributes:
-        composited: For each group [m, C + 1, h, w], all that was composited.
-        covered: For each group the coverage [m, 1, h, w] that the composition went on with.
-        invented: As that of `TileCompositor`.
-    """
-
-    composited: list[Tensor]
+    composited: list[Tensor]  # for each group [m, C + 1, h, w], all that was composited
+    # For each group the coverage [m, 1, h, w] that the composition went on with
     covered: list[Tensor]
-    invented: Tensor | None
+    invented: Tensor | None  # as that of `TileCompositor`
 
 
 class TileCompositor:
@@ -61,10 +56,7 @@ class TileCompositor:
     ) -> None:
         """Begin without surfaces.
 
-        Args:
-            blank: As `by_group`: zeros, which are overwritten.
-            full: Greatest coverage of each group.
-            sight: How far the lens sees at each pixel; None where nothing limits it.
+        `sight`: how far the lens sees at each pixel; None where nothing limits it.
         """
         self.by_group = blank
         self.moved: Tensor | None = None
@@ -97,14 +89,7 @@ class TileCompositor:
         *,
         closed: bool,
     ) -> None:
-        """Add known surfaces, given for each group as layers by their numbers.
-
-        Args:
-            visible: The visible layers of each group.
-            hidden: The hidden ones.
-            openings: Where the lens sees past opaque samples.
-            closed: Whether every pixel is covered fully.
-        """
+        """Add known surfaces, given for each group as layers by their numbers."""
         for group, layers in enumerate(zip(visible, hidden, self._full, strict=True)):
             front = self.by_group[group]
             self.by_group[group], moved = add_known(front, *layers, openings, closed=closed)
@@ -129,8 +114,7 @@ class TileCompositor:
     def set_aside(self, near: list[Tensor]) -> Aside:
         """Go on as if the surfaces nearer than focus were not there, up to `put_together`.
 
-        Args:
-            near: The coverage [m, 1, h, w] of these for each group.
+        `near`: the coverage [m, 1, h, w] of these for each group.
         """
         aside = Aside(self.by_group, [], self.invented)
         self.by_group, self.invented = [], None
@@ -150,9 +134,7 @@ class TileCompositor:
         What these hide is continued at half the resolution: with what is visible of the same
         surface it may not quite cover all, and a bright sky behind both must not show.
 
-        Args:
-            aside: The surfaces that were set aside.
-            pictures: [B, 1, 1], 0 for pictures of a batch whose gaps stay; None to close all.
+        `pictures`: [B, 1, 1], 0 for pictures of a batch whose gaps stay; None to close all.
         """
         for group, covered in enumerate(aside.covered):
             front, full = self.by_group[group], self._full[group]
@@ -187,10 +169,8 @@ class TileCompositor:
     def fill(self, hidden: list[Tensor | None], *, known: bool) -> None:
         """Add a hidden surface.
 
-        Args:
-            hidden: The surface over the tile for each group, [m, C + 1, h, w]; None where it is
-                absent.
-            known: Whether the surface is known, not invented.
+        `hidden`: the surface over the tile for each group, [m, C + 1, h, w]; None where it is
+        absent.
         """
         for group, layer in enumerate(hidden):
             front, maximum = self.by_group[group], self._maximum(group, known)

@@ -37,10 +37,7 @@ class ColorRange(NamedTuple):
     ) -> ColorRange:
         """The range of the channels of a picture.
 
-        Args:
-            channels: Least and greatest value of the first channels.
-            like: [C, ..., h, w]; others are bounded by the minimum alone.
-            minimum: Least light.
+        `like`: [C, ..., h, w]; others are bounded by the minimum alone.
         """
         others = len(like) - len(channels) if channels else 1
         every = [*channels, *[(minimum, torch.inf)] * others]
@@ -55,10 +52,7 @@ class ColorRange(NamedTuple):
     def bounded_pair(self, pair: Tensor, centre: Tensor, fraction: Scalar) -> Tensor:
         """Left and right [2, C, ..., h, w] within the range and a tenth of it more on both sides.
 
-        Args:
-            pair: Whose mean is the centre, by the shares of the aperture; it stays so.
-            centre: [C, ..., h, w] within the range.
-            fraction: The share of the aperture's light that the left half has.
+        `centre`: [C, ..., h, w] within the range.
         """
         more = _OVERSHOOT * (self.greatest - self.least)
         more = torch.where(more < torch.inf, more, 0.0)

@@ -28,26 +28,17 @@ _FRAMES, _ALWAYS = 8.0, 100.0
 
 
 class Highlights(NamedTuple):
-    """Pixels to be drawn one by one.
+    """Pixels to be drawn one by one."""
 
-    Attributes:
-        at: [n, 2] rows and columns.
-        light: [n, C] their colours.
-        signed_radius: [n] px.
-    """
-
-    at: Tensor
-    light: Tensor
-    signed_radius: Tensor
+    at: Tensor  # [n, 2] rows and columns
+    light: Tensor  # [n, C] their colours
+    signed_radius: Tensor  # [n] px
 
 
 def threshold(brightness: Ranks, maximum: float, radius: float) -> float:
     """The brightness above which a pixel is a highlight.
 
-    Args:
-        brightness: The brightness of all pixels of the frame.
-        maximum: The greatest brightness.
-        radius: The greatest radius of blur in px.
+    `radius`: the greatest radius of blur in px.
     """
     # negative light is never a highlight, nor twice as much of it a bound
     maximum = max(maximum, 0.0)
@@ -75,10 +66,7 @@ def split(
 ) -> tuple[Unmixed, Highlights | None]:
     """Separate highlights from pixels taken apart; in the rest they are black.
 
-    Args:
-        unmixed: Of colours [C, H, W].
-        signed_radius: [H, W] px.
-        limit: The `threshold` of the frame.
+    `unmixed`: of colours [C, H, W]; `signed_radius`: [H, W] px.
     """
     samples, highlights = split_samples(
         Sampled(unmixed, []), len(unmixed.color), signed_radius, limit
@@ -93,11 +81,8 @@ def split_samples(
 ) -> tuple[Sampled, Highlights | None]:
     """Separate highlights from samples; their alpha stays, and the light has none.
 
-    Args:
-        samples: Of colours [C, H, W], or of colours and alpha.
-        channels: C.
-        signed_radius: [H, W] px of the nearest samples.
-        limit: The `threshold` of the frame.
+    `samples`: of colours [C, H, W], or of colours and alpha; `signed_radius`: [H, W] px of the
+    nearest samples.
     """
     nearest, others = samples
     shown = nearest.color[:channels]

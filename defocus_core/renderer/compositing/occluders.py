@@ -23,17 +23,11 @@ _EDGE = 1.513
 
 
 class Occluder(NamedTuple):
-    """A surface that may stand before lights.
+    """A surface that may stand before lights."""
 
-    Attributes:
-        signed_radius: [H, W] px.
-        positions: [H, W] positions between slice radii.
-        coverage: [H, W], the fraction of each pixel that the surface covers.
-    """
-
-    signed_radius: Tensor
-    positions: Tensor
-    coverage: Tensor
+    signed_radius: Tensor  # [H, W] px
+    positions: Tensor  # [H, W] positions between slice radii
+    coverage: Tensor  # [H, W], the fraction of each pixel that the surface covers
 
 
 def occluders_of(
@@ -63,12 +57,7 @@ class Occluders:
     """
 
     def __init__(self, occluders: Sequence[Occluder], slices: int) -> None:
-        """Find the depth edges, and the blocks of each slice.
-
-        Args:
-            occluders: The surfaces, at least one; depth edges are those of the first.
-            slices: K, the number of slices.
-        """
+        """Find the depth edges, and the blocks of each slice."""
         self.size = occluders[0].positions.shape[0], occluders[0].positions.shape[1]
         self._occluders = [
             Occluder(radius.detach().flatten(), positions.flatten(), coverage.flatten())
@@ -83,19 +72,12 @@ class Occluders:
 
     def beside(
         self,
-        pixels: Sequence[Tensor],
-        positions: Sequence[Tensor],
+        pixels: Sequence[Tensor],  # the rows and columns of the nearest pixels, each [m, side]
+        positions: Sequence[Tensor],  # the rows and columns, each [m, side]
         slice_index: int,
-        limit: Tensor,
+        limit: Tensor,  # [m] px, the radius below which a surface counts
     ) -> Tensor:
-        """The coverage by a slice in squares: [m, side, side].
-
-        Args:
-            pixels: The rows and columns of the nearest pixels, each [m, side].
-            positions: The rows and columns, each [m, side].
-            slice_index: Number of the slice.
-            limit: [m] px, the radius below which a surface counts.
-        """
+        """The coverage by a slice in squares: [m, side, side]."""
         m, side = pixels[0].shape
         spot = (pixels[0][:, :, None] * self.size[1] + pixels[1][:, None, :]).flatten()
         fraction = self.coverage(spot, slice_index, limit.repeat_interleave(side * side))

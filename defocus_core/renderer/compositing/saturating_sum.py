@@ -40,13 +40,8 @@ def fraction_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) ->
     The layer adds min(1, (1 - A) / a) of itself, where A is the coverage so far and a that of the
     layer: A grows by min(a, 1 - A). A negative a, by rounding or by overshoot, counts as 0.
 
-    Args:
-        front: [M, C + 1, h, w], colour premultiplied by coverage, then coverage in [0, 1].
-        layer: The layer, in the same form.
-        full: Greatest coverage, if not the whole part.
-
-    Returns:
-        [M, 1, h, w].
+    `front`: [M, C + 1, h, w], colour premultiplied by coverage, then coverage in [0, 1]. Returns
+    [M, 1, h, w].
     """
     left, coverage = (full - front[:, -1:]).clamp_(min=_MIN_FRACTION), layer[:, -1:]
     added = (coverage * _STEEP).clamp_(left.new_zeros(()), left)
@@ -73,13 +68,7 @@ def shown_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> tu
 
 
 def add_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
-    """Add a layer behind the layers composited so far.
-
-    Args:
-        front: As in `fraction_behind`. Overwritten by the result unless gradients are enabled.
-        layer: As in `fraction_behind`.
-        full: As in `fraction_behind`.
-    """
+    """Add a layer behind the layers composited so far."""
     layer, fraction = shown_behind(front, layer, full)
     return (
         front.addcmul(layer, fraction)
@@ -122,10 +111,7 @@ def is_full(front: Tensor, full: Tensor | float = 1.0, gap: float = 0.0) -> bool
     False if `front` needs a gradient, for the coverage left has one; and on a GPU, where reading
     the answer stalls for longer than it takes to add a layer of share 0.
 
-    Args:
-        front: [M, C + 1, h, w], as in `fraction_behind`.
-        full: As in `fraction_behind`.
-        gap: Gap that counts as none.
+    `front`: [M, C + 1, h, w], as in `fraction_behind`.
     """
     if front.requires_grad or not front.is_cpu:
         return False
@@ -135,12 +121,8 @@ def is_full(front: Tensor, full: Tensor | float = 1.0, gap: float = 0.0) -> bool
 def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tensor | None:
     """The sum of layers that do not occlude each other.
 
-    Args:
-        layers: Each [M, C + 1, h, w] within a rectangle.
-        size: (height, width) of the sum.
-
-    Returns:
-        [M, C + 1, height, width]; None if there is no layer.
+    `layers`: each [M, C + 1, h, w] within a rectangle; `size`: (height, width) of the sum. Returns
+    [M, C + 1, height, width]; None if there is no layer.
     """
     total: Tensor | None = None
     for box, layer in layers:
@@ -151,16 +133,7 @@ def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tenso
 
 
 def picture(front: Tensor, weights: Sequence[Scalar] | None = None) -> Tensor:
-    """The image [C, h, w] of all parts together, divided by their coverage.
-
-    Args:
-        front: [M, C + 1, h, w].
-        weights: M shares of the parts in the aperture, tensors if they learn; None if they are
-            equal.
-
-    A pixel sees its own surface at least through the whole or a half of the aperture: the share is
-    positive.
-    """
+    """The image [C, h, w] of all parts together, divided by their coverage."""
     if weights is not None:
         learn = any(isinstance(weight, Tensor) for weight in weights)
         if learn or max(weights) - min(weights) > _EQUAL:
@@ -176,10 +149,7 @@ def count_negative(halves: Tensor, brightest: float, minimum: float = 0.0) -> di
     thousandth of the brightest is not counted, and on a GPU nothing is: each tile would have to
     wait for its count.
 
-    Args:
-        halves: [2, C, h, w], left and right as composited.
-        brightest: Light of the brightest pixel that is not a highlight.
-        minimum: Least light of the picture, 0 or less.
+    `halves`: [2, C, h, w], left and right as composited.
     """
     if not halves.is_cpu:
         return {}
@@ -195,12 +165,8 @@ def pair_of(
     Occlusion within a half differs from that within the whole, so their mean is near the centre
     but not equal. The ratio of what they have above the least light is kept.
 
-    Args:
-        centre: [C, h, w].
-        left: The left half as composited, [C, h, w].
-        right: The right half as composited, [C, h, w].
-        minimum: Least light of the picture, 0 or less (colours outside the gamut are negative).
-        fraction: The share of the aperture's light that the left half has: its weight in the mean.
+    `centre`: [C, h, w]; `left`: the left half as composited, [C, h, w]; `right`: the right half as
+    composited, [C, h, w].
     """
     if minimum:
         centre = centre - minimum
@@ -230,10 +196,6 @@ def within_alpha(pair: Tensor, fraction: Scalar) -> Tensor:
     """Left and right [2, C, h, w] whose last channel, alpha, is 1 at most; their mean stays.
 
     What one of them has in excess is of a surface that the other half sees.
-
-    Args:
-        pair: Premultiplied colours, then alpha.
-        fraction: As for `pair_of`.
     """
     alpha = pair[:, -1:]
     excess = pair * ((alpha - 1) / alpha.clamp(min=1)).clamp(min=0)

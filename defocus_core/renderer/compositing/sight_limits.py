@@ -27,17 +27,11 @@ _APOTHEM = 0.97
 
 
 class SightLimits(NamedTuple):
-    """How far the lens sees at each pixel of a picture.
+    """How far the lens sees at each pixel of a picture."""
 
-    Attributes:
-        farthest: [..., h, w], the number of the farthest slice.
-        layer_of: For each slice the number of its layer, ascending.
-        octaves: For each slice the octave of what is hidden, ascending.
-    """
-
-    farthest: Tensor
-    layer_of: list[int]
-    octaves: list[int]
+    farthest: Tensor  # [..., h, w], the number of the farthest slice
+    layer_of: list[int]  # for each slice the number of its layer, ascending
+    octaves: list[int]  # for each slice the octave of what is hidden, ascending
 
     @classmethod
     def of(
@@ -45,11 +39,7 @@ class SightLimits(NamedTuple):
     ) -> SightLimits:
         """The limits of a picture.
 
-        Args:
-            radius: [..., h, w] px, signed.
-            positions: [..., h, w], between slice radii.
-            layer_of: As the attribute.
-            octaves: As the attribute.
+        `radius`: [..., h, w] px, signed; `positions`: [..., h, w], between slice radii.
         """
         small = torch.uint8 if len(layer_of) <= torch.iinfo(torch.uint8).max else torch.int16
         slices = positions.detach().ceil().to(small)

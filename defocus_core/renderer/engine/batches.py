@@ -29,17 +29,11 @@ _BYTES_EACH = 2000
 
 
 class PictureBatch(NamedTuple):
-    """Pictures to compute at once.
+    """Pictures to compute at once."""
 
-    Attributes:
-        numbers: Their numbers among those given.
-        scene: What they hold together, [C, B, H, W]; or one picture that is computed alone.
-        settings: The options, with the lenses of all of them.
-    """
-
-    numbers: list[int]
-    scene: Scene
-    settings: Settings
+    numbers: list[int]  # their numbers among those given
+    scene: Scene  # what they hold together, [C, B, H, W]; or one picture that is computed alone
+    settings: Settings  # the options, with the lenses of all of them
 
 
 def fit_together(pixels: Tensor, settings: Settings) -> bool:
@@ -59,13 +53,7 @@ def batches(
 ) -> list[PictureBatch]:
     """Pictures in batches, their depth repaired.
 
-    Args:
-        pixels: [B, C, H, W] that `fit_together`.
-        signed_radius: [B, H, W] px.
-        settings: The options of each, which differ in the lens alone.
-
-    Raises:
-        ValueError: If a value is not finite.
+    `pixels`: [B, C, H, W] that `fit_together`; `signed_radius`: [B, H, W] px.
     """
     at_once = max(1, _most_pixels(pixels.device) // math.prod(pixels.shape[-2:]))
     if len(pixels) > at_once:

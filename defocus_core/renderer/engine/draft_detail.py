@@ -55,20 +55,13 @@ def fraction_left(signed_radius: Tensor) -> Tensor:
 
 
 class Original(NamedTuple):
-    """A part of the picture before it is rendered.
+    """A part of the picture before it is rendered."""
 
-    Attributes:
-        coarse: [C, h, w], means of its pixels, with coarse pixels around.
-        fraction: [h, w], `fraction_left` of the same coarse pixels.
-        pixels: [C, H, W].
-        signed_radius: [H, W] px.
-        odd: Whether the number of rows, and of columns, of the picture is odd.
-    """
-
-    coarse: Tensor
-    fraction: Tensor
-    pixels: Tensor
-    signed_radius: Tensor
+    coarse: Tensor  # [C, h, w], means of its pixels, with coarse pixels around
+    fraction: Tensor  # [h, w], `fraction_left` of the same coarse pixels
+    pixels: Tensor  # [C, H, W]
+    signed_radius: Tensor  # [H, W] px
+    # Whether the number of rows, and of columns, of the picture is odd
     odd: tuple[bool, bool] = (False, False)
 
 
@@ -77,13 +70,8 @@ def with_detail(
 ) -> Tensor:
     """Pixels [k, C, H, W] of the centre view, or of centre, left and right, from coarse ones.
 
-    Args:
-        images: [k, C, h, w], the rendered coarse pixels, with coarse pixels around.
-        shown: [k, h, w], the share of detail as it was rendered: nearer surfaces hide some of it.
-        original: The part before it was rendered.
-        part: As for `doubled`.
-        brightest: As for `doubled`, of the centre view; a half of the lens may see lights twice as
-            bright.
+    `images`: [k, C, h, w], the rendered coarse pixels, with coarse pixels around; `shown`: [k, h,
+    w], the share of detail as it was rendered: nearer surfaces hide some of it.
     """
     pixels, r, odd = original.pixels, original.signed_radius, original.odd
     maxima = [brightest, *[2 * brightest] * (len(images) - 1)]
@@ -120,11 +108,7 @@ def with_detail(
 def _visible(shown: Tensor, fraction: Tensor, in_view: list[bool], part: Box) -> Tensor:
     """The share of the detail of each pixel that no nearer surface hides: [k, H, W] or [k, 1, 1].
 
-    Args:
-        shown: As for `with_detail`.
-        fraction: [h, w], the share of detail that the blur leaves.
-        in_view: For each image whether nothing is hidden.
-        part: As for `doubled`.
+    `fraction`: [h, w], the share of detail that the blur leaves.
     """
     if all(in_view):
         return shown.new_ones(len(shown), 1, 1)
@@ -160,11 +144,8 @@ def doubled(coarse: Tensor, part: Box, brightest: float = torch.inf) -> Tensor:
     ring: where the coarse pixels around differ by more than the coarse pixel itself, its pixels lie
     within their range.
 
-    Args:
-        coarse: [..., h + a, w + b], the part with two rows and columns of coarse pixels around;
-            where these lie beyond the frame they are missing, and the last ones are repeated.
-        part: The place of the part in these coarse pixels, of size h, w.
-        brightest: What pixels do not exceed unless their coarse pixel does.
+    `coarse`: [..., h + a, w + b], the part with two rows and columns of coarse pixels around; where
+    these lie beyond the frame they are missing, and the last ones are repeated.
     """
     below, beside = (
         whole - first - size

@@ -54,11 +54,8 @@ class Enlarging:
     ) -> None:
         """Add the channel of detail to the coarse pixels.
 
-        Args:
-            frame: The frame in coarse pixels.
-            image: [C, h, w] coarse pixels.
-            pixels: [C, H, W] px of the picture.
-            signed_radius: [H, W] px of the picture.
+        `image`: [C, h, w] coarse pixels; `pixels`: [C, H, W] px of the picture; `signed_radius`:
+        [H, W] px of the picture.
         """
         self._frame, self._threads = frame, frame.settings.threads
         height, width = self._size = signed_radius.shape[-2], signed_radius.shape[-1]

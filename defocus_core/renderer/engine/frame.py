@@ -27,28 +27,18 @@ NEIGHBOURHOOD = 24
 
 
 class Content(NamedTuple):
-    """Properties of all pixels together that decide what is computed.
+    """Properties of all pixels together that decide what is computed."""
 
-    Attributes:
-        limits: Least and greatest signed radius in px of what is visible.
-        edges: Whether surfaces hide others.
-        tilted: Whether surfaces may be tilted.
-        minimum: Least light, 0 unless pixels are negative (colours outside the gamut).
-        channels: Least and greatest value of each channel; none where more than these are seen.
-        limit: Brightness that a highlight exceeds.
-        highlights: Whether there are highlights.
-        double: Whether float32 is too coarse for the pixels.
-        each: The limits of each picture of a batch; empty for one.
-    """
-
-    limits: tuple[float, float]
-    edges: bool
-    tilted: bool
-    minimum: float
+    limits: tuple[float, float]  # least and greatest signed radius in px of what is visible
+    edges: bool  # whether surfaces hide others
+    tilted: bool  # whether surfaces may be tilted
+    minimum: float  # least light, 0 unless pixels are negative (colours outside the gamut)
+    # Least and greatest value of each channel; none where more than these are seen
     channels: tuple[tuple[float, float], ...]
-    limit: float
-    highlights: bool
-    double: bool
+    limit: float  # brightness that a highlight exceeds
+    highlights: bool  # whether there are highlights
+    double: bool  # whether float32 is too coarse for the pixels
+    # The limits of each picture of a batch; empty for one
     each: tuple[tuple[float, float], ...] = ()
 
     @classmethod
@@ -71,61 +61,41 @@ class Content(NamedTuple):
 
 
 class Slicing(NamedTuple):
-    """The blur of the slices of visible, of known hidden or of invented surfaces.
+    """The blur of the slices of visible, of known hidden or of invented surfaces."""
 
-    Attributes:
-        stride: Whether every slice (1) or every other (2) is used.
-        level: How many times resolution is halved before the blur.
-        windows: The window of each slice of the frame, in coarse pixels of this resolution.
-        layers: For each slice the number of its layer; slices of a layer share a window, and are of
-            one octave of blur if they are hidden.
-        coarse: For each slice the greatest reach of its light in coarse pixels of this resolution.
-        reaches: For each slice the greatest reach of its light in px of the frame.
-    """
-
-    stride: int
-    level: int
+    stride: int  # whether every slice (1) or every other (2) is used
+    level: int  # how many times resolution is halved before the blur
+    # The window of each slice of the frame, in coarse pixels of this resolution
     windows: list[TransformWindow]
+    # For each slice the number of its layer; slices of a layer share a window, and are of one
+    # octave of blur if they are hidden
     layers: list[int]
+    # For each slice the greatest reach of its light in coarse pixels of this resolution
     coarse: list[int]
-    reaches: list[int]
+    reaches: list[int]  # for each slice the greatest reach of its light in px of the frame
 
 
 class Slices(NamedTuple):
-    """The slices of a frame, and the order of their layers.
+    """The slices of a frame, and the order of their layers."""
 
-    Attributes:
-        radii: Signed radius of each slice in px, ascending.
-        composite_order: Between which visible layers hidden octaves of blur are composited.
-        octaves: For each slice the octave of a hidden surface.
-        visible: How visible surfaces are blurred.
-        known: How hidden surfaces that are known are blurred.
-        invented: How hidden surfaces that are invented are blurred.
-    """
-
-    radii: tuple[float, ...]
+    radii: tuple[float, ...]  # signed radius of each slice in px, ascending
+    # Between which visible layers hidden octaves of blur are composited
     composite_order: CompositeOrder
-    octaves: list[int]
-    visible: Slicing
-    known: Slicing
-    invented: Slicing
+    octaves: list[int]  # for each slice the octave of a hidden surface
+    visible: Slicing  # how visible surfaces are blurred
+    known: Slicing  # how hidden surfaces that are known are blurred
+    invented: Slicing  # how hidden surfaces that are invented are blurred
 
 
 class Division(NamedTuple):
-    """The parts of the aperture that are composited one by one.
-
-    Attributes:
-        aperture: The pupil.
-        parts: Its parts: those of the centre view; then a left and a right half, if these are
-            composited besides.
-        weights: The share of the aperture that each part is.
-        groups: The parts of the centre view; and those of left and right, if they differ.
-    """
+    """The parts of the aperture that are composited one by one."""
 
     aperture: Aperture
+    # Its parts: those of the centre view; then a left and a right half, if these are composited
+    # besides
     parts: list[Part]
-    weights: list[Scalar]
-    groups: list[slice]
+    weights: list[Scalar]  # the share of the aperture that each part is
+    groups: list[slice]  # the parts of the centre view; and those of left and right, if they differ
 
     @classmethod
     def of(cls, aperture: Aperture, centre: int, dual_pixel: DualPixel | None) -> Division:
@@ -159,33 +129,21 @@ class Division(NamedTuple):
 
 @dataclass(frozen=True)
 class SharedFrame:
-    """The data that all regions of one picture share.
+    """The data that all regions of one picture share."""
 
-    Attributes:
-        size: (height, width) in px; in coarse pixels for a picture that is rendered at half size.
-        settings: The options.
-        quality: Settings of the quality, in px or in coarse pixels as the size.
-        dtype: Type of the numbers to compute with.
-        beyond: Rows above and below, and columns on both sides, by which the scene goes on.
-        cut: Whether light from farther away than that would reach the frame.
-        grid: The tiles.
-        margin: Px around a region that its pixels depend on.
-        content: Properties of the pixels.
-        slices: The slices.
-        division: The parts of the aperture.
-    """
-
+    # (height, width) in px; in coarse pixels for a picture that is rendered at half size
     size: tuple[int, int]
     settings: Settings
-    quality: Quality
-    dtype: torch.dtype
+    quality: Quality  # settings of the quality, in px or in coarse pixels as the size
+    dtype: torch.dtype  # type of the numbers to compute with
+    # Rows above and below, and columns on both sides, by which the scene goes on
     beyond: tuple[int, int]
-    cut: bool
+    cut: bool  # whether light from farther away than that would reach the frame
     grid: Grid
-    margin: int
-    content: Content
+    margin: int  # px around a region that its pixels depend on
+    content: Content  # properties of the pixels
     slices: Slices
-    division: Division
+    division: Division  # the parts of the aperture
 
     @property
     def box(self) -> Box:

@@ -32,16 +32,14 @@ class Hidden:
     def __init__(
         self,
         octaves: list[dict[int, Tensor]],
-        enlarged: Callable[[Tensor], Tensor],
+        enlarged: Callable[[Tensor], Tensor],  # makes px of coarse pixels
         sight: SightLimits | None,
     ) -> None:
         """Keep the octaves of blur of the surface.
 
-        Args:
-            octaves: For each group the octaves [m, C + 1, h, w], in coarse pixels; octaves of one
-                side of focus add up, the sides occlude each other.
-            enlarged: Makes px of coarse pixels.
-            sight: How far the lens sees in the tile; None where nothing limits it.
+        `octaves`: for each group the octaves [m, C + 1, h, w], in coarse pixels; octaves of one
+        side of focus add up, the sides occlude each other; `sight`: how far the lens sees in the
+        tile; None where nothing limits it.
         """
         self._octaves = octaves
         self._enlarged = enlarged
@@ -96,15 +94,7 @@ class Filling:
         *,
         known: bool,
     ) -> None:
-        """Prepare a surface that has pixels.
-
-        Args:
-            frame: The frame that it is a part of.
-            grid: The tiles.
-            boxes: The place of the surface in the frame, and the rectangle it is continued to.
-            hidden: The surface, at the resolution at which it is blurred.
-            known: Whether it is known, not invented.
-        """
+        """Prepare a surface that has pixels."""
         slicing = frame.slices.known if known else frame.slices.invented
         self.known, self.level, self._stride = known, slicing.level, slicing.stride
         self.windows = slicing.windows[:: slicing.stride]

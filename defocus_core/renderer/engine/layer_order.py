@@ -28,18 +28,7 @@ def add_in_order(
     order: CompositeOrder,
     index: int,
 ) -> list[Filling]:
-    """Add the surfaces over a tile to its views.
-
-    Args:
-        compositor: The views of the parts of the aperture; changed.
-        visible: For each group of parts the visible layers by number, nearest first.
-        hidden: The surfaces that may fill the gaps of these, known before invented.
-        order: Between which visible layers octaves of hidden surfaces come.
-        index: Number of the tile.
-
-    Returns:
-        The hidden surfaces that were needed.
-    """
+    """Add the surfaces over a tile to its views."""
     blurred: dict[Filling, Hidden] = {}
 
     def over_tile(surface: Filling) -> Hidden:

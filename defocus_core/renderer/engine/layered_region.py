@@ -47,11 +47,7 @@ class LayeredRegion(Region):
     ) -> None:
         """Find the samples of a region, and prepare their blur.
 
-        Args:
-            frame: The frame that the region is a part of.
-            grid: The tiles of the region.
-            scene: What is seen in the frame, of layers.
-            backdrop: The frame at low resolution; None if nothing in it is continued.
+        `backdrop`: the frame at low resolution; None if nothing in it is continued.
         """
         assert scene.layered is not None, "a scene of layers"
         self._layered = scene.layered

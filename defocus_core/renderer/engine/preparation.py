@@ -54,10 +54,10 @@ _MORE = 2
 
 
 def frame_of(
-    pixels: Pixels,
-    signed_radius: Pixels,
+    pixels: Pixels,  # [C, H, W], in px or in coarse pixels; of a batch [C, B, H, W]
+    signed_radius: Pixels,  # [H, W], repaired, in px or in coarse pixels; of a batch [B, H, W]
     settings: Settings,
-    quality: Quality,
+    quality: Quality,  # settings of the quality, in px or in coarse pixels
     hidden: KnownLayer | None,
     content: Content,
     *,
@@ -66,19 +66,8 @@ def frame_of(
 ) -> SharedFrame:
     """The frame of a picture: its statistics, slices, windows, tiles and parts.
 
-    Args:
-        pixels: [C, H, W], in px or in coarse pixels; of a batch [C, B, H, W].
-        signed_radius: [H, W], repaired, in px or in coarse pixels; of a batch [B, H, W].
-        settings: The options.
-        quality: Settings of the quality, in px or in coarse pixels.
-        hidden: The known layer behind the visible surface.
-        content: What the picture holds, or all of a batch together.
-        layered: The layers of which `pixels` and `signed_radius` are the picture.
-        border: Least and greatest signed radius on the edge of the frame; None for those of
-            `signed_radius`.
-
-    Raises:
-        ValueError: If a value is not finite, or a CoC does not fit psf_ks.
+    `border`: least and greatest signed radius on the edge of the frame; None for those of
+    `signed_radius`.
     """
     size = signed_radius.shape[-2], signed_radius.shape[-1]
     edges = content.edges
@@ -172,15 +161,7 @@ def _grid_of(
     layer_of: list[int],
     bytes_each: int,
 ) -> Grid:
-    """The tiles of a frame of a (height, width).
-
-    Args:
-        settings: The options.
-        size: Of the frame.
-        device: Of the picture.
-        layer_of: For each slice the number of its layer.
-        bytes_each: Bytes of the colours and the coverage of a pixel, for all parts of the aperture.
-    """
+    """The tiles of a frame of a (height, width)."""
     if not launches_cost(device):
         return grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
     maximum = tile_pixels(device, bytes_each * copies_of_tile(layer_of))
@@ -190,17 +171,11 @@ def _grid_of(
 
 
 class _Resolution(NamedTuple):
-    """The slices at the resolution at which their blur begins.
+    """The slices at the resolution at which their blur begins."""
 
-    Attributes:
-        level: How many times the resolution of the frame is halved.
-        spreads: The spread of each slice, in coarse pixels of this resolution.
-        reaches: For each slice the greatest reach of its light in px of the frame.
-    """
-
-    level: int
-    spreads: list[Spread]
-    reaches: list[int]
+    level: int  # how many times the resolution of the frame is halved
+    spreads: list[Spread]  # the spread of each slice, in coarse pixels of this resolution
+    reaches: list[int]  # for each slice the greatest reach of its light in px of the frame
 
 
 def computed_in(pixels: Pixels, signed_radius: Pixels) -> torch.dtype:
@@ -218,12 +193,8 @@ def content_of(
 ) -> Content:
     """What a picture holds.
 
-    Args:
-        survey: Its statistics.
-        quality: Settings of the quality.
-        layered: Whether it is of layers, of which other colours are seen than those of its pixels.
-        all_ranges: Least and greatest signed radius of all colours that are rendered apart; None
-            for those of these pixels.
+    `all_ranges`: least and greatest signed radius of all colours that are rendered apart; None for
+    those of these pixels.
     """
     limit = threshold(survey.brightness, survey.brightest, max(-survey.minimum, survey.maximum))
     return Content(
@@ -267,17 +238,9 @@ def _inwards(
     radii: tuple[float, ...],
     layer_indices: list[int],
     quality: Quality,
-    hidden: tuple[int, int] | None,
+    hidden: tuple[int, int] | None,  # halvings and stride of what is invented; None if nothing is
 ) -> int:
-    """How far light from beyond the frame reaches into it, in px.
-
-    Args:
-        border: Least and greatest signed radius on the edge of the frame.
-        radii: Signed radii of the slices.
-        layer_indices: The layer of each slice.
-        quality: The settings of the quality.
-        hidden: Halvings and stride of what is invented; None if nothing is.
-    """
+    """How far light from beyond the frame reaches into it, in px."""
     unbounded = _at_resolution(radii, layer_indices, quality, _ANY_PX, 0)
     inwards = _reach_of(border, radii, unbounded.reaches)
     if hidden is not None:
@@ -348,10 +311,7 @@ def _reach_of(
 def _margin(farthest: int, *, edges: bool, highlights: bool) -> int:
     """Px around a region that its pixels depend on, an even number, for regions are halved.
 
-    Args:
-        farthest: Greatest reach of light in px.
-        edges: Whether surfaces hide others.
-        highlights: Whether there are highlights.
+    `farthest`: greatest reach of light in px.
     """
     farthest += farthest % 2
     margin = NEIGHBOURHOOD + farthest + (PX_AROUND if edges else 0)
@@ -370,11 +330,7 @@ def _halved(size: tuple[int, int], level: int) -> tuple[int, int]:
 def _slice_radii(
     minimum: float, maximum: float, quality: Quality, settings: Settings
 ) -> tuple[float, ...]:
-    """Radii in px of slices over a range: as many as asked for, or by the slices of the quality.
-
-    Raises:
-        ValueError: If a CoC does not fit psf_ks.
-    """
+    """Radii in px of slices over a range: as many as asked for, or by the slices of the quality."""
     count, psf_ks = settings.num_layers, settings.psf_ks
     radii = (
         slice_radii(minimum, maximum, quality) if count is None else evenly(minimum, maximum, count)

@@ -63,12 +63,8 @@ class Region:
     ) -> None:
         """Find the surfaces of a region, and prepare their blur.
 
-        Args:
-            frame: The frame that the region is a part of.
-            grid: The tiles of the region.
-            scene: What is seen in the frame, in any precision.
-            backdrop: The frame at low resolution, or hidden surfaces that are continued for all
-                colours; None if nothing is continued.
+        `backdrop`: the frame at low resolution, or hidden surfaces that are continued for all
+        colours; None if nothing is continued.
         """
         frame = frame_at(frame, grid.box)
         self._frame, self._grid, self._tiles = frame, grid, grid.tiles
@@ -314,12 +310,7 @@ class Region:
         return [box.of(fraction) for fraction in self._in_scene]
 
     def _counts(self, index: int, needed: list[Filling]) -> dict[str, int]:
-        """Counts of the work done for a tile, and of the work of a renderer that skips nothing.
-
-        Args:
-            index: Number of the tile.
-            needed: The hidden surfaces that were composited.
-        """
+        """Counts of the work done for a tile, and of the work of a renderer that skips nothing."""
         windows, area = self._frame.slices.visible.windows, self._tiles[index].area
         reaching, pieces = self._reaching(index), self._visible.pieces[index]
         visible = [windows[slice_index] for slice_index in self._visible.surface.plan[index]]

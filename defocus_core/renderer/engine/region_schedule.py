@@ -37,19 +37,11 @@ def rendered_regions(
     frame: SharedFrame,
     scene: Scene,
     *,
-    reaching: Pixels,
-    at_once: int | None,
+    reaching: Pixels,  # [H, W] px, the radii whose light reaches farthest
+    at_once: int | None,  # greatest number of regions computed at once; None for as many as threads
     progress: Callable[[int, int], None] | None,
 ) -> Iterator[Views]:
-    """The views of each region of a picture, row by row, each from left to right.
-
-    Args:
-        frame: The frame of the picture.
-        scene: What is seen, in any precision; the views are in the precision of the frame.
-        reaching: [H, W] px, the radii whose light reaches farthest.
-        at_once: Greatest number of regions computed at once; None for as many as threads.
-        progress: As for `render`.
-    """
+    """The views of each region of a picture, row by row, each from left to right."""
     threads = frame.settings.threads
     pixels, signed_radius, layered = scene.image, scene.signed_radius, scene.layered
     backdrop = _backdrop(frame, scene)
@@ -137,10 +129,7 @@ def assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[Views]) -> Vie
     Each image [C, H, W] has memory of its own: a caller who keeps one does not keep the others.
     Trust is [1, H, W]. Of a batch they are [B, C, H, W] and [B, 1, H, W].
 
-    Args:
-        frame: The frame of the picture.
-        pixels: [C, H, W], whose precision the views get.
-        parts: From `rendered_regions`.
+    `pixels`: [C, H, W], whose precision the views get.
     """
     if torch.is_grad_enabled():
         views = joined(list(in_rows(part.to(pixels.dtype) for part in parts)))
@@ -186,13 +175,7 @@ def in_rows(parts: Iterator[Views]) -> Iterator[list[Views]]:
 def blurred_part(frame: SharedFrame, grid: Grid, signed_radius: Pixels) -> Grid | None:
     """The part of a region to compute: its tiles, cut to the pixels that blurred light reaches.
 
-    Args:
-        frame: The frame of the picture.
-        grid: The tiles of the region.
-        signed_radius: [H, W] px of the frame.
-
-    Returns:
-        None if all of the region is copied.
+    `signed_radius`: [H, W] px of the frame. Returns none if all of the region is copied.
     """
     if not frame.copies_in_focus:
         return grid
@@ -212,10 +195,7 @@ def _reached(frame: SharedFrame, around: Box, radii: Tensor) -> Tensor:
 
     The first one is greater if none is reached.
 
-    Args:
-        frame: The frame of the picture.
-        around: A part of the frame.
-        radii: [..., h, w] px of the part.
+    `radii`: [..., h, w] px of the part.
     """
     lows, highs = (radii, radii) if radii.dim() == 2 else (radii.amin(0), radii.amax(0))
     minimum, maximum = (torch.cat([end(1), end(0)]) for end in (lows.amin, highs.amax))

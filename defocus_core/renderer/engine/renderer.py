@@ -52,18 +52,7 @@ class Renderer:
     """
 
     def __init__(self, scene: Scene, settings: Settings = STANDARD, *, hold: bool = False) -> None:
-        """Repair the depth, and prepare the frame.
-
-        Args:
-            scene: What is seen; layers are rendered as they are, not repaired and not at half size.
-            settings: The options of `render`.
-            hold: Whether there is room for repaired radii and the coarse pixels of a draft,
-                together two thirds of the picture in float32; without room those of a large picture
-                that is no tensor are computed anew for each window.
-
-        Raises:
-            ValueError: If a value is not finite, or a CoC does not fit psf_ks.
-        """
+        """Repair the depth, and prepare the frame."""
         self._given, self._counts = scene, list[dict[str, int]]()
         if launches_cost(scene.signed_radius.device):  # its memory is planned for one tile at once
             settings = replace(settings, threads=1)
@@ -174,10 +163,8 @@ class Renderer:
 
         Their images are [C, h, w], in the precision of the scene, float32 at least.
 
-        Args:
-            at_once: Greatest number of regions computed at once, which bounds memory; None for as
-                many as threads.
-            progress: As for `render`.
+        `at_once`: greatest number of regions computed at once, which bounds memory; None for as
+        many as threads.
         """
         at_once = None if at_once is None else whole("at_once", at_once, "None is as threads")
         self._counts.clear()
@@ -222,14 +209,7 @@ class Renderer:
 def shared_surfaces(
     scene: Scene, settings: Settings, offsets: Sequence[Scalar], *, keep: bool = True
 ) -> SharedSurfaces | None:
-    """The surfaces of all colours that are rendered apart; None where none hides another.
-
-    Args:
-        scene: The picture, with all channels, repaired.
-        settings: The options.
-        offsets: Px that are added to the radii of each group of colours.
-        keep: Whether there is room to keep the hidden ones; they are the same without.
-    """
+    """The surfaces of all colours that are rendered apart; None where none hides another."""
     image, radius = scene.image, scene.signed_radius
     requires_grad = (getattr(x, "requires_grad", False) for x in (image, radius, *offsets))
     wanted = torch.is_grad_enabled() and any(requires_grad)

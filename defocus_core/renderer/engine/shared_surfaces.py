@@ -25,15 +25,10 @@ from defocus_core.tensors.source import Pixels, Scalar, banded
 
 
 class RegionSurfaces(NamedTuple):
-    """The surfaces of a rectangle.
-
-    Attributes:
-        shown: The visible ones.
-        hidden: Those that are continued behind them; None where nothing is hidden.
-    """
+    """The surfaces of a rectangle."""
 
     shown: Unmixed
-    hidden: HiddenLayer | None
+    hidden: HiddenLayer | None  # those that are continued behind them; None where nothing is hidden
 
 
 class SharedSurfaces:
@@ -48,24 +43,14 @@ class SharedSurfaces:
     def __init__(
         self,
         frame: Callable[[], SharedFrame],
-        pixels: Pixels,
-        signed_radius: Pixels,
+        pixels: Pixels,  # [C, H, W], all channels
+        signed_radius: Pixels,  # [H, W] px, of a colour without an offset
         offsets: Sequence[Scalar],
         *,
         keep: bool,
-        matte: Pixels | None = None,
+        matte: Pixels | None = None,  # [H, W], the coverage of a subject; None if it is not known
     ) -> None:
-        """Keep the picture; nothing is continued yet.
-
-        Args:
-            frame: Makes the frame of all channels, at full size.
-            pixels: [C, H, W], all channels.
-            signed_radius: [H, W] px, of a colour without an offset.
-            offsets: Px that are added to the radii of each group of colours.
-            keep: Whether there is room to keep what is continued; without room it is continued for
-                each colour.
-            matte: [H, W], the coverage of a subject; None if it is not known.
-        """
+        """Keep the picture; nothing is continued yet."""
         self.keeps, self._matte = keep, matte
         self._made, self._pixels, self._radius = frame, pixels, signed_radius
         self._groups, self.colors = len(offsets), pixels.shape[0]
@@ -128,17 +113,11 @@ class SharedSurfaces:
 
 
 class SurfacesOfColors(NamedTuple):
-    """The surfaces of some colours.
+    """The surfaces of some colours."""
 
-    Attributes:
-        shared: Those of all colours.
-        channels: The numbers of the colours.
-        px: Px that are added to their radii.
-    """
-
-    shared: SharedSurfaces
-    channels: list[int]
-    px: Scalar
+    shared: SharedSurfaces  # those of all colours
+    channels: list[int]  # the numbers of the colours
+    px: Scalar  # px that are added to their radii
 
     def at(self, outer: Box, inside: Box) -> RegionSurfaces:
         """As those of all colours."""
@@ -155,22 +134,13 @@ class SurfacesOfColors(NamedTuple):
 
 
 def continued(
-    color: Tensor,
-    signed_radius: Tensor,
+    color: Tensor,  # [C, h, w] of the visible surface in the rectangle `outer`
+    signed_radius: Tensor,  # [h, w] px
     backdrop: Backdrop,
     outer: Box,
     inside: Box,
     frame: SharedFrame,
 ) -> HiddenLayer | None:
-    """The hidden layer of a region; None without any.
-
-    Args:
-        color: [C, h, w] of the visible surface in the rectangle `outer`.
-        signed_radius: [h, w] px.
-        backdrop: The frame at low resolution.
-        outer: The region with all that decides it.
-        inside: Where in it the layer matters.
-        frame: The frame.
-    """
+    """The hidden layer of a region; None without any."""
     level = frame.slices.invented.level
     return hidden_layer(color, signed_radius, backdrop, outer, inside, level=level)

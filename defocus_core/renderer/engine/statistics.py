@@ -26,21 +26,14 @@ _RANGE, _SQUARED = 1e3, 1e15
 
 
 class Survey(NamedTuple):
-    """Statistics of a picture. The brightness of a pixel is that of its brightest channel.
+    """Statistics of a picture. The brightness of a pixel is that of its brightest channel."""
 
-    Attributes:
-        minimum: Least signed radius in px.
-        maximum: Greatest signed radius in px.
-        steepest: Greatest differences of radius between neighbours in px: down, across.
-        channels: Least and greatest value of each channel.
-        brightness: Order statistics of the brightness of all pixels.
-    """
-
-    minimum: float
-    maximum: float
+    minimum: float  # least signed radius in px
+    maximum: float  # greatest signed radius in px
+    # Greatest differences of radius between neighbours in px: down, across
     steepest: tuple[float, float]
-    channels: tuple[tuple[float, float], ...]
-    brightness: Ranks
+    channels: tuple[tuple[float, float], ...]  # least and greatest value of each channel
+    brightness: Ranks  # order statistics of the brightness of all pixels
 
     @property
     def darkest(self) -> float:
@@ -56,14 +49,7 @@ class Survey(NamedTuple):
 def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int) -> Survey:
     """The statistics of a picture, of which each pixel is read once.
 
-    Args:
-        pixels: [C, H, W].
-        signed_radius: [H, W] px.
-        dtype: Type of the numbers to compute with.
-        threads: Number of bands of rows read at once.
-
-    Raises:
-        ValueError: If a value is not finite, a radius beyond 1e8 px, or light beyond `BRIGHTEST`.
+    `pixels`: [C, H, W]; `signed_radius`: [H, W] px.
     """
     (survey,) = _surveyed(pixels, signed_radius, dtype, threads)
     return survey
@@ -110,11 +96,7 @@ def _surveyed(
 def _checked(numbers: list[float], counts: Tensor, pixels: Pixels, dtype: torch.dtype) -> Survey:
     """The survey of a picture.
 
-    Args:
-        numbers: Least radius and channels, greatest radius, steepest down and across, and channels.
-        counts: Of its brightness.
-        pixels: [C, H, W].
-        dtype: Type of the numbers to compute with.
+    `pixels`: [C, H, W].
     """
     count = pixels.shape[0]
     minimum, maximum, down, across = numbers[0], *numbers[count + 1 : count + 4]
@@ -157,15 +139,7 @@ def border_range(signed_radius: Pixels) -> tuple[float, float]:
 
 
 def with_hidden(hidden: KnownLayer, limits: tuple[float, float]) -> tuple[float, float]:
-    """The least and greatest signed radius in px of visible surfaces and of a known hidden layer.
-
-    Args:
-        hidden: The known layer.
-        limits: Least and greatest signed radius of the visible surfaces.
-
-    Raises:
-        ValueError: If a value within the mask is not finite, or beyond `BRIGHTEST`.
-    """
+    """Least and greatest signed radius in px of visible surfaces and of a known hidden layer."""
     minimum, maximum = limits
     for color, radius, mask in zip(*map(banded, hidden), strict=True):
         where = mask.bool()
@@ -221,9 +195,7 @@ def needs_double(survey: Survey, limit: float) -> bool:
 def _radius_statistics(band: Tensor, rows: tuple[int, int]) -> Tensor:
     """Least and greatest radius of a band, and greatest step down and across: [..., 4].
 
-    Args:
-        band: [..., h, W] px, the rows of the band and the one below them.
-        rows: First row of the band, and the one after the last.
+    `band`: [..., h, W] px, the rows of the band and the one below them.
     """
     radii = band[..., : rows[1] - rows[0], :]
     steps = band.diff(dim=-2), radii.diff(dim=-1)

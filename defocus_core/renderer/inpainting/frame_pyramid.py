@@ -45,19 +45,14 @@ _WIDER = 1.99
 
 
 class Backdrop(NamedTuple):
-    """A frame at low resolution.
+    """A frame at low resolution."""
 
-    Attributes:
-        levels: At a quarter of the resolution, an eighth, and so on: colour, radius in px, and the
-            structure tensor.
-        reach: The reach of its depth edges.
-        fine: Where the middle of the frame is at full resolution.
-        spans: [B] px, the range of the radii of each picture of a batch; None if there is one.
-    """
-
+    # At a quarter of the resolution, an eighth, and so on: colour, radius in px, and the
+    # structure tensor
     levels: list[PyramidLevel]
-    reach: Reach
-    fine: tuple[Axis, Axis]
+    reach: Reach  # the reach of its depth edges
+    fine: tuple[Axis, Axis]  # where the middle of the frame is at full resolution
+    # [B] px, the range of the radii of each picture of a batch; None if there is one
     spans: Tensor | None = None
 
     def is_of(self, level: PyramidLevel, of: Tensor | None) -> Tensor | None:
@@ -68,26 +63,16 @@ class Backdrop(NamedTuple):
 
 
 def backdrop_of(
-    pixels: Pixels,
-    signed_radius: Pixels,
+    pixels: Pixels,  # [C, H, W] linear, or [C, B, H, W] of a batch
+    signed_radius: Pixels,  # [H, W] px, or [B, H, W]
     limit: float = math.inf,
-    dtype: torch.dtype | None = None,
+    dtype: torch.dtype | None = None,  # type to compute in; None for the type of the pixels
     threads: int = 1,
-    limits: tuple[float, float] | None = None,
+    limits: tuple[float, float] | None = None,  # least and greatest radius in px; None to find them
     *,
     unmixes: bool = True,
 ) -> Backdrop:
-    """The pyramid of a frame, and the reach of its edges.
-
-    Args:
-        pixels: [C, H, W] linear, or [C, B, H, W] of a batch.
-        signed_radius: [H, W] px, or [B, H, W].
-        limit: Brightness above which a pixel is a highlight, which is not continued.
-        dtype: Type to compute in; None for the type of the pixels.
-        threads: Number of bands computed at once.
-        limits: Least and greatest radius in px; None to find them.
-        unmixes: Whether mixed pixels are taken apart, so that only the farther surface goes on.
-    """
+    """The pyramid of a frame, and the reach of its edges."""
     H, W = signed_radius.shape[-2:]
     device = signed_radius.device
     dtype = dtype or pixels.dtype

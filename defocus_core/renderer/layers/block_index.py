@@ -17,10 +17,8 @@ _COUNTED = 1 << 21
 def visible_slices(blocks: Tensor, reaches: list[int], tiles: list[Box]) -> list[list[int]]:
     """For each tile the indices of the slices whose blur reaches it, nearest first.
 
-    Args:
-        blocks: [K, rows, columns] bool, from `blocks_of` and `blocks_at`.
-        reaches: Blur radius of each slice, in px.
-        tiles: Rectangles of the same picture.
+    `blocks`: [K, rows, columns] bool, from `blocks_of` and `blocks_at`; `reaches`: blur radius of
+    each slice, in px.
     """
     reached = []
     down, across = ([tile.sides[d] for tile in tiles] for d in (0, 1))
@@ -55,13 +53,10 @@ def blocks_of(
 ) -> Tensor:
     """For each slice the blocks of 16 px that hold a pixel of it: [K, rows, columns] bool.
 
-    Args:
-        positions: [..., H, W] positions of pixels among the slice radii, of any picture of a batch.
-            If they learn, a pixel on a slice is in the one before, too: its share in this is 0,
-            and has a gradient.
-        slices: K, the number of slices.
-        present: [..., H, W] bool, which pixels exist; None if all do.
-        sharp: The slice in focus, on which shares have no gradient; None if there is none.
+    `positions`: [..., H, W] positions of pixels among the slice radii, of any picture of a batch.
+    If they learn, a pixel on a slice is in the one before, too: its share in this is 0, and has a
+    gradient; `present`: [..., H, W] bool, which pixels exist; None if all do; `sharp`: the slice in
+    focus, on which shares have no gradient; None if there is none.
     """
     if present is not None:
         at = torch.nonzero(present)

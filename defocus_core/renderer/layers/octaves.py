@@ -21,21 +21,16 @@ _MORE = 1.263
 
 
 class CompositeOrder(NamedTuple):
-    """The places of hidden octaves in the order of visible layers.
+    """The places of hidden octaves in the order of visible layers."""
 
-    Attributes:
-        around: Number of the first visible layer that is not blurred nearer than focus.
-        beyond: Number of the first visible layer beyond focus; greater than all numbers if there
-            is none.
-        ahead: For each hidden octave, nearest first, the number of the first visible layer that
-            comes after it. Octaves that come before no visible layer are absent.
-        greatest: For each picture of a batch, whose slices are those of all, the greatest octave
-            that is ahead by its own; empty where there is one picture.
-    """
-
-    around: int
+    around: int  # number of the first visible layer that is not blurred nearer than focus
+    # Number of the first visible layer beyond focus; greater than all numbers if there is none
     beyond: int
+    # For each hidden octave, nearest first, the number of the first visible layer that comes
+    # after it. Octaves that come before no visible layer are absent
     ahead: dict[int, int]
+    # For each picture of a batch, whose slices are those of all, the greatest octave that is
+    # ahead by its own; empty where there is one picture
     greatest: tuple[int, ...] = ()
 
     def pictures_with(self, octave: int, like: Tensor) -> Tensor | None:

@@ -22,56 +22,37 @@ Sheet = tuple[Tensor, Tensor]
 
 
 class SurfaceSamples(NamedTuple):
-    """A layer of the scene as samples with positions between slice radii.
+    """A layer of the scene as samples with positions between slice radii."""
 
-    Attributes:
-        color: [C, H, W].
-        coverage: [1, H, W], the share of each pixel that the layer covers; None if all are whole.
-        positions: [H, W] positions.
-        at: [n, 2] rows and columns of fringe samples; rows are counted on from one picture of a
-            batch to the next.
-        extra: [n, C + 1] fringe samples: parts of nearer surfaces in the same pixels.
-        extra_positions: [n] positions of fringe samples.
-        slopes: [2, H, W] of the radius, px per px; None where no surface is tilted.
-        shifts: Sub-pixel shifts of the colours near focus; None if they are not rendered.
-        others: Further samples of the same pixels, at their positions.
-        around: The rectangle, counted from the first pixel, in which the pixels on the edge are
-            repeated, as the frame continues them; None to repeat none.
-    """
-
-    color: Tensor
+    color: Tensor  # [C, H, W]
+    # [1, H, W], the share of each pixel that the layer covers; None if all are whole
     coverage: Tensor | None
-    positions: Tensor
+    positions: Tensor  # [H, W] positions
+    # [n, 2] rows and columns of fringe samples; rows are counted on from one picture of a batch
+    # to the next
     at: Tensor
-    extra: Tensor
-    extra_positions: Tensor
-    slopes: Tensor | None
+    extra: Tensor  # [n, C + 1] fringe samples: parts of nearer surfaces in the same pixels
+    extra_positions: Tensor  # [n] positions of fringe samples
+    slopes: Tensor | None  # [2, H, W] of the radius, px per px; None where no surface is tilted
+    # Sub-pixel shifts of the colours near focus; None if they are not rendered
     shifts: Shifts | None
-    others: Sequence[Sheet] = ()
+    others: Sequence[Sheet] = ()  # further samples of the same pixels, at their positions
+    # The rectangle, counted from the first pixel, in which the pixels on the edge are repeated,
+    # as the frame continues them; None to repeat none
     around: Box | None = None
 
     @classmethod
     def within(
         cls,
         box: Box,
-        pixels: Unmixed,
-        positions: Tensor,
+        pixels: Unmixed,  # [C, H, W]
+        positions: Tensor,  # [h, w] positions of the pixels in the box
         radii: tuple[float, ...],
-        slopes: Tensor | None = None,
+        slopes: Tensor | None = None,  # [2, h, w] of the radius in the box
         shifts: Shifts | None = None,
-        others: Sequence[Sheet] = (),
+        others: Sequence[Sheet] = (),  # further samples [C + 1, H, W] and their radii [H, W] px
     ) -> SurfaceSamples:
-        """The samples of pixels in a box.
-
-        Args:
-            box: The box.
-            pixels: [C, H, W].
-            positions: [h, w] positions of the pixels in the box.
-            radii: The slice radii.
-            slopes: [2, h, w] of the radius in the box.
-            shifts: Sub-pixel shifts in the box.
-            others: Further samples [C + 1, H, W] and their radii [H, W] px.
-        """
+        """The samples of pixels in a box."""
         coverage, fringe = pixels.coverage, pixels.fringe
         at, extra, radius = fringe
         if len(at):

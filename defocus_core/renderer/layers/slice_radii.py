@@ -81,13 +81,8 @@ def quantisation(minimum: float, maximum: float, quality: str) -> float:
     A pixel belongs to the slices on both sides, so that its blur has the right width in any case.
     If the quality renders at half size, the rounding to coarse pixels adds half a px.
 
-    Args:
-        minimum: Signed radius in px of the nearest pixel.
-        maximum: Signed radius in px of the farthest pixel.
-        quality: Name of the quality whose slice radii are used.
-
-    Raises:
-        ValueError: If there is no such quality, or radii are not finite and in order.
+    `minimum`: signed radius in px of the nearest pixel; `maximum`: signed radius in px of the
+    farthest pixel.
     """
     settings = find(quality)
     if (
@@ -107,14 +102,8 @@ def quantisation(minimum: float, maximum: float, quality: str) -> float:
 def cheapest_within(tolerance: float, minimum: float, maximum: float) -> str:
     """The cheapest quality whose `quantisation` is within a tolerance.
 
-    Args:
-        tolerance: In px of radius.
-        minimum: Signed radius in px of the nearest pixel.
-        maximum: Signed radius in px of the farthest pixel.
-
-    Raises:
-        UnreachableTolerance: If no quality is within the tolerance.
-        ValueError: If radii are not finite and in order.
+    `tolerance`: in px of radius; `minimum`: signed radius in px of the nearest pixel; `maximum`:
+    signed radius in px of the farthest pixel.
     """
     tolerance = number("tolerance", tolerance, _PX)
     for quality in QUALITIES:

@@ -27,16 +27,11 @@ _BAND, _AREA, _BYTES_EACH = 64, 1 << 16, 120
 
 
 class _SampleTensors(NamedTuple):
-    """Samples of which no two are of one pixel.
+    """Samples of which no two are of one pixel."""
 
-    Attributes:
-        layer: [C + 1, ..., H, W] in a frame of zeros, continued around the samples.
-        positions: [..., H, W] positions between slice radii, in the same frame.
-        blocks: [K, rows, columns] bool, the blocks that hold samples of a slice, in any picture.
-    """
-
-    layer: Tensor
-    positions: Tensor
+    layer: Tensor  # [C + 1, ..., H, W] in a frame of zeros, continued around the samples
+    positions: Tensor  # [..., H, W] positions between slice radii, in the same frame
+    # [K, rows, columns] bool, the blocks that hold samples of a slice, in any picture
     blocks: Tensor
 
 
@@ -51,22 +46,13 @@ class Surface:
     def __init__(
         self,
         samples: SurfaceSamples,
-        reaches: list[int],
+        reaches: list[int],  # blur radius of each slice, in px
         layers: list[int],
         grid: Grid,
-        before: int,
-        beyond: int,
+        before: int,  # greatest distance in px from the first row or column of a window to its tile
+        beyond: int,  # greatest distance in px from the first row of a tile to the end of a window
     ) -> None:
-        """Plan the slices of a layer.
-
-        Args:
-            samples: The layer.
-            reaches: Blur radius of each slice, in px.
-            layers: For each slice the number of its layer.
-            grid: The tiles, counted from the first sample.
-            before: Greatest distance in px from the first row or column of a window to its tile.
-            beyond: Greatest distance in px from the first row of a tile to the end of a window.
-        """
+        """Plan the slices of a layer."""
         size = samples.positions.shape[-2], samples.positions.shape[-1]
         around = samples.around or Box(0, 0, *size)
         # counted from the first sample that is repeated
@@ -172,14 +158,7 @@ class Surface:
         return patches(occupied, self._tiles, list(margins.values()), self._own[2:])
 
     def members(self, slice_indices: range, window: Box, lit: Box) -> Tensor:
-        """Slices of one layer within a window, [C + 1, k, ..., height, width].
-
-        Args:
-            slice_indices: Their index among the slices.
-            window: Counted from the first sample.
-            lit: The rectangle of the window that is not zero. It begins at the first row and column
-                of the layer or of the window; samples after its end are set to 0.
-        """
+        """Slices of one layer within a window, [C + 1, k, ..., height, width]."""
         slices = None
         for each in self._samples_of(slice_indices, lit):
             layer = self._unframed(window, each.layer)[:, None]
@@ -253,9 +232,7 @@ class Surface:
     def bounds(self, slice_indices: list[int], within: Box | None = None) -> Box:
         """The rectangle of blocks that hold samples of the given slices.
 
-        Args:
-            slice_indices: Numbers of the slices.
-            within: A rectangle whose rows alone are looked at; None for all rows.
+        `within`: a rectangle whose rows alone are looked at; None for all rows.
         """
         rows = (within or self._own).sides[0]
         first = rows.first // BLOCK
@@ -276,16 +253,7 @@ class Surface:
         *,
         tilted: bool,
     ) -> Tensor:
-        """A slice at reduced resolution; if tilted also times its slopes: [1 or 3, C + 1, h, w].
-
-        Args:
-            slice_index: Its index among the slices.
-            level: How many times resolution is halved.
-            coarse: The rectangle to return, in coarse pixels of that resolution, counted from the
-                first at or after the middle of the frame.
-            middle: The middle of the frame, counted from the first sample.
-            tilted: Whether the slice has slopes.
-        """
+        """A slice at reduced resolution; if tilted also times its slopes: [1 or 3, C + 1, h, w]."""
         kinds = 3 if tilted and self._slopes is not None else 1
         first = self._samples[0].layer
         result = first.new_zeros(kinds, *first.shape[:-2], *coarse[2:])

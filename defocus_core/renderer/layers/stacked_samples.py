@@ -40,32 +40,18 @@ _LISTED = 10
 
 
 class Layered(NamedTuple):
-    """Layers of a frame, in memory or in files, in any order.
+    """Layers of a frame, in memory or in files, in any order."""
 
-    Attributes:
-        colors: [L, C, H, W] linear, premultiplied by coverage; undefined where it is 0.
-        signed_radius: [L, H, W] px; undefined where coverage is 0.
-        coverage: [L, H, W] in [0, 1].
-        limits: Least and greatest signed radius in px of what is there.
-        open: Whether there are pixels that are not covered fully.
-        deepest: The greatest number of samples in one pixel.
-    """
-
-    colors: Pixels
-    signed_radius: Pixels
-    coverage: Pixels
-    limits: tuple[float, float]
-    open: bool
-    deepest: int
+    colors: Pixels  # [L, C, H, W] linear, premultiplied by coverage; undefined where it is 0
+    signed_radius: Pixels  # [L, H, W] px; undefined where coverage is 0
+    coverage: Pixels  # [L, H, W] in [0, 1]
+    limits: tuple[float, float]  # least and greatest signed radius in px of what is there
+    open: bool  # whether there are pixels that are not covered fully
+    deepest: int  # the greatest number of samples in one pixel
 
     @classmethod
     def of(cls, colors: Pixels, signed_radius: Pixels, coverage: Pixels) -> Layered:
-        """Look through the layers.
-
-        Raises:
-            ValueError: If coverage is not in [0, 1], or a radius is not within 1e8 px where there
-                is coverage.
-        """
+        """Look through the layers."""
         minimum, maximum, is_open, deepest = torch.inf, -torch.inf, False, 1
         for radius, cover in zip(banded(signed_radius), banded(coverage), strict=True):
             if not bool(((cover >= 0) & (cover <= 1)).all()):
@@ -158,20 +144,14 @@ class Layered(NamedTuple):
 
 
 class SampleStack(NamedTuple):
-    """The samples of the pixels of a window, nearest first.
+    """The samples of the pixels of a window, nearest first."""
 
-    Attributes:
-        color: [L, C + 1, h, w], colours premultiplied by coverage, then coverage.
-        signed_radius: [L, h, w] px; that of nothing where no sample is.
-        through: [L + 1, h, w], the share of each pixel that all nearer samples leave; last the
-            share that none covers.
-        with_alpha: Whether the colours of samples have a last channel of 1, their alpha.
-    """
-
-    color: Tensor
-    signed_radius: Tensor
+    color: Tensor  # [L, C + 1, h, w], colours premultiplied by coverage, then coverage
+    signed_radius: Tensor  # [L, h, w] px; that of nothing where no sample is
+    # [L + 1, h, w], the share of each pixel that all nearer samples leave; last the share that
+    # none covers
     through: Tensor
-    with_alpha: bool
+    with_alpha: bool  # whether the colours of samples have a last channel of 1, their alpha
 
     def flattened(self) -> Tensor:
         """The picture in focus [C + 1, h, w]: premultiplied colours, then alpha."""
@@ -246,15 +226,10 @@ class SampleStack(NamedTuple):
 
 
 class Sampled(NamedTuple):
-    """Samples of pixels.
+    """Samples of pixels."""
 
-    Attributes:
-        nearest: The nearest ones, and as fringe further ones that few pixels have.
-        others: Further ones that many pixels have.
-    """
-
-    nearest: Unmixed
-    others: list[Sheet]
+    nearest: Unmixed  # the nearest ones, and as fringe further ones that few pixels have
+    others: list[Sheet]  # further ones that many pixels have
 
 
 def _apart(radius: Tensor, nearer: Tensor) -> Tensor:

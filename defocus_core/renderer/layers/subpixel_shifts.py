@@ -46,25 +46,15 @@ class Shifts:
 
     def __init__(
         self,
-        color: Tensor,
-        signed_radius: Tensor,
-        positions: Tensor,
+        color: Tensor,  # [C, H, W]
+        signed_radius: Tensor,  # [H, W] px
+        positions: Tensor,  # [H, W] positions between slice radii
         inner: Box,
-        radii: tuple[float, ...],
+        radii: tuple[float, ...],  # [K] px, of the slices
         aperture: Aperture,
         parts: list[Part],
     ) -> None:
-        """Keep the surface.
-
-        Args:
-            color: [C, H, W].
-            signed_radius: [H, W] px.
-            positions: [H, W] positions between slice radii.
-            inner: Where in it rectangles are counted from.
-            radii: [K] px, of the slices.
-            aperture: The pupil.
-            parts: M parts of it.
-        """
+        """Keep the surface."""
         self._color, self._radius, self._positions = color, signed_radius, positions
         self._whole = Box(-inner.top, -inner.left, *signed_radius.shape[-2:])
         requires_grad = aperture.requires_grad

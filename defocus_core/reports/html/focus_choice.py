@@ -55,16 +55,11 @@ _KEYS = (
 
 
 class _Small(NamedTuple):
-    """A picture reduced to the size of the page.
+    """A picture reduced to the size of the page."""
 
-    Attributes:
-        inputs: its colour and depth.
-        scale: its width by that of the picture.
-        disparity: [H, W] numbers of relative depth, or 1/m; greater is nearer, but where black is.
-    """
-
-    inputs: Inputs
-    scale: float
+    inputs: Inputs  # its colour and depth
+    scale: float  # its width by that of the picture
+    # [H, W] numbers of relative depth, or 1/m; greater is nearer, but where black is
     disparity: NDArray[np.float64]
 
 
@@ -76,20 +71,7 @@ def write_choice(
     machine: Machine,
     progress: Progress | None = None,
 ) -> None:
-    """Write the page of a picture.
-
-    Args:
-        picture: its files.
-        lens: the lens; its focus is that which is shown first.
-        reading: what is said of the files.
-        path: the HTML file.
-        machine: how to compute; its quality is a draft's.
-        progress: called with pictures done, and in all.
-
-    Raises:
-        InputError: a file cannot be read or written, or is no picture of a lens.
-        UsageProblem: an option makes no sense for the picture.
-    """
+    """Write the page of a picture."""
     refuse_other(path, "html")
     load()
     job = Job(picture, lens, reading, Outputs(Path()), replace(machine, quality="draft"))

@@ -45,14 +45,7 @@ def render_command(record: Record, out: Path) -> str:
 def render_words(
     picture: Picture, out: object, lens: Mapping[str, Any], settings: Mapping[str, Any]
 ) -> list[object]:
-    """The words of a command that renders a picture.
-
-    Args:
-        picture: its files.
-        out: where it writes.
-        lens: the record of the lens.
-        settings: those of the job.
-    """
+    """The words of a command that renders a picture."""
     words: list[object] = ["defocus", "render", picture.color]
     words += [] if picture.depth == picture.color else [picture.depth]
     words += ["-o", out, *_lens_words(lens)]

@@ -35,15 +35,7 @@ class Payloads:
 
 
 def write_page(path: Path, name: str, *, data: object, payloads: Payloads, **values: Any) -> None:
-    """Write the page of a template, whole or not at all.
-
-    Args:
-        path: the file; it may replace one that `write_page` wrote.
-        name: of the template.
-        data: what its script reads, as JSON.
-        payloads: what its script shows.
-        values: what the template shows, beside the title and the keys.
-    """
+    """Write the page of a template, whole or not at all."""
     import jinja2
 
     folder = files("defocus_core.reports.html") / "templates"
