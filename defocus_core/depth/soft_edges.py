@@ -82,16 +82,13 @@ def without_ramps(
     index = at[:, 0] * W + at[:, 1]
     radii, around = signed_radius.flatten(), squares_around(at, (H, W)).flatten(1)
     flat = values.flatten()
-    lowest, highest = (
-        extreme_around(values, 1, end).flatten() for end in (torch.minimum, torch.maximum)
-    )
-    near, far = (
-        _path_end(each, lows, around, index, longest)
-        for each, lows in ((flat, lowest), (-flat, -highest))
-    )
-    near = _least_beside(flat, ramp, near)
-    if edge_width is not None:  # a short path does not end at another surface
-        far = _least_beside(-flat, ramp, far)
+    lowest = extreme_around(values, 1, torch.minimum).flatten()
+    near = _least_beside(flat, ramp, _path_end(flat, lowest, around, index, longest))
+    if edge_width is None:  # beyond a far end another surface may lie
+        far = _path_end(-flat, -flat, around, index, longest)
+    else:
+        highest = extreme_around(values, 1, torch.maximum).flatten()
+        far = _least_beside(-flat, ramp, _path_end(-flat, -highest, around, index, longest))
     found = ~(ramp.flatten()[near] | ramp.flatten()[far])
     if scale is not None:
         along = torch.hypot(*(((near - far) // W).double(), (near % W - far % W).double()))

@@ -156,9 +156,8 @@ class DefocusLens(PsfLens):
         if either_sign and bool((planes < 0).all()):
             planes = -planes
         finite = planes.detach()[planes.isfinite()] * DEPTH_UNITS[self.depth_unit]
-        if len(finite) and float(finite.max()) <= float(
-            torch.as_tensor(self.foclen).detach().min()
-        ):
+        shortest = min(torch.as_tensor(self.foclen, device="cpu").detach().flatten().tolist())
+        if len(finite) and float(finite.max()) <= shortest:
             problem = f"depth of at most {float(finite.max()):g} mm is within the focal length"
             remedy = 'say DefocusLens(…, depth_unit="m") if these are metres'
             warnings.warn(f"{problem}; {remedy}", UserWarning, stacklevel=4)

@@ -131,10 +131,10 @@ def test_one_plane_is_one_convolution(r: float, aperture: Aperture) -> None:
 def test_the_second_moment_is_that_of_the_radius(r: float, quality: str) -> None:
     """On slice radii and between them, on both axes, less the 1/12 px² of a pixel.
 
-    A draft has coarse pixels of two px, of which a light is all.
+    A draft has coarse pixels of two px, and a light between two of them is in both.
     """
     picture = render(*isolated(r), quality=quality).render
-    coarse_pixel = 0.4 if quality == "draft" else None
+    coarse_pixel = 0.6 if quality == "draft" else None
     for moment in second_moments(picture):
         assert 2 * math.sqrt(moment - 1 / 12) == pytest.approx(abs(r), rel=0.01, abs=coarse_pixel)
 
@@ -171,7 +171,8 @@ def test_the_rim_of_a_highlight_is_as_sharp_as_the_ladder(r: float, quality: str
     high = 0.92 if quality == "draft" else 0.98  # of coarse pixels of two px made by polynomials
     rim = int(((profile > 0.02) & (profile < high)).sum()) / 2
     spacing = max(find(quality).near_spacing, find(quality).far_spacing * abs(r))
-    assert rim <= math.ceil(1 + spacing)
+    between = quality == "draft"  # two coarse pixels, which both have the light
+    assert rim <= math.ceil(1 + spacing) + between
 
 
 def test_rounding_beside_a_highlight_stays_below_what_shows() -> None:

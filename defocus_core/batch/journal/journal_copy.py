@@ -29,6 +29,8 @@ def mend(out: Path, shard: Shard | None = None) -> None:
     The lock of the journal must be held.
     """
     path = journal_path(out, shard)
+    if not path.exists():  # removed by someone who wants to begin anew
+        return
     data, copied = (_read(each) for each in (path, copy_path(out, shard)))
     whole = data[: data.rfind(b"\n") + 1]
     if whole == copied or not copied.startswith(whole):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import replace
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -233,18 +234,21 @@ class _Cache:
 
     def __init__(self) -> None:
         self._kept: OrderedDict[object, Any] = OrderedDict()
+        self._lock = Lock()  # jobs of one process may run in several threads
 
     def kept(self, key: object, make: Any, max_mb: float) -> Any:
         """The value of a key, made if it is not there."""
-        if key in self._kept:
-            self._kept.move_to_end(key)
-            return self._kept[key]
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key]
         value = make()
-        self._kept[key] = value
-        while len(self._kept) > 1 and (
-            len(self._kept) > _MAX_KEPT or sum(map(_size_mb, self._kept.values())) > max_mb
-        ):
-            self._kept.popitem(last=False)
+        with self._lock:
+            self._kept[key] = value
+            while len(self._kept) > 1 and (
+                len(self._kept) > _MAX_KEPT or sum(map(_size_mb, self._kept.values())) > max_mb
+            ):
+                self._kept.popitem(last=False)
         return value
 
 
