@@ -36,6 +36,8 @@ _FOOT, FOOT_FRACTION = 10, 0.3013
 # Longest path to an end of a ramp, in px, unless the width of edges is known; difference of radii
 # in px by which steps are as steep.
 _LONGEST, _AS_STEEP = 16, 2.0**-10
+# Px of radius by which a ramp goes on beyond the end of a path at most.
+_ONE_LEVEL = 0.9
 # Width in px of an edge of averages: depth that was filtered like colours, or resized.
 AVERAGED = 3
 
@@ -121,12 +123,14 @@ def _path_end(values: Tensor, lows: Tensor, around: Tensor, index: Tensor, longe
 def _least_beside(values: Tensor, ramp: Tensor, at: Tensor) -> Tensor:
     """The least of the pixels around the ends [n] of paths: levels end a path too soon at times.
 
-    Of pixels that are as low one is taken that is on no ramp [H, W].
+    Of pixels that are as low one is taken that is on no ramp [H, W]; what is lower by more than a
+    level is not of the ramp.
     """
     row = at.div(ramp.shape[1], rounding_mode="floor")
     size = ramp.shape[0], ramp.shape[1]
     beside = squares_around(torch.stack([row, at - row * size[1]], 1), size).flatten(1)
     around = values[beside] + _AS_STEEP * ramp.flatten()[beside]
+    around = torch.where(values[beside] < values[at][:, None] - _ONE_LEVEL, torch.inf, around)
     return beside.gather(1, around.argmin(1, keepdim=True))[:, 0]
 
 
