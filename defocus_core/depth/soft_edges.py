@@ -36,8 +36,8 @@ _FOOT, FOOT_FRACTION = 10, 0.3013
 # Longest path to an end of a ramp, in px, unless the width of edges is known; difference of radii
 # in px by which steps are as steep.
 _LONGEST, _AS_STEEP = 16, 2.0**-10
-# Px of radius by which a ramp goes on beyond the end of a path at most.
-_ONE_LEVEL = 0.9
+# Px of radius by which a ramp goes on beyond the end of a path at most; no round number.
+_ONE_LEVEL = 0.9013
 # Width in px of an edge of averages: depth that was filtered like colours, or resized.
 AVERAGED = 3
 
