@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from defocus_core.depth.matting import Unmixed, unmixed, whole
+from defocus_core.depth.matting import Unmixed
 from defocus_core.renderer.blur.field_blend import blended
 from defocus_core.renderer.blur.layer_blur import Blur, Sliced
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
@@ -33,7 +33,12 @@ from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.hidden_fill import Filling
 from defocus_core.renderer.engine.layer_order import add_in_order
 from defocus_core.renderer.engine.scene import Scene
-from defocus_core.renderer.engine.shared_surfaces import RegionSurfaces, SurfacesOfColors, continued
+from defocus_core.renderer.engine.shared_surfaces import (
+    RegionSurfaces,
+    SurfacesOfColors,
+    continued,
+    taken_apart,
+)
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
 from defocus_core.renderer.inpainting.known_layer import known_within, separated
 from defocus_core.renderer.layers.samples import Sheet, SurfaceSamples
@@ -117,18 +122,12 @@ class Region:
     ) -> tuple[Unmixed, Tensor, Highlights | None]:
         """The visible surfaces in the rectangle `outer`: pixels, radii, and highlights apart."""
         frame = self._frame
-        unmixes = frame.content.edges and frame.quality.unmixes
-        limit = frame.content.limit
         if self._shared is not None:
             shown = self._shared.shown
-        elif unmixes:
-            matte = self._scene.matte
-            matte = None if matte is None else outer.of(matte).to(signed_radius)
-            shown = unmixed(pixels, signed_radius, limit, matte)
         else:
-            shown = whole(pixels, signed_radius)
+            shown = taken_apart(pixels, signed_radius, self._scene.matte, outer, frame)
         if frame.content.highlights:
-            shown, highlights = split(shown, signed_radius, limit)
+            shown, highlights = split(shown, signed_radius, frame.content.limit)
             return shown, signed_radius, highlights
         return shown, signed_radius, None
 

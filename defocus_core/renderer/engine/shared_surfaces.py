@@ -71,15 +71,13 @@ class SharedSurfaces:
         pixels, radius = (
             outer.of(x).to(frame.dtype).contiguous() for x in (self._pixels, self._radius)
         )
-        limit = frame.content.limit
-        matte = None if self._matte is None else outer.of(self._matte).to(radius)
-        shown = whole(pixels, radius)
-        if frame.quality.unmixes:
-            shown = unmixed(pixels, radius, limit, matte)
+        shown = taken_apart(pixels, radius, self._matte, outer, frame)
         if position in self._hidden:
             hidden = self._hidden[position]
         else:
-            ordinary = split(shown, radius, limit)[0] if frame.content.highlights else shown
+            ordinary = shown
+            if frame.content.highlights:
+                ordinary, _ = split(shown, radius, frame.content.limit)
             hidden = continued(ordinary.color, radius, self._backdrop, outer, inside, frame)
         if self.keeps:
             self._hidden[position] = hidden
@@ -131,6 +129,20 @@ class SurfacesOfColors(NamedTuple):
             return RegionSurfaces(shown, None)
         color, radius, mask = hidden
         return RegionSurfaces(shown, HiddenLayer(color[self.channels], radius + self.px, mask))
+
+
+def taken_apart(
+    pixels: Tensor,  # [C, h, w] in the rectangle `outer`
+    signed_radius: Tensor,  # [h, w] px
+    matte: Pixels | None,  # [H, W], the coverage of a subject; None if it is not known
+    outer: Box,
+    frame: SharedFrame,
+) -> Unmixed:
+    """The visible surfaces of a region, mixed pixels taken apart where surfaces hide others."""
+    if not (frame.content.edges and frame.quality.unmixes):
+        return whole(pixels, signed_radius)
+    coverage = None if matte is None else outer.of(matte).to(signed_radius)
+    return unmixed(pixels, signed_radius, frame.content.limit, coverage)
 
 
 def continued(
