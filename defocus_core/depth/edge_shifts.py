@@ -30,6 +30,7 @@ from defocus_core.depth.color_profiles import (
     silhouette_at,
 )
 from defocus_core.depth.distance_scale import DistanceScale
+from defocus_core.depth.matting import AROUND_BY_COLOR, radii_by_color
 from defocus_core.depth.soft_edges import slope_of_soft_edges
 from defocus_core.tensors.device_plan import pieces, sent
 from defocus_core.tensors.neighbourhoods import (
@@ -74,7 +75,7 @@ _VOTES, _BIASED, _AGREED = 20, 0.75, 0.6
 _FAR, _NEAR_FAR = 5.25, 12
 # Px around a pixel that decide what it becomes, once and twice.
 _AROUND_ONCE = REACH + NORMAL + 2 * (_ROUNDS_OF_COLOR + _ROUNDS + _SMOOTHING) + FARTHEST + 2
-AROUND = 2 * _AROUND_ONCE + _NEAR_FAR
+AROUND = 2 * _AROUND_ONCE + _NEAR_FAR + AROUND_BY_COLOR
 # Half a px, so that averages of whole displacements are no ties.
 _HALF = 0.4937
 # Profiles examined at once on a CPU, and bytes that each takes elsewhere: bounds memory.
@@ -274,13 +275,14 @@ def with_shifted_edges(
     edges = edges_of(signed_radius.detach(), shifts.step, scale)
     radii, far = _shifted(signed_radius, pixels, edges, shifts.rarity)
     if not len(far):
-        return radii
+        return radii_by_color(radii, pixels.detach())
     moved = torch.zeros_like(edges).flatten().index_fill_(0, far, value=True).view_as(edges)
     edges = edges_of(radii.detach(), shifts.step, scale)
     edges &= extreme_around(moved, _NEAR_FAR, torch.maximum)
     # what is neither surface's has been given away already
     rarity = [_RARITY / _BEFORE * abs(px) for px in range(-FARTHEST, FARTHEST + 1)]
-    return _shifted(radii, pixels, edges, rarity, rims=False)[0]
+    radii = _shifted(radii, pixels, edges, rarity, rims=False)[0]
+    return radii_by_color(radii, pixels.detach())
 
 
 def _shifted(

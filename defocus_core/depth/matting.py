@@ -10,6 +10,7 @@ tells the surfaces apart and is a mixture of them at all.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import torch
@@ -27,7 +28,7 @@ EDGE, _STEP = 1.513, 1.013
 AROUND, _NEARBY = 3, 2**0.5
 # Standard deviation in px of the weights of the pixels from whose depth a coverage is expected, and
 # of the coverage from the expected one.
-_PIXEL, _UNCERTAIN = 0.6, 0.2
+_PIXEL, _UNCERTAIN = 0.6, 0.25
 # Weight of a light that is no ordinary pixel, beside ordinary ones of its surface.
 _LIGHT = 1e-20
 # Radius in px up to which a nearer surface is in focus: its pixels stay as they are.
@@ -35,13 +36,20 @@ _SHARP = 0.5
 # Share of another surface up to which a pixel is whole, if that is within so many deviations of its
 # own surface; a greater one d counts as d - w² / d.
 _WHOLE, _WITHIN = 0.03, 2.0
+# Misfit of a colour that is neither surface's, in variances, by which it is rather a thing of its
+# own, a lamp, and whole.
+_FOREIGN = 100
 # Least standard deviation of the colours of a surface, as a share of their mean, and as a share of
 # the brightest channel: less may be rounding.
 _MIN_DEVIATION, _ROUNDING = 0.01, 1e-4
 # Power of the distance from the colour of the other surface by which pixels of a thin one count.
 _PUREST = 4
+# Px beside an edge of estimated depth whose colours decide which surface they are of.
+_BESIDE = 2
 # Coverage from which on a pixel is of the subject of a matte.
 SUBJECT = 0.5
+# Px around a pixel that decide its radius by colour.
+AROUND_BY_COLOR = _BESIDE * (AROUND + 1)
 # Pixels examined at once on a CPU, and bytes that each takes elsewhere: bounds memory.
 _AT_ONCE, _BYTES_EACH = 1 << 12, 1 << 13
 
@@ -73,6 +81,10 @@ class _Side(NamedTuple):
     signed_radius: Tensor  # [n] px
     known: Tensor  # [n] bool, whether it has pixels
 
+    def where(self, mask: Tensor, other: _Side) -> _Side:
+        """These sides where a mask [n] holds, others elsewhere."""
+        return _Side(*(torch.where(mask, *pair) for pair in zip(self, other, strict=True)))
+
     def replaced(self, index: Tensor, other: _Side) -> _Side:
         """The sides with others in the place of those of these indices."""
         pairs = zip(self, other, strict=True)
@@ -103,13 +115,32 @@ class _Squares(NamedTuple):
             return weights
         return torch.where(self.colors.detach().amax(0) > limit, _LIGHT * weights, weights)
 
-    def have_step(self) -> Tensor:
-        """[n] bool, whether the inner nine hold a step between two surfaces."""
+    def inner(self) -> Tensor:
+        """The radii [3, 3, n] px around the middle."""
         side = 2 * AROUND + 1
         inner = slice(AROUND - 1, AROUND + 2)
-        nine = self.radii.detach().reshape(side, side, -1)[inner, inner]
+        return self.radii.reshape(side, side, -1)[inner, inner]
+
+    def have_step(self) -> Tensor:
+        """[n] bool, whether the inner nine hold a step between two surfaces."""
+        nine = self.inner().detach()
         steps = (nine.diff(dim=dim).abs().amax((0, 1)) for dim in (0, 1))
         return torch.maximum(*steps) > _STEP
+
+    def beyond_edge(self) -> Tensor:
+        """The radii [n] px of the other surface among the inner nine, at its farther end."""
+        nine = self.inner()
+        return torch.where(self.is_near[self.middle], nine.amax((0, 1)), nine.amin((0, 1)))
+
+
+class _Pixels(NamedTuple):
+    """n pixels on an edge."""
+
+    color: Tensor  # [C, n]
+    own: _Side  # the surfaces that their depth names
+    other: _Side
+    expected: Tensor  # [n], the share of their own surface that the depth around lets expect
+    known: Tensor  # [n] bool, whether both surfaces are
 
 
 def unmixed(
@@ -120,25 +151,38 @@ def unmixed(
     `image`: [C, ..., H, W] linear; `signed_radius`: [..., H, W] px; `matte`: [..., H, W], the
     coverage of a subject, which is not guessed at its silhouette.
     """
-    r = signed_radius.detach()
-    nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
-    edge = exceeding(farthest - nearest, EDGE)
-    if matte is not None:
-        edge = edge | ((matte > 0) & (matte < 1))
-    positions = positions_of(edge)
-    if not len(positions):
-        return whole(image, signed_radius)
-    border = halfway(nearest, farthest)
+    edge = _edges(signed_radius, matte)
     chunks = [
-        _taken_apart(at, _squares(image, signed_radius, edge, border, at, matte), limit)
-        for at in torch.split(positions, pieces(positions.device, _AT_ONCE, _BYTES_EACH))
+        _taken_apart(at, squares, limit)
+        for at, squares in _squares_on(edge, image, signed_radius, matte)
     ]
+    if not chunks:
+        return whole(image, signed_radius)
     at, own, fraction, fringe_at, fringe, fringe_radius = map(torch.cat, zip(*chunks, strict=True))
-    index = at[:, 0] * edge.shape[-1] + at[:, 1]
+    index = _numbers(at, signed_radius)
     color = image.flatten(1).index_copy(1, index, own.T).reshape(image.shape)
     coverage = torch.ones_like(image[:1]).flatten().index_copy(0, index, fraction)
     coverage = coverage.reshape(image[:1].shape)
     return Unmixed(color, coverage, Fringe(fringe_at, fringe, fringe_radius))
+
+
+def radii_by_color(signed_radius: Tensor, image: Tensor) -> Tensor:
+    """Radii [H, W] px with pixels on edges given to the surface whose colour in [C, H, W] is there.
+
+    Depth that was estimated leaves pixels of a surface beside its edge to the other one.
+    """
+    for _ in range(_BESIDE):
+        indices, radii = [], []
+        for at, squares in _squares_on(_edges(signed_radius), image, signed_radius):
+            pixels = _pixels_on_edge(squares)
+            other_is_there = pixels.known & (_coverage(*pixels[:4]) < 1 / 2)
+            indices.append(_numbers(at, signed_radius)[other_is_there])
+            radii.append(squares.beyond_edge()[other_is_there])
+        if not sum(map(len, indices)):
+            break
+        flat = signed_radius.flatten().index_copy(0, torch.cat(indices), torch.cat(radii))
+        signed_radius = flat.view_as(signed_radius)
+    return signed_radius
 
 
 def whole(image: Tensor, signed_radius: Tensor) -> Unmixed:
@@ -148,28 +192,45 @@ def whole(image: Tensor, signed_radius: Tensor) -> Unmixed:
     return Unmixed(image, None, Fringe(nowhere, nothing, signed_radius.flatten()[:0]))
 
 
-def _squares(
-    image: Tensor,
-    signed_radius: Tensor,
-    edge: Tensor,
-    border: Tensor,
-    at: Tensor,
-    matte: Tensor | None,
-) -> _Squares:
-    """The squares around pixels at [n, 2]; radii below the border [..., H, W] are near."""
-    size = edge.shape[-2], edge.shape[-1]
-    position = squares_around(at, size, AROUND).flatten(1).T.contiguous()
-    spots = position.flatten()
-    radii, on_edge = (
-        x.flatten().index_select(0, spots).reshape(position.shape) for x in (signed_radius, edge)
-    )
-    own = at[:, 0] * size[1] + at[:, 1]
-    is_near = radii.detach() < border.flatten().index_select(0, own)
-    colors = image.flatten(1).index_select(1, spots).reshape(len(image), *position.shape)
-    squares = _Squares(colors, radii, is_near, on_edge)
-    if matte is None:
-        return squares
-    return _by_matte(squares, matte.flatten().index_select(0, spots).reshape(radii.shape))
+def _edges(signed_radius: Tensor, matte: Tensor | None = None) -> Tensor:
+    """The pixels [..., H, W] on edges of depth or of a matte, bool."""
+    r = signed_radius.detach()
+    nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
+    edge = exceeding(farthest - nearest, EDGE)
+    return edge if matte is None else edge | ((matte > 0) & (matte < 1))
+
+
+def _numbers(at: Tensor, like: Tensor) -> Tensor:
+    """The numbers [n] of pixels at [n, 2] in pictures [..., H, W]."""
+    return at[:, 0] * like.shape[-1] + at[:, 1]
+
+
+def _squares_on(
+    edge: Tensor, image: Tensor, signed_radius: Tensor, matte: Tensor | None = None
+) -> Iterator[tuple[Tensor, _Squares]]:
+    """Pixels [n, 2] of an edge [..., H, W] and the squares around them, piece by piece.
+
+    The nearer surface is what is nearer than halfway between both ends of the pixels beside.
+    """
+    positions = positions_of(edge)
+    if not len(positions):
+        return
+    r, size = signed_radius.detach(), (edge.shape[-2], edge.shape[-1])
+    border = halfway(*(extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum)))
+    for at in torch.split(positions, pieces(positions.device, _AT_ONCE, _BYTES_EACH)):
+        position = squares_around(at, size, AROUND).flatten(1).T.contiguous()
+        spots = position.flatten()
+        radii, on_edge = (
+            x.flatten().index_select(0, spots).reshape(position.shape)
+            for x in (signed_radius, edge)
+        )
+        is_near = radii.detach() < border.flatten().index_select(0, _numbers(at, edge))
+        colors = image.flatten(1).index_select(1, spots).reshape(len(image), *position.shape)
+        squares = _Squares(colors, radii, is_near, on_edge)
+        if matte is not None:
+            of_matte = matte.flatten().index_select(0, spots).reshape(radii.shape)
+            squares = _by_matte(squares, of_matte)
+        yield at, squares
 
 
 def _by_matte(squares: _Squares, matte: Tensor) -> _Squares:
@@ -185,37 +246,34 @@ def _by_matte(squares: _Squares, matte: Tensor) -> _Squares:
 
 def _taken_apart(at: Tensor, squares: _Squares, limit: float) -> tuple[Tensor, ...]:
     """Take apart the pixels at [n, 2]."""
-    near, far = _sides(squares, limit)
-    color = squares.colors[:, squares.middle]  # [C, n]
+    pixels = _pixels_on_edge(squares, limit)
+    color, own, other, _, known = pixels
     is_near = squares.is_near[squares.middle]
-    nearby = _closeness(color, _PIXEL)
-    expected = (nearby * squares.is_near).sum(0) / nearby.sum()
-    alpha = _as_whole(_coverage(color, near, far, expected), is_near, near, far)
-    has_step = squares.have_step()
+    alpha = _as_whole(_coverage(*pixels[:4]), is_near, own, other)
     if squares.known is not None:
-        alpha = torch.where(squares.known.isnan(), alpha, squares.known)
-        has_step = has_step | ~squares.known.isnan()
-    weights = alpha * near.variance, (1 - alpha) * far.variance
-    residual = (color - alpha * near.mean - (1 - alpha) * far.mean) / (
-        alpha * weights[0] + (1 - alpha) * weights[1]
-    )
-    near_color, far_color = (
-        _within(side, color, side.mean + residual * weight)
-        for side, weight in zip((near, far), weights, strict=True)
-    )
-    # the part clipped off a colour goes to the other, within its range
-    far_color = _within(far, far_color, _rest(color, near_color, alpha))
-    near_color = _within(near, near_color, _rest(color, far_color, 1 - alpha))
-    near_color = torch.where(alpha == 1, color, near_color)
-    far_color = torch.where(alpha == 0, color, far_color)
-    known = near.known & far.known & has_step
-    own_color = torch.where(is_near, near_color, far_color).T
+        by_matte = torch.where(is_near, squares.known, 1 - squares.known)
+        alpha = torch.where(by_matte.isnan(), alpha, by_matte)
+    own_color, other_color = _colors(color, own, other, alpha)
     coverage = torch.where(is_near, alpha, 1.0)
-    behind = known & ~is_near & (alpha.detach() > 0)
-    fringe = (torch.cat([near_color, torch.ones_like(alpha)[None]]) * alpha).T
-    both = (at, own_color, coverage), (at, fringe, near.signed_radius)
+    behind = known & ~is_near & (alpha.detach() < 1)
+    fringe = (torch.cat([other_color, torch.ones_like(alpha)[None]]) * (1 - alpha)).T
+    both = (at, own_color.T, coverage), (at, fringe, other.signed_radius)
     masks = torch.nonzero(known)[:, 0], torch.nonzero(behind)[:, 0]
     return tuple(x.index_select(0, i) for of, i in zip(both, masks, strict=True) for x in of)
+
+
+def _pixels_on_edge(squares: _Squares, limit: float = math.inf) -> _Pixels:
+    """The pixels in the middle of squares."""
+    near, far = _sides(squares, limit)
+    color = squares.colors[:, squares.middle]
+    is_near = squares.is_near[squares.middle]
+    nearby = _closeness(color, _PIXEL)
+    expected = (nearby * (squares.is_near == is_near)).sum(0) / nearby.sum()
+    has_step = squares.have_step()
+    if squares.known is not None:
+        has_step = has_step | ~squares.known.isnan()
+    known = near.known & far.known & has_step
+    return _Pixels(color, near.where(is_near, far), far.where(is_near, near), expected, known)
 
 
 def _closeness(like: Tensor, deviation: float) -> Tensor:
@@ -263,31 +321,45 @@ def _side_of(squares: _Squares, weight: Tensor) -> _Side:
     return _Side(mean, variance, (squares.radii * fraction).sum(0), total > 0)
 
 
-def _coverage(color: Tensor, near: _Side, far: _Side, expected: Tensor) -> Tensor:
-    """The most probable α [n] of colours [C, n] = α near + (1 - α) far, and an expected one [n].
+def _coverage(color: Tensor, own: _Side, other: _Side, expected: Tensor) -> Tensor:
+    """The most probable α [n] of colours [C, n] = α own + (1 - α) other, and an expected one [n].
 
-    The less a colour is on the line between both surfaces, the less it counts.
+    The less a colour is on the line between both surfaces, the less it counts; what is far from it
+    (a lamp) is whole.
     """
-    variance, apart = (near.variance + far.variance) / 2, near.mean - far.mean
+    variance, apart = (own.variance + other.variance) / 2, own.mean - other.mean
     evidence = (apart * apart / variance).sum(0)
-    observed = (apart * (color - far.mean) / variance).sum(0)
+    observed = (apart * (color - other.mean) / variance).sum(0)
     best = (observed / torch.where(evidence > 0, evidence, 1.0)).clamp(0, 1)
-    off = color - far.mean - best * apart
-    misfit = (off * off / (best * near.variance + (1 - best) * far.variance)).sum(0)
+    off = color - other.mean - best * apart
+    misfit = (off * off / (best * own.variance + (1 - best) * other.variance)).sum(0)
     doubt = (1 + misfit) / _UNCERTAIN**2
+    expected = 1 - (1 - expected) / (1 + misfit / _FOREIGN)
     return ((observed + expected * doubt) / (evidence + doubt)).clamp(0, 1)
 
 
-def _as_whole(alpha: Tensor, is_near: Tensor, near: _Side, far: _Side) -> Tensor:
-    """Coverages [n], with those of pixels that are hardly mixed as of their own surface alone."""
-    apart = (near.mean - far.mean).square()
-    own = torch.where(is_near, near.variance, far.variance)
-    limit = _WITHIN / (apart / own).sum(0).clamp(min=(_WITHIN / _WHOLE) ** 2).sqrt()
-    limit = torch.where(is_near & (near.signed_radius.detach().abs() <= _SHARP), 1.0, limit)
-    short = torch.where(is_near, 1 - alpha, alpha)
-    clear = short > limit
-    short = torch.where(clear, short - limit.square() / torch.where(clear, short, 1.0), 0.0)
-    return torch.where(is_near, 1 - short, short)
+def _as_whole(alpha: Tensor, is_near: Tensor, own: _Side, other: _Side) -> Tensor:
+    """Coverages [n] by a pixel's own surface; 1 where it is hardly mixed."""
+    apart = (own.mean - other.mean).square()
+    limit = _WITHIN / (apart / own.variance).sum(0).clamp(min=(_WITHIN / _WHOLE) ** 2).sqrt()
+    limit = torch.where(is_near & (own.signed_radius.detach().abs() <= _SHARP), 1.0, limit)
+    clear = 1 - alpha > limit
+    short = torch.where(clear, 1 - alpha, 1.0)
+    return torch.where(clear, 1 - short + limit.square() / short, 1.0)
+
+
+def _colors(color: Tensor, own: _Side, other: _Side, alpha: Tensor) -> tuple[Tensor, Tensor]:
+    """The colours [C, n] of both surfaces of mixed pixels, the first one of coverage α [n].
+
+    What none of them explains is the pixel's own surface's, and the rest of it the other's.
+    """
+    weights = alpha * own.variance, (1 - alpha) * other.variance
+    residual = (color - alpha * own.mean - (1 - alpha) * other.mean) / (
+        alpha * weights[0] + (1 - alpha) * weights[1]
+    )
+    other_color = _within(other, other.mean, other.mean + residual * weights[1])
+    own_color = _within(own, color, _rest(color, other_color, 1 - alpha))
+    return own_color, _within(other, color, _rest(color, own_color, alpha))
 
 
 def _rest(mixed: Tensor, color: Tensor, fraction: Tensor) -> Tensor:

@@ -7,7 +7,7 @@ from scenes import pattern
 from torch import Tensor
 
 from defocus_core import render
-from defocus_core.depth.matting import unmixed
+from defocus_core.depth.matting import radii_by_color, unmixed
 
 SIZE = (32, 48)
 EDGE = 20  # the column that is mixed
@@ -152,3 +152,25 @@ def test_print_behind_a_leaf_gets_no_colours_that_are_nowhere() -> None:
     colourful = image.amax(0) - image.amin(0)
     for colors in (own, fringe):
         assert (colors.amax(1) - colors.amin(1)).max() < colourful.max() + 0.04
+
+
+def test_a_lamp_beside_a_nearer_surface_stays_whole() -> None:
+    """What neither surface's colours explain is of the surface that the depth names."""
+    image = torch.where(torch.arange(SIZE[1]) < 20, 0.2, 0.3).double().expand(3, *SIZE).clone()
+    image[:, 10, 20] = 50.0
+    radius = torch.where(torch.arange(SIZE[1]) < 20, 0.3, 30.0).double().expand(SIZE)
+    o = unmixed(image, radius)
+    assert float(o.color[0, 10, 20]) > 0.99 * 50
+    assert float(o.fringe.layer[:, :3].sum()) < 0.01 * 50
+
+
+@pytest.mark.parametrize("px", [1, 2])
+def test_colours_decide_of_which_surface_a_pixel_is(px: int) -> None:
+    """Pixels left to the other surface, on either side of an edge, go to that of their colours."""
+    columns, odd = torch.arange(SIZE[1]).expand(SIZE), torch.arange(SIZE[0])[:, None] % 8 == 0
+    image = torch.where(columns < 20, 0.2, 0.6).double().expand(3, *SIZE)
+    exact = torch.where(columns < 20, -12.0, 0.0).double()
+    for shift in (-px, px):
+        given = torch.where(columns < 20 + shift * odd, -12.0, 0.0).double()
+        assert torch.equal(radii_by_color(given, image), exact)
+        assert radii_by_color(exact, image) is exact
