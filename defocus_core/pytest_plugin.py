@@ -59,9 +59,9 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         return
     try:
         if any(config.stash[_KEPT].iterdir()):
-            from defocus_core.reports.html import golden_checks
+            from defocus_core.reports.html import comparisons
 
-            golden_checks.write(config.stash[_KEPT], report)
+            comparisons.write_checks(config.stash[_KEPT], report)
             config.stash[_SAID] = f"report of goldens: {report}"
     except (InputError, OSError) as error:
         config.stash[_SAID] = f"no report of goldens: {error}"
@@ -200,11 +200,11 @@ class Golden:
 
     def _keep(self, record: Comparison, golden: Path, picture: Any) -> None:
         """Keep a check for the report, by the path of its golden."""
-        from defocus_core.reports.html import golden_checks
+        from defocus_core.reports.html import comparisons
 
         if self.kept is not None:
             name = os.path.relpath(golden)
-            golden_checks.keep(self.kept, replace(record, name=name), self.test, picture)
+            comparisons.keep_check(self.kept, replace(record, name=name), self.test, picture)
 
 
 @pytest.fixture

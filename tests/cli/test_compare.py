@@ -354,6 +354,18 @@ def test_depth_edges_and_the_rest_are_told_apart(a: Path, b: Path, tmp_path: Pat
     assert "holds no CoC map b.exr" in ran.out
 
 
+@pytest.mark.parametrize("option", ["--junit", "--html"])
+def test_a_report_that_cannot_be_written_leaves_the_json(
+    option: str, a: Path, tmp_path: Path
+) -> None:
+    b = write_planes(tmp_path / "b.exr", planes(2 * scene()))
+    ran = run("compare", a, b, "--json", option, b / "report", "--accept")
+    assert ran.code == 3
+    assert [pair["status"] for pair in ran.json["pairs"]] == ["different"]
+    assert [error["problem"] for error in ran.json["failed"]]
+    assert ran.json["accepted"] == []
+
+
 def test_difference_images_are_signed_and_amplified(a: Path, tmp_path: Path) -> None:
     image = patched()
     image[0, 0] = np.nan

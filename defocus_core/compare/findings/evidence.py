@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from defocus_core.compare.findings.finding import Finding
-from defocus_core.compare.findings.parts import sums_of_parts
 from defocus_core.compare.metrics import unclipped
 from defocus_core.compare.selection import widened
 from defocus_core.io.images.color_space import srgb_to_linear
@@ -43,6 +42,7 @@ _SIGNAL = 1.3  # least power of a difference, by that of the noise in it
 # RMS of what number types round off: of 0…1 for integers, as a share of the level for others.
 _STEPS = {"uint8": 0.35 / 255, "uint16": 0.35 / 65535}
 _RELATIVE_STEPS = {"half": 4e-4, "float": 1e-6}
+PART = 32  # px of a side of a part
 
 
 @dataclass(frozen=True)
@@ -389,3 +389,35 @@ def _unshared(here: NDArray[Any], beside: NDArray[Any]) -> float:
     """The power of values that they do not share with their neighbours."""
     shared = float(np.multiply(here, beside, dtype="f8").sum()) / here.size if here.size else 0.0
     return max(_power(here, beside) - max(shared, 0.0), 0.0)
+
+
+def sums_of_parts(values: NDArray[Any], side: int = PART) -> NDArray[Any]:
+    """Sums [h, w] over the parts of values [H, W]."""
+    rows = np.add.reduceat(values, np.arange(0, values.shape[0], side), axis=0)
+    return np.add.reduceat(rows, np.arange(0, values.shape[1], side), axis=1)
+
+
+def fitted_in_parts(
+    columns: Sequence[NDArray[Any]],
+    aim: NDArray[Any],
+    chooses: NDArray[np.bool_],
+    side: int = PART,
+) -> NDArray[Any]:
+    """The sum [h, w] of multiples of columns [h, w] that each part of a picture has for itself.
+
+    The multiples are those of least squares at the pixels that choose, with a little of a ridge.
+    """
+    square = np.stack(
+        [[sums_of_parts(one * other * chooses, side) for other in columns] for one in columns]
+    )
+    sums = np.stack([sums_of_parts(one * aim * chooses, side) for one in columns])
+    square, sums = np.moveaxis(square, (0, 1), (-2, -1)), np.moveaxis(sums, 0, -1)
+    scale = np.trace(square, axis1=-2, axis2=-1)
+    ridge = (1e-3 * scale + 1e-3 * scale.mean() + 1e-30)[..., None, None]
+    solved = np.linalg.solve(square + ridge * np.eye(len(columns)), sums[..., None])[..., 0]
+    total = np.zeros_like(aim)
+    height, width = aim.shape
+    for k, column in enumerate(columns):
+        each = np.repeat(np.repeat(solved[..., k], side, axis=0), side, axis=1)
+        total += each[:height, :width] * column
+    return total

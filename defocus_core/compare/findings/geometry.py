@@ -10,8 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from defocus_core.compare.findings.evidence import Cause, Evidence, FittedCause, blocks_in_turn
-from defocus_core.compare.findings.parts import PART, fitted_in_parts, sums_of_parts
+from defocus_core.compare.findings.evidence import (
+    PART,
+    Cause,
+    Evidence,
+    FittedCause,
+    blocks_in_turn,
+    fitted_in_parts,
+    sums_of_parts,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -21,8 +21,8 @@ from defocus_core.compare.findings.evidence import (
     FittedCause,
     blocks_in_turn,
     densest,
+    fitted_in_parts,
 )
-from defocus_core.compare.findings.parts import fitted_in_parts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

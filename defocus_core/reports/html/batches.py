@@ -20,13 +20,17 @@ from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.journal.journal import Record, read_all, require_journal
 from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.lenses.lens import lens_record_words
-from defocus_core.reports.html.budget import values_room
-from defocus_core.reports.html.depth_over_time import depth_of_frame
-from defocus_core.reports.html.item import Column, Item, Layer, Report, ReportTable
-from defocus_core.reports.html.layers import WHOLE, window_of, with_values
-from defocus_core.reports.html.page import write_report
+from defocus_core.reports.html.item import Column, Item, Layer, Report, ReportTable, depth_of_frame
+from defocus_core.reports.html.layers import (
+    WHOLE,
+    drawn_files,
+    is_view,
+    wiggle_of,
+    window_of,
+    with_values,
+)
+from defocus_core.reports.html.page import values_room, write_report
 from defocus_core.reports.html.render_command import render_command
-from defocus_core.reports.html.sample_layers import drawn_files, is_view, wiggle_of
 from defocus_core.system.spreading import spread
 
 _COLUMNS = (

@@ -6,19 +6,25 @@ The values of the worst are kept, as many as there may be room for.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+import os
+import pickle
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from glob import escape
+from itertools import count
 from pathlib import Path
+from typing import Any
 
 from defocus_core.compare.metrics import METRICS
 from defocus_core.compare.record import DIFFERENT, STATUSES, WARNING, CompareSettings, Comparison
 from defocus_core.compare.thresholds import OVER, Rules
+from defocus_core.io.exr.writing import write_exr
 from defocus_core.reports.comparison_words import line, metric_title, number_words, worst_words
-from defocus_core.reports.html.budget import values_room
+from defocus_core.reports.html import comparisons
 from defocus_core.reports.html.item import Column, Item, Report
 from defocus_core.reports.html.layers import WHOLE
-from defocus_core.reports.html.page import write_report
+from defocus_core.reports.html.page import values_room, write_report
 from defocus_core.reports.html.pair_drawing import Drawing, Subject, draw_pair
 from defocus_core.system.shell import command_line
 from defocus_core.system.spreading import spread
@@ -28,6 +34,7 @@ Commands = Callable[[Comparison], Sequence[tuple[str, str]]]
 _COLUMNS = ("psnr", "ssim", "max", "flip")
 _PACKED = 1.0  # halves that a character holds at most, where B is like A
 _HALF_LAYERS = 6  # halves of a pixel: three channels of A and of B
+_numbers = count()
 
 
 @dataclass(frozen=True)
@@ -196,3 +203,52 @@ def _setting_words(settings: CompareSettings) -> list[object]:
         words += ["--ignore-metadata", ",".join(settings.ignore_metadata)]
     flags = ("flip", "metadata", "tolerate_edges")
     return words + [f"--{f.replace('_', '-')}" for f in flags if getattr(settings, f)]
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A check: its record, and the name that pytest has for its test."""
+
+    record: Comparison
+    test: str
+
+
+def keep_check(
+    folder: Path, record: Comparison, test: str, picture: Path | Mapping[str, Any]
+) -> None:
+    """Keep a check, with the picture of the test if it fails."""
+    stem = folder / f"{os.getpid()}-{next(_numbers)}"
+    if record.passes:
+        record = replace(record, b=record.a)
+    elif isinstance(picture, Path):
+        record = replace(record, b=stem.with_suffix(picture.suffix))
+        shutil.copyfile(picture, stem.with_suffix(picture.suffix))
+    else:
+        record = replace(record, b=stem.with_suffix(".exr"))
+        write_exr(stem.with_suffix(".exr"), picture, {})
+    stem.with_suffix(".pickle").write_bytes(pickle.dumps(Kept(record, test)))
+
+
+def write_checks(folder: Path, path: Path) -> int:
+    """Write the report of the checks in a folder, if there are any; their number."""
+    kept: Sequence[Kept] = [
+        pickle.loads(file.read_bytes()) for file in sorted(folder.glob("*.pickle"))
+    ]
+    if not kept:
+        return 0
+    tests = {id(each.record): each.test for each in kept}
+
+    def commands(record: Comparison) -> list[tuple[str, str]]:
+        words = ["pytest", tests[id(record)]]
+        again = [("Test again", command_line(words))]
+        if record.passes:
+            return again
+        return [*again, ("Accept as the golden", command_line([*words, "--golden-update"]))]
+
+    failed = [each.record for each in kept if not each.record.passes]
+    words = [f"{counted(len(kept), 'check')} of goldens, {len(failed)} failed"]
+    header = ReportHeader(
+        "Goldens of a run of pytest", words, commands, b="the picture of the test"
+    )
+    comparisons.write(path, header, [each.record for each in kept], CompareSettings(), processes=1)
+    return len(kept)

@@ -30,8 +30,8 @@ from defocus_core.picture.pair import InputPair, read
 from defocus_core.picture.plain_path import compute, load
 from defocus_core.picture.subject import subject_of
 from defocus_core.picture.take import Inputs
+from defocus_core.reports.html.page import Payloads, write_page
 from defocus_core.reports.html.render_command import render_words
-from defocus_core.reports.html.template import Payloads, write_page
 from defocus_core.reports.html.thumbnails import encoded
 from defocus_core.reports.replaceable import refuse_other
 from defocus_core.system.shell import command_line

@@ -19,15 +19,19 @@ from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_p
 from defocus_core.compare.record import Comparison
 from defocus_core.compare.selection import coc_file
 from defocus_core.errors import InputError
-from defocus_core.reports.html import sample_layers, thumbnails
+from defocus_core.reports.html import thumbnails
 from defocus_core.reports.html.item import HEAT, Layer
 from defocus_core.reports.html.layers import (
     DIFFERENCE,
     A,
     B,
     Drawn,
+    beside,
     draw,
+    drawn_files,
+    is_view,
     shown_channels,
+    wiggle_of,
     window_of,
     with_values,
 )
@@ -64,19 +68,19 @@ def draw_pair(subject: Subject) -> Drawing:
         a, b = in_linear_light(a), in_linear_light(b)
     drawn, full = _pair(a, b, record, "A = B" if equal else "B")
     size = drawn[0].layer.size
-    files = dict(sample_layers.beside(whole.path))
+    files = dict(beside(whole.path))
     if subject.coc is not None:
         with suppress(InputError):
             files["coc"] = coc_file(subject.coc, record.name)
-    others = sample_layers.drawn_files(files.items(), values=subject.values)
+    others = drawn_files(files.items(), values=subject.values)
     drawn += [each for each in others if each.layer.size == size]
     layers: Sequence[Layer] = [each.layer for each in drawn]
     if subject.values:
         place = None if record.worst is None else (record.worst.x, record.worst.y)
-        kept = [each for each in drawn if not sample_layers.is_view(each)]
+        kept = [each for each in drawn if not is_view(each)]
         valued = {each.key: each for each in with_values(kept, window_of(size, place))}
         layers = [valued.get(each.key, each) for each in layers]
-    wiggle = sample_layers.wiggle_of(layers, whole.path)
+    wiggle = wiggle_of(layers, whole.path)
     return Drawing(layers, wiggle, full, lens_words(whole.metadata))
 
 

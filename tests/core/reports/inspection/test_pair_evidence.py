@@ -11,7 +11,7 @@ from command_line import run, write_exr
 from image_files import save
 
 from defocus_core.batch.jobs.job import Reading
-from defocus_core.reports.inspection.pair_evidence import evidence_of_pair
+from defocus_core.reports.inspection.evidence import evidence_of_pair
 
 FEW, MANY = (14, 40, 0.4), (60, 24, 0.1)  # squares, their side in px, contrast of their checks
 ROWS, COLUMNS = np.mgrid[:240, :320]

@@ -116,7 +116,7 @@ def test_a_grey_picture_in_three_channels_is_told_what_one_channel_is(tmp_path: 
 
 
 def test_every_format_that_is_named_exists() -> None:
-    from defocus_core.reports.inspection import depth_evidence as module
+    from defocus_core.reports.inspection import evidence as module
 
     assert {*module._TELLING_NAMES, *module._BESIDE} <= FORMATS.keys()
 
