@@ -62,22 +62,19 @@ class Cause:
 
     name: str  # of the finding, with parameters in braces
     model: Callable[[Evidence], Iterator[FittedCause]]  # fits it to a pair, in one way or several
-    words: str = ""  # the finding, with parameters in braces; the name where empty
+    words: str = "{name}"  # the finding, with its name and parameters in braces
     limit: float = LEFT  # the largest share of a difference that it may leave, if it is to be named
     # The word for it and all that can make the same picture, which is said where two of them
     # explain about as much; empty if there are none
     rivals: str = ""
-    of_color: bool = False  # whether only light can have it
-    of_many: bool = False  # whether its parameters fit a few pixels by chance
+    needs: Callable[[Evidence], bool] | None = None  # whether a pair can have it; None for all
 
     def explanations(self, evidence: Evidence) -> Iterator[Explanation]:
         """The fits of this cause to a pair."""
-        if (self.of_color and not evidence.pixels.color) or (self.of_many and evidence.is_small):
-            return
-        for fit in self.model(evidence):
-            all_values = {**fit.values, **fit.said}
-            name = self.name.format(**all_values)
-            text = (self.words or self.name).format(**all_values)
+        for fit in self.model(evidence) if self.needs is None or self.needs(evidence) else ():
+            parameters = {**fit.values, **fit.said}
+            name = self.name.format(**parameters)
+            text = self.words.format(**{**parameters, "name": name})
             yield Explanation(self, fit, Finding(name, text, fit.values))
 
 
@@ -175,17 +172,8 @@ class Evidence:
     def at(self, side: str, rows: Any, columns: Any, names: Sequence[str] = ()) -> Any:
         """Values [C, N] of side ``a`` or ``b`` at some places, 0 where a pixel is not finite."""
         planes = [self.pixels.plane(side, name)[rows, columns] for name in names or self.names]
-        values = np.stack(planes)
-        if not self._is_small_enough:
-            values = np.clip(values, -_LARGEST, _LARGEST)
-        values = values.astype(np.float32)
+        values = np.stack(planes).astype(np.float32).clip(-_LARGEST, _LARGEST)
         return values if self.pixels.finite is None else np.nan_to_num(values)
-
-    @cached_property
-    def _is_small_enough(self) -> bool:
-        """Whether no value is so large that arithmetic overflows."""
-        ends = [end for side in self.pixels.ranges for both in side.values() for end in both]
-        return all(abs(end) < _LARGEST for end in ends)
 
     def scaled(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values on the scale that differences are measured on."""
@@ -332,6 +320,21 @@ class Evidence:
         sides = (a - b, self.scaled_light(predicted[cut]) - b)
         whole, rest = ((side[:, :-1][both], side[:, 1:][both]) for side in sides)
         return used, whole, rest
+
+
+def has_light(evidence: Evidence) -> bool:
+    """Whether a pair has colour, and not maps of numbers alone."""
+    return bool(evidence.pixels.color)
+
+
+def has_many(evidence: Evidence) -> bool:
+    """Whether a pair has so many pixels that parameters do not fit them by chance."""
+    return not evidence.is_small
+
+
+def has_much_light(evidence: Evidence) -> bool:
+    """Whether a pair has colour of so many pixels."""
+    return has_light(evidence) and has_many(evidence)
 
 
 def densest(differences: NDArray[Any], side: int) -> tuple[slice, slice]:

@@ -23,6 +23,7 @@ from defocus_core.compare.findings.evidence import (
     densest,
     fitted_in_parts,
 )
+from defocus_core.compare.findings.geometry import keys, linear
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -114,6 +115,11 @@ class Softened:
             details = [self.smooth(side, sigma) - self.sides[side] for sigma in _WIDTHS]
             predicted += [self.fitted(side, details, part) for part in (16, 32)]
         return predicted
+
+    @cached_property
+    def left_in_parts(self) -> float:
+        """What is left if B were blurred by as much as each part takes."""
+        return min(map(self.left, self.in_parts))
 
     def fitted(self, side: int, details: list[NDArray[Any]], part: int) -> NDArray[Any]:
         """B as one side, with multiples of details in each part, makes the other."""
@@ -257,8 +263,6 @@ def white_noise(evidence: Evidence) -> str:
 
 def _blurred_alike(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A through a disc or a gaussian for all places, or the reverse."""
-    if not is_large(evidence):
-        return
     frame = _softened(evidence)
     for side, way in ((0, "more"), (1, "less")):
         for response, sizes, wide in ((_disc, _RADII, 1.0), (_gauss, _SIGMAS, 2.0)):
@@ -273,8 +277,6 @@ def _blurred_alike(evidence: Evidence) -> Iterator[FittedCause]:
 
 def _sharpened(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A, and a multiple of its detail."""
-    if not is_large(evidence):
-        return
     frame = _softened(evidence)
     f, power, _, common = frame.rings
     details = 1 - np.stack([_gauss(f, sigma) for sigma in _SIGMAS])
@@ -290,8 +292,6 @@ def _sharpened(evidence: Evidence) -> Iterator[FittedCause]:
 
 def _motion_blurred(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A through a line for all places."""
-    if not is_large(evidence):
-        return
     frame = _softened(evidence)
     fy, fx = (np.broadcast_to(f, frame.spectra[0].shape).ravel() for f in frame.frequencies)
     few = np.flatnonzero(np.hypot(fy, fx) < 0.45)[1::_FEW]
@@ -318,20 +318,14 @@ def _motion_blurred(evidence: Evidence) -> Iterator[FittedCause]:
         yield FittedCause(frame.left(frame.filtered(0, response)), values, cost=0.03)
 
 
-def _keys(t: Any, a: float = -0.5) -> Any:
-    t = np.abs(t)
-    near = ((a + 2) * t - (a + 3)) * t * t + 1
-    return np.where(t < 1, near, np.where(t < 2, ((t - 5) * t + 8) * t * a - 4 * a, 0))
-
-
 def _cubic_spline(t: Any) -> Any:
     return np.where(t < 1, (t / 2 - 1) * t * t + 2 / 3, np.maximum(2 - t, 0) ** 3 / 6)
 
 
 _ENLARGED: dict[str, Callable[[Any], Any]] = {
     "nearest": lambda t: 1.0 * ((t >= -0.5) & (t < 0.5)),
-    "bilinear": lambda t: np.maximum(1 - np.abs(t), 0),
-    "bicubic": _keys,
+    "bilinear": linear,
+    "bicubic": keys,
     "B-spline": lambda t: _cubic_spline(np.abs(t)),
     "Lanczos": lambda t: np.sinc(t) * np.sinc(t / 3) * (np.abs(t) < 3),
 }
@@ -339,8 +333,6 @@ _ENLARGED: dict[str, Callable[[Any], Any]] = {
 
 def _lower_resolution(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A at a half or a quarter of the size, enlarged: its steps lie on a grid."""
-    if not _has_room(evidence):
-        return
     frame = _softened(evidence)
     shown = [evidence.scaled_light(side).astype("f8") for side in frame.sides]
     for factor, size in ((2, "half"), (4, "a quarter of the")):
@@ -389,8 +381,6 @@ def _enlarged(values: NDArray[Any], factor: int, kernel: Callable[[Any], Any]) -
 
 def _noise_removed(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A with means of neighbours that are alike in the place of each pixel, or medians."""
-    if not _has_room(evidence):
-        return
     frame = _softened(evidence)
     for predicted, strength, count in frame.denoised:
         if strength > 0.2:
@@ -399,10 +389,7 @@ def _noise_removed(evidence: Evidence) -> Iterator[FittedCause]:
 
 def _blurred_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A blurred, or A is B blurred, in each part by as much as it takes."""
-    if not is_large(evidence):
-        return
-    frame = _softened(evidence)
-    left = min(frame.left(predicted) for predicted in frame.in_parts)
+    left = _softened(evidence).left_in_parts
     if left <= _COC_LEFT:
         values, how = _ways(evidence)
         name = _COC if left <= _ROUND_LEFT else _EITHER
@@ -411,14 +398,11 @@ def _blurred_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
 
 def _moved_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A through lines, along an axis, in each part by as much as it takes."""
-    if not is_large(evidence):
-        return
     frame = _softened(evidence)
-    blurred = min(frame.left(predicted) for predicted in frame.in_parts)
     for axis, way in ((1, "across"), (0, "down")):
         details = [frame.smooth(0, sigma, (axis,)) - frame.sides[0] for sigma in _WIDTHS[1:]]
         left = frame.left(frame.fitted(0, details, 32))
-        if left < blurred - 0.1:
+        if left < frame.left_in_parts - 0.1:
             yield FittedCause(left, said={"way": way}, cost=0.1)
 
 
@@ -466,8 +450,6 @@ def _growth(evidence: Evidence) -> str:
 
 def _spread_otherwise(evidence: Evidence) -> Iterator[FittedCause]:
     """The same light is spread otherwise within a few pixels, by whatever kernel."""
-    if not is_large(evidence):
-        return
     frame = _softened(evidence)
     difference = frame.sides[1] - frame.sides[0]
     if not difference.any() or noise_like(difference * frame.slope):
@@ -513,24 +495,30 @@ _SOFT = "softened"
 SOFTNESS = (
     Cause(
         *("another CoC", _blurred_alike),
-        "another CoC: blurred {way}, everywhere alike, as by a radius of {radius:.2g} px{shape}",
+        "{name}: blurred {way}, everywhere alike, as by a radius of {radius:.2g} px{shape}",
         *(_SOFT_LEFT, _SOFT),
+        is_large,
     ),
-    Cause("{name}", _blurred_in_parts, "{name}: {how}", _COC_LEFT, _SOFT),
+    Cause("{name}", _blurred_in_parts, "{name}: {how}", _COC_LEFT, _SOFT, is_large),
     Cause(
-        *("motion blur", _motion_blurred, "motion blur: {length:.2g} px at {angle:.0f}°"),
+        *("motion blur", _motion_blurred, "{name}: {length:.2g} px at {angle:.0f}°"),
         *(_SOFT_LEFT, _SOFT),
+        is_large,
     ),
-    Cause("motion blur", _moved_in_parts, "motion blur: {way}, in parts", _COC_LEFT, _SOFT),
+    Cause("motion blur", _moved_in_parts, "{name}: {way}, in parts", _COC_LEFT, _SOFT, is_large),
     Cause(
-        *("lower resolution", _lower_resolution, "lower resolution: {size} resolution, {how}"),
+        *("lower resolution", _lower_resolution, "{name}: {size} resolution, {how}"),
         _RESOLUTION_LEFT,  # nothing else makes its grid
+        needs=_has_room,
     ),
     Cause(
-        *("noise removed", _noise_removed, "noise removed: smeared as by a denoiser"),
+        *("noise removed", _noise_removed, "{name}: smeared as by a denoiser"),
         *(_COC_LEFT, _SOFT),
+        _has_room,
     ),
-    Cause("sharpened", _sharpened, "sharpened: detail x {gain:.3g}", _SOFT_LEFT),
+    Cause("sharpened", _sharpened, "{name}: detail x {gain:.3g}", _SOFT_LEFT, needs=is_large),
 )
 # What says how light moved, where nothing else explains it.
-SPREAD = (Cause("{name}", _spread_otherwise, "{name}: the same light, {how}", _SPREAD_LEFT),)
+SPREAD = (
+    Cause("{name}", _spread_otherwise, "{name}: the same light, {how}", _SPREAD_LEFT, "", is_large),
+)

@@ -13,6 +13,8 @@ from defocus_core.compare.findings.evidence import (
     Evidence,
     FittedCause,
     blocks_in_turn,
+    has_many,
+    has_much_light,
     unexplained,
 )
 from defocus_core.compare.findings.softness import alike, noise_like, white_noise
@@ -294,25 +296,19 @@ def _noise(evidence: Evidence) -> Iterator[FittedCause]:
 
 TRACES = (
     Cause("{name}", _fireflies, "{name}: {count}", _SPARK_LEFT),
-    Cause("seams", _seams, "seams {at}", _SEAM_LEFT, of_many=True),
+    Cause("seams", _seams, "{name} {at}", _SEAM_LEFT, needs=has_many),
     Cause(
         *("seams", _gains_of_tiles),
-        "seams at multiples of {period} px: each tile has another exposure",
+        "{name} at multiples of {period} px: each tile has another exposure",
         _GAIN_LEFT,
-        of_color=True,
-        of_many=True,
+        needs=has_much_light,
     ),
-    Cause(
-        *("halo", _halo, "halo of {width:.0f} px, {how}", _HALO_LEFT),
-        of_color=True,
-        of_many=True,
-    ),
+    Cause("halo", _halo, "{name} of {width:.0f} px, {how}", _HALO_LEFT, needs=has_much_light),
     Cause(
         *("compressed with losses", _compressed),
-        "compressed with losses: in blocks of 8 px, as JPEG and DWAA do",
+        "{name}: in blocks of 8 px, as JPEG and DWAA do",
         _CODEC_LEFT,
-        of_color=True,
-        of_many=True,
+        needs=has_much_light,
     ),
-    Cause("{name}", _noise, "{name} {how}", _NOISE_LEFT, of_many=True),
+    Cause("{name}", _noise, "{name} {how}", _NOISE_LEFT, needs=has_many),
 )
