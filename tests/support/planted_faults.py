@@ -210,7 +210,7 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
         "noise of about 0.0",
     ),
     # Of one channel.
-    "red moved": (lambda a: _of_channel(a, 0, warped(a, dx=0.8)), "shifted", "R shifted by (0.8"),
+    "red moved": (lambda a: _of_channel(a, 0, warped(a, dx=0.8)), "shifted", "R shifted by (0."),
     "green offset": (
         lambda a: a + np.float32([0, 0.02, 0]),
         "raised blacks",

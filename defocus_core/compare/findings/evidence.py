@@ -137,14 +137,12 @@ class Evidence:
         ok = np.ones(self.size, bool) if finite is None else finite.copy()
         ok[:, : width - right] &= ok[:, right:]
         ok[:, width - right :] = False
-        every = np.flatnonzero(ok)
-        if every.size > _SAMPLES:
-            differing = np.flatnonzero((self.pixels.greatest > 0) & ok)
+        if np.count_nonzero(ok) <= _SAMPLES:
+            every = np.flatnonzero(ok)
+        else:
             generator = np.random.default_rng(0)
-            half = min(_SAMPLES // 2, differing.size)
-            chosen = differing[generator.integers(0, max(differing.size, 1), half)]
-            spread = every[generator.integers(0, every.size, _SAMPLES - half)]
-            every = np.concatenate([chosen, spread])
+            chosen = _drawn(generator, (self.pixels.greatest > 0) & ok, _SAMPLES // 2)
+            every = np.concatenate([chosen, _drawn(generator, ok, _SAMPLES - len(chosen))])
         rows, columns = np.unravel_index(every, self.size)
         return np.concatenate([rows, rows]), np.concatenate([columns, columns + right])
 
@@ -320,6 +318,16 @@ class Evidence:
         sides = (a - b, self.scaled_light(predicted[cut]) - b)
         whole, rest = ((side[:, :-1][both], side[:, 1:][both]) for side in sides)
         return used, whole, rest
+
+
+def _drawn(generator: np.random.Generator, mask: NDArray[np.bool_], count: int) -> NDArray[Any]:
+    """Places of so many true pixels of a mask, by chance; fewer where it has fewer."""
+    tried = generator.integers(0, mask.size, 8 * count)
+    found = tried[mask.ravel()[tried]][:count]
+    if len(found) == count:
+        return found
+    true = np.flatnonzero(mask)
+    return true[generator.integers(0, max(true.size, 1), min(count, true.size))]
 
 
 def has_light(evidence: Evidence) -> bool:

@@ -131,8 +131,10 @@ def _means(planes: NDArray[Any], side: int) -> NDArray[np.float32]:
     """Means of the whole tiles of planes [..., H, W]."""
     down, across = (length // side for length in planes.shape[-2:])
     cut = planes[..., : down * side, : across * side]
-    blocks = cut.reshape(*planes.shape[:-2], down, side, across, side)
-    means: NDArray[np.float32] = blocks.mean(axis=(-3, -1), dtype=np.float32)
+    rows = cut.reshape(*planes.shape[:-2], down, side, across * side).mean(
+        axis=-2, dtype=np.float32
+    )
+    means: NDArray[np.float32] = rows.reshape(*rows.shape[:-1], across, side).mean(axis=-1)
     return means
 
 

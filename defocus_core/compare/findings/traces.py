@@ -59,12 +59,12 @@ def _difference(evidence: Evidence) -> NDArray[Any]:
 def _fireflies(evidence: Evidence) -> Iterator[FittedCause]:
     """A few pixels apart from each other hold the difference."""
     difference = _difference(evidence)
-    power = np.square(difference, dtype="f8")
-    maximum = max(1, int(_FEW * power.size))
-    sparks = power > max(_SPARK**2, 0.01 * float(power.max()))
+    size = np.abs(difference)
+    sparks = size > max(_SPARK, 0.1 * float(size.max()))
     number = int(np.count_nonzero(sparks))
-    if not 0 < number <= maximum:
+    if not 0 < number <= max(1, int(_FEW * size.size)):
         return
+    power = np.square(difference, dtype="f8")
     beside = np.zeros_like(sparks)
     beside[1:] |= sparks[:-1]
     beside[:, 1:] |= sparks[:, :-1]
