@@ -21,7 +21,6 @@ from defocus_core.compare.record import DIFFERENT, STATUSES, WARNING, CompareSet
 from defocus_core.compare.thresholds import OVER, Rules
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.reports.comparison_words import line, metric_title, number_words, worst_words
-from defocus_core.reports.html import comparisons
 from defocus_core.reports.html.item import Column, Item, Report
 from defocus_core.reports.html.layers import WHOLE
 from defocus_core.reports.html.page import values_room, write_report
@@ -250,5 +249,5 @@ def write_checks(folder: Path, path: Path) -> int:
     header = ReportHeader(
         "Goldens of a run of pytest", words, commands, b="the picture of the test"
     )
-    comparisons.write(path, header, [each.record for each in kept], CompareSettings(), processes=1)
+    write(path, header, [each.record for each in kept], CompareSettings(), processes=1)
     return len(kept)
