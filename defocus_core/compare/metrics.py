@@ -13,10 +13,10 @@ own, an error in light beyond 2 is not seen.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +26,6 @@ from defocus_core.errors import UsageProblem
 from defocus_core.evaluation.similarity import REACH, similarity
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 from defocus_core.io.safe_files import quiet
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from defocus_core.compare.pixels import Pixels
 
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 _BLACK = 1e-6  # a luminance that is as good as 0

@@ -7,8 +7,10 @@ is, if it has one.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from defocus_core.compare.findings.evidence import Evidence, Explanation
 from defocus_core.compare.findings.finding import Finding
@@ -18,15 +20,9 @@ from defocus_core.compare.findings.softness import SOFTNESS, SPREAD
 from defocus_core.compare.findings.tone import TONE
 from defocus_core.compare.findings.traces import TRACES
 from defocus_core.compare.pairing import partners
-from defocus_core.compare.picture import in_linear_light, read_picture
+from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_picture
+from defocus_core.compare.pixels import Pixels
 from defocus_core.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from defocus_core.compare.picture import DecodedPicture
-    from defocus_core.compare.pixels import Pixels
 
 _MAPS_OF_COC = {"coc", "disparity"}
 # Attributes of a render by what follows if they differ.

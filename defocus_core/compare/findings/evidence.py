@@ -9,23 +9,19 @@ no explanation predicts, counts neither for nor against one.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.metrics import unclipped
+from defocus_core.compare.pixels import Pixels
 from defocus_core.compare.selection import widened
 from defocus_core.io.images.color_space import srgb_to_linear
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from defocus_core.compare.pixels import Pixels
 
 _SAMPLES = 5_000  # pixels that are looked at, each with its neighbour on the right
 _FEW = 2048  # pixels of a picture below which a finding must hold in both turns of the blocks

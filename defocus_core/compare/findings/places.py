@@ -8,29 +8,24 @@ difference itself, like a region, is measured at pixels that did not choose it.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from defocus_core.compare.findings.evidence import blocks_in_turn
+from defocus_core.compare.findings.evidence import Evidence, blocks_in_turn
 from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.picture import DecodedPicture
 from defocus_core.compare.selection import beside_jumps, read_radius, widened
 from defocus_core.errors import InputError
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from defocus_core.compare.findings.evidence import Evidence
-    from defocus_core.compare.picture import DecodedPicture
-
-    _Mask = NDArray[np.bool_]
+_Mask = NDArray[np.bool_]
 
 _LOOKED_AT = 2**19  # pixels, of which every n-th row and column are kept
 _TELLS = 0.35  # least relative entropy of a place, in nats

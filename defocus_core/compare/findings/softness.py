@@ -8,11 +8,13 @@ on depth, each part of a picture has a filter of its own: a sum of A through gau
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.compare.findings.evidence import (
     LOSSY,
@@ -24,11 +26,6 @@ from defocus_core.compare.findings.evidence import (
     fitted_in_parts,
 )
 from defocus_core.compare.findings.geometry import keys, linear
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from numpy.typing import NDArray
 
 _LEAST = 28  # px of a side of a picture whose softness is looked at
 _PIECE, _MARGIN = 192, 8  # px of the part that rivals are measured in, and of the border left out

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import permutations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.compare.findings.evidence import (
     EXACT,
@@ -19,13 +20,9 @@ from defocus_core.compare.findings.evidence import (
 )
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.picture import color_layers, layers
+from defocus_core.compare.pixels import Pixels
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 from defocus_core.io.images.primaries import NAMED, between_primaries
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from defocus_core.compare.pixels import Pixels
 
 _Curve = Callable[[Any], Any]
 _MAX_SWAPPED = 4  # channels of a layer whose permutations are tried

@@ -22,9 +22,8 @@ from defocus_core.compare.thresholds import OVER, Rules
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.reports.comparison_words import line, metric_title, number_words, worst_words
 from defocus_core.reports.html.item import Column, Item, Report
-from defocus_core.reports.html.layers import WHOLE
+from defocus_core.reports.html.layers import WHOLE, Drawing, Subject, draw_pair
 from defocus_core.reports.html.page import values_room, write_report
-from defocus_core.reports.html.pair_drawing import Drawing, Subject, draw_pair
 from defocus_core.system.shell import command_line
 from defocus_core.system.spreading import spread
 from defocus_core.system.text import counted
@@ -204,14 +203,6 @@ def _setting_words(settings: CompareSettings) -> list[object]:
     return words + [f"--{f.replace('_', '-')}" for f in flags if getattr(settings, f)]
 
 
-@dataclass(frozen=True)
-class Kept:
-    """A check: its record, and the name that pytest has for its test."""
-
-    record: Comparison
-    test: str
-
-
 def keep_check(
     folder: Path, record: Comparison, test: str, picture: Path | Mapping[str, Any]
 ) -> None:
@@ -225,17 +216,17 @@ def keep_check(
     else:
         record = replace(record, b=stem.with_suffix(".exr"))
         write_exr(stem.with_suffix(".exr"), picture, {})
-    stem.with_suffix(".pickle").write_bytes(pickle.dumps(Kept(record, test)))
+    stem.with_suffix(".pickle").write_bytes(pickle.dumps((record, test)))
 
 
-def write_checks(folder: Path, path: Path) -> int:
-    """Write the report of the checks in a folder, if there are any; their number."""
-    kept: Sequence[Kept] = [
+def write_checks(folder: Path, path: Path) -> None:
+    """Write the report of the checks in a folder, if there are any."""
+    kept: list[tuple[Comparison, str]] = [
         pickle.loads(file.read_bytes()) for file in sorted(folder.glob("*.pickle"))
     ]
     if not kept:
-        return 0
-    tests = {id(each.record): each.test for each in kept}
+        return
+    tests = {id(record): test for record, test in kept}
 
     def commands(record: Comparison) -> list[tuple[str, str]]:
         words = ["pytest", tests[id(record)]]
@@ -244,10 +235,8 @@ def write_checks(folder: Path, path: Path) -> int:
             return again
         return [*again, ("Accept as the golden", command_line([*words, "--golden-update"]))]
 
-    failed = [each.record for each in kept if not each.record.passes]
-    words = [f"{counted(len(kept), 'check')} of goldens, {len(failed)} failed"]
-    header = ReportHeader(
-        "Goldens of a run of pytest", words, commands, b="the picture of the test"
-    )
-    write(path, header, [each.record for each in kept], CompareSettings(), processes=1)
-    return len(kept)
+    failed = sum(not record.passes for record, _ in kept)
+    words = [f"{counted(len(kept), 'check')} of goldens, {failed} failed"]
+    title, b = "Goldens of a run of pytest", "the picture of the test"
+    header = ReportHeader(title, words, commands, b)
+    write(path, header, [record for record, _ in kept], CompareSettings(), processes=1)

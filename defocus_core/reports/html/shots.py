@@ -12,9 +12,8 @@ from defocus_core.bench.error import BASELINES, Row
 from defocus_core.bench.truth_set import Pictures, TruthShot
 from defocus_core.compare.picture import DecodedPicture
 from defocus_core.reports.html.item import Column, Item, Layer, Report
-from defocus_core.reports.html.layers import A, B, draw, window_of, with_values
+from defocus_core.reports.html.layers import A, B, difference_of, draw, window_of, with_values
 from defocus_core.reports.html.page import write_report
-from defocus_core.reports.html.pair_drawing import difference_of
 from defocus_core.system.shell import command_line
 
 if TYPE_CHECKING:
