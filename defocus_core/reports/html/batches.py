@@ -5,7 +5,6 @@ The input and what the lens made of it are the first layers; all other outputs o
 
 from __future__ import annotations
 
-import math
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
@@ -22,14 +21,11 @@ from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.lenses.lens import lens_record_words
 from defocus_core.reports.html.item import Column, Item, Layer, Report, ReportTable, depth_of_frame
 from defocus_core.reports.html.layers import (
-    WHOLE,
     drawn_files,
-    is_view,
+    valued_layers,
     wiggle_of,
-    window_of,
-    with_values,
 )
-from defocus_core.reports.html.page import values_room, write_report
+from defocus_core.reports.html.page import ValuesRoom, write_report
 from defocus_core.reports.html.render_command import render_command
 from defocus_core.system.spreading import spread
 
@@ -38,7 +34,6 @@ _COLUMNS = (
     Column("seconds", "rendering", "s"),
 )
 _DIGITS = re.compile(r"(\d+)")
-_PACKED = 1.0  # halves that a character holds at most
 
 
 @dataclass(frozen=True)
@@ -77,7 +72,7 @@ def _place(record: Record) -> tuple[bool, list[tuple[int, str]]]:
 
 def _samples(records: Sequence[Record], out: Path) -> Iterator[SampleItem]:
     """What is to be drawn; values are wanted of the first, while there may be room for them."""
-    room = float(values_room(len(records)))
+    room = ValuesRoom(len(records))
     for record in records:
         if record["status"] != "ok":
             yield SampleItem((), values=False)
@@ -88,21 +83,14 @@ def _samples(records: Sequence[Record], out: Path) -> Iterator[SampleItem]:
             for kind in KINDS
             if kind in record["outputs"]
         ]
-        wanted = room > 0
         planes = sum(1 if kind in KINDS and not KINDS[kind].image else 3 for kind, _ in files)
-        room -= wanted * min(math.prod(record["size"]), WHOLE) * planes / _PACKED
-        yield SampleItem(files, wanted)
+        yield SampleItem(files, room.takes(record["size"], planes))
 
 
 def draw_sample(sample: SampleItem) -> list[Layer]:
     """The layers of a sample; files that cannot be read any more are left out."""
     drawn = list(drawn_files(sample.files, values=sample.values))
-    if not sample.values or not drawn:
-        return [each.layer for each in drawn]
-    size = drawn[0].layer.size
-    kept = [each for each in drawn if not is_view(each) and each.layer.size == size]
-    valued = {layer.key: layer for layer in with_values(kept, window_of(size, None))}
-    return [valued.get(each.layer.key, each.layer) for each in drawn]
+    return valued_layers(drawn) if sample.values and drawn else [each.layer for each in drawn]
 
 
 def _item(record: Record, layers: Sequence[Layer], out: Path) -> Item:

@@ -22,15 +22,14 @@ from defocus_core.compare.thresholds import OVER, Rules
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.reports.comparison_words import line, metric_title, number_words, worst_words
 from defocus_core.reports.html.item import Column, Item, Report
-from defocus_core.reports.html.layers import WHOLE, Drawing, Subject, draw_pair
-from defocus_core.reports.html.page import values_room, write_report
+from defocus_core.reports.html.layers import Drawing, Subject, draw_pair
+from defocus_core.reports.html.page import ValuesRoom, write_report
 from defocus_core.system.shell import command_line
 from defocus_core.system.spreading import spread
 from defocus_core.system.text import counted
 
 Commands = Callable[[Comparison], Sequence[tuple[str, str]]]
 _COLUMNS = ("psnr", "ssim", "max", "flip")
-_PACKED = 1.0  # halves that a character holds at most, where B is like A
 _HALF_LAYERS = 6  # halves of a pixel: three channels of A and of B
 _numbers = count()
 
@@ -72,11 +71,10 @@ def rank(record: Comparison) -> tuple[int, int, float]:
 
 def _subjects(ranked: Sequence[Comparison], coc: Path | None) -> Iterable[Subject]:
     """The pairs; values are wanted of those that do not pass, while there may be room for them."""
-    room = float(values_room(len(ranked)))
+    room = ValuesRoom(len(ranked))
     for record in ranked:
-        pixels = min(math.prod(record.size or (0, 0)), WHOLE)
-        wanted = room > 0 and (not record.passes or record.status == WARNING)
-        room -= wanted * pixels * _HALF_LAYERS / _PACKED
+        looked_at = not record.passes or record.status == WARNING
+        wanted = looked_at and room.takes(record.size or (0, 0), _HALF_LAYERS)
         yield Subject(record, wanted, coc)
 
 

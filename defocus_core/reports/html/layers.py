@@ -196,6 +196,14 @@ def window_of(size: tuple[int, int], place: tuple[int, int] | None) -> Box:
     return left, top, wide, high
 
 
+def valued_layers(drawn: Sequence[Drawn], place: tuple[int, int] | None = None) -> list[Layer]:
+    """All layers, with the values of those that are no views and of the size of the first."""
+    size = drawn[0].layer.size
+    kept = [each for each in drawn if each.layer.key not in VIEWS and each.layer.size == size]
+    valued = {layer.key: layer for layer in with_values(kept, window_of(size, place))}
+    return [valued.get(each.layer.key, each.layer) for each in drawn]
+
+
 def with_values(drawn: Sequence[Drawn], box: Box) -> list[Layer]:
     """Layers with their values within a box; those of A and B have one scale.
 
@@ -276,11 +284,6 @@ def _views(title: str, picture: DecodedPicture) -> Iterator[tuple[str, Sequence[
             yield view, names
 
 
-def is_view(drawn: Drawn) -> bool:
-    """Whether a layer is a view of the left or the right half of the lens."""
-    return drawn.layer.key in VIEWS
-
-
 def wiggle_of(layers: Sequence[Layer], path: Path | None = None) -> tuple[str, ...]:
     """Keys of the left and the right view, where there are both; ``b`` for the file of B."""
     keys = {layer.key: layer.key for layer in layers}
@@ -326,12 +329,8 @@ def draw_pair(subject: Subject) -> Drawing:
             files["coc"] = coc_file(subject.coc, record.name)
     others = drawn_files(files.items(), values=subject.values)
     drawn += [each for each in others if each.layer.size == size]
-    layers: Sequence[Layer] = [each.layer for each in drawn]
-    if subject.values:
-        place = None if record.worst is None else (record.worst.x, record.worst.y)
-        kept = [each for each in drawn if not is_view(each)]
-        valued = {each.key: each for each in with_values(kept, window_of(size, place))}
-        layers = [valued.get(each.key, each) for each in layers]
+    place = None if record.worst is None else (record.worst.x, record.worst.y)
+    layers = valued_layers(drawn, place) if subject.values else [each.layer for each in drawn]
     wiggle = wiggle_of(layers, whole.path)
     return Drawing(layers, wiggle, full, lens_words(whole.metadata))
 

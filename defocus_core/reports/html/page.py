@@ -26,7 +26,7 @@ from defocus_core.errors import printable, with_dashes
 from defocus_core.io.safe_files import written_whole
 from defocus_core.reports.html import thumbnails
 from defocus_core.reports.html.item import Column, Item, Layer, Report
-from defocus_core.reports.html.layers import DIFFERENCE, B
+from defocus_core.reports.html.layers import DIFFERENCE, WHOLE, B
 from defocus_core.reports.replaceable import refuse_other
 from defocus_core.system.text import counted
 
@@ -49,6 +49,7 @@ _KEYS = (
 _TONES = {"same": "good", "done": "good", "ok": "good", "warning": "fair"}
 ROOM = 38_500_000  # characters of items; the file is to have less than 40 MB
 _FRAME = 1500  # characters of an item beside its texts: names of layers, elements of the table
+_PACKED = 1.0  # halves that a character holds at most, where B is like A
 _THUMBNAILS = 30_000  # characters of the thumbnails of an item
 
 
@@ -198,9 +199,17 @@ def length(data: bytes) -> int:
     return -(-len(data) // 3) * 4
 
 
-def values_room(items: int) -> int:
+class ValuesRoom:
     """The room that so many items leave for values, as a guess before they are drawn."""
-    return ROOM - min(ROOM // 2, items * _THUMBNAILS)
+
+    def __init__(self, items: int) -> None:
+        self.left = float(ROOM - min(ROOM // 2, items * _THUMBNAILS))
+
+    def takes(self, size: Sequence[int], planes: int) -> bool:
+        """Whether there may be room for the values of an item of (width, height) px."""
+        wanted = self.left > 0
+        self.left -= wanted * min(math.prod(size), WHOLE) * planes / _PACKED
+        return wanted
 
 
 def _thumbnails(item: Item, *, first: bool) -> int:
