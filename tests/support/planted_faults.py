@@ -12,11 +12,16 @@ import numpy as np
 import OpenEXR
 from image_files import box, save
 
+from defocus_core.compare.comparison import compare_pair
+from defocus_core.compare.pairing import FilePair
+from defocus_core.compare.record import CompareSettings, Comparison
+from defocus_core.compare.thresholds import Rules
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 from defocus_core.io.images.primaries import NAMED, REC_709, between_primaries
 
 Pixels = np.ndarray[Any, Any]
 HEIGHT, WIDTH = 90, 128
+_NO_RULES = Rules()
 PRIMARIES = ("Rec. 2020", "Display P3", "ACES AP1", "ACES AP0")
 
 
@@ -258,6 +263,11 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
     ),
     "a little of light": (lambda a: a + 0.003, "raised blacks", "raised blacks: +0.003"),
 }
+
+
+def compared(a: Path, b: Path, rules: Rules = _NO_RULES, **settings: Any) -> Comparison:
+    """The record of two files."""
+    return compare_pair(FilePair(b.name, a, b), rules, CompareSettings(**settings))[0]
 
 
 def write_planes(
