@@ -1,9 +1,13 @@
-"""The cost of a rendering before it is done: its work, and a bound of its memory.
+"""The cost of a rendering: its work and a bound of its memory beforehand, and its launches.
 
 Slices, tiles and regions follow from the rules of the renderer. One pass over the radii tells which
 slices reach which tiles, and counts the pixels at depth edges, behind which content is invented.
 The unit of work is about that of copying one pixel; the caller measures how many units a machine
 does in a second. The bound of memory holds for every picture.
+
+Launches are what a rendering asks of a device, counted on any. A GPU takes some µs to begin an
+operation, and a host that reads a value waits until all before it is done. Views are free. On a CPU
+the numbers are those of its own plan, of smaller pieces.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Probes of laws: small pictures, and numbers measured on their renderings.
+"""Probes of laws: small pictures, numbers measured on their renderings, and checks of these.
 
 Pictures are float64 on the CPU, with the signed CoC radius in px of each of their pixels.
 """
