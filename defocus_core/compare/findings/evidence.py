@@ -169,12 +169,14 @@ class Evidence:
         values = np.stack(planes).astype(np.float32).clip(-_LARGEST, _LARGEST)
         return values if self.pixels.finite is None else np.nan_to_num(values)
 
+    @property
+    def _is_linear(self) -> bool:
+        """Whether values are linear light, or none at all."""
+        return self.gamma == 1.0 or not self.pixels.color
+
     def scaled(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values on the scale that differences are measured on."""
-        if not self.pixels.color:
-            compressed: NDArray[Any] = np.arcsinh(values)
-            return compressed
-        return unclipped(values) if self.gamma == 1.0 else values
+        return self.scaled_light(values) if self._is_linear else values
 
     def light(self, values: NDArray[Any]) -> NDArray[np.float64]:
         """Stored values as linear light."""
@@ -194,7 +196,7 @@ class Evidence:
 
     def unscaled(self, values: NDArray[Any]) -> NDArray[Any]:
         """Stored values of those on the scale of differences."""
-        return self.unscaled_light(values) if self.gamma == 1.0 or not self.pixels.color else values
+        return self.unscaled_light(values) if self._is_linear else values
 
     def unscaled_light(self, values: NDArray[Any]) -> NDArray[Any]:
         """Linear light of values on the scale of differences."""

@@ -25,7 +25,6 @@ from defocus_core.compare.findings.evidence import (
     densest,
     fitted_in_parts,
 )
-from defocus_core.compare.findings.geometry import keys, linear
 
 _LEAST = 28  # px of a side of a picture whose softness is looked at
 _PIECE, _MARGIN = 192, 8  # px of the part that rivals are measured in, and of the border left out
@@ -40,6 +39,9 @@ _SURELY_SPREAD = 0.06  # left where kernels of another size or shape spread the 
 _COC_LEFT, _ROUND_LEFT = 0.62, 0.1  # kernels of another shape are explained, too, but not all
 # Least unevenness of differences of pixels that half and a quarter of the resolution make.
 _ON_GRID = {2: 0.1, 4: 0.4}
+# Ways to enlarge, by OpenImageIO's names of filters.
+_FILTERS = {"nearest": "box", "bilinear": "triangle", "bicubic": "keys", "B-spline": "bspline"}
+_FILTERS |= {"Lanczos": "lanczos3"}
 _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
 _GROWS = 0.6  # correlation of blur with place that makes it grow
@@ -315,19 +317,6 @@ def _motion_blurred(evidence: Evidence) -> Iterator[FittedCause]:
         yield FittedCause(frame.left(frame.filtered(0, response)), values, cost=0.03)
 
 
-def _cubic_spline(t: Any) -> Any:
-    return np.where(t < 1, (t / 2 - 1) * t * t + 2 / 3, np.maximum(2 - t, 0) ** 3 / 6)
-
-
-_ENLARGED: dict[str, Callable[[Any], Any]] = {
-    "nearest": lambda t: 1.0 * ((t >= -0.5) & (t < 0.5)),
-    "bilinear": linear,
-    "bicubic": keys,
-    "B-spline": lambda t: _cubic_spline(np.abs(t)),
-    "Lanczos": lambda t: np.sinc(t) * np.sinc(t / 3) * (np.abs(t) < 3),
-}
-
-
 def _lower_resolution(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A at a half or a quarter of the size, enlarged: its steps lie on a grid."""
     frame = _softened(evidence)
@@ -344,10 +333,10 @@ def _lower_resolution(evidence: Evidence) -> Iterator[FittedCause]:
         a = frame.sides[0][cut]
         means = a.reshape(height // factor, factor, width // factor, factor).mean(axis=(1, 3))
         starts = [(0, 0), *(((1, 1),) if factor == 2 else ())]
-        for how, kernel in _ENLARGED.items():
+        for how, kind in _FILTERS.items():
             small = [means, *(a[y::factor, x::factor] for y, x in starts if how == "nearest")]
             for coarse in small:
-                large = _enlarged(_enlarged(coarse, factor, kernel).T, factor, kernel).T
+                large = _enlarged(coarse, factor, kind)
                 said = {"size": size, "how": how}
                 yield FittedCause(
                     frame.left(large, cut), {"factor": factor}, said, 0.01 * factor - 0.2
@@ -362,18 +351,15 @@ def _unevenness(values: NDArray[Any], factor: int, order: int) -> float:
     return float(np.ptp(sums) / max(float(sums.max() + sums.min()), 1e-300))
 
 
-def _enlarged(values: NDArray[Any], factor: int, kernel: Callable[[Any], Any]) -> NDArray[Any]:
-    """Rows [h, w] as rows [h · factor, w], the border repeated."""
-    reach = 3
-    padded = np.pad(values, ((reach, reach), (0, 0)), mode="edge")
-    large = np.empty((len(values) * factor, values.shape[1]))
-    for phase in range(factor):
-        weights = kernel((phase + 0.5) / factor - 0.5 - np.arange(-reach, reach + 1))
-        weights = weights / weights.sum()
-        large[phase::factor] = sum(
-            w * padded[k : k + len(values)] for k, w in enumerate(weights) if w
-        )
-    return large
+def _enlarged(values: NDArray[Any], factor: int, how: str) -> NDArray[np.float64]:
+    """Values [h, w] as [h · factor, w · factor] by a filter of OpenImageIO."""
+    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    height, width = (n * factor for n in values.shape)
+    buffer = oiio.ImageBuf(np.ascontiguousarray(values[..., None], np.float32))
+    roi = oiio.ROI(0, width, 0, height, 0, 1, 0, 1)
+    found = oiio.ImageBufAlgo.resize(buffer, filtername=how, roi=roi).get_pixels(oiio.FLOAT)
+    return np.asarray(found, np.float64).reshape(height, width)
 
 
 def _noise_removed(evidence: Evidence) -> Iterator[FittedCause]:
