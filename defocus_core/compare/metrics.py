@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from defocus_core.compare.pixels import Pixels, halves
 from defocus_core.errors import UsageProblem
-from defocus_core.evaluation.similarity import REACH, similarity
+from defocus_core.evaluation.similarity import EQUAL, REACH, psnr, similarity
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 from defocus_core.io.safe_files import quiet
 
@@ -81,8 +81,6 @@ _ROWS = (
     ),
 )
 METRICS = {metric.name: metric for metric in _ROWS}
-# PSNR in dB of equal pictures, as of `defocus_core`: a mean squared error below 1e-10.
-EQUAL = 99.0
 # A window of SSIM: 11 x 11 px, gaussian of sigma 1.5 px (Wang et al. 2004).
 _LUMA = {"R": 0.2126, "G": 0.7152, "B": 0.0722, "Y": 1.0}
 COSTLY = 2**21  # pixels beyond which metrics of a screen and of hdr are measured if rules ask
@@ -192,11 +190,11 @@ def _on_scales(pixels: Pixels, total: int, *, shown: bool) -> dict[str, float]:
     metrics = {
         "hdr-max": float(greatest.max()),
         "hdr-p99.9": _percentile(greatest, pixels.finite, total),
-        "hdr-psnr": _decibels(squares / (total * len(pixels.names))),
+        "hdr-psnr": psnr(squares / (total * len(pixels.names))),
     }
     if shown and colors:
         means = [sum(of_screen[n] for n in layer) / (total * len(layer)) for layer in pixels.color]
-        metrics["psnr"] = _decibels(max(means))
+        metrics["psnr"] = psnr(max(means))
     return metrics
 
 
@@ -210,11 +208,6 @@ def _apart(a: NDArray[Any], b: NDArray[Any], out: NDArray[np.bool_] | None) -> N
 
 def _squares(difference: NDArray[Any]) -> float:
     return float(np.square(difference).sum(dtype=np.float64))
-
-
-def _decibels(mean: float) -> float:
-    """PSNR of a mean squared error, for a peak of 1."""
-    return EQUAL if mean < 1e-10 else -10 * math.log10(mean)
 
 
 def measure_edges(pixels: Pixels, near: NDArray[np.bool_]) -> dict[str, float]:
