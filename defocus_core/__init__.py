@@ -20,9 +20,9 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.batch.run_batch import batch_jobs as batch_jobs
     from defocus_core.batch.run_batch import run_batch as run_batch
     from defocus_core.batch.workers.run import Summary as Summary
+    from defocus_core.compare.comparison import compare_images as compare_images
     from defocus_core.compare.findings.finding import Finding as Finding
     from defocus_core.compare.record import Comparison as Comparison
-    from defocus_core.compare.two_images import compare_images as compare_images
     from defocus_core.depth.conversion import depth_from_disparity as depth_from_disparity
     from defocus_core.depth.conversion import depth_from_logarithm as depth_from_logarithm
     from defocus_core.depth.conversion import planar_depth as planar_depth
@@ -38,8 +38,8 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.errors import UsageProblem as UsageProblem
     from defocus_core.evaluation import baselines as baselines
     from defocus_core.evaluation import metrics as metrics
-    from defocus_core.evaluation.law_checks import Check as Check
-    from defocus_core.evaluation.law_checks import LawSetting as LawSetting
+    from defocus_core.evaluation.law_probes import Check as Check
+    from defocus_core.evaluation.law_probes import LawSetting as LawSetting
     from defocus_core.evaluation.lens_laws import LAWS as LAWS
     from defocus_core.evaluation.lens_laws import verify as verify
     from defocus_core.evaluation.metrics import Errors as Errors
@@ -127,14 +127,14 @@ _GROUPS = {
         "batch.datasets.finished": "Sample samples",
     },
     "comparison": {
-        "compare.two_images": "compare_images",
+        "compare.comparison": "compare_images",
         "compare.record": "Comparison",
         "compare.findings.finding": "Finding",
     },
     "metrics and laws": {
         "evaluation": "baselines metrics",
         "evaluation.metrics": "Errors",
-        "evaluation.law_checks": "Check LawSetting",
+        "evaluation.law_probes": "Check LawSetting",
         "evaluation.lens_laws": "LAWS verify",
     },
 }

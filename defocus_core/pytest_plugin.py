@@ -59,9 +59,9 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         return
     try:
         if any(config.stash[_KEPT].iterdir()):
-            from defocus_core.reports.html import golden_checks
+            from defocus_core.reports.html import comparisons
 
-            golden_checks.write(config.stash[_KEPT], report)
+            comparisons.write_checks(config.stash[_KEPT], report)
             config.stash[_SAID] = f"report of goldens: {report}"
     except (InputError, OSError) as error:
         config.stash[_SAID] = f"no report of goldens: {error}"
@@ -142,9 +142,9 @@ class Golden:
             InputError: the file of thresholds cannot be read.
             UsageProblem: a region is not within the picture, or the file makes no sense.
         """
+        from defocus_core.compare.comparison import planes_of
         from defocus_core.compare.record import EXTRA, CompareSettings, Comparison
         from defocus_core.compare.selection import CropRegion
-        from defocus_core.compare.two_images import planes_of
         from defocus_core.errors import InputError
         from defocus_core.reports.comparison_words import line
 
@@ -200,11 +200,11 @@ class Golden:
 
     def _keep(self, record: Comparison, golden: Path, picture: Any) -> None:
         """Keep a check for the report, by the path of its golden."""
-        from defocus_core.reports.html import golden_checks
+        from defocus_core.reports.html import comparisons
 
         if self.kept is not None:
             name = os.path.relpath(golden)
-            golden_checks.keep(self.kept, replace(record, name=name), self.test, picture)
+            comparisons.keep_check(self.kept, replace(record, name=name), self.test, picture)
 
 
 @pytest.fixture
@@ -262,9 +262,8 @@ def _compared(
     golden: Path, image: Any, name: str, rules: Rules, settings: CompareSettings
 ) -> Comparison:
     """The record of a file, or of channels, and its golden."""
-    from defocus_core.compare.comparison import compare_pictures
+    from defocus_core.compare.comparison import compare_pictures, of_planes
     from defocus_core.compare.picture import read_picture
-    from defocus_core.compare.two_images import of_planes
 
     picture = read_picture(image) if isinstance(image, Path) else of_planes(image, name)
     aim = read_picture(golden)
@@ -275,7 +274,7 @@ def _compared(
 
 
 def _accept(folder: Path, golden: Path, image: Any) -> None:
-    from defocus_core.compare.two_images import planes_of
+    from defocus_core.compare.comparison import planes_of
     from defocus_core.io.exr.writing import write_exr
     from defocus_core.io.safe_files import written_together, written_whole
 

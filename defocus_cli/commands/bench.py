@@ -16,12 +16,19 @@ from defocus_core.allowed_values import QUALITIES
 from defocus_core.batch.jobs.job import DEVICES
 from defocus_core.batch.lenses.quantities import pixel_count
 from defocus_core.bench import tables
-from defocus_core.bench.baseline import read_baseline, slower
 from defocus_core.bench.error import BASELINES, Row, measure_shot
-from defocus_core.bench.timing import RADII, SIZES, Size, cases, time_case, warm_up
+from defocus_core.bench.timing import (
+    RADII,
+    SIZES,
+    Size,
+    cases,
+    read_baseline,
+    slower,
+    time_case,
+    warm_up,
+)
 from defocus_core.bench.truth_set import find_shots, read, sample_set
 from defocus_core.errors import UsageProblem
-from defocus_core.reports import error_plot
 from defocus_core.reports.html.shots import Gallery
 from defocus_core.system.process import cores
 
@@ -146,7 +153,7 @@ def command(
         )
     else:
         if plot_file is not None:
-            error_plot.refuse_unplottable(plot_file)
+            tables.refuse_unplottable(plot_file)
         gallery, truth = Gallery() if html else None, truth or sample_set()
         rows, document = _errors(
             truth, qualities or _QUALITIES, device, threads or cores(), gallery, echo
@@ -154,7 +161,7 @@ def command(
         if gallery is not None and html is not None:
             gallery.write(html, truth, rows)
         if plot_file is not None:
-            error_plot.draw(plot_file, rows)
+            tables.draw_plot(plot_file, rows)
     if as_json:
         console.print_json(**document)
     return 1 if document.get("slower") else 0

@@ -14,15 +14,13 @@ import click
 from defocus_cli.options import comparing, shared
 from defocus_cli.options.types import FilePath, GroupedCommand, grouped_option
 from defocus_cli.words import console
-from defocus_core.compare.accepting import accept_files
-from defocus_core.compare.batch_pairs import are_batches, pair_batches
+from defocus_cli.words.endings import Failures
 from defocus_core.compare.metrics import METRICS
-from defocus_core.compare.pairing import find_pairs
+from defocus_core.compare.pairing import are_batches, find_pairs, pair_batches
 from defocus_core.compare.record import DIFFERENT, EXTRA, Comparison
-from defocus_core.compare.run import compare_all
+from defocus_core.compare.run import accept_files, compare_all
 from defocus_core.reports import comparison_words as compare_report
 from defocus_core.reports.html import comparisons
-from defocus_core.reports.junit import write_junit
 from defocus_core.system.process import cores
 from defocus_core.system.text import counted
 
@@ -102,17 +100,14 @@ def command(
         if compare_report.is_worth_a_line(record, verbose=verbose, lone=lone):
             console.stdout(compare_report.line(record))
 
-    def report(records: Sequence[Comparison]) -> None:
+    def report(records: Sequence[Comparison]) -> Failures:
         """Say what came of the pairs that were compared; all of them, unless interrupted."""
         if not (as_json or lone):
             console.stdout(compare_report.summary(records, len(pairs)))
-        if asked.junit is not None:
-            write_junit(asked.junit, records, time.perf_counter() - start)
-        if asked.html is not None:
-            words = [f"A: {a}", f"B: {b}", *recipes, *comparisons.setting_lines(asked.settings)]
-            commands = comparisons.compare_commands(asked.rules.of, asked.settings)
-            header = comparisons.ReportHeader(f"{b} compared with {a}", words, commands)
-            comparisons.write(asked.html, header, records, asked.settings, processes)
+        words = [f"A: {a}", f"B: {b}", *recipes, *comparisons.setting_lines(asked.settings)]
+        commands = comparisons.compare_commands(asked.rules.of, asked.settings)
+        header = comparisons.ReportHeader(f"{b} compared with {a}", words, commands)
+        return asked.write_reports(records, header, time.perf_counter() - start, processes)
 
     head = {} if batches is None else {"recipes": [asdict(each) for each in batches.changes]}
     rows: Any = console.json_rows("pairs", **head) if as_json else nullcontext((say, {}))
@@ -126,9 +121,11 @@ def command(
                 show(compare_report.pair_record(record) if as_json else record)
         finally:
             tail |= compare_report.counts(records, len(pairs))
-            report(records)
-        accepted = accept_files(a, b, records) if accept else []
+            failures = report(records)
+            tail["failed"] = failures.records()
+        accepted = accept_files(a, b, records) if accept and not failures else []
         tail |= {"accepted": [str(path) for path in accepted]} if accept else {}
+    failures.end()
     if accept and not as_json:
         console.stdout(f"{a}: {counted(len(accepted), 'file')} accepted from {b}")
     left = [r for r in records if not (accept and r.status in (DIFFERENT, EXTRA))]

@@ -18,12 +18,13 @@ from defocus_cli.words import console
 from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.worker_config import WorkerConfig
 from defocus_core.compare.goldens.faults import Planted, plant_all
-from defocus_core.compare.goldens.fresh import FreshPictures, rendered
 from defocus_core.compare.goldens.store import (
+    FreshPictures,
     Store,
     accept,
     change_words,
     read_store,
+    rendered,
     store_to_update,
 )
 from defocus_core.compare.pairing import FilePair
@@ -35,7 +36,6 @@ from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.safe_files import missing
 from defocus_core.reports import comparison_words as compare_report
 from defocus_core.reports.html import comparisons
-from defocus_core.reports.junit import write_junit
 from defocus_core.system.text import counted
 
 _DEFAULT_RULES = Rules(fail=(ROUNDING,))
@@ -183,21 +183,19 @@ def check(
             for line in store.changed_settings(fresh.jobs):
                 console.stdout(line)
         records = _compare(store, fresh, asked.task, crew.count)
-        if asked.html is not None:
-            changed = store.changed_settings(fresh.jobs)
-            header = _report_header(jobs_file, folder, asked.rules, changed)
-            comparisons.write(asked.html, header, records, asked.settings, crew.count)
-    if asked.junit is not None:
-        write_junit(asked.junit, records, time.perf_counter() - start)
+        changed = store.changed_settings(fresh.jobs)
+        header = _report_header(jobs_file, folder, asked.rules, changed)
+        failures = asked.write_reports(records, header, time.perf_counter() - start, crew.count)
     if as_json:
         document = compare_report.document(records)
-        console.print_json(settings_changed=store.changed_settings(fresh.jobs), **document)
+        console.print_json(settings_changed=changed, **document, failed=failures.records())
     else:
         for record in records:
             if compare_report.is_worth_a_line(record, verbose=False, lone=False):
                 console.stdout(compare_report.line(record))
         console.stdout(compare_report.summary(records))
     batch_report.end(fresh.summary)
+    failures.end()
     return compare_report.exit_code(records)
 
 

@@ -21,10 +21,16 @@ from defocus_core.batch.lenses.lens import lens_record_words
 from defocus_core.errors import DefocusError
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.shots.frame_patterns import is_pattern
-from defocus_core.reports.inspection import shot_summary
-from defocus_core.reports.inspection.inspection import inspect, inspect_pairs, range_key
-from defocus_core.reports.inspection.repair_drawing import check_preview, draw_repair
-from defocus_core.reports.inspection.shot_summary import range_words
+from defocus_core.reports.inspection.inspection import (
+    check_preview,
+    draw_repair,
+    inspect,
+    inspect_pairs,
+    range_key,
+    range_words,
+    shot_lines,
+    summarise_shots,
+)
 from defocus_core.system.text import counted
 
 
@@ -99,9 +105,9 @@ def command(
     """  # noqa: D301  click reads the backspace
     patterns = [file for file in files if is_pattern(file)]
     files = tuple(file for file in files if file not in patterns)
-    shots = shot_summary.summarise(patterns, reading, lenses) if patterns else []
+    shots = summarise_shots(patterns, reading, lenses) if patterns else []
     for shot in () if as_json else shots:
-        for line in shot_summary.lines(shot):
+        for line in shot_lines(shot):
             console.stdout(line)
     lens = None
     if lenses is not None and files:

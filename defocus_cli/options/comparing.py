@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,8 @@ from defocus_cli.options.types import (
     grouped_option,
     position_of,
 )
-from defocus_core.compare.record import CompareSettings
+from defocus_cli.words.endings import Failures
+from defocus_core.compare.record import CompareSettings, Comparison
 from defocus_core.compare.run import CAUSES, FIRST, Task
 from defocus_core.compare.selection import region
 from defocus_core.compare.thresholds import (
@@ -34,6 +36,9 @@ from defocus_core.compare.thresholds import (
     read_thresholds,
     rule,
 )
+from defocus_core.errors import DefocusError
+from defocus_core.reports.comparison_words import write_junit
+from defocus_core.reports.html import comparisons
 
 _NO_RULES = Rules()
 _DIFF = "Write differences here: signed in NAME.diff.exr, amplified in NAME.diff.png."
@@ -71,6 +76,27 @@ class ComparisonOptions:
     def reports(self) -> dict[str, Path | None]:
         """The files that are asked for, by option."""
         return {"--diff": self.diff, "--junit": self.junit, "--html": self.html}
+
+    def write_reports(
+        self,
+        records: Sequence[Comparison],
+        header: comparisons.ReportHeader,
+        seconds: float,
+        processes: int,
+    ) -> Failures:
+        """Write the reports that are asked for; what could not be written."""
+        failures = Failures()
+        try:
+            if self.junit is not None:
+                write_junit(self.junit, records, seconds)
+        except DefocusError as error:
+            failures.add(error)
+        try:
+            if self.html is not None:
+                comparisons.write(self.html, header, records, self.settings, processes)
+        except DefocusError as error:
+            failures.add(error)
+        return failures
 
 
 def comparison_options(default: Rules = _NO_RULES, *, whole: bool = True) -> Decorator:

@@ -4,27 +4,31 @@ PSNR and SSIM look at sRGB-encoded values, clipped to 0…1, of the colour chann
 light beyond 1, too: sRGB up to 1 and logarithmic beyond. The other metrics look at all channels, in
 the values of the file: linear light in an EXR, 0…1 in a file of integers. Pixels that are NaN or
 infinite in A or B are left out here, since they are judged apart.
+
+FLIP (Andersson et al. 2020 and 2021) predicts what a person sees who flips between A and B; it is
+computed by OpenImageIO. Its range of exposures comes from the luminance of A: with OpenImageIO's
+own, an error in light beyond 2 is not seen.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from defocus_core.compare.pixels import halves
-from defocus_core.evaluation.similarity import REACH, similarity
-from defocus_core.io.images.color_space import linear_to_srgb
+from defocus_core.compare.pixels import Pixels, halves
+from defocus_core.errors import UsageProblem
+from defocus_core.evaluation.similarity import EQUAL, REACH, psnr, similarity
+from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
+from defocus_core.io.safe_files import quiet
 
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from defocus_core.compare.pixels import Pixels
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
+_BLACK = 1e-6  # a luminance that is as good as 0
 
 
 @dataclass(frozen=True)
@@ -77,8 +81,6 @@ _ROWS = (
     ),
 )
 METRICS = {metric.name: metric for metric in _ROWS}
-# PSNR in dB of equal pictures, as of `defocus_core`: a mean squared error below 1e-10.
-EQUAL = 99.0
 # A window of SSIM: 11 x 11 px, gaussian of sigma 1.5 px (Wang et al. 2004).
 _LUMA = {"R": 0.2126, "G": 0.7152, "B": 0.0722, "Y": 1.0}
 COSTLY = 2**21  # pixels beyond which metrics of a screen and of hdr are measured if rules ask
@@ -188,11 +190,11 @@ def _on_scales(pixels: Pixels, total: int, *, shown: bool) -> dict[str, float]:
     metrics = {
         "hdr-max": float(greatest.max()),
         "hdr-p99.9": _percentile(greatest, pixels.finite, total),
-        "hdr-psnr": _decibels(squares / (total * len(pixels.names))),
+        "hdr-psnr": psnr(squares / (total * len(pixels.names))),
     }
     if shown and colors:
         means = [sum(of_screen[n] for n in layer) / (total * len(layer)) for layer in pixels.color]
-        metrics["psnr"] = _decibels(max(means))
+        metrics["psnr"] = psnr(max(means))
     return metrics
 
 
@@ -206,11 +208,6 @@ def _apart(a: NDArray[Any], b: NDArray[Any], out: NDArray[np.bool_] | None) -> N
 
 def _squares(difference: NDArray[Any]) -> float:
     return float(np.square(difference).sum(dtype=np.float64))
-
-
-def _decibels(mean: float) -> float:
-    """PSNR of a mean squared error, for a peak of 1."""
-    return EQUAL if mean < 1e-10 else -10 * math.log10(mean)
 
 
 def measure_edges(pixels: Pixels, near: NDArray[np.bool_]) -> dict[str, float]:
@@ -267,3 +264,67 @@ def equal_metrics(pixels: Pixels) -> Mapping[str, float]:
     if pixels.color:
         metrics |= {"psnr": EQUAL, "ssim": 1.0}
     return metrics
+
+
+def measure_flip(pixels: Pixels) -> dict[str, float]:
+    """Mean and maximum of FLIP over the compared, finite pixels; none without colour."""
+    means, greatest = [], []
+    for layer in pixels.color:
+        a, b = (_light(pixels, side, layer) for side in ("a", "b"))
+        errors = _flip(a, b)
+        if pixels.finite is not None:
+            errors = errors[pixels.finite]
+        if not errors.size:
+            return {}
+        if not np.isfinite(errors).all():
+            raise UsageProblem(
+                "not-numbers", "is not a number for these pixels", "leave it out", field="flip"
+            )
+        means.append(float(errors.mean(dtype=np.float64)))
+        greatest.append(float(errors.max()))
+    return {"flip": max(means), "flip-max": max(greatest)} if means else {}
+
+
+def _light(pixels: Pixels, side: str, layer: Sequence[str]) -> NDArray[np.float32]:
+    """Linear light [H, W, 3], 0 where a pixel is not finite or negative."""
+    values = np.stack([pixels.plane(side, name) for name in layer], axis=2).astype(np.float32)
+    values = values.repeat(3 // values.shape[2], axis=2)
+    if pixels.finite is not None:
+        values[~pixels.finite] = 0.0
+    values = np.maximum(values, 0.0)
+    if pixels.gamma is None:
+        values = srgb_to_linear(values).astype(np.float32)
+    return values if pixels.gamma in (None, 1.0) else values ** np.float32(pixels.gamma)
+
+
+def _flip(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
+    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    if not hasattr(oiio.ImageBufAlgo, "FLIP_diff"):
+        raise UsageProblem(
+            "needs-extra", "needs OpenImageIO 3.2", "leave it out, or install that", field="flip"
+        )
+    luminance = (a * np.asarray(_LUMINANCE, np.float32)).sum(axis=2)
+    hdr = int(max(float(a.max()), float(b.max())) > 1.0)
+    maximum = max(float(luminance.max()), _BLACK)
+    # The median of what is not black: exposures are chosen for what can be seen.
+    lit = luminance[luminance > _BLACK]
+    middle = float(np.median(lit)) if lit.size else maximum
+    with quiet():
+        errors = oiio.ImageBufAlgo.FLIP_diff(_buffer(a), _buffer(b), hdr, maximum, middle)
+        if errors.has_error:
+            raise UsageProblem(
+                "not-numbers", f"failed: {errors.geterror()}", "leave it out", field="flip"
+            )
+        values: Any = errors.get_pixels(oiio.FLOAT)
+    flip: NDArray[np.float32] = values[:, :, 0]
+    return flip
+
+
+def _buffer(pixels: NDArray[np.float32]) -> Any:
+    import OpenImageIO as oiio  # noqa: N813
+
+    height, width, channels = pixels.shape
+    buffer = oiio.ImageBuf(oiio.ImageSpec(width, height, channels, oiio.FLOAT))
+    buffer.set_pixels(oiio.ROI(), np.ascontiguousarray(pixels))
+    return buffer

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from defocus_core.compare.findings.finding import Finding
-from defocus_core.compare.nonfinite import Nonfinite
+from defocus_core.compare.pixels import Nonfinite
 from defocus_core.compare.selection import CropRegion
 
 # Statuses of a pair, the worst last.

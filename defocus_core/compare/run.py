@@ -1,23 +1,76 @@
-"""All pairs compared, by several processes where there are many."""
+"""All pairs compared, by several processes where there are many; images of the differences.
+
+``NAME.diff.exr`` has B − A of each channel, float. ``NAME.diff.png`` shows the difference of the
+colour, amplified, around middle grey; pixels that are NaN or infinite on one side are magenta.
+"""
 
 from __future__ import annotations
 
 import math
+import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from defocus_core.compare.comparison import compare_pair
-from defocus_core.compare.differences import write_differences
 from defocus_core.compare.pairing import FilePair
-from defocus_core.compare.record import SAME, CompareSettings, Comparison
+from defocus_core.compare.picture import read_picture
+from defocus_core.compare.pixels import Pixels
+from defocus_core.compare.record import DIFFERENT, EXTRA, SAME, CompareSettings, Comparison
 from defocus_core.compare.thresholds import Thresholds
+from defocus_core.errors import InputError, reason
+from defocus_core.io.below import Folder
+from defocus_core.io.exr.writing import write_exr
+from defocus_core.io.images.encode import write_samples
+from defocus_core.io.safe_files import left_in, written_together, written_whole
 from defocus_core.system.spreading import spread
 
 FIRST = 20  # failing pairs whose causes are sought, where not all are asked for
 # How many failing pairs have their causes sought, by what ``--causes`` says.
 CAUSES = {"first": FIRST, "all": math.inf, "none": 0}
+_GREY, _HALF = 128, 127  # levels of no difference, and of the greatest on either side
+_MAGENTA = (255, 0, 255)
+_NAME = "defocus:amplification"
+
+
+def write_differences(folder: Path, record: Comparison, pixels: Pixels) -> tuple[Path, ...]:
+    """Write both images of a pair; its name with its suffix begins theirs."""
+    exr, png = (folder / f"{record.name}.diff{suffix}" for suffix in (".exr", ".png"))
+    with np.errstate(over="ignore"):
+        signed = {name: pixels.difference(name).astype(np.float32) for name in pixels.names}
+    apart = None if record.nonfinite is None else record.nonfinite.apart
+    if apart is not None:
+        for plane in signed.values():
+            plane[apart] = np.float32(np.nan)
+    write_exr(exr, signed, {})
+    with np.errstate(all="ignore"):  # differences may overflow
+        factor, shown = amplified(pixels, apart)
+    write_samples(png, pixels.shape, [shown], "png", {_NAME: f"{factor:g}"})
+    return exr, png
+
+
+def amplified(pixels: Pixels, apart: NDArray[np.bool_] | None) -> tuple[float, NDArray[np.uint8]]:
+    """The power of 2 that makes the difference visible, and the picture of it [H, W, 3]."""
+    names = pixels.color[0] if pixels.color else pixels.names[:1]
+    largest = pixels.differences.largest
+    if not any(largest[name] for name in names):  # the others differ
+        names = tuple(name for name in pixels.names if largest[name])[:3] or names
+        names = names if len(names) == 3 else names[:1]
+    chosen = [pixels.difference(name) for name in names]
+    difference = np.stack(chosen * (3 // len(chosen)), axis=2)
+    maximum = float(np.percentile(np.abs(difference).max(axis=2), 99.9)) or float(
+        np.abs(difference).max()
+    )
+    factor = 2.0 ** np.floor(np.log2(1 / maximum)) if maximum else 1.0
+    levels = _GREY + np.rint(np.clip(difference * factor, -1.0, 1.0) * _HALF)
+    shown = levels.astype(np.uint8)
+    if apart is not None:
+        shown[apart] = _MAGENTA
+    return float(factor), shown
 
 
 @dataclass(frozen=True)
@@ -53,3 +106,32 @@ def compare_all(pairs: Sequence[FilePair], task: Task, processes: int) -> Iterat
         fails = record.differing > 0 and record.status != SAME
         yield task.carry_out((pair, True)) if fails and not sought and failing < most else record
         failing += fails
+
+
+def accept_files(a: Path, b: Path, records: Sequence[Comparison]) -> list[Path]:
+    """Copy the files of B that differ from A, or that A has not, to A; their new paths.
+
+    All appear together, or none. What B lacks stays, and what cannot be read is not accepted.
+    """
+    pairs = []
+    for record in records:
+        if record.status in (DIFFERENT, EXTRA) and record.b is not None:
+            if record.status == EXTRA:  # a link may lead to anything
+                read_picture(record.b)
+            target = record.a or a / record.b.relative_to(b)
+            # A batch may have it in another format: A gets the file of B, under the name of B.
+            pairs.append((record.b, target.with_suffix(record.b.suffix)))
+    with written_together(a if a.is_dir() else None):
+        for source, target in pairs:
+            try:
+                with source.open("rb") as old, written_whole(target) as new:
+                    shutil.copyfileobj(old, new)
+            except OSError as error:
+                problem = f"cannot be read: {reason(error)}"
+                raise InputError(
+                    "unreadable", problem, "check its permissions", path=source
+                ) from None
+    for folder in {target.parent for _, target in pairs}:
+        for name in left_in(folder):
+            Folder(folder).remove(name)
+    return [target for _, target in pairs]

@@ -9,20 +9,17 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.batch.lenses.quantities import QuantityError
-from defocus_core.compare.picture import read_picture
+from defocus_core.compare.picture import DecodedPicture, read_picture
 from defocus_core.errors import InputError, UsageProblem
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
 _EDGE = 1.0  # px
 _REGION = re.compile(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(\d+)\s*,\s*(\d+)\s*")
@@ -73,10 +70,7 @@ def read_mask(path: Path, size: tuple[int, int], *, empty: bool = False) -> NDAr
 
     `size`: (height, width) of the picture.
     """
-    mask = read_picture(path)
-    if (mask.height, mask.width) != size:
-        problem = f"is {mask.width}x{mask.height}, but the picture is {size[1]}x{size[0]}"
-        raise InputError("wrong-size", problem, "give a mask of the size of the picture", path=path)
+    mask = _of_size(path, size, "give a mask of the size of the picture")
     planes = [plane for plane in mask.planes.values() if plane.shape == size]
     if any(np.isnan(plane).any() for plane in planes):
         raise InputError(
@@ -91,6 +85,15 @@ def read_mask(path: Path, size: tuple[int, int], *, empty: bool = False) -> NDAr
             "empty", "is 0 everywhere", "make it 1 where pixels are to be compared", path=path
         )
     return selected
+
+
+def _of_size(path: Path, size: tuple[int, int], remedy: str) -> DecodedPicture:
+    """A picture, which must have this (height, width)."""
+    picture = read_picture(path)
+    if (picture.height, picture.width) != size:
+        problem = f"is {picture.width}x{picture.height}, but the picture is {size[1]}x{size[0]}"
+        raise InputError("wrong-size", problem, remedy, path=path)
+    return picture
 
 
 def within_neighbours(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
@@ -131,10 +134,7 @@ def near_edges(folder: Path, name: str, size: tuple[int, int]) -> NDArray[np.boo
 
 def read_radius(path: Path, size: tuple[int, int]) -> NDArray[np.float32]:
     """The signed radius [H, W] in px of a CoC map, 0 where it is not finite."""
-    picture = read_picture(path)
-    if (picture.height, picture.width) != size:
-        problem = f"is {picture.width}x{picture.height}, but the picture is {size[1]}x{size[0]}"
-        raise InputError("wrong-size", problem, "give the CoC maps of these pictures", path=path)
+    picture = _of_size(path, size, "give the CoC maps of these pictures")
     plane = picture.planes.get("coc")
     if plane is None and len(picture.planes) == 1:
         (plane,) = picture.planes.values()

@@ -15,8 +15,14 @@ import torch
 from torch import Tensor
 
 from defocus_core.evaluation import law_probes as probes
-from defocus_core.evaluation.law_checks import Check, LawSetting, greatest, pictures, rendered
-from defocus_core.evaluation.law_probes import Probe
+from defocus_core.evaluation.law_probes import (
+    Check,
+    LawSetting,
+    Probe,
+    greatest,
+    pictures,
+    rendered,
+)
 from defocus_core.optics.aperture import Aperture
 from defocus_core.renderer.layers.quality import find
 

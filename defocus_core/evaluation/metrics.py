@@ -12,10 +12,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from defocus_core.evaluation.similarity import REACH, similarity
+from defocus_core.evaluation.similarity import REACH, psnr, similarity
 
-# PSNR in dB of equal pictures, whose mean squared error is below 1e-10.
-EQUAL = 99.0
 # Neighbours whose CoC radii differ by more px lie on two sides of a depth edge.
 _EDGE = 1.0
 _LUMA = (0.2126, 0.7152, 0.0722)
@@ -95,8 +93,7 @@ def luma(rgb: Tensor) -> Tensor:
 
 def decibels(squares: Tensor) -> float:
     """PSNR of squared errors for a peak of 1; 99 if their mean is below 1e-10."""
-    mean = float(squares.mean())
-    return EQUAL if mean < 1e-10 else -10 * math.log10(mean)
+    return psnr(float(squares.mean()))
 
 
 def ssim(a: Tensor, b: Tensor) -> float:

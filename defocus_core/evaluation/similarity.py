@@ -1,4 +1,4 @@
-"""Structural similarity, of NumPy's arrays and of tensors alike, so that it stands once.
+"""PSNR and structural similarity, of NumPy's arrays and of tensors alike.
 
 Z. Wang et al.: Image quality assessment: from error visibility to structural similarity, 2004.
 """
@@ -10,6 +10,13 @@ from typing import Any
 
 # A window is 11 x 11 px, weighted by a gaussian of sigma 1.5 px.
 REACH, _SIGMA = 5, 1.5
+# PSNR in dB of equal pictures, whose mean squared error is below 1e-10.
+EQUAL = 99.0
+
+
+def psnr(mean: float) -> float:
+    """In dB, of a mean squared error, for a peak of 1."""
+    return EQUAL if mean < 1e-10 else -10 * math.log10(mean)
 
 
 def similarity(a: Any, b: Any) -> Any:

@@ -1,11 +1,13 @@
-"""The report of ``defocus compare``: a line for each pair, a summary, and the same for scripts."""
+"""The report of ``defocus compare``: lines and a summary, JSON, and JUnit XML for CI servers."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 from defocus_core.compare.metrics import METRICS
 from defocus_core.compare.record import (
@@ -15,9 +17,13 @@ from defocus_core.compare.record import (
     SAME,
     STATUSES,
     UNREADABLE,
+    WARNING,
     Comparison,
     Worst,
 )
+from defocus_core.errors import printable
+from defocus_core.io.safe_files import written_whole
+from defocus_core.reports.replaceable import refuse_other
 from defocus_core.system.text import counted
 
 _DIGITS = {"psnr": 4, "ssim": 5}
@@ -200,3 +206,30 @@ def _worst_record(worst: Worst) -> dict[str, Any]:
         "a": {name: number(value) for name, value in worst.a.items()},
         "b": {name: number(value) for name, value in worst.b.items()},
     }
+
+
+def write_junit(path: Path, records: Sequence[Comparison], seconds: float) -> None:
+    """Write a suite with a failure for each pair that differs, an error for each unreadable one."""
+    counts = Counter(record.status for record in records)
+    failures = sum(not record.passes for record in records) - counts[UNREADABLE]
+    numbers = {"tests": len(records), "failures": failures, "errors": counts[UNREADABLE]}
+    totals = {**{key: str(value) for key, value in numbers.items()}, "time": f"{seconds:.3f}"}
+    root = ElementTree.Element("testsuites", totals)
+    suite = ElementTree.SubElement(root, "testsuite", {"name": "defocus compare", **totals})
+    for record in records:
+        name = Path(record.name)
+        group = ".".join(("compare", *name.parts[:-1]))
+        case = ElementTree.SubElement(
+            suite, "testcase", {"classname": printable(group), "name": printable(name.name)}
+        )
+        text = printable(line(record))
+        if not record.passes:
+            kind = "error" if record.status == UNREADABLE else "failure"
+            attributes = {"type": record.status, "message": text}
+            ElementTree.SubElement(case, kind, attributes).text = text
+        elif record.status == WARNING:
+            ElementTree.SubElement(case, "system-out").text = text
+    ElementTree.indent(root)
+    refuse_other(path, "junit")
+    with written_whole(path) as file:
+        ElementTree.ElementTree(root).write(file, "utf-8", xml_declaration=True)

@@ -18,6 +18,7 @@ from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import linear_to_srgb, quantised
 from defocus_core.io.images.encode import write_samples
 from defocus_core.picture.opening import aperture_of, cat_eye_of
+from defocus_core.reports.html.thumbnails import resized
 from defocus_core.system.process import set_to_render
 
 NAME = "contact.png"
@@ -93,8 +94,6 @@ def _lights(shipped: ShippedLens) -> NDArray[Any]:
 
 def _small(path: Path) -> NDArray[Any]:
     """A picture over black, sRGB [h, w, 3], at most as wide as a cell of the sheet."""
-    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
-
     color = read_color(path)
     pixels = color.pixels
     pixels = pixels[:, :, :-1] if color.channels[-1] == "A" else pixels
@@ -102,13 +101,7 @@ def _small(path: Path) -> NDArray[Any]:
     height, width, _ = pixels.shape
     scale = min(1.0, _WIDTH / width)
     size = max(1, round(height * scale)), max(1, round(width * scale))
-    if scale < 1:
-        smaller = oiio.ImageBufAlgo.resize(
-            oiio.ImageBuf(np.ascontiguousarray(pixels, np.float32)),
-            roi=oiio.ROI(0, size[1], 0, size[0], 0, 1, 0, 3),
-            filtername="box",
-        )
-        pixels = np.asarray(smaller.get_pixels(oiio.FLOAT)).reshape(*size, 3)
+    pixels = resized(pixels, size) if scale < 1 else pixels
     return linear_to_srgb(np.clip(pixels, 0.0, 1.0).astype(np.float32))
 
 

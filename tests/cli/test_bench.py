@@ -19,7 +19,6 @@ from defocus_core.bench import tables
 from defocus_core.bench.error import Row
 from defocus_core.bench.timing import MeasuredCost
 from defocus_core.evaluation.metrics import Errors
-from defocus_core.reports import error_plot
 
 FIELDS = ["psnr", "psnr_edges", "psnr_elsewhere", "rel_rmse", "ssim", "p999"]
 
@@ -133,7 +132,7 @@ def test_a_set_must_be_named_outside_the_repository(
 def test_a_plot_without_matplotlib_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, tiny: Path
 ) -> None:
-    monkeypatch.setattr(error_plot, "find_spec", lambda name: None)
+    monkeypatch.setattr(tables, "find_spec", lambda name: None)
     ran = bench("--truth", tiny, "--plot", "plot.png")
     refused(ran, 2, "needs-extra", "plot")
 

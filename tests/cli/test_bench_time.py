@@ -12,8 +12,7 @@ import torch
 from command_line import Ran, refused, run
 
 from defocus_core.bench import timing
-from defocus_core.bench.baseline import Baseline
-from defocus_core.bench.timing import Case, FftUnit, MeasuredCost, cases, measured
+from defocus_core.bench.timing import Baseline, Case, FftUnit, MeasuredCost, cases, measured
 from defocus_core.evaluation.synthetic_scenes import KINDS
 from defocus_core.system import memory
 

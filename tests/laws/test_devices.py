@@ -27,9 +27,8 @@ from defocus_core import (
     temporal_mean,
     with_lights,
 )
-from defocus_core.evaluation.launches import Launches
-from defocus_core.evaluation.law_checks import Check, LawSetting
-from defocus_core.evaluation.law_probes import levels, strips, waves
+from defocus_core.evaluation.cost import Launches
+from defocus_core.evaluation.law_probes import Check, LawSetting, levels, strips, waves
 from defocus_core.evaluation.lens_laws import LAWS, devices, gradient, near_focus, occlusion
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.fitting.residual import Optics, Residual

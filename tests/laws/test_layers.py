@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.autograd import gradcheck
 
 from defocus_core import render, render_layers
-from defocus_core.evaluation.launches import Launches
+from defocus_core.evaluation.cost import Launches
 
 SIZE = (72, 84)
 

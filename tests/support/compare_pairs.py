@@ -16,7 +16,19 @@ import OpenEXR
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import torch
 from image_files import save
-from planted_faults import write_planes
+from planted_faults import (
+    blurred,
+    converted,
+    doubled,
+    halved,
+    median,
+    planes,
+    pulled,
+    summed,
+    through_disc,
+    warped,
+    write_planes,
+)
 
 from defocus_core import Aperture, render
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
@@ -24,13 +36,6 @@ from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 Pixels = np.ndarray[Any, Any]
 FOLDER = Path(__file__).parents[2] / "sample_scenes"
 _GREATEST = 11.0  # px of the largest radius in a picture of 480 px
-# From Rec. 709 to other primaries, whites adapted by Bradford.
-_PRIMARIES = {
-    "Rec. 2020": [[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]],
-    "P3": [[0.8225, 0.1775, 0.0], [0.0332, 0.9668, 0.0], [0.0171, 0.0724, 0.9105]],
-    "ACES AP1": [[0.6131, 0.3395, 0.0474], [0.0702, 0.9164, 0.0135], [0.0206, 0.1096, 0.8698]],
-    "ACES AP0": [[0.4396, 0.3830, 0.1774], [0.0898, 0.8134, 0.0968], [0.0175, 0.1115, 0.8709]],
-}
 
 
 @dataclass(frozen=True)
@@ -57,9 +62,8 @@ class Source:
     def half(self, nearest: bool) -> Pixels:
         """The picture rendered at half of the size, and enlarged again."""
         height, width = (side // 2 * 2 for side in self.radius.shape)
-        blocks = self.image[:height, :width].reshape(height // 2, 2, width // 2, 2, 3)
-        small = _render(blocks.mean(axis=(1, 3)), self.radius[:height:2, :width:2] / 2)
-        large = np.kron(small, np.ones((2, 2, 1), np.float32)) if nearest else _doubled(small)
+        small = _render(halved(self.image), self.radius[:height:2, :width:2] / 2)
+        large = np.kron(small, np.ones((2, 2, 1), np.float32)) if nearest else doubled(small)
         pad = [(0, full - len_) for full, len_ in zip(self.radius.shape, large.shape, strict=False)]
         return np.pad(large, [*pad, (0, 0)], mode="edge")
 
@@ -75,20 +79,6 @@ def _render(image: Pixels, radius: Pixels, view: str = "render", **how: Any) -> 
         **how,
     )
     return np.ascontiguousarray(getattr(views, view).numpy().transpose(1, 2, 0))
-
-
-def _doubled(small: Pixels) -> Pixels:
-    """Twice the size, bilinear."""
-    for axis in (0, 1):
-        pad = [(1, 1) if axis == each else (0, 0) for each in range(3)]
-        padded = np.pad(small, pad, mode="edge")
-        before, here, after = (
-            padded.take(range(k, k + small.shape[axis]), axis=axis) for k in range(3)
-        )
-        pair = np.stack([0.75 * here + 0.25 * before, 0.75 * here + 0.25 * after], axis=axis + 1)
-        shape = [side * (2 if each == axis else 1) for each, side in enumerate(small.shape)]
-        small = pair.reshape(shape)
-    return small.astype(np.float32)
 
 
 @cache
@@ -128,37 +118,6 @@ class Maker:
 
 
 Change = Callable[[Maker], Pixels]
-
-
-def blurred(image: Pixels, kernel: Pixels) -> Pixels:
-    """Each channel through a kernel [k, k] of odd side."""
-    reach = len(kernel) // 2
-    padded = np.pad(image, ((reach, reach), (reach, reach), (0, 0)), mode="edge")
-    height, width = image.shape[:2]
-    steps = [(y, x) for y, x in np.ndindex(*kernel.shape) if kernel[y, x]]
-    total = sum(kernel[y, x] * padded[y : y + height, x : x + width] for y, x in steps)
-    return np.asarray(total, np.float32)
-
-
-def _warped(m: Maker, degrees: float = 0.0, scale: float = 1.0, dx: float = 0.0) -> Pixels:
-    """Turned and enlarged around the middle, bicubic by Catmull-Rom."""
-    height, width = m.size
-    y, x = np.mgrid[0:height, 0:width] - np.float64([[[height - 1]], [[width - 1]]]) / 2
-    c, s = np.cos(np.radians(degrees)) / scale, np.sin(np.radians(degrees)) / scale
-    row = (c * y + s * x) + (height - 1) / 2
-    column = (c * x - s * y) + (width - 1) / 2 - dx
-    total = np.zeros_like(m.a)
-    for k in range(-1, 3):
-        for j in range(-1, 3):
-            top, left = np.floor(row) + k, np.floor(column) + j
-            weight = _cubic(np.abs(row - top)) * _cubic(np.abs(column - left))
-            pixel = m.a[top.clip(0, height - 1).astype(int), left.clip(0, width - 1).astype(int)]
-            total += weight[..., None].astype(np.float32) * pixel
-    return total
-
-
-def _cubic(t: Pixels) -> Pixels:
-    return np.where(t <= 1, (1.5 * t - 2.5) * t * t + 1, ((-0.5 * t + 2.5) * t - 4) * t + 2)
 
 
 def _tones(curve: Callable[[Pixels], Pixels]) -> Change:
@@ -226,9 +185,7 @@ def _halo(reach: int, gain: float) -> Change:
 
     def change(m: Maker) -> Pixels:
         near = m.source.near > 0.5 * (m.source.near.max() + np.median(m.source.near))
-        wide = (
-            blurred(near[..., None].astype(np.float32), np.ones((2 * reach + 1,) * 2))[..., 0] > 0
-        )
+        wide = summed(near[..., None].astype(np.float32), np.ones((2 * reach + 1,) * 2))[..., 0] > 0
         return m.a * np.where(wide & ~near, np.float32(gain), np.float32(1))[..., None]
 
     return change
@@ -257,11 +214,11 @@ def _noise(sigma: float) -> Change:
 def _motion(reach: int, slanted: bool = False) -> Change:
     kernel = np.eye(2 * reach + 1) if slanted else np.zeros((2 * reach + 1,) * 2)
     kernel[reach] += not slanted
-    return lambda m: blurred(m.a, np.float32(kernel / kernel.sum()))
+    return lambda m: summed(m.a, kernel)
 
 
 def _sharpened(m: Maker) -> Pixels:
-    return m.a + np.float32(0.6) * (m.a - blurred(m.a, np.ones((3, 3), np.float32) / 9))
+    return m.a + np.float32(0.6) * (m.a - summed(m.a, np.ones((3, 3))))
 
 
 def _quantised(levels: int) -> Change:
@@ -276,31 +233,12 @@ def _s_curve(v: Pixels) -> Pixels:
     return v + np.float32(0.5) * v * (1 - v) * (v - np.float32(0.5))
 
 
+def _into(primaries: str) -> Change:
+    return lambda m: converted(primaries, m.a)
+
+
 def _matrix(rows: Any) -> Change:
     return lambda m: m.a @ np.float32(rows).T
-
-
-def _disc(radius: float) -> Pixels:
-    """A disc [k, k] with soft borders."""
-    reach = int(np.ceil(radius))
-    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    kernel = np.clip(radius + 0.5 - np.hypot(y, x), 0, 1).astype(np.float32)
-    return kernel / kernel.sum()
-
-
-def _gauss(sigma: float) -> Pixels:
-    line = np.exp(-(np.arange(-9, 10) ** 2) / (2 * sigma**2)).astype(np.float32)
-    return np.outer(line, line) / line.sum() ** 2
-
-
-def _pulled(m: Maker) -> Pixels:
-    """Blurred more and more down the frame."""
-    radii = np.linspace(0, 4, 9)
-    pictures = np.stack([m.a, *(blurred(m.a, _disc(r)) for r in radii[1:])])
-    at = np.linspace(0, 8 - 1e-3, len(m.a))
-    low, share = at.astype(int), np.float32(at % 1)[:, None, None]
-    rows = np.arange(len(m.a))
-    return (1 - share) * pictures[low, rows] + share * pictures[low + 1, rows]
 
 
 def _resized(factor: int, how: str) -> Change:
@@ -343,11 +281,6 @@ def _bilateral(image: Pixels) -> Pixels:
         weight = np.exp(-np.square((beside - shown) / 0.08))[..., None]
         total, weights = total + weight * moved, weights + weight
     return (total / weights).astype(np.float32)
-
-
-def _median(image: Pixels) -> Pixels:
-    moved = [np.roll(image, (dy - 1, dx - 1), (0, 1)) for dy, dx in np.ndindex(3, 3)]
-    return np.median(moved, axis=0).astype(np.float32)
 
 
 def _of_channel(k: int, change: Change) -> Change:
@@ -424,9 +357,9 @@ CHANGES: dict[str, tuple[tuple[str, ...], Change]] = {
     ),
     "shifted": (("shifted",), _roll(0, 1)),
     "shifted far": (("shifted",), _roll(5, -9)),
-    "shifted by a part": (("shifted",), lambda m: _warped(m, dx=0.4)),
-    "turned a little": (("rotated",), lambda m: _warped(m, degrees=0.5)),
-    "enlarged a little": (("scaled",), lambda m: _warped(m, scale=1.01)),
+    "shifted by a part": (("shifted",), lambda m: warped(m.a, dx=0.4)),
+    "turned a little": (("rotated",), lambda m: warped(m.a, degrees=0.5)),
+    "enlarged a little": (("scaled",), lambda m: warped(m.a, scale=1.01)),
     "mirrored": (("flipped",), lambda m: m.a[:, ::-1]),
     "turned": (("rotated",), lambda m: m.a[::-1, ::-1]),
     "fields exchanged": (("fields exchanged",), _fields_exchanged),
@@ -445,7 +378,10 @@ CHANGES: dict[str, tuple[tuple[str, ...], Change]] = {
     "vignette": (("vignette",), _vignette),
     "less saturated": (("another saturation",), _saturated(0.9)),
     "more saturated": (("another saturation",), _saturated(1.15)),
-    **{name: (("other primaries",), _matrix(_PRIMARIES[name])) for name in _PRIMARIES},
+    **{
+        n: (("other primaries",), _into(n))
+        for n in ("Rec. 2020", "Display P3", "ACES AP1", "ACES AP0")
+    },
     "clipped": (("clipped at 1",), lambda m: np.minimum(m.a, 1)),
     "BGR": (("channels swapped",), lambda m: m.a[..., ::-1]),
     "8 bits, sRGB": (("quantised to 8 bits",), _quantised_srgb),
@@ -465,35 +401,35 @@ CHANGES: dict[str, tuple[tuple[str, ...], Change]] = {
     "noise": (("noise",), _noise(0.01)),
     "weak noise": (("noise",), _noise(0.004)),
     "sharpened": (("sharpened",), _sharpened),
-    "blurred": (_COC, lambda m: blurred(m.a, np.ones((3, 3), np.float32) / 9)),
+    "blurred": (_COC, lambda m: summed(m.a, np.ones((3, 3)))),
     "cut": (("crop", "empty"), lambda m: np.pad(m.a[9:-9, 5:-5], ((9, 9), (5, 5), (0, 0)))),
 }
 _SOFT = ("another CoC", "softened")
 CHANGES |= {
-    "disc of 2 px": (_SOFT, lambda m: blurred(m.a, _disc(2))),
-    "disc of 1 px": (_SOFT, lambda m: blurred(m.a, _disc(1))),
-    "disc of 5 px": (_SOFT, lambda m: blurred(m.a, _disc(5))),
-    "gaussian of 1 px": (_SOFT, lambda m: blurred(m.a, _gauss(1))),
-    "gaussian of 2.5 px": (_SOFT, lambda m: blurred(m.a, _gauss(2.5))),
-    "focus pulled": (_COC, _pulled),
+    "disc of 2 px": (_SOFT, lambda m: through_disc(m.a, 2)),
+    "disc of 1 px": (_SOFT, lambda m: through_disc(m.a, 1)),
+    "disc of 5 px": (_SOFT, lambda m: through_disc(m.a, 5)),
+    "gaussian of 1 px": (_SOFT, lambda m: blurred(m.a, 1)),
+    "gaussian of 2.5 px": (_SOFT, lambda m: blurred(m.a, 2.5)),
+    "focus pulled": (_COC, lambda m: pulled(m.a, np.arange(0.5, 4.1, 0.5))),
     "half, bilinear": (("lower resolution",), _resized(2, "triangle")),
     "half, bicubic": (("lower resolution",), _resized(2, "cubic")),
     "half, lanczos": (("lower resolution",), _resized(2, "lanczos3")),
     "half, nearest": (("lower resolution",), _resized(2, "nearest")),
     "quarter, bilinear": (("lower resolution",), _resized(4, "triangle")),
-    "red moved": (("shifted",), _of_channel(0, lambda m: _warped(m, dx=0.8))),
-    "blue enlarged": (("scaled",), _of_channel(2, lambda m: _warped(m, scale=1.006))),
+    "red moved": (("shifted",), _of_channel(0, lambda m: warped(m.a, dx=0.8))),
+    "blue enlarged": (("scaled",), _of_channel(2, lambda m: warped(m.a, scale=1.006))),
     "green offset": (("raised blacks", "offset"), _of_channel(1, lambda m: m.a + 0.02)),
     "blue brighter": (_LIGHT, _of_channel(2, lambda m: 1.06 * m.a)),
-    "red blurred": (_SOFT, _of_channel(0, lambda m: blurred(m.a, _disc(2)))),
+    "red blurred": (_SOFT, _of_channel(0, lambda m: through_disc(m.a, 2))),
     "green noisy": (("noise",), _of_channel(1, lambda m: _noisy(m.a, m.rng, 0.03))),
     "red clipped": (("clipped at 0.5",), _of_channel(0, lambda m: np.minimum(m.a, 0.5))),
     "monochrome": (("monochrome", "another saturation"), _monochrome(0.2126, 0.7152, 0.0722)),
     "mean of channels": (("monochrome", "another saturation"), _monochrome(1 / 3, 1 / 3, 1 / 3)),
-    "shifted by 0.1 px": (("shifted",), lambda m: _warped(m, dx=0.1)),
-    "shifted by 0.05 px": (("shifted",), lambda m: _warped(m, dx=0.05)),
-    "enlarged by 0.2 %": (("scaled",), lambda m: _warped(m, scale=1.002)),
-    "turned by 0.1°": (("rotated",), lambda m: _warped(m, degrees=0.1)),
+    "shifted by 0.1 px": (("shifted",), lambda m: warped(m.a, dx=0.1)),
+    "shifted by 0.05 px": (("shifted",), lambda m: warped(m.a, dx=0.05)),
+    "enlarged by 0.2 %": (("scaled",), lambda m: warped(m.a, scale=1.002)),
+    "turned by 0.1°": (("rotated",), lambda m: warped(m.a, degrees=0.1)),
     "lifted": (("raised blacks",), _tones(lambda v: v + 0.01)),
     "noise of photons": (("noise",), lambda m: _noisy(m.a, m.rng, 0.02)),
     "a little brighter": (_LIGHT, lambda m: m.a * np.float32(2**0.03)),
@@ -511,17 +447,17 @@ CHANGES |= {
     "less contrast": (("another contrast",), _tones(lambda v: 0.5 + 0.95 * (v - 0.5))),
     "sharpened wide": (
         ("sharpened",),
-        lambda m: m.a + np.float32(0.5) * (m.a - blurred(m.a, _gauss(1.5))),
+        lambda m: m.a + np.float32(0.5) * (m.a - blurred(m.a, 1.5)),
     ),
     "gamma 1.1": (("another gamma",), lambda m: m.a ** np.float32(1.1)),
     "smeared": (("noise removed",), lambda m: _bilateral(m.a)),
-    "median": (("noise removed", "softened"), lambda m: _median(m.a)),
+    "median": (("noise removed", "softened"), lambda m: median(m.a)),
 }
 # What makes both sides of a pair of light: one side has other noise.
 PAIRS: dict[str, tuple[tuple[str, ...], Callable[[Maker], tuple[Pixels, Pixels]]]] = {
     "noise removed": (("noise",), lambda m: (_noisy(m.a, m.rng, 0.03), m.a)),
     "denoised": (("noise",), lambda m: _denoised(m, _bilateral)),
-    "median of noise": (("noise",), lambda m: _denoised(m, _median)),
+    "median of noise": (("noise",), lambda m: _denoised(m, median)),
     "another seed": (("noise",), lambda m: (_noisy(m.a, m.rng, 0.02), _noisy(m.a, m.rng, 0.02))),
     "noisy and brighter": (
         _LIGHT,
@@ -529,7 +465,7 @@ PAIRS: dict[str, tuple[tuple[str, ...], Callable[[Maker], tuple[Pixels, Pixels]]
     ),
     "noisy and blurred": (
         _SOFT,
-        lambda m: (_noisy(m.a, m.rng, 0.01), blurred(_noisy(m.a, m.rng, 0.01), _disc(2))),
+        lambda m: (_noisy(m.a, m.rng, 0.01), through_disc(_noisy(m.a, m.rng, 0.01), 2)),
     ),
 }
 
@@ -551,10 +487,10 @@ OF_INTEGERS = (
 
 
 def _exr(path: Path, image: Pixels, alpha: Pixels | None = None, dtype: Any = np.float16) -> Path:
-    planes = {name: image[..., k].astype(dtype) for k, name in enumerate("RGB")}
+    made = planes(image, dtype)
     if alpha is not None:
-        planes["A"] = alpha.astype(dtype)
-    return write_planes(path, planes)
+        made["A"] = alpha.astype(dtype)
+    return write_planes(path, made)
 
 
 def _eight(image: Pixels) -> Pixels:
@@ -594,11 +530,10 @@ def _lossy(folder: Path, m: Maker, a: Path, png: Path) -> list[Pair]:
         right, change = CHANGES[kind]
         b = save(folder / f"jpeg {kind}.png", _jpeg(folder, _eight(change(m)), 90))
         pairs.append(Pair(f"{kind}, then JPEG", right, png, b))
-    planes = {n: m.a[..., k].astype(np.float16) for k, n in enumerate("RGB")}
     for level in (100.0, 400.0):
         header = {"dwaCompressionLevel": level}
         file = folder / f"dwaa{level:.0f}.exr"
-        b = write_planes(file, planes, OpenEXR.DWAA_COMPRESSION, **header)
+        b = write_planes(file, planes(m.a), OpenEXR.DWAA_COMPRESSION, **header)
         pairs.append(Pair(f"DWAA of {level:.0f}", jpeg, a, b))
     return pairs
 
@@ -617,7 +552,7 @@ def _with_alpha(folder: Path, m: Maker) -> list[Pair]:
     ]
     of_alpha = {
         "alpha thinner": (("multiplied", "another exposure"), alpha * 0.9),
-        "alpha blurred": (_SOFT, blurred(alpha[..., None], _disc(3))[..., 0]),
+        "alpha blurred": (_SOFT, through_disc(alpha[..., None], 3)[..., 0]),
         "alpha to a power": (("another gamma", "another tone curve"), alpha**1.5),
     }
     pairs += [
@@ -683,12 +618,11 @@ def benign(folder: Path, name: str | Source, seed: int = 0, step: int = 2) -> li
         Pair(kind, (), one, _exr(folder / f"{kind}.exr", b, dtype=dtype))
         for kind, (one, b, dtype) in images.items()
     ]
-    planes = {n: half[..., k] for k, n in enumerate("RGB")}
     for codec in ("NO", "RLE", "ZIPS", "PIZ", "PXR24", "DWAA"):
         compression = getattr(OpenEXR, f"{codec}_COMPRESSION")
-        b = write_planes(folder / f"{codec}.exr", planes, compression)
+        b = write_planes(folder / f"{codec}.exr", planes(half), compression)
         pairs.append(Pair(codec, (), a, b))
-    described = write_planes(folder / "described.exr", planes, comments="another day")
+    described = write_planes(folder / "described.exr", planes(half), comments="another day")
     shown = _eight(light)
     tiff = save(folder / "b.tif", shown, Compression="lzw")
     deep = save(folder / "16.png", shown.astype(np.uint16) * 257)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,17 @@ import numpy as np
 import OpenEXR
 from image_files import box, save
 
+from defocus_core.compare.comparison import compare_pair
+from defocus_core.compare.pairing import FilePair
+from defocus_core.compare.record import CompareSettings, Comparison
+from defocus_core.compare.thresholds import Rules
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 from defocus_core.io.images.primaries import NAMED, REC_709, between_primaries
 
 Pixels = np.ndarray[Any, Any]
 HEIGHT, WIDTH = 90, 128
+_NO_RULES = Rules()
+PRIMARIES = ("Rec. 2020", "Display P3", "ACES AP1", "ACES AP0")
 
 
 def scene() -> Pixels:
@@ -72,49 +79,58 @@ def _of_channel(image: Pixels, index: int, changed: Pixels) -> Pixels:
     return image
 
 
-def _moved_in_part(image: Pixels, dx: float = 0.8) -> Pixels:
-    """To the right by a part of a pixel, cubic."""
-    steps = zip((2, 1, 0, -1), _keys(1 - dx), strict=True)
-    return sum(weight * np.roll(image, step, axis=1) for step, weight in steps)
+def warped(image: Pixels, degrees: float = 0.0, scale: float = 1.0, dx: float = 0.0) -> Pixels:
+    """Turned and enlarged around the middle, bicubic by Catmull-Rom."""
+    height, width = image.shape[:2]
+    y, x = np.mgrid[0:height, 0:width] - np.float64([[[height - 1]], [[width - 1]]]) / 2
+    c, s = np.cos(np.radians(degrees)) / scale, np.sin(np.radians(degrees)) / scale
+    row = (c * y + s * x) + (height - 1) / 2
+    column = (c * x - s * y) + (width - 1) / 2 - dx
+    total = np.zeros_like(image)
+    for k, j in product(range(-1, 3), repeat=2):
+        top, left = np.floor(row) + k, np.floor(column) + j
+        weight = _cubic(np.abs(row - top)) * _cubic(np.abs(column - left))
+        pixel = image[top.clip(0, height - 1).astype(int), left.clip(0, width - 1).astype(int)]
+        total += weight[..., None].astype(np.float32) * pixel
+    return total
 
 
-def _keys(t: float) -> tuple[float, float, float, float]:
-    """Weights of the pixels at -1, 0, 1 and 2 for a place at t (Keys, -1/2)."""
-    return (
-        ((-0.5 * t + 1) * t - 0.5) * t,
-        (1.5 * t - 2.5) * t * t + 1,
-        ((-1.5 * t + 2) * t + 0.5) * t,
-        (0.5 * t - 0.5) * t * t,
-    )
+def _cubic(t: Pixels) -> Pixels:
+    return np.where(t <= 1, (1.5 * t - 2.5) * t * t + 1, ((-0.5 * t + 2.5) * t - 4) * t + 2)
 
 
-def _converted(name: str, image: Pixels) -> Pixels:
+def converted(name: str, image: Pixels) -> Pixels:
     return image @ between_primaries(REC_709, NAMED[name]).T
 
 
-def _summed(image: Pixels, kernel: Pixels) -> Pixels:
-    """Through a kernel [k, k] of odd side."""
+def summed(image: Pixels, kernel: Pixels) -> Pixels:
+    """Through a kernel [k, k] of odd side, of any sum."""
     reach = len(kernel) // 2
     padded = np.pad(image, [(reach, reach), (reach, reach), (0, 0)], mode="edge")
     height, width = image.shape[:2]
-    return sum(
-        weight * padded[y : y + height, x : x + width]
-        for (y, x), weight in np.ndenumerate(kernel / kernel.sum())
-    )
+    weights = np.ndenumerate(kernel / kernel.sum())
+    total = sum(w * padded[y : y + height, x : x + width] for (y, x), w in weights if w)
+    return np.asarray(total, np.float32)
 
 
-def _through_disc(image: Pixels, radius: float = 2.0) -> Pixels:
+def through_disc(image: Pixels, radius: float = 2.0) -> Pixels:
     reach = int(np.ceil(radius))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    return _summed(image, np.clip(radius + 0.5 - np.hypot(y, x), 0, 1))
+    return summed(image, np.clip(radius + 0.5 - np.hypot(y, x), 0, 1))
 
 
 def _along(image: Pixels) -> Pixels:
-    return _summed(image, 1.0 * (np.indices((9, 9))[0] == 4))
+    return summed(image, 1.0 * (np.indices((9, 9))[0] == 4))
 
 
-def _halved(image: Pixels) -> Pixels:
-    small = image.reshape(HEIGHT // 2, 2, WIDTH // 2, 2, 3).mean(axis=(1, 3))
+def halved(image: Pixels) -> Pixels:
+    """Means of 2 x 2 pixels."""
+    height, width = (side // 2 * 2 for side in image.shape[:2])
+    return image[:height, :width].reshape(height // 2, 2, width // 2, 2, 3).mean(axis=(1, 3))
+
+
+def doubled(small: Pixels) -> Pixels:
+    """Twice the size, bilinear."""
     for axis in (0, 1):
         pad = [(1, 1) if axis == k else (0, 0) for k in range(3)]
         padded = np.pad(small, pad, mode="edge")
@@ -122,20 +138,19 @@ def _halved(image: Pixels) -> Pixels:
         pair = [0.75 * parts[1] + 0.25 * parts[k] for k in (0, 2)]
         shape = [n * (2 if axis == k else 1) for k, n in enumerate(small.shape)]
         small = np.stack(pair, axis=axis + 1).reshape(shape)
-    return small
+    return small.astype(np.float32)
 
 
-def _median(image: Pixels) -> Pixels:
+def median(image: Pixels) -> Pixels:
     steps = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1)]
-    return np.median([np.roll(image, step, (0, 1)) for step in steps], axis=0)
+    return np.median([np.roll(image, step, (0, 1)) for step in steps], axis=0).astype(np.float32)
 
 
-def _pulled(image: Pixels) -> Pixels:
+def pulled(image: Pixels, radii: Sequence[float] = (1.0, 2.0, 3.0)) -> Pixels:
     """Blurred more and more down the frame."""
-    blurs = [image, *(_through_disc(image, r) for r in (1.0, 2.0, 3.0))]
-    at = np.linspace(0, 2.99, HEIGHT)
-    rows, low, share = np.arange(HEIGHT), at.astype(int), (at % 1)[:, None, None]
-    pictures = np.stack(blurs)
+    pictures = np.stack([image, *(through_disc(image, radius) for radius in radii)])
+    at = np.linspace(0, len(radii) - 1e-3, len(image))
+    rows, low, share = np.arange(len(image)), at.astype(int), np.float32(at % 1)[:, None, None]
     return (1 - share) * pictures[low, rows] + share * pictures[low + 1, rows]
 
 
@@ -200,7 +215,7 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
         "noise of about 0.0",
     ),
     # Of one channel.
-    "red moved": (lambda a: _of_channel(a, 0, _moved_in_part(a)), "shifted", "R shifted by (0.8"),
+    "red moved": (lambda a: _of_channel(a, 0, warped(a, dx=0.8)), "shifted", "R shifted by (0."),
     "green offset": (
         lambda a: a + np.float32([0, 0.02, 0]),
         "raised blacks",
@@ -214,11 +229,11 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
     # Of colour spaces.
     **{
         name: (
-            partial(_converted, name),
+            partial(converted, name),
             "other primaries",
             f"other primaries: {name} instead of Rec. 709",
         )
-        for name in ("ACES AP0", "ACES AP1", "Rec. 2020", "Display P3")
+        for name in PRIMARIES
     },
     "grey": (
         lambda a: (a @ np.float32([0.2126, 0.7152, 0.0722]))[..., None].repeat(3, axis=2),
@@ -227,23 +242,32 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
     ),
     # Of rivals, which soften.
     "disc of 2 px": (
-        _through_disc,
+        through_disc,
         "another CoC",
         "blurred more, everywhere alike, as by a radius",
     ),
     "a line of 9 px": (_along, "motion blur", "motion blur: 9"),
-    "half, bilinear": (_halved, "lower resolution", "lower resolution: half resolution, bilinear"),
-    "median of neighbours": (_median, "noise removed", "noise removed: smeared"),
-    "blurred down the frame": (_pulled, "another CoC or bokeh shape", "blurred more"),
+    "half, bilinear": (
+        lambda a: doubled(halved(a)),
+        "lower resolution",
+        "lower resolution: half resolution, bilinear",
+    ),
+    "median of neighbours": (median, "noise removed", "noise removed: smeared"),
+    "blurred down the frame": (pulled, "another CoC or bokeh shape", "blurred more"),
     "sharpened": (lambda a: a + 0.6 * (a - blurred(a, 1)), "sharpened", "sharpened: detail x 1.6"),
     # Small ones.
     "a tenth of a pixel": (
-        lambda a: _moved_in_part(a, 0.1),
+        lambda a: warped(a, dx=0.1),
         "shifted",
         "shifted by (0.1",
     ),
     "a little of light": (lambda a: a + 0.003, "raised blacks", "raised blacks: +0.003"),
 }
+
+
+def compared(a: Path, b: Path, rules: Rules = _NO_RULES, **settings: Any) -> Comparison:
+    """The record of two files."""
+    return compare_pair(FilePair(b.name, a, b), rules, CompareSettings(**settings))[0]
 
 
 def write_planes(

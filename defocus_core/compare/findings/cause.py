@@ -7,30 +7,22 @@ is, if it has one.
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from pathlib import Path
+from typing import Any
 
 from defocus_core.compare.findings.evidence import Evidence, Explanation
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.findings.geometry import GEOMETRY
-from defocus_core.compare.findings.places import LocatedPair, place_of
+from defocus_core.compare.findings.places import located, place_of
 from defocus_core.compare.findings.softness import SOFTNESS, SPREAD
 from defocus_core.compare.findings.tone import TONE
 from defocus_core.compare.findings.traces import TRACES
 from defocus_core.compare.pairing import partners
-from defocus_core.compare.picture import in_linear_light, read_picture
-from defocus_core.compare.selection import read_radius
+from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_picture
+from defocus_core.compare.pixels import Pixels
 from defocus_core.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from defocus_core.compare.picture import DecodedPicture
-    from defocus_core.compare.pixels import Pixels
 
 _MAPS_OF_COC = {"coc", "disparity"}
 # Attributes of a render by what follows if they differ.
@@ -47,7 +39,6 @@ _OF_NUMBERS = {
 _SPREADS = ("another CoC", "another CoC or bokeh shape", "spread otherwise")
 _LAST_BITS = 2e-5  # largest difference that is that of another machine, on no scale to be seen
 _PLACED_TOO = "spread otherwise"  # says how, and no cause
-_DEPTHS = ("Z", "depth.Z", "depth")  # channels
 # Of a difference, and of the cost: two causes of few pixels that are closer are not told apart.
 _NEARLY, _AS_SIMPLE = 0.02, 0.005
 # Families of causes, the cheapest first: a later one is tried where the earlier leave something.
@@ -84,7 +75,7 @@ def diagnose(
     if evidence.is_slight and (not findings or findings[0].name == _PLACED_TOO):
         return [Finding("too small to name", "too small to name")]
     if not findings or findings[0].name == _PLACED_TOO:
-        place = place_of(_shown(evidence, (a, b), corner, coc))
+        place = place_of(located(evidence, (a, b), corner, coc))
         findings += [] if place is None else [place]
     return findings
 
@@ -127,29 +118,6 @@ def _is_one_of_many(chosen: Explanation | None, tried: Sequence[Explanation]) ->
     left, cost = chosen.fit.left + _NEARLY, chosen.fit.cost + _AS_SIMPLE
     rivals = [e for e in tried if e.is_good and e.fit.left <= left and e.fit.cost <= cost]
     return any(each.finding.name != chosen.finding.name for each in rivals)
-
-
-def _shown(
-    evidence: Evidence,
-    sides: tuple[DecodedPicture, DecodedPicture],
-    corner: tuple[int, int],
-    coc: Path | None,
-) -> LocatedPair:
-    """The pair with the CoC and the depth that are at hand: named, in a file, or beside one."""
-    (x, y), (height, width) = corner, evidence.size
-    cut, full = (slice(y, y + height), slice(x, x + width)), (sides[0].height, sides[0].width)
-    files = [] if coc is None else [coc]
-    files += [s.path.parent.parent / "coc" / f"{s.path.stem}.exr" for s in sides if s.path.parent]
-    maps: dict[str, Any] = {}
-    for name, plane in ((n, p) for side in sides for n, p in side.planes.items()):
-        kind = "depth" if name in _DEPTHS else "radius" if name == "coc" else ""
-        if kind and plane.shape == full:
-            maps.setdefault(kind, np.nan_to_num(plane[cut].astype(np.float32)))
-    for file in files:
-        if "radius" not in maps and file.is_file():
-            with suppress(InputError):
-                maps["radius"] = read_radius(file, full)[cut]
-    return LocatedPair(evidence, **maps)
 
 
 def _by_channels(finding: Finding, evidence: Evidence) -> Finding:

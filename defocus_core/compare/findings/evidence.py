@@ -9,24 +9,19 @@ no explanation predicts, counts neither for nor against one.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.compare.findings.finding import Finding
-from defocus_core.compare.findings.parts import sums_of_parts
 from defocus_core.compare.metrics import unclipped
+from defocus_core.compare.pixels import Pixels
 from defocus_core.compare.selection import widened
 from defocus_core.io.images.color_space import srgb_to_linear
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from defocus_core.compare.pixels import Pixels
 
 _SAMPLES = 5_000  # pixels that are looked at, each with its neighbour on the right
 _FEW = 2048  # pixels of a picture below which a finding must hold in both turns of the blocks
@@ -43,6 +38,7 @@ _SIGNAL = 1.3  # least power of a difference, by that of the noise in it
 # RMS of what number types round off: of 0…1 for integers, as a share of the level for others.
 _STEPS = {"uint8": 0.35 / 255, "uint16": 0.35 / 65535}
 _RELATIVE_STEPS = {"half": 4e-4, "float": 1e-6}
+PART = 32  # px of a side of a part
 
 
 @dataclass(frozen=True)
@@ -62,22 +58,19 @@ class Cause:
 
     name: str  # of the finding, with parameters in braces
     model: Callable[[Evidence], Iterator[FittedCause]]  # fits it to a pair, in one way or several
-    words: str = ""  # the finding, with parameters in braces; the name where empty
+    words: str = "{name}"  # the finding, with its name and parameters in braces
     limit: float = LEFT  # the largest share of a difference that it may leave, if it is to be named
     # The word for it and all that can make the same picture, which is said where two of them
     # explain about as much; empty if there are none
     rivals: str = ""
-    of_color: bool = False  # whether only light can have it
-    of_many: bool = False  # whether its parameters fit a few pixels by chance
+    needs: Callable[[Evidence], bool] | None = None  # whether a pair can have it; None for all
 
     def explanations(self, evidence: Evidence) -> Iterator[Explanation]:
         """The fits of this cause to a pair."""
-        if (self.of_color and not evidence.pixels.color) or (self.of_many and evidence.is_small):
-            return
-        for fit in self.model(evidence):
-            all_values = {**fit.values, **fit.said}
-            name = self.name.format(**all_values)
-            text = (self.words or self.name).format(**all_values)
+        for fit in self.model(evidence) if self.needs is None or self.needs(evidence) else ():
+            parameters = {**fit.values, **fit.said}
+            name = self.name.format(**parameters)
+            text = self.words.format(**{**parameters, "name": name})
             yield Explanation(self, fit, Finding(name, text, fit.values))
 
 
@@ -140,14 +133,12 @@ class Evidence:
         ok = np.ones(self.size, bool) if finite is None else finite.copy()
         ok[:, : width - right] &= ok[:, right:]
         ok[:, width - right :] = False
-        every = np.flatnonzero(ok)
-        if every.size > _SAMPLES:
-            differing = np.flatnonzero((self.pixels.greatest > 0) & ok)
+        if np.count_nonzero(ok) <= _SAMPLES:
+            every = np.flatnonzero(ok)
+        else:
             generator = np.random.default_rng(0)
-            half = min(_SAMPLES // 2, differing.size)
-            chosen = differing[generator.integers(0, max(differing.size, 1), half)]
-            spread = every[generator.integers(0, every.size, _SAMPLES - half)]
-            every = np.concatenate([chosen, spread])
+            chosen = _drawn(generator, (self.pixels.greatest > 0) & ok, _SAMPLES // 2)
+            every = np.concatenate([chosen, _drawn(generator, ok, _SAMPLES - len(chosen))])
         rows, columns = np.unravel_index(every, self.size)
         return np.concatenate([rows, rows]), np.concatenate([columns, columns + right])
 
@@ -175,24 +166,17 @@ class Evidence:
     def at(self, side: str, rows: Any, columns: Any, names: Sequence[str] = ()) -> Any:
         """Values [C, N] of side ``a`` or ``b`` at some places, 0 where a pixel is not finite."""
         planes = [self.pixels.plane(side, name)[rows, columns] for name in names or self.names]
-        values = np.stack(planes)
-        if not self._is_small_enough:
-            values = np.clip(values, -_LARGEST, _LARGEST)
-        values = values.astype(np.float32)
+        values = np.stack(planes).astype(np.float32).clip(-_LARGEST, _LARGEST)
         return values if self.pixels.finite is None else np.nan_to_num(values)
 
-    @cached_property
-    def _is_small_enough(self) -> bool:
-        """Whether no value is so large that arithmetic overflows."""
-        ends = [end for side in self.pixels.ranges for both in side.values() for end in both]
-        return all(abs(end) < _LARGEST for end in ends)
+    @property
+    def _is_linear(self) -> bool:
+        """Whether values are linear light, or none at all."""
+        return self.gamma == 1.0 or not self.pixels.color
 
     def scaled(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values on the scale that differences are measured on."""
-        if not self.pixels.color:
-            compressed: NDArray[Any] = np.arcsinh(values)
-            return compressed
-        return unclipped(values) if self.gamma == 1.0 else values
+        return self.scaled_light(values) if self._is_linear else values
 
     def light(self, values: NDArray[Any]) -> NDArray[np.float64]:
         """Stored values as linear light."""
@@ -212,7 +196,7 @@ class Evidence:
 
     def unscaled(self, values: NDArray[Any]) -> NDArray[Any]:
         """Stored values of those on the scale of differences."""
-        return self.unscaled_light(values) if self.gamma == 1.0 or not self.pixels.color else values
+        return self.unscaled_light(values) if self._is_linear else values
 
     def unscaled_light(self, values: NDArray[Any]) -> NDArray[Any]:
         """Linear light of values on the scale of differences."""
@@ -334,6 +318,31 @@ class Evidence:
         return used, whole, rest
 
 
+def _drawn(generator: np.random.Generator, mask: NDArray[np.bool_], count: int) -> NDArray[Any]:
+    """Places of so many true pixels of a mask, by chance; fewer where it has fewer."""
+    tried = generator.integers(0, mask.size, 8 * count)
+    found = tried[mask.ravel()[tried]][:count]
+    if len(found) == count:
+        return found
+    true = np.flatnonzero(mask)
+    return true[generator.integers(0, max(true.size, 1), min(count, true.size))]
+
+
+def has_light(evidence: Evidence) -> bool:
+    """Whether a pair has colour, and not maps of numbers alone."""
+    return bool(evidence.pixels.color)
+
+
+def has_many(evidence: Evidence) -> bool:
+    """Whether a pair has so many pixels that parameters do not fit them by chance."""
+    return not evidence.is_small
+
+
+def has_much_light(evidence: Evidence) -> bool:
+    """Whether a pair has colour of so many pixels."""
+    return has_light(evidence) and has_many(evidence)
+
+
 def densest(differences: NDArray[Any], side: int) -> tuple[slice, slice]:
     """Rows and columns of the part [side, side] of differences [H, W] that holds most of them."""
     sums = sums_of_parts(np.minimum(np.nan_to_num(differences), _LARGE), _GRID)
@@ -389,3 +398,35 @@ def _unshared(here: NDArray[Any], beside: NDArray[Any]) -> float:
     """The power of values that they do not share with their neighbours."""
     shared = float(np.multiply(here, beside, dtype="f8").sum()) / here.size if here.size else 0.0
     return max(_power(here, beside) - max(shared, 0.0), 0.0)
+
+
+def sums_of_parts(values: NDArray[Any], side: int = PART) -> NDArray[Any]:
+    """Sums [h, w] over the parts of values [H, W]."""
+    rows = np.add.reduceat(values, np.arange(0, values.shape[0], side), axis=0)
+    return np.add.reduceat(rows, np.arange(0, values.shape[1], side), axis=1)
+
+
+def fitted_in_parts(
+    columns: Sequence[NDArray[Any]],
+    aim: NDArray[Any],
+    chooses: NDArray[np.bool_],
+    side: int = PART,
+) -> NDArray[Any]:
+    """The sum [h, w] of multiples of columns [h, w] that each part of a picture has for itself.
+
+    The multiples are those of least squares at the pixels that choose, with a little of a ridge.
+    """
+    square = np.stack(
+        [[sums_of_parts(one * other * chooses, side) for other in columns] for one in columns]
+    )
+    sums = np.stack([sums_of_parts(one * aim * chooses, side) for one in columns])
+    square, sums = np.moveaxis(square, (0, 1), (-2, -1)), np.moveaxis(sums, 0, -1)
+    scale = np.trace(square, axis1=-2, axis2=-1)
+    ridge = (1e-3 * scale + 1e-3 * scale.mean() + 1e-30)[..., None, None]
+    solved = np.linalg.solve(square + ridge * np.eye(len(columns)), sums[..., None])[..., 0]
+    total = np.zeros_like(aim)
+    height, width = aim.shape
+    for k, column in enumerate(columns):
+        each = np.repeat(np.repeat(solved[..., k], side, axis=0), side, axis=1)
+        total += each[:height, :width] * column
+    return total

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
-from itertools import product
-from typing import TYPE_CHECKING, Any
+from itertools import chain, product
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from defocus_core.compare.findings.evidence import Cause, Evidence, FittedCause, blocks_in_turn
-from defocus_core.compare.findings.parts import PART, fitted_in_parts, sums_of_parts
+from defocus_core.compare.findings.evidence import (
+    PART,
+    Cause,
+    Evidence,
+    FittedCause,
+    blocks_in_turn,
+    fitted_in_parts,
+    sums_of_parts,
+)
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    _Scale = Callable[[NDArray[Any]], NDArray[Any]]
+_Scale = Callable[[NDArray[Any]], NDArray[Any]]
 
 _FRAME = 512  # px of the middle of a picture in which a shift is looked for
 _PEAKS = 3  # of each correlation that are tried
@@ -29,6 +33,7 @@ _PARTS_LEFT = 0.62  # of a difference that parts which move on their own may lea
 _TILES = (16, 32, 64, 128, 256, 512)  # px; each twice the one before
 _MOST_TILES = 1500  # that may have been exchanged
 _CHOSEN = 2500  # samples that choose a small move
+_STEP = 1e-4  # px by which kernels of interpolation are moved for their slope
 _ONE_MOVE = 0.45  # px by which moves of parts differ where all is one move, rounded
 
 
@@ -44,29 +49,27 @@ def _other_file(evidence: Evidence) -> Iterator[FittedCause]:
 
 def _flipped(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A mirrored or turned by right angles, or its halves or its rows in pairs exchanged."""
-    rows, columns = evidence.places
+    y, x = evidence.places
     height, width = evidence.size
-    moves = {
-        "flipped left to right": (rows, width - 1 - columns),
-        "flipped upside down": (height - 1 - rows, columns),
-        "rotated by 180°": (height - 1 - rows, width - 1 - columns),
-        "fields exchanged: even and odd rows": ((rows ^ 1).clip(0, height - 1), columns),
-    }
+    up, back = height - 1 - y, width - 1 - x
+    moves = [
+        ("flipped", " left to right", y, back),
+        ("flipped", " upside down", up, x),
+        ("rotated", " by 180°", up, back),
+        ("fields exchanged", ": even and odd rows", (y ^ 1).clip(0, height - 1), x),
+    ]
     if height == width:
-        moves |= {
-            "rotated by 90° to the left": (columns, width - 1 - rows),
-            "rotated by 90° to the right": (height - 1 - columns, rows),
-            "flipped over its diagonal": (columns, rows),
-        }
+        moves += [
+            ("rotated", " by 90° to the left", x, up),
+            ("rotated", " by 90° to the right", back, y),
+            ("flipped", " over its diagonal", x, y),
+        ]
     if width % 2 == 0:
-        moves["left and right swapped: the halves of the picture"] = (
-            rows,
-            (columns + width // 2) % width,
-        )
-    names = ("fields exchanged", "left and right swapped")
-    for text, (y, x) in moves.items():
-        name = next((n for n in names if text.startswith(n)), text.split()[0])
-        yield FittedCause(evidence.left(evidence.at("a", y, x)), said={"name": name, "text": text})
+        half = (x + width // 2) % width
+        moves.append(("left and right swapped", ": the halves of the picture", y, half))
+    for name, how, rows, columns in moves:
+        left = evidence.left(evidence.at("a", rows, columns))
+        yield FittedCause(left, said={"name": name, "text": name + how})
 
 
 def _cropped(evidence: Evidence) -> Iterator[FittedCause]:
@@ -78,18 +81,15 @@ def _cropped(evidence: Evidence) -> Iterator[FittedCause]:
     if not kept.any():
         return
     (top, bottom), (left, right) = (
-        (int(np.flatnonzero(kept.any(axis=axis))[0]), int(np.flatnonzero(kept.any(axis=axis))[-1]))
-        for axis in (1, 0)
+        np.flatnonzero(kept.any(axis=axis))[[0, -1]].tolist() for axis in (1, 0)
     )
-    if (bottom - top + 1, right - left + 1) == evidence.size:
-        return
-    rows, columns = evidence.places
-    inside = (rows >= top) & (rows <= bottom) & (columns >= left) & (columns <= right)
-    a, _ = evidence.sampled
-    window = [left, top, right - left + 1, bottom - top + 1]
-    where = f"{window[2]}x{window[3]} at {left},{top}"
-    left_over = evidence.left(np.where(inside, a, np.float32(0.0)))
-    yield FittedCause(left_over, {"window": window}, {"where": where})
+    width, height = right - left + 1, bottom - top + 1
+    if (height, width) != evidence.size:
+        rows, columns = evidence.places
+        inside = (rows >= top) & (rows <= bottom) & (columns >= left) & (columns <= right)
+        left_over = evidence.left(np.where(inside, evidence.sampled[0], np.float32(0.0)))
+        where = f"{width}x{height} at {left},{top}"
+        yield FittedCause(left_over, {"window": [left, top, width, height]}, {"where": where})
 
 
 def _tiles_exchanged(evidence: Evidence) -> Iterator[FittedCause]:
@@ -128,8 +128,10 @@ def _means(planes: NDArray[Any], side: int) -> NDArray[np.float32]:
     """Means of the whole tiles of planes [..., H, W]."""
     down, across = (length // side for length in planes.shape[-2:])
     cut = planes[..., : down * side, : across * side]
-    blocks = cut.reshape(*planes.shape[:-2], down, side, across, side)
-    means: NDArray[np.float32] = blocks.mean(axis=(-3, -1), dtype=np.float32)
+    rows = cut.reshape(*planes.shape[:-2], down, side, across * side).mean(
+        axis=-2, dtype=np.float32
+    )
+    means: NDArray[np.float32] = rows.reshape(*rows.shape[:-1], across, side).mean(axis=-1)
     return means
 
 
@@ -155,31 +157,32 @@ def _shifted(evidence: Evidence) -> Iterator[FittedCause]:
 
 
 def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
-    """Shifts (dx, dy) worth trying: peaks of correlations, and small ones."""
-    a, b = (_middle(evidence, side) for side in ("a", "b"))
-    height, width = a.shape
-    window = np.outer(*(np.hanning(n + 2)[1:-1].astype("f4") for n in (height, width)))
-    a, b = ((side - side.mean()) * window for side in (a, b))
-    spectrum = np.conj(np.fft.rfft2(a)) * np.fft.rfft2(b)
-    magnitude = np.abs(spectrum) + 1e-12 * float(np.abs(spectrum).max(initial=0.0)) + 1e-30
-    offsets = [*product((-1, 0, 1), (-1, 0, 1))]
+    """Shifts (dx, dy) worth trying: small ones, and peaks of the mean of channels in the middle."""
+    rows, columns = (
+        slice((n - min(n, _FRAME)) // 2, (n + min(n, _FRAME)) // 2) for n in evidence.size
+    )
+    a, b = (
+        np.asarray(evidence.scaled(evidence.at(side, rows, columns).mean(axis=0)), "f4")[None]
+        for side in ("a", "b")
+    )
+    peaks = (each[0] for each in _peaks(a, b, _PEAKS))
+    return list(dict.fromkeys([*product((-1, 0, 1), (-1, 0, 1)), *chain.from_iterable(peaks)]))
+
+
+def _peaks(a: NDArray[Any], b: NDArray[Any], count: int) -> Iterator[list[list[tuple[int, int]]]]:
+    """The highest peaks (dx, dy) of correlations of windows [n, h, w], more and less whitened."""
+    height, width = a.shape[1:]
+    window = np.outer(*(np.hanning(n + 2)[1:-1].astype(a.dtype) for n in (height, width)))
+    old, new = (np.fft.rfft2((v - v.mean(axis=(1, 2), keepdims=True)) * window) for v in (a, b))
+    spectrum = np.conj(old) * new
+    magnitude = np.abs(spectrum) + 1e-9 * float(np.abs(spectrum).max(initial=0.0)) + 1e-30
     for whitening in (1.0, 0.5):
-        correlation = np.fft.irfft2(spectrum / magnitude**whitening, s=a.shape)
-        flat = correlation.ravel()
-        count = min(_PEAKS, flat.size)
-        for place in np.argpartition(flat, -count)[-count:]:
-            dy, dx = divmod(int(place), width)
-            offsets.append((dx - width * (dx > width // 2), dy - height * (dy > height // 2)))
-    return list(dict.fromkeys(offsets))
-
-
-def _middle(evidence: Evidence, side: str) -> NDArray[Any]:
-    """The mean of the channels in the middle of a picture, on the scale of differences."""
-    height, width = evidence.size
-    high, wide = min(height, _FRAME), min(width, _FRAME)
-    top, left = (height - high) // 2, (width - wide) // 2
-    cut = (slice(top, top + high), slice(left, left + wide))
-    return np.asarray(evidence.scaled(evidence.at(side, *cut).mean(axis=0)), "f4")
+        peaks = np.fft.irfft2(spectrum / magnitude**whitening, s=(height, width))
+        flat = peaks.reshape(len(a), -1)
+        places = np.argpartition(flat, -min(count, flat.shape[1]), axis=1)[:, -count:]
+        dy, dx = np.divmod(places, width)
+        dx, dy = dx - width * (dx > width // 2), dy - height * (dy > height // 2)
+        yield [list(zip(x.tolist(), y.tolist(), strict=True)) for x, y in zip(dx, dy, strict=True)]
 
 
 def _moved_a_little(evidence: Evidence) -> Iterator[FittedCause]:
@@ -228,13 +231,26 @@ def _left_by_move(evidence: Evidence, move: NDArray[Any], far: float) -> float:
     if evidence.pixels.color:
         scales.append((evidence.light, evidence.stored))
     least = math.inf
-    for weights, (scale, back) in product((_keys, _linear), scales):
+    for weights, (scale, back) in product((keys, linear), scales):
         if least > _EXPLAINED:
             inside, sums = _moved(
                 evidence, *evidence.places, move, far, evidence.names, scale, weights
             )
             least = min(least, evidence.left(back(sums[0]), inside))
     return least
+
+
+def keys(t: Any) -> Any:
+    """The cubic kernel of Keys (1981), with a = -1/2, at distances in px."""
+    t = np.abs(t)
+    return np.where(
+        t < 1, (1.5 * t - 2.5) * t * t + 1, np.where(t < 2, ((2.5 - t / 2) * t - 4) * t + 2, 0)
+    )
+
+
+def linear(t: Any) -> Any:
+    """The kernel of linear interpolation."""
+    return np.maximum(1 - np.abs(t), 0)
 
 
 def _moved(
@@ -245,13 +261,9 @@ def _moved(
     far: float,
     names: Sequence[str],
     scale: _Scale | None = None,
-    weights_of: Callable[[Any], Any] | None = None,
-) -> tuple[NDArray[np.bool_], NDArray[Any]]:
-    """Places of A that were within it, and A there with its slopes down and right, [3, C, N].
-
-    Values are on the scale of differences, or another; between pixels they are cubic (Keys, -1/2),
-    or linear.
-    """
+    kernel: Callable[[Any], Any] = keys,
+) -> tuple[NDArray[np.bool_], list[NDArray[Any]]]:
+    """Places of A that were within it, and A there with its slopes down and right, [C, N]."""
     scale = scale or evidence.scaled
     height, width = evidence.size
     y, x = rows - (height - 1) / 2, columns - (width - 1) / 2
@@ -259,17 +271,15 @@ def _moved(
     at_x = columns - move[1] - (move[3] * x - move[2] * y) / far
     inside = (at_y > 2) & (at_y < height - 3) & (at_x > 2) & (at_x < width - 3)
     top, left = np.floor(at_y).astype(np.intp), np.floor(at_x).astype(np.intp)
-    between = weights_of or _keys
-    (down, slope_down), (across, slope_across) = between(at_y - top), between(at_x - left)
-    total = np.zeros((3, len(names), len(rows)))
-    for k in range(4):
-        for j in range(4):
-            line, column = (top + k - 1).clip(0, height - 1), (left + j - 1).clip(0, width - 1)
-            value = scale(evidence.at("a", line, column, names))
-            weights = down[k] * across[j], slope_down[k] * across[j], down[k] * slope_across[j]
-            for sums, weight in zip(total, weights, strict=True):
-                sums += weight * value
-    return inside, total
+    taps = np.arange(-1, 3)[:, None]
+    lines, row = (top + taps).clip(0, height - 1)[:, None], (left + taps).clip(0, width - 1)
+    values = scale(evidence.at("a", lines, row, names))  # [C, 4, 4, N]
+    (down, slope_down), (across, slope_across) = (
+        (kernel(t), (kernel(t + _STEP) - kernel(t - _STEP)) / (2 * _STEP))
+        for t in (at_y - top - taps, at_x - left - taps)
+    )
+    ways = ((down, across), (slope_down, across), (down, slope_across))
+    return inside, [np.einsum("kn,jn,ckjn->cn", k, j, values) for k, j in ways]
 
 
 def _moved_words(move: NDArray[Any], far: float) -> tuple[str, str, dict[str, float]]:
@@ -283,27 +293,6 @@ def _moved_words(move: NDArray[Any], far: float) -> tuple[str, str, dict[str, fl
     strongest = max((np.hypot(dx, dy), "shifted"), (abs(turn), "rotated"), (abs(growth), "scaled"))
     ways.sort(key=lambda way: not way.startswith(strongest[1]))
     return strongest[1], " and ".join(ways) or strongest[1], values
-
-
-def _keys(t: NDArray[Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Weights of the four pixels around a place, and their derivatives."""
-    return (
-        ((-0.5 * t + 1.0) * t - 0.5) * t,
-        (1.5 * t - 2.5) * t * t + 1.0,
-        ((-1.5 * t + 2.0) * t + 0.5) * t,
-        (0.5 * t - 0.5) * t * t,
-    ), (
-        (-1.5 * t + 2.0) * t - 0.5,
-        (4.5 * t - 5.0) * t,
-        (-4.5 * t + 4.0) * t + 0.5,
-        (1.5 * t - 1.0) * t,
-    )
-
-
-def _linear(t: NDArray[Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """The same of linear interpolation."""
-    none, one = np.zeros_like(t), np.ones_like(t)
-    return (none, 1 - t, t, none), (none, -one, one, none)
 
 
 def _moved_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
@@ -324,7 +313,8 @@ def _moved_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
     order = np.argsort(np.stack(costs), axis=0, kind="stable")[0]
     chosen = np.repeat(np.repeat(order, PART, axis=0), PART, axis=1)[: a.shape[0], : a.shape[1]]
     predicted = np.take_along_axis(np.stack(moved), chosen[None], axis=0)[0]
-    predicted = predicted + _rest_of_move(predicted, b, chooses)
+    # What moves by fractions of a pixel add, by least squares on the gradient.
+    predicted = predicted + fitted_in_parts(np.gradient(predicted), b - predicted, chooses)
     energy = sums_of_parts(np.square(b - a))
     moves = np.array(candidates, dtype="f8")[order]  # [h, w, 2]
     matter = energy > np.quantile(energy, 0.5)
@@ -351,23 +341,10 @@ def _apart_from_one_move(moves: NDArray[Any], weights: NDArray[Any]) -> float:
 def _part_offsets(a: NDArray[Any], b: NDArray[Any]) -> list[tuple[int, int]]:
     """Moves (dx, dy) of windows of twice the size of a part, the most frequent first."""
     side = 2 * PART
-    tops, lefts = (range(0, max(n - side, 0) + 1, PART) for n in a.shape)
-    window = np.hanning(side + 2)[1:-1, None] * np.hanning(side + 2)[None, 1:-1]
-    corners = list(product(tops, lefts))
-    old, new = (
-        np.stack([side_[y : y + side, x : x + side] for y, x in corners]) for side_ in (a, b)
-    )
-    old, new = (np.fft.rfft2((v - v.mean(axis=(1, 2), keepdims=True)) * window) for v in (old, new))
-    spectrum = np.conj(old) * new
-    found: Counter[tuple[int, int]] = Counter()
-    for whitening in (1.0, 0.5):
-        magnitude = np.abs(spectrum) + 1e-9 * np.abs(spectrum).max() + 1e-300
-        peaks = np.fft.irfft2(spectrum / magnitude**whitening, s=(side, side)).reshape(
-            len(corners), -1
-        )
-        for place in peaks.argmax(axis=1):
-            dy, dx = divmod(int(place), side)
-            found[dx - side * (dx > side // 2), dy - side * (dy > side // 2)] += 1
+    corners = product(*(range(0, max(n - side, 0) + 1, PART) for n in a.shape))
+    cuts = [(slice(y, y + side), slice(x, x + side)) for y, x in corners]
+    old, new = (np.stack([values[cut] for cut in cuts]) for values in (a, b))
+    found = Counter(peak for each in _peaks(old, new, 1) for (peak,) in each)
     near = Counter({(x + dx, y): 0.3 for x, y in list(found) for dx in (-1, 1)})
     return [offset for offset, _ in (found + near).most_common(24)]
 
@@ -381,22 +358,16 @@ def _moved_by(values: NDArray[Any], dx: int, dy: int) -> NDArray[Any]:
     return moved
 
 
-def _rest_of_move(a: NDArray[Any], b: NDArray[Any], chooses: NDArray[np.bool_]) -> NDArray[Any]:
-    """What a move of each part by fractions of a pixel adds, by least squares on the gradient."""
-    slopes: Any = np.gradient(a)
-    return fitted_in_parts(slopes, b - a, chooses)
-
-
 GEOMETRY = (
     Cause("{name}", _other_file, "{text}"),
     Cause("{name}", _flipped, "{text}"),
     Cause("crop", _cropped, "a crop: 0 outside of {where}"),
     Cause("tiles exchanged", _tiles_exchanged, "tiles exchanged: of {side} px"),
-    Cause("shifted", _shifted, "shifted by ({dx}, {dy})", _SHIFT_LEFT),
+    Cause("shifted", _shifted, "{name} by ({dx}, {dy})", _SHIFT_LEFT),
     Cause("{name}", _moved_a_little, "{text}"),
     Cause(
         *("another view or frame", _moved_in_parts),
-        "another view or frame: parts moved by {span}",
+        "{name}: parts moved by {span}",
         _PARTS_LEFT,
     ),
 )

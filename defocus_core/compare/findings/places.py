@@ -1,4 +1,4 @@
-"""Where a difference lies that no cause explains: rows of a table of places.
+"""Where a difference lies that no cause explains.
 
 A place is said if it tells something: much more of the squared difference lies there than of the
 pixels. How much it tells is the relative entropy of the two shares, in nats. What is chosen by the
@@ -8,24 +8,24 @@ difference itself, like a region, is measured at pixels that did not choose it.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from itertools import chain
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from defocus_core.compare.findings.evidence import blocks_in_turn
+from defocus_core.compare.findings.evidence import Evidence, blocks_in_turn
 from defocus_core.compare.findings.finding import Finding
-from defocus_core.compare.selection import beside_jumps, widened
+from defocus_core.compare.picture import DecodedPicture
+from defocus_core.compare.selection import beside_jumps, read_radius, widened
+from defocus_core.errors import InputError
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from numpy.typing import NDArray
-
-    from defocus_core.compare.findings.evidence import Evidence
-
-    _Mask = NDArray[np.bool_]
+_Mask = NDArray[np.bool_]
 
 _LOOKED_AT = 2**19  # pixels, of which every n-th row and column are kept
 _TELLS = 0.35  # least relative entropy of a place, in nats
@@ -39,6 +39,7 @@ _JUMP = 0.05  # of the range of inverse depth
 _BORDERS = (1, 2, 4, 8, 16)  # px
 _TAILS = 0.06  # share of the difference that lies beyond each end of a region
 _ONE_SIGN = 0.9  # share of the squared difference that makes it brighter, or darker
+_DEPTHS = ("Z", "depth.Z", "depth")  # channels
 
 
 @dataclass(frozen=True)
@@ -71,25 +72,36 @@ class LocatedPair:
         power: NDArray[np.float64] = total if finite is None else total * finite[self.cut]
         return power
 
-    @cached_property
-    def light(self) -> NDArray[Any]:
-        """The brightest channel [h, w] of A or B."""
-        light: NDArray[Any] = np.maximum(*self.sides).max(axis=0)
-        return light
+
+def located(
+    evidence: Evidence,
+    sides: tuple[DecodedPicture, DecodedPicture],
+    corner: tuple[int, int],
+    coc: Path | None,
+) -> LocatedPair:
+    """The pair with the CoC and the depth that are at hand: named, in a file, or beside one."""
+    (x, y), (height, width) = corner, evidence.size
+    cut, full = (slice(y, y + height), slice(x, x + width)), (sides[0].height, sides[0].width)
+    files = [] if coc is None else [coc]
+    files += [s.path.parent.parent / "coc" / f"{s.path.stem}.exr" for s in sides if s.path.parent]
+    maps: dict[str, Any] = {}
+    for name, plane in ((n, p) for side in sides for n, p in side.planes.items()):
+        kind = "depth" if name in _DEPTHS else "radius" if name == "coc" else ""
+        if kind and plane.shape == full:
+            maps.setdefault(kind, np.nan_to_num(plane[cut].astype(np.float32)))
+    for file in files:
+        if "radius" not in maps and file.is_file():
+            with suppress(InputError):
+                maps["radius"] = read_radius(file, full)[cut]
+    return LocatedPair(evidence, **maps)
 
 
-def _in_focus(shown: LocatedPair) -> Iterator[tuple[str, _Mask]]:
+def _by_scene(shown: LocatedPair) -> Iterator[tuple[str, str, _Mask, float]]:
+    """Where the radius or the depth says something of a place."""
     if shown.radius is not None:
-        yield "", np.abs(shown.radius[shown.cut]) <= _SHARP
-
-
-def _out_of_focus(shown: LocatedPair) -> Iterator[tuple[str, _Mask]]:
-    if shown.radius is not None:
-        yield "", np.abs(shown.radius[shown.cut]) > _SHARP
-
-
-def _at_silhouettes(shown: LocatedPair) -> Iterator[tuple[str, _Mask]]:
-    """Within few pixels of a jump of depth, or within the largest blur of one."""
+        sharp = np.abs(shown.radius[shown.cut]) <= _SHARP
+        yield "in focus only", "", sharp, _ONLY
+        yield "out of focus only", "", ~sharp, _ONLY
     reaches = [_EDGE_REACH]
     if shown.radius is not None:
         jumps = beside_jumps(shown.radius)
@@ -101,74 +113,39 @@ def _at_silhouettes(shown: LocatedPair) -> Iterator[tuple[str, _Mask]]:
     else:
         return
     for reach in reaches:
-        yield f", within {reach} px", widened(jumps, reach)[shown.cut]
+        yield "at silhouettes", f", within {reach} px", widened(jumps, reach)[shown.cut], _MOST
 
 
-def _at_edges(shown: LocatedPair) -> Iterator[tuple[str, _Mask]]:
-    """Where A is steep, whatever the depth is."""
+def _by_light(shown: LocatedPair) -> Iterator[tuple[str, str, _Mask, float]]:
+    """Where A is steep, whatever the depth is; where the brightest channel is bright, or dark."""
     if shown.evidence.pixels.color:
-        light = shown.sides[0].mean(axis=0)
-        steep = np.hypot(*np.gradient(light))
-        yield "", widened(steep > np.quantile(steep, _STEEPEST), 1)
+        steep = np.hypot(*np.gradient(shown.sides[0].mean(axis=0)))
+        yield "at edges", "", widened(steep > np.quantile(steep, _STEEPEST), 1), _MOST
+        light = np.maximum(*shown.sides).max(axis=0)
+        bright = _BRIGHT if shown.evidence.gamma == 1.0 else _BRIGHT_ON_SCREEN
+        yield "in highlights", "", light > bright, _MOST
+        yield "in shadows", "", light < _DARK, _MOST
 
 
-def _in_highlights(shown: LocatedPair) -> Iterator[tuple[str, _Mask]]:
-    if shown.evidence.pixels.color:
-        linear = shown.evidence.gamma == 1.0
-        yield "", shown.light > (_BRIGHT if linear else _BRIGHT_ON_SCREEN)
-
-
-def _in_shadows(shown: LocatedPair) -> Iterator[tuple[str, _Mask]]:
-    if shown.evidence.pixels.color:
-        yield "", shown.light < _DARK
-
-
-def _at_the_border(shown: LocatedPair) -> Iterator[tuple[str, _Mask]]:
+def _by_frame(shown: LocatedPair) -> Iterator[tuple[str, str, _Mask, float]]:
+    """The border, and the rectangle that holds most of the blocks that choose it."""
     for wide in _BORDERS:
         inner = np.zeros(shown.evidence.size, bool)
         inner[wide:-wide, wide:-wide] = True
-        yield f", within {wide} px", ~inner[shown.cut]
-
-
-def _in_one_region(shown: LocatedPair) -> Iterator[tuple[str, _Mask]]:
-    """The rectangle that holds most of the difference in the blocks that choose it."""
-    chooses = blocks_in_turn(shown.evidence.size)[shown.cut]
-    power = np.abs(shown.power) * chooses
+        yield "at the border", f", within {wide} px", ~inner[shown.cut], _MOST
+    power = np.abs(shown.power) * blocks_in_turn(shown.evidence.size)[shown.cut]
     ends = []
-    for axis, step in zip((1, 0), shown.cut, strict=True):
-        total = np.cumsum(power.sum(axis=axis))
+    for axis, step, length in zip((0, 1), shown.cut, shown.evidence.size, strict=True):
+        total = np.cumsum(power.sum(axis=1 - axis))
         if not total[-1] > 0:
             return
         first, last = np.searchsorted(total, (_TAILS * total[-1], (1 - _TAILS) * total[-1]))
-        ends.append((int(first) * step.step, (int(last) + 1) * step.step))
+        ends.append((int(first) * step.step, min((int(last) + 1) * step.step, length)))
     (top, bottom), (left, right) = ends
-    bottom, right = min(bottom, shown.evidence.size[0]), min(right, shown.evidence.size[1])
     within = np.zeros(shown.evidence.size, bool)
     within[top:bottom, left:right] = True
-    yield f" of {right - left}x{bottom - top} at {left},{top}", within[shown.cut]
-
-
-@dataclass(frozen=True)
-class PlaceRow:
-    """A row of the table."""
-
-    name: str
-    # The pixels [h, w] that are there, each with what is said of them
-    masks: Callable[[LocatedPair], Iterator[tuple[str, _Mask]]]
-    least: float = _MOST  # share of the difference that must lie there
-    chosen: bool = False  # whether the difference chooses the place in every other block
-
-
-PLACES = (
-    PlaceRow("in focus only", _in_focus, _ONLY),
-    PlaceRow("out of focus only", _out_of_focus, _ONLY),
-    PlaceRow("at silhouettes", _at_silhouettes),
-    PlaceRow("at edges", _at_edges),
-    PlaceRow("in highlights", _in_highlights),
-    PlaceRow("in shadows", _in_shadows),
-    PlaceRow("at the border", _at_the_border),
-    PlaceRow("in one region", _in_one_region, chosen=True),
-)
+    how = f" of {right - left}x{bottom - top} at {left},{top}"
+    yield "in one region", how, within[shown.cut], _MOST
 
 
 def place_of(shown: LocatedPair) -> Finding | None:
@@ -179,15 +156,13 @@ def place_of(shown: LocatedPair) -> Finding | None:
         return None
     measures = ~blocks_in_turn(shown.evidence.size)[shown.cut]
     told = []
-    for place in PLACES:
-        for how, mask in place.masks(shown):
-            used = measures if place.chosen else np.ones(mask.shape, bool)
-            there = mask & used
-            every = float(power[used].sum())
-            share = float(power[there].sum()) / every if every else 0.0
-            area = np.count_nonzero(there) / np.count_nonzero(used)
-            if share >= place.least and 0 < area < 1:
-                told.append((_entropy(share, area), place.name, how, share, area, mask))
+    for name, how, mask, least in chain(_by_scene(shown), _by_light(shown), _by_frame(shown)):
+        used = measures if name == "in one region" else np.ones(mask.shape, bool)
+        every = float(power[used].sum())
+        share = float(power[mask & used].sum()) / every if every else 0.0
+        area = np.count_nonzero(mask & used) / np.count_nonzero(used)
+        if share >= least and 0 < area < 1:
+            told.append((_entropy(share, area), name, how, share, area, mask))
     if not told:
         return None
     tells, name, how, share, area, mask = max(told, key=lambda each: each[0])

@@ -8,11 +8,13 @@ on depth, each part of a picture has a filter of its own: a sum of A through gau
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.compare.findings.evidence import (
     LOSSY,
@@ -21,13 +23,8 @@ from defocus_core.compare.findings.evidence import (
     FittedCause,
     blocks_in_turn,
     densest,
+    fitted_in_parts,
 )
-from defocus_core.compare.findings.parts import fitted_in_parts
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from numpy.typing import NDArray
 
 _LEAST = 28  # px of a side of a picture whose softness is looked at
 _PIECE, _MARGIN = 192, 8  # px of the part that rivals are measured in, and of the border left out
@@ -42,6 +39,9 @@ _SURELY_SPREAD = 0.06  # left where kernels of another size or shape spread the 
 _COC_LEFT, _ROUND_LEFT = 0.62, 0.1  # kernels of another shape are explained, too, but not all
 # Least unevenness of differences of pixels that half and a quarter of the resolution make.
 _ON_GRID = {2: 0.1, 4: 0.4}
+# Ways to enlarge, by OpenImageIO's names of filters.
+_FILTERS = {"nearest": "box", "bilinear": "triangle", "bicubic": "keys", "B-spline": "bspline"}
+_FILTERS |= {"Lanczos": "lanczos3"}
 _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
 _GROWS = 0.6  # correlation of blur with place that makes it grow
@@ -114,6 +114,11 @@ class Softened:
             details = [self.smooth(side, sigma) - self.sides[side] for sigma in _WIDTHS]
             predicted += [self.fitted(side, details, part) for part in (16, 32)]
         return predicted
+
+    @cached_property
+    def left_in_parts(self) -> float:
+        """What is left if B were blurred by as much as each part takes."""
+        return min(map(self.left, self.in_parts))
 
     def fitted(self, side: int, details: list[NDArray[Any]], part: int) -> NDArray[Any]:
         """B as one side, with multiples of details in each part, makes the other."""
@@ -257,8 +262,6 @@ def white_noise(evidence: Evidence) -> str:
 
 def _blurred_alike(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A through a disc or a gaussian for all places, or the reverse."""
-    if not is_large(evidence):
-        return
     frame = _softened(evidence)
     for side, way in ((0, "more"), (1, "less")):
         for response, sizes, wide in ((_disc, _RADII, 1.0), (_gauss, _SIGMAS, 2.0)):
@@ -273,8 +276,6 @@ def _blurred_alike(evidence: Evidence) -> Iterator[FittedCause]:
 
 def _sharpened(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A, and a multiple of its detail."""
-    if not is_large(evidence):
-        return
     frame = _softened(evidence)
     f, power, _, common = frame.rings
     details = 1 - np.stack([_gauss(f, sigma) for sigma in _SIGMAS])
@@ -290,8 +291,6 @@ def _sharpened(evidence: Evidence) -> Iterator[FittedCause]:
 
 def _motion_blurred(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A through a line for all places."""
-    if not is_large(evidence):
-        return
     frame = _softened(evidence)
     fy, fx = (np.broadcast_to(f, frame.spectra[0].shape).ravel() for f in frame.frequencies)
     few = np.flatnonzero(np.hypot(fy, fx) < 0.45)[1::_FEW]
@@ -318,29 +317,8 @@ def _motion_blurred(evidence: Evidence) -> Iterator[FittedCause]:
         yield FittedCause(frame.left(frame.filtered(0, response)), values, cost=0.03)
 
 
-def _keys(t: Any, a: float = -0.5) -> Any:
-    t = np.abs(t)
-    near = ((a + 2) * t - (a + 3)) * t * t + 1
-    return np.where(t < 1, near, np.where(t < 2, ((t - 5) * t + 8) * t * a - 4 * a, 0))
-
-
-def _cubic_spline(t: Any) -> Any:
-    return np.where(t < 1, (t / 2 - 1) * t * t + 2 / 3, np.maximum(2 - t, 0) ** 3 / 6)
-
-
-_ENLARGED: dict[str, Callable[[Any], Any]] = {
-    "nearest": lambda t: 1.0 * ((t >= -0.5) & (t < 0.5)),
-    "bilinear": lambda t: np.maximum(1 - np.abs(t), 0),
-    "bicubic": _keys,
-    "B-spline": lambda t: _cubic_spline(np.abs(t)),
-    "Lanczos": lambda t: np.sinc(t) * np.sinc(t / 3) * (np.abs(t) < 3),
-}
-
-
 def _lower_resolution(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A at a half or a quarter of the size, enlarged: its steps lie on a grid."""
-    if not _has_room(evidence):
-        return
     frame = _softened(evidence)
     shown = [evidence.scaled_light(side).astype("f8") for side in frame.sides]
     for factor, size in ((2, "half"), (4, "a quarter of the")):
@@ -355,10 +333,10 @@ def _lower_resolution(evidence: Evidence) -> Iterator[FittedCause]:
         a = frame.sides[0][cut]
         means = a.reshape(height // factor, factor, width // factor, factor).mean(axis=(1, 3))
         starts = [(0, 0), *(((1, 1),) if factor == 2 else ())]
-        for how, kernel in _ENLARGED.items():
+        for how, kind in _FILTERS.items():
             small = [means, *(a[y::factor, x::factor] for y, x in starts if how == "nearest")]
             for coarse in small:
-                large = _enlarged(_enlarged(coarse, factor, kernel).T, factor, kernel).T
+                large = _enlarged(coarse, factor, kind)
                 said = {"size": size, "how": how}
                 yield FittedCause(
                     frame.left(large, cut), {"factor": factor}, said, 0.01 * factor - 0.2
@@ -373,24 +351,19 @@ def _unevenness(values: NDArray[Any], factor: int, order: int) -> float:
     return float(np.ptp(sums) / max(float(sums.max() + sums.min()), 1e-300))
 
 
-def _enlarged(values: NDArray[Any], factor: int, kernel: Callable[[Any], Any]) -> NDArray[Any]:
-    """Rows [h, w] as rows [h · factor, w], the border repeated."""
-    reach = 3
-    padded = np.pad(values, ((reach, reach), (0, 0)), mode="edge")
-    large = np.empty((len(values) * factor, values.shape[1]))
-    for phase in range(factor):
-        weights = kernel((phase + 0.5) / factor - 0.5 - np.arange(-reach, reach + 1))
-        weights = weights / weights.sum()
-        large[phase::factor] = sum(
-            w * padded[k : k + len(values)] for k, w in enumerate(weights) if w
-        )
-    return large
+def _enlarged(values: NDArray[Any], factor: int, how: str) -> NDArray[np.float64]:
+    """Values [h, w] as [h · factor, w · factor] by a filter of OpenImageIO."""
+    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    height, width = (n * factor for n in values.shape)
+    buffer = oiio.ImageBuf(np.ascontiguousarray(values[..., None], np.float32))
+    roi = oiio.ROI(0, width, 0, height, 0, 1, 0, 1)
+    found = oiio.ImageBufAlgo.resize(buffer, filtername=how, roi=roi).get_pixels(oiio.FLOAT)
+    return np.asarray(found, np.float64).reshape(height, width)
 
 
 def _noise_removed(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A with means of neighbours that are alike in the place of each pixel, or medians."""
-    if not _has_room(evidence):
-        return
     frame = _softened(evidence)
     for predicted, strength, count in frame.denoised:
         if strength > 0.2:
@@ -399,10 +372,7 @@ def _noise_removed(evidence: Evidence) -> Iterator[FittedCause]:
 
 def _blurred_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A blurred, or A is B blurred, in each part by as much as it takes."""
-    if not is_large(evidence):
-        return
-    frame = _softened(evidence)
-    left = min(frame.left(predicted) for predicted in frame.in_parts)
+    left = _softened(evidence).left_in_parts
     if left <= _COC_LEFT:
         values, how = _ways(evidence)
         name = _COC if left <= _ROUND_LEFT else _EITHER
@@ -411,14 +381,11 @@ def _blurred_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
 
 def _moved_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A through lines, along an axis, in each part by as much as it takes."""
-    if not is_large(evidence):
-        return
     frame = _softened(evidence)
-    blurred = min(frame.left(predicted) for predicted in frame.in_parts)
     for axis, way in ((1, "across"), (0, "down")):
         details = [frame.smooth(0, sigma, (axis,)) - frame.sides[0] for sigma in _WIDTHS[1:]]
         left = frame.left(frame.fitted(0, details, 32))
-        if left < blurred - 0.1:
+        if left < frame.left_in_parts - 0.1:
             yield FittedCause(left, said={"way": way}, cost=0.1)
 
 
@@ -466,8 +433,6 @@ def _growth(evidence: Evidence) -> str:
 
 def _spread_otherwise(evidence: Evidence) -> Iterator[FittedCause]:
     """The same light is spread otherwise within a few pixels, by whatever kernel."""
-    if not is_large(evidence):
-        return
     frame = _softened(evidence)
     difference = frame.sides[1] - frame.sides[0]
     if not difference.any() or noise_like(difference * frame.slope):
@@ -513,24 +478,30 @@ _SOFT = "softened"
 SOFTNESS = (
     Cause(
         *("another CoC", _blurred_alike),
-        "another CoC: blurred {way}, everywhere alike, as by a radius of {radius:.2g} px{shape}",
+        "{name}: blurred {way}, everywhere alike, as by a radius of {radius:.2g} px{shape}",
         *(_SOFT_LEFT, _SOFT),
+        is_large,
     ),
-    Cause("{name}", _blurred_in_parts, "{name}: {how}", _COC_LEFT, _SOFT),
+    Cause("{name}", _blurred_in_parts, "{name}: {how}", _COC_LEFT, _SOFT, is_large),
     Cause(
-        *("motion blur", _motion_blurred, "motion blur: {length:.2g} px at {angle:.0f}°"),
+        *("motion blur", _motion_blurred, "{name}: {length:.2g} px at {angle:.0f}°"),
         *(_SOFT_LEFT, _SOFT),
+        is_large,
     ),
-    Cause("motion blur", _moved_in_parts, "motion blur: {way}, in parts", _COC_LEFT, _SOFT),
+    Cause("motion blur", _moved_in_parts, "{name}: {way}, in parts", _COC_LEFT, _SOFT, is_large),
     Cause(
-        *("lower resolution", _lower_resolution, "lower resolution: {size} resolution, {how}"),
+        *("lower resolution", _lower_resolution, "{name}: {size} resolution, {how}"),
         _RESOLUTION_LEFT,  # nothing else makes its grid
+        needs=_has_room,
     ),
     Cause(
-        *("noise removed", _noise_removed, "noise removed: smeared as by a denoiser"),
+        *("noise removed", _noise_removed, "{name}: smeared as by a denoiser"),
         *(_COC_LEFT, _SOFT),
+        _has_room,
     ),
-    Cause("sharpened", _sharpened, "sharpened: detail x {gain:.3g}", _SOFT_LEFT),
+    Cause("sharpened", _sharpened, "{name}: detail x {gain:.3g}", _SOFT_LEFT, needs=is_large),
 )
 # What says how light moved, where nothing else explains it.
-SPREAD = (Cause("{name}", _spread_otherwise, "{name}: the same light, {how}", _SPREAD_LEFT),)
+SPREAD = (
+    Cause("{name}", _spread_otherwise, "{name}: the same light, {how}", _SPREAD_LEFT, "", is_large),
+)

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import lru_cache
+import math
+from collections.abc import Callable, Iterator, Sequence
 from itertools import permutations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from defocus_core.compare.findings.evidence import EXACT, Cause, Evidence, FittedCause
+from defocus_core.compare.findings.evidence import (
+    EXACT,
+    Cause,
+    Evidence,
+    FittedCause,
+    has_light,
+    has_much_light,
+)
+from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.picture import color_layers, layers
+from defocus_core.compare.pixels import Pixels
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 from defocus_core.io.images.primaries import NAMED, between_primaries
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
-
+_Curve = Callable[[Any], Any]
 _MAX_SWAPPED = 4  # channels of a layer whose permutations are tried
 _BITS = range(4, 13)
 _KNOTS = 40  # of a tone curve
@@ -26,6 +32,44 @@ _LUMA = (0.2126, 0.7152, 0.0722)  # of Rec. 709
 _MIXED = 0.02  # least share of other channels that makes a change of primaries
 _NEAR = 0.02  # greatest difference of a matrix from that of known primaries
 _GREY = 2e-3  # greatest relative difference of the channels of a grey
+_SAME = 2e-3  # greatest relative difference from the limit of what was clipped
+_CUT = 0.95  # least share of the pixels beyond the limit that are at it
+_MORE = 1.05  # what was cut off is brighter than the limit by this
+
+
+def clipped_light(pixels: Pixels) -> list[Finding]:
+    """The limit that the light of B was clipped at, if it was; looked for in every pair."""
+    found = []
+    for layer in pixels.color:
+        high, limit = (max(_high(pixels, side, name) for name in layer) for side in "ab")
+        if not (math.isfinite(high) and high > _MORE * limit > 0):
+            continue
+        beyond, cut, between = 0, 0, 0
+        for name in layer:
+            a, b = pixels.plane("a", name), pixels.plane("b", name)
+            over = a > (1 + _SAME) * limit
+            old, new = a[over].astype(np.float64), b[over].astype(np.float64)
+            at_limit = np.abs(new - limit) <= _SAME * limit
+            beyond += new.size
+            cut += int(np.count_nonzero(at_limit))
+            between += int(np.count_nonzero(at_limit & (old < 0.98 * high)))
+        plain = abs(limit - 1.0) <= _SAME
+        if beyond and cut >= _CUT * beyond and (plain or between >= 3):
+            name = f"clipped at {limit:.4g}"
+            found.append(Finding(name, name, {"limit": limit, "values": beyond}))
+    return found[:1]
+
+
+def may_be_cut_below(pixels: Pixels) -> bool:
+    """Whether numbers of A below 0 are no longer there in B."""
+    ends = [(pixels.ranges[0][name][0], pixels.ranges[1][name][0]) for name in pixels.names]
+    return any(old < new <= 0 or math.isnan(old + new) for old, new in ends)
+
+
+def _high(pixels: Pixels, side: str, name: str) -> float:
+    """The greatest number of a channel, NaN aside."""
+    high = pixels.ranges["ab".index(side)][name][1]
+    return float(np.nanmax(pixels.plane(side, name))) if math.isnan(high) else high
 
 
 def _empty(evidence: Evidence) -> Iterator[FittedCause]:
@@ -35,17 +79,14 @@ def _empty(evidence: Evidence) -> Iterator[FittedCause]:
     rows, columns = (np.flatnonzero(differs.any(axis=axis)) for axis in (1, 0))
     top, left, bottom, right = (int(v) for v in (rows[0], columns[0], rows[-1], columns[-1]))
     cut = (slice(top, bottom + 1), slice(left, right + 1))
-    if (bottom - top + 1) * (right - left + 1) < 9:
-        return
     values = [plane[cut] for plane in planes]
-    if any((value != value[0, 0]).any() for value in values):
+    if values[0].size < 9 or any((value != value[0, 0]).any() for value in values):
         return
     were = [evidence.pixels.plane("a", name)[cut] for name in evidence.names]
     if all((value == value[0, 0]).all() for value in were) and any(v.any() for v in values):
         return  # A has nothing there that B could lack
-    level = ", ".join(
-        f"{n} {float(v[0, 0]):g}" for n, v in zip(evidence.names, values, strict=True)
-    )
+    firsts = zip(evidence.names, values, strict=True)
+    level = ", ".join(f"{name} {float(value[0, 0]):g}" for name, value in firsts)
     where = f"within {right - left + 1}x{bottom - top + 1} at {left},{top}"
     if all((plane == plane.flat[0]).all() for plane in planes):
         where = "everywhere"
@@ -66,14 +107,13 @@ def _clipped(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A with all values beyond a limit set to the limit."""
     a, _ = evidence.sampled
     (low, high), (minimum, maximum) = (_range(evidence, side) for side in ("a", "b"))
-    above, below = high > maximum, low < minimum
-    if above:
+    if high > maximum:
         left = evidence.left(np.minimum(a, np.float32(maximum)))
         yield FittedCause(left, {"limit": maximum}, {"how": ""})
-    if below:
+    if low < minimum:
         left = evidence.left(np.maximum(a, np.float32(minimum)))
         yield FittedCause(left, {"limit": minimum}, {"how": " from below"})
-    if above and below:
+    if high > maximum and low < minimum:
         how = f" and, from below, at {minimum:.4g}"
         left = evidence.left(np.clip(a, minimum, maximum))
         yield FittedCause(left, {"limit": maximum, "lowest": minimum}, {"how": how}, 0.001)
@@ -89,14 +129,18 @@ def _range(evidence: Evidence, side: str) -> tuple[float, float]:
     return min(low for low, _ in ends), max(high for _, high in ends)
 
 
+def _is_clipped_at_white(evidence: Evidence) -> bool:
+    return _range(evidence, "b")[1] <= 1.001 < _range(evidence, "a")[1]
+
+
 def _quantised(evidence: Evidence) -> Iterator[FittedCause]:
     """B is A rounded to the levels of few bits, which A is not on."""
     a, b = evidence.sampled
     if len(np.unique(b[0, :4096])) >= min(4096, a.shape[1]) * 0.9:
         return
-    clipped = _range(evidence, "b")[1] <= 1.001 < _range(evidence, "a")[1]
+    clipped = _is_clipped_at_white(evidence)
     aim = np.clip(a, 0.0, 1.0) if clipped else a
-    curves: dict[str, tuple[Any, Any]] = {"": (_as_it_is, _as_it_is)}
+    curves: dict[str, tuple[_Curve, _Curve]] = {"": (np.asarray, np.asarray)}
     if evidence.gamma == 1.0 and float(aim.max()) <= 1.001:
         curves = {" (sRGB-encoded)": (linear_to_srgb, _decoded), **curves}
     for how, (curve, back) in curves.items():
@@ -105,10 +149,6 @@ def _quantised(evidence: Evidence) -> Iterator[FittedCause]:
             stored = back(np.rint(curve(aim) * top) / np.float32(top))
             left = evidence.left(stored, a <= 1.0 if clipped else None, exact=True)
             yield FittedCause(left, {"bits": bits}, {"how": how})
-
-
-def _as_it_is(values: NDArray[Any]) -> NDArray[Any]:
-    return values
 
 
 def _decoded(values: NDArray[Any]) -> NDArray[Any]:
@@ -121,27 +161,20 @@ def _swapped_channels(evidence: Evidence) -> Iterator[FittedCause]:
         moved = [name for name in layer if name in evidence.names]
         if not (2 <= len(moved) <= _MAX_SWAPPED and len(moved) == len(evidence.names)):
             continue
-        for order in permutations(range(len(moved))):
-            if list(order) == sorted(order):
-                continue
-            sources = [moved[index] for index in order]
-            pairs = [f"{new} is {old}" for new, old in zip(moved, sources, strict=True)]
-            said = ", ".join(_own(pair) for pair in pairs if len(set(pair.split(" is "))) > 1)
-            predicted = evidence.at("a", *evidence.places, sources)
-            values = dict(zip(moved, sources, strict=True))
-            yield FittedCause(evidence.left(predicted), values, {"how": said})
+        own = {name: name.rpartition(".")[2] for name in moved}
+        for sources in list(permutations(moved))[1:]:
+            pairs = dict(zip(moved, sources, strict=True))
+            said = ", ".join(f"{own[n]} is {own[old]}" for n, old in pairs.items() if n != old)
+            left = evidence.left(evidence.at("a", *evidence.places, sources))
+            yield FittedCause(left, pairs, {"how": said})
 
 
 def _swapped_views(evidence: Evidence) -> Iterator[FittedCause]:
     """The layers of the left and the right view in the place of each other."""
-    names = evidence.pixels.names
-    views = {name: _other_view(name) for name in evidence.names}
-    if views and all(other in names and other != name for name, other in views.items()):
-        yield FittedCause(evidence.left(evidence.at("a", *evidence.places, list(views.values()))))
-
-
-def _own(text: str) -> str:
-    return " ".join(word.rpartition(".")[2] for word in text.split(" "))
+    others = [_other_view(name) for name in evidence.names]
+    pairs = zip(others, evidence.names, strict=True)
+    if all(other in evidence.pixels.names and other != name for other, name in pairs):
+        yield FittedCause(evidence.left(evidence.at("a", *evidence.places, others)))
 
 
 def _other_view(name: str) -> str:
@@ -154,46 +187,32 @@ def _other_view(name: str) -> str:
 
 def _premultiplied(evidence: Evidence) -> Iterator[FittedCause]:
     """Colour divided by its alpha, or multiplied once more."""
-    names = evidence.pixels.names
-    alphas = {name: name[: -len(name.split(".")[-1])] + "A" for name in evidence.names}
-    if not all(alpha in names and alpha not in evidence.names for alpha in alphas.values()):
+    alphas = [name[: -len(name.split(".")[-1])] + "A" for name in evidence.names]
+    if not all(a in evidence.pixels.names and a not in evidence.names for a in alphas):
         return
     light = evidence.light(evidence.sampled[0])
-    alpha = evidence.at("a", *evidence.places, list(alphas.values()))
+    alpha = evidence.at("a", *evidence.places, alphas)
     divided = np.where(alpha > 0, light / np.where(alpha > 0, alpha, 1.0), light)
     for text, changed in (("divided by alpha", divided), ("multiplied by alpha", light * alpha)):
         yield FittedCause(evidence.left(evidence.stored(changed)), said={"how": text})
 
 
-def _factors(evidence: Evidence) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Light of A, and what makes that of B of it: tops / squares of each channel."""
-    a, b = evidence.sampled
-    light, aim = evidence.light(a), evidence.light(b)
-    weights = _weights(evidence, light) * evidence.steady
-    tops = (weights * aim * light * weights).sum(axis=1)
-    return light, tops, np.square(weights * light).sum(axis=1)
-
-
 def _another_exposure(evidence: Evidence) -> Iterator[FittedCause]:
-    """B is a multiple of A, the same for all channels."""
-    light, tops, squares = _factors(evidence)
-    if squares.sum():
-        factor = float(tops.sum() / squares.sum())
-        stops = f" ({np.log2(factor):+.3g} EV)" if factor > 0 else ""
-        left = evidence.left(evidence.stored(light * factor), evidence.steady)
-        yield FittedCause(left, {"factor": factor}, {"stops": stops})
-
-
-def _exposure_of_channels(evidence: Evidence) -> Iterator[FittedCause]:
-    """Each channel of B is a multiple of its own of that of A."""
-    light, tops, squares = _factors(evidence)
+    """B is a multiple of A, the same for all channels, or of its own for each."""
+    light, aim = map(evidence.light, evidence.sampled)
+    weights = _weights(evidence, light) * evidence.steady
+    tops, squares = ((weights**2 * light * other).sum(axis=1) for other in (aim, light))
+    if not squares.sum():
+        return
+    factor = float(tops.sum() / squares.sum())
+    stops = f" ({np.log2(factor):+.3g} EV)" if factor > 0 else ""
+    left = evidence.left(evidence.stored(light * factor), evidence.steady)
+    yield FittedCause(left, {"factor": factor}, {"how": f": x {factor:.4g}{stops}"})
     if len(light) > 1 and squares.all():
-        ratios = tops / squares
-        each = ", ".join(f"{n} x {r:.4g}" for n, r in zip(evidence.names, ratios, strict=True))
-        factors = dict(zip(evidence.names, map(float, ratios), strict=True))
-        scaled = evidence.stored(light * ratios[:, None])
-        left = evidence.left(scaled, evidence.steady)
-        yield FittedCause(left, {"factors": factors}, {"each": each}, 0.01)
+        factors = dict(zip(evidence.names, map(float, tops / squares), strict=True))
+        each = ", ".join(f"{name} x {ratio:.4g}" for name, ratio in factors.items())
+        left = evidence.left(evidence.stored(light * (tops / squares)[:, None]), evidence.steady)
+        yield FittedCause(left, {"factors": factors}, {"how": f" of each channel: {each}"}, 0.01)
 
 
 def _sign_reversed(evidence: Evidence) -> Iterator[FittedCause]:
@@ -218,29 +237,19 @@ def _solved(
     return solved
 
 
-def _encoded_again(evidence: Evidence) -> Iterator[FittedCause]:
-    """A curve was applied once more."""
+def _another_gamma(evidence: Evidence) -> Iterator[FittedCause]:
+    """B is a power of A, of its values or of those that a screen shows; or encoded once more."""
     for name, curve in (("sRGB-encoded", linear_to_srgb), ("sRGB-decoded", _decoded)):
         left = evidence.left(curve(evidence.sampled[0]).astype(np.float32))
-        yield FittedCause(left, said={"how": name})
-
-
-def _another_gamma(evidence: Evidence) -> Iterator[FittedCause]:
-    """B is a power of A, of its values or of those that a screen shows."""
-    yield from _powers(evidence, _as_it_is, _as_it_is, "")
+        yield FittedCause(left, said={"how": f"{name} once more"})
+    yield from _powers(evidence, np.asarray, np.asarray, "")
     if evidence.gamma == 1.0:
-        clipped = _range(evidence, "b")[1] <= 1.001 < _range(evidence, "a")[1]
-        how = ", sRGB-encoded"
-        yield from _powers(evidence, linear_to_srgb, _decoded, how, clipped=clipped)
+        clipped = _is_clipped_at_white(evidence)
+        yield from _powers(evidence, linear_to_srgb, _decoded, ", sRGB-encoded", clipped=clipped)
 
 
 def _powers(
-    evidence: Evidence,
-    curve: Callable[[Any], Any],
-    back: Callable[[Any], Any],
-    how: str,
-    *,
-    clipped: bool = False,
+    evidence: Evidence, curve: _Curve, back: _Curve, how: str, *, clipped: bool = False
 ) -> Iterator[FittedCause]:
     a, b = (curve(np.clip(v, 0, 1) if clipped else v) for v in evidence.sampled)
     usable = (a > 0.02) & (b > 0.02) & evidence.fits & evidence.steady
@@ -250,13 +259,14 @@ def _powers(
     weight = np.minimum(a[usable], 1.0)
     power = float((weight * x * y).sum() / max((weight * x * x).sum(), 1e-300))
     left = evidence.left(back(_power(a, power, 1.0)), evidence.steady)
-    yield FittedCause(left, {"power": power}, {"how": how}, 0.005)
+    said = {"how": f"to the power {power:.4g}{how}"}
+    yield FittedCause(left, {"power": power}, said, 0.005)
     if not how and float(np.ptp(x)) > 0.1:
         power, offset = (float(value) for value in np.polyfit(x, y, 1))
         factor = float(np.exp(offset))
         left = evidence.left(_power(a, power, factor), evidence.steady)
-        how = f", exposure x {factor:.4g}"
-        yield FittedCause(left, {"power": power, "factor": factor}, {"how": how}, 0.02)
+        said = {"how": f"to the power {power:.4g}, exposure x {factor:.4g}"}
+        yield FittedCause(left, {"power": power, "factor": factor}, said, 0.02)
 
 
 def _power(values: NDArray[Any], power: float, factor: float) -> NDArray[Any]:
@@ -268,7 +278,10 @@ def _power(values: NDArray[Any], power: float, factor: float) -> NDArray[Any]:
 
 
 def _raised(evidence: Evidence) -> Iterator[FittedCause]:
-    """B is a multiple of A and a constant: of light, or of the values that a screen shows."""
+    """B is a multiple of A and a constant: of light, or of the values that a screen shows.
+
+    Of these it is another contrast, if they turn around a middle.
+    """
     a, b = evidence.sampled
     steady = evidence.steady & (b > _range(evidence, "b")[0])
     light, aim = evidence.light(a), evidence.light(b)
@@ -279,128 +292,100 @@ def _raised(evidence: Evidence) -> Iterator[FittedCause]:
         offset, factor = float(solved[0]), float(solved[1]) if free else 1.0
         left = evidence.left(evidence.stored(factor * light + offset), steady)
         yield _lifted(left, offset, factor, "light", 0.01 + 0.01 * free)
-    offset, factor, left = _line_of_shown(evidence)
-    if not _turns_in_the_middle(offset, factor):
-        yield _lifted(left, offset, factor, "what a screen shows", 0.02)
+    if evidence.pixels.color:
+        steady = steady & (a <= 1.0)
+        shown, new = (evidence.scaled(side).astype(np.float64) for side in (a, b))
+        chosen = 1.0 * (steady & evidence.fits)
+        offset, factor = map(float, _solved([np.ones_like(shown), shown], new, chosen))
+        left = evidence.left(evidence.unscaled(factor * shown + offset), steady)
+        pivot = offset / (1 - factor) if factor != 1 else math.inf
+        if 0.1 < pivot < 0.9:
+            values = {"offset": offset, "factor": factor, "pivot": pivot}
+            said = {"name": "another contrast", "how": f"x {factor:.4g} around {pivot:.3g}"}
+            yield FittedCause(left, values, said, 0.02)
+        else:
+            yield _lifted(left, offset, factor, "what a screen shows", 0.02)
     if len(light) > 1:
+        steady = evidence.steady & (b > _range(evidence, "b")[0])
         sums = ((aim - light) * weights**2).sum(axis=1) / np.maximum((weights**2).sum(axis=1), 1e-9)
         left = evidence.left(evidence.stored(light + sums[:, None]), steady)
-        each = ", ".join(f"{n} {v:+.3g}" for n, v in zip(evidence.names, sums, strict=True))
-        said = {"way": "raised" if sums.sum() > 0 else "lowered", "how": f"{each} of light"}
-        yield FittedCause(
-            left, {"offsets": dict(zip(evidence.names, map(float, sums), strict=True))}, said, 0.03
-        )
+        offsets = dict(zip(evidence.names, map(float, sums), strict=True))
+        each = ", ".join(f"{name} {value:+.3g}" for name, value in offsets.items())
+        said = {"name": _blacks(sums.sum()), "how": f"{each} of light"}
+        yield FittedCause(left, {"offsets": offsets}, said, 0.03)
 
 
 def _lifted(left: float, offset: float, factor: float, of: str, cost: float) -> FittedCause:
     how = f"{offset:+.3g} of {of}" + f", x {factor:.4g}" * (factor != 1.0)
-    said = {"way": "raised" if offset > 0 else "lowered", "how": how}
+    said = {"name": _blacks(offset), "how": how}
     return FittedCause(left, {"offset": offset, "factor": factor}, said, cost)
 
 
-def _another_contrast(evidence: Evidence) -> Iterator[FittedCause]:
-    """B is A stretched around a middle, as a screen shows it."""
-    offset, factor, left = _line_of_shown(evidence)
-    if _turns_in_the_middle(offset, factor):
-        values = {"offset": offset, "factor": factor, "pivot": offset / (1 - factor)}
-        yield FittedCause(left, values, cost=0.02)
+def _blacks(offset: float) -> str:
+    return "raised blacks" if offset > 0 else "lowered blacks"
 
 
-def _turns_in_the_middle(offset: float, factor: float) -> bool:
-    return factor != 1 and 0.1 < offset / (1 - factor) < 0.9
+def _mixed_channels(evidence: Evidence) -> Iterator[FittedCause]:
+    """The channels of the only layer of R, G and B mixed by a matrix, of light or as shown.
 
-
-@lru_cache(maxsize=1)
-def _line_of_shown(evidence: Evidence) -> tuple[float, float, float]:
-    """What a screen shows of B by that of A: offset, factor, and what they leave."""
-    a, b = evidence.sampled
-    if not evidence.pixels.color:
-        return 0.0, 1.0, np.inf
-    steady = evidence.steady & (b > _range(evidence, "b")[0]) & (a <= 1.0)
-    shown, aim = (evidence.scaled(side).astype(np.float64) for side in (a, b))
-    offset, factor = _solved([np.ones_like(shown), shown], aim, 1.0 * (steady & evidence.fits))
-    left = evidence.left(evidence.unscaled(factor * shown + offset), steady)
-    return float(offset), float(factor), left
-
-
-def _layer(evidence: Evidence) -> tuple[str, ...] | None:
-    """The only layer of R, G and B, if nothing else differs."""
-    layers_of = [each for each in color_layers(evidence.pixels.names) if len(each) == 3]
-    if len(layers_of) != 1 or not set(evidence.names) <= set(layers_of[0]):
-        return None
-    return layers_of[0]
-
-
-def _monochrome(evidence: Evidence) -> Iterator[FittedCause]:
-    """B is grey, each pixel by the same sum of the channels of A, of light or as shown."""
-    layer = _layer(evidence)
-    if layer is None:
+    It makes the picture grey, changes the distances to luma by a factor, or is that of primaries.
+    """
+    found = [each for each in color_layers(evidence.pixels.names) if len(each) == 3]
+    if len(found) != 1 or not set(evidence.names) <= set(found[0]):
         return
-    old, new = (evidence.at(side, *evidence.places, layer) for side in ("a", "b"))
-    if np.ptp(new, axis=0).max() > _GREY * float(new.max()) or not np.ptp(new):
-        return
-    if np.ptp(old, axis=0).max() <= _GREY * max(float(old.max()), 1e-9):
-        return
+    (layer,) = found
     kept = [layer.index(name) for name in evidence.names]
-    for how, (columns, aim), back in (
-        ("", [evidence.light(v) for v in (old, new)], evidence.stored),
-        (" as a screen shows it", [evidence.scaled(v) for v in (old, new)], evidence.unscaled),
-    ):
-        shares = _solved(list(columns), aim[0], 1.0 * evidence.fits)
-        predicted = back(np.tensordot(shares, columns, 1)[None].repeat(3, axis=0))[kept]
-        said = " ".join(f"{s:+.2f} {n}" for n, s in zip(layer, shares, strict=True))
-        weights = dict(zip(layer, map(float, shares), strict=True))
-        left = evidence.left(np.asarray(predicted, np.float32))
-        yield FittedCause(left, {"weights": weights}, {"how": said.lstrip("+") + how}, -0.02)
-
-
-def _another_saturation(evidence: Evidence) -> Iterator[FittedCause]:
-    """The distances of the channels to luma times a factor, of light or as a screen shows it."""
-    layer = _layer(evidence)
-    if layer is None:
-        return
-    light, aim, weights, dark = _of_layer(evidence, layer)
-    kept = [layer.index(name) for name in evidence.names]
-    shown = [evidence.scaled_light(side).astype(np.float64) for side in (light, aim)]
-    for how, (old, new), weight in (
-        ("", (light, aim), weights),
-        (" of what a screen shows", shown, 1.0 * (weights > 0)),
-    ):
-        luma = np.tensordot(_LUMA, old, 1)
-        factor = float(_solved([old - luma], new - luma, weight)[0])
-        predicted = luma + factor * (old - luma)
-        predicted = np.maximum(predicted, 0.0) if dark else predicted
-        stored = evidence.unscaled(predicted) if how else evidence.stored(predicted)
-        left = evidence.left(stored[kept], evidence.steady)
-        yield FittedCause(left, {"factor": factor}, {"how": how}, 0.01)
-
-
-def _of_layer(
-    evidence: Evidence, layer: Sequence[str]
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], bool]:
-    """Light of a layer of A and of B, weights that choose, and whether B is cut off at 0."""
-    light, aim = (evidence.light(evidence.at(s, *evidence.places, layer)) for s in ("a", "b"))
+    stored = [evidence.at(side, *evidence.places, layer) for side in ("a", "b")]
     dark = _range(evidence, "b")[0] == 0.0  # what would be negative may have become 0
-    weights = _weights(evidence, light) * ((aim > 0.0).all(axis=0) if dark else 1.0)
-    if evidence.gamma != 1.0:
-        weights = weights * evidence.steady.all(axis=0)
-    return light, aim, weights, dark
+    light: list[NDArray[Any]] = [evidence.light(side) for side in stored]
+    lit = (light[1] > 0.0).all(axis=0) | (not dark)
+    weights = _weights(evidence, light[0]) * (lit & evidence.steady.all(axis=0))
+    shown = [evidence.scaled_light(side).astype(np.float64) for side in light]
+    grey = _is_grey(stored[1]) and not _is_grey(stored[0]) and np.ptp(stored[1]) > 0
+    for of, (old, new), weight, back in (
+        ("", light, weights, evidence.stored),
+        ("a screen shows", shown, 1.0 * (weights > 0), evidence.unscaled),
+    ):
+        for matrix, values, said, cost in _matrices(layer, old, new, weight, of, grey=grey):
+            if evidence.is_small and not grey:  # they fit a few pixels by chance
+                continue
+            predicted = matrix @ old
+            predicted = back(np.maximum(predicted, 0.0) if dark else predicted)[kept]
+            left = evidence.left(
+                np.asarray(predicted, np.float32), None if grey else evidence.steady
+            )
+            yield FittedCause(left, values, said, cost)
 
 
-def _other_primaries(evidence: Evidence) -> Iterator[FittedCause]:
-    """The channels of one layer mixed by a matrix."""
-    layer = _layer(evidence)
-    if layer is None:
-        return
-    light, aim, weights, dark = _of_layer(evidence, layer)
-    rows = [_solved(list(light), channel, w) for channel, w in zip(aim, weights, strict=True)]
-    matrix = np.stack(rows)
-    if np.abs(matrix - np.diag(np.diag(matrix))).max() < _MIXED:
-        return
-    predicted = matrix @ light
-    stored = evidence.stored(np.maximum(predicted, 0.0) if dark else predicted)
-    left = evidence.left(stored[[layer.index(name) for name in evidence.names]], evidence.steady)
-    yield FittedCause(left, {"matrix": matrix.tolist()}, {"how": _primaries(matrix)}, 0.03)
+def _is_grey(values: NDArray[Any]) -> bool:
+    """Whether three channels [3, N] are equal."""
+    return bool(np.ptp(values, axis=0).max() <= _GREY * max(float(values.max()), 1e-9))
+
+
+def _matrices(
+    layer: Sequence[str],
+    old: NDArray[Any],
+    new: NDArray[Any],
+    weight: NDArray[Any],
+    of: str,
+    *,
+    grey: bool,
+) -> Iterator[tuple[NDArray[Any], dict[str, Any], dict[str, str], float]]:
+    """Matrices that make light of light, or what a screen shows, with values, words and cost."""
+    if grey:
+        shares = _solved(list(old), new[0], weight)
+        how = " ".join(f"{s:+.2f} {n}" for n, s in zip(layer, shares, strict=True)).lstrip("+")
+        values = {"weights": dict(zip(layer, map(float, shares), strict=True))}
+        said = {"name": "monochrome", "how": how + f" as {of} it" * bool(of)}
+        yield np.tile(shares, (3, 1)), values, said, -0.02
+    luma = np.tile(_LUMA, (3, 1))
+    factor = float(_solved([old - luma @ old], new - luma @ old, weight)[0])
+    said = {"name": "another saturation", "how": f"x {factor:.4g}" + f" of what {of}" * bool(of)}
+    yield luma + factor * (np.eye(3) - luma), {"factor": factor}, said, 0.01
+    matrix = np.stack([_solved(list(old), each, w) for each, w in zip(new, weight, strict=True)])
+    if not of and np.abs(matrix - np.diag(np.diag(matrix))).max() >= _MIXED:
+        said = {"name": "other primaries", "how": _primaries(matrix)}
+        yield matrix, {"matrix": matrix.tolist()}, said, 0.03
 
 
 def _primaries(matrix: NDArray[Any]) -> str:
@@ -419,8 +404,7 @@ def _vignette(evidence: Evidence) -> Iterator[FittedCause]:
     height, width = evidence.size
     rows, columns = evidence.places
     y, x = rows / max(height - 1, 1) - 0.5, columns / max(width - 1, 1) - 0.5
-    a, b = evidence.sampled
-    light, aim = evidence.light(a), evidence.light(b)
+    light, aim = map(evidence.light, evidence.sampled)
     weights = _weights(evidence, light) * evidence.steady
     for shape in (height / width, 1.0):  # round, or as wide as the picture
         far = ((y * shape) ** 2 + x * x) / (0.25 * (1 + shape * shape))
@@ -428,86 +412,51 @@ def _vignette(evidence: Evidence) -> Iterator[FittedCause]:
             terms = [light * far**k for k in range(1, powers + 1)]
             solved = _solved(terms, aim - light, weights)
             gain = 1 + sum(c * far**k for k, c in enumerate(solved, 1))
-            corners = 1 + float(solved.sum())
             left = evidence.left(evidence.stored(light * gain), evidence.steady)
-            yield FittedCause(left, {"corners": corners}, cost=0.02 * powers)
+            yield FittedCause(left, {"corners": 1 + float(solved.sum())}, cost=0.02 * powers)
 
 
 def _tone_curve(evidence: Evidence) -> Iterator[FittedCause]:
     """B is a curve of A that rises everywhere, the same for all channels or each with its own."""
     a, b = (evidence.scaled(side).astype(np.float64) for side in evidence.sampled)
     fits = np.broadcast_to(evidence.fits, a.shape) & evidence.steady
-
-    def curved(old: NDArray[Any], new: NDArray[Any], used: NDArray[np.bool_]) -> Any:
-        """The curve of some samples at all of them; None if it falls somewhere."""
-        x, y = old[used], new[used]
-        if x.size < 4 * _KNOTS:
-            return None
-        knots = np.unique(np.quantile(x, np.linspace(0, 1, _KNOTS + 1)))
-        place = np.searchsorted(knots, x, side="right").clip(1, max(len(knots) - 1, 1)) - 1
-        counts = np.bincount(place, minlength=len(knots))
-        there = counts > 0
-        centres, values = (
-            np.bincount(place, weights=v, minlength=len(knots))[there] / counts[there]
-            for v in (x, y)
-        )
-        if len(centres) < 3 or (np.diff(values) < -0.004).any():
-            return None
-        slope = np.diff(values)[[0, -1]] / np.maximum(np.diff(centres)[[0, -1]], 1e-9)
-        below, above = np.minimum(old - centres[0], 0), np.maximum(old - centres[-1], 0)
-        return np.interp(old, centres, values) + slope[0] * below + slope[1] * above
-
-    whole = curved(a, b, fits)
-    each = [curved(*sides) for sides in zip(a, b, fits, strict=True)]
-    for how, predicted, cost in (
-        ("", whole, 0.05),
-        (" of each channel", None if any(c is None for c in each) else np.stack(each), 0.08),
-    ):
-        if predicted is not None:
-            stored = evidence.unscaled(predicted)
+    curves = [_curved(a, b, fits)], [_curved(*sides) for sides in zip(a, b, fits, strict=True)]
+    for how, each, cost in (("", curves[0], 0.05), (" of each channel", curves[1], 0.08)):
+        if all(curve is not None for curve in each):
+            stored = evidence.unscaled(np.stack(each).reshape(a.shape))
             yield FittedCause(evidence.left(stored, evidence.steady), said={"how": how}, cost=cost)
 
 
+def _curved(old: NDArray[Any], new: NDArray[Any], used: NDArray[np.bool_]) -> Any:
+    """The curve of the samples that are used at all of them; None if it falls somewhere."""
+    x, y = old[used], new[used]
+    if x.size < 4 * _KNOTS:
+        return None
+    knots = np.unique(np.quantile(x, np.linspace(0, 1, _KNOTS + 1)))
+    place = np.searchsorted(knots, x, side="right").clip(1, max(len(knots) - 1, 1)) - 1
+    counts = np.bincount(place, minlength=len(knots))
+    sums = (np.bincount(place, weights=v, minlength=len(knots)) for v in (x, y))
+    centres, values = (total[counts > 0] / counts[counts > 0] for total in sums)
+    if len(centres) < 3 or (np.diff(values) < -0.004).any():
+        return None
+    slope = np.diff(values)[[0, -1]] / np.maximum(np.diff(centres)[[0, -1]], 1e-9)
+    below, above = np.minimum(old - centres[0], 0), np.maximum(old - centres[-1], 0)
+    return np.interp(old, centres, values) + slope[0] * below + slope[1] * above
+
+
 TONE = (
-    Cause("empty", _empty, "empty: {level} {where}"),
+    Cause("empty", _empty, "{name}: {level} {where}"),
     Cause("rounded to half", _rounded),
-    Cause("quantised to {bits} bits", _quantised, "quantised to {bits} bits{how}", EXACT),
-    Cause("clipped at {limit:.4g}", _clipped, "clipped at {limit:.4g}{how}", EXACT),
-    Cause("channels swapped", _swapped_channels, "channels swapped: {how}"),
+    Cause("quantised to {bits} bits", _quantised, "{name}{how}", EXACT),
+    Cause("clipped at {limit:.4g}", _clipped, "{name}{how}", EXACT),
+    Cause("channels swapped", _swapped_channels, "{name}: {how}"),
     Cause("left and right swapped", _swapped_views),
-    Cause(
-        *("premultiplication", _premultiplied, "premultiplication: colour {how} once more"),
-        of_color=True,
-    ),
+    Cause("premultiplication", _premultiplied, "{name}: colour {how} once more", needs=has_light),
     Cause("sign reversed", _sign_reversed),
-    Cause("another exposure", _another_exposure, "another exposure: x {factor:.4g}{stops}"),
-    Cause(
-        *("another exposure", _exposure_of_channels),
-        "another exposure of each channel: {each}",
-    ),
-    Cause("another gamma", _encoded_again, "another gamma: {how} once more"),
-    Cause("another gamma", _another_gamma, "another gamma: to the power {power:.4g}{how}"),
-    Cause("{way} blacks", _raised, "{way} blacks: {how}"),
-    Cause(
-        *("another contrast", _another_contrast),
-        "another contrast: x {factor:.4g} around {pivot:.3g}",
-    ),
-    Cause("vignette", _vignette, "vignette: corners x {corners:.3g}", of_color=True),
-    Cause("monochrome", _monochrome, "monochrome: {how}", of_color=True),
-    Cause(
-        *("another saturation", _another_saturation),
-        "another saturation: x {factor:.4g}{how}",
-        of_color=True,
-        of_many=True,
-    ),
-    Cause(
-        *("other primaries", _other_primaries, "other primaries: {how}"),
-        of_color=True,
-        of_many=True,
-    ),
-    Cause(
-        *("another tone curve", _tone_curve, "another tone curve{how}"),
-        of_color=True,
-        of_many=True,
-    ),
+    Cause("another exposure", _another_exposure, "{name}{how}"),
+    Cause("another gamma", _another_gamma, "{name}: {how}"),
+    Cause("{name}", _raised, "{name}: {how}"),
+    Cause("vignette", _vignette, "{name}: corners x {corners:.3g}", needs=has_light),
+    Cause("{name}", _mixed_channels, "{name}: {how}", needs=has_light),
+    Cause("another tone curve", _tone_curve, "{name}{how}", needs=has_much_light),
 )

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.compare.findings.evidence import (
     Cause,
     Evidence,
     FittedCause,
     blocks_in_turn,
+    has_many,
+    has_much_light,
     unexplained,
 )
 from defocus_core.compare.findings.softness import alike, noise_like, white_noise
 from defocus_core.system.text import counted
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
 
 _PERIODS = (8, 16, 32, 64, 128, 256, 512, 1024)  # px of tiles
 _WIDTHS = (1, 2, 4, 8, 16)  # px of a seam
@@ -57,12 +56,12 @@ def _difference(evidence: Evidence) -> NDArray[Any]:
 def _fireflies(evidence: Evidence) -> Iterator[FittedCause]:
     """A few pixels apart from each other hold the difference."""
     difference = _difference(evidence)
-    power = np.square(difference, dtype="f8")
-    maximum = max(1, int(_FEW * power.size))
-    sparks = power > max(_SPARK**2, 0.01 * float(power.max()))
+    size = np.abs(difference)
+    sparks = size > max(_SPARK, 0.1 * float(size.max()))
     number = int(np.count_nonzero(sparks))
-    if not 0 < number <= maximum:
+    if not 0 < number <= max(1, int(_FEW * size.size)):
         return
+    power = np.square(difference, dtype="f8")
     beside = np.zeros_like(sparks)
     beside[1:] |= sparks[:-1]
     beside[:, 1:] |= sparks[:, :-1]
@@ -294,25 +293,19 @@ def _noise(evidence: Evidence) -> Iterator[FittedCause]:
 
 TRACES = (
     Cause("{name}", _fireflies, "{name}: {count}", _SPARK_LEFT),
-    Cause("seams", _seams, "seams {at}", _SEAM_LEFT, of_many=True),
+    Cause("seams", _seams, "{name} {at}", _SEAM_LEFT, needs=has_many),
     Cause(
         *("seams", _gains_of_tiles),
-        "seams at multiples of {period} px: each tile has another exposure",
+        "{name} at multiples of {period} px: each tile has another exposure",
         _GAIN_LEFT,
-        of_color=True,
-        of_many=True,
+        needs=has_much_light,
     ),
-    Cause(
-        *("halo", _halo, "halo of {width:.0f} px, {how}", _HALO_LEFT),
-        of_color=True,
-        of_many=True,
-    ),
+    Cause("halo", _halo, "{name} of {width:.0f} px, {how}", _HALO_LEFT, needs=has_much_light),
     Cause(
         *("compressed with losses", _compressed),
-        "compressed with losses: in blocks of 8 px, as JPEG and DWAA do",
+        "{name}: in blocks of 8 px, as JPEG and DWAA do",
         _CODEC_LEFT,
-        of_color=True,
-        of_many=True,
+        needs=has_much_light,
     ),
-    Cause("{name}", _noise, "{name} {how}", _NOISE_LEFT, of_many=True),
+    Cause("{name}", _noise, "{name} {how}", _NOISE_LEFT, needs=has_many),
 )

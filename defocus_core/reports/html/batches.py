@@ -5,7 +5,6 @@ The input and what the lens made of it are the first layers; all other outputs o
 
 from __future__ import annotations
 
-import math
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
@@ -20,13 +19,14 @@ from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.journal.journal import Record, read_all, require_journal
 from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.lenses.lens import lens_record_words
-from defocus_core.reports.html.budget import values_room
-from defocus_core.reports.html.depth_over_time import depth_of_frame
-from defocus_core.reports.html.item import Column, Item, Layer, Report, ReportTable
-from defocus_core.reports.html.layers import WHOLE, window_of, with_values
-from defocus_core.reports.html.page import write_report
+from defocus_core.reports.html.item import Column, Item, Layer, Report, ReportTable, depth_of_frame
+from defocus_core.reports.html.layers import (
+    drawn_files,
+    valued_layers,
+    wiggle_of,
+)
+from defocus_core.reports.html.page import ValuesRoom, write_report
 from defocus_core.reports.html.render_command import render_command
-from defocus_core.reports.html.sample_layers import drawn_files, is_view, wiggle_of
 from defocus_core.system.spreading import spread
 
 _COLUMNS = (
@@ -34,7 +34,6 @@ _COLUMNS = (
     Column("seconds", "rendering", "s"),
 )
 _DIGITS = re.compile(r"(\d+)")
-_PACKED = 1.0  # halves that a character holds at most
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ def _place(record: Record) -> tuple[bool, list[tuple[int, str]]]:
 
 def _samples(records: Sequence[Record], out: Path) -> Iterator[SampleItem]:
     """What is to be drawn; values are wanted of the first, while there may be room for them."""
-    room = float(values_room(len(records)))
+    room = ValuesRoom(len(records))
     for record in records:
         if record["status"] != "ok":
             yield SampleItem((), values=False)
@@ -84,21 +83,14 @@ def _samples(records: Sequence[Record], out: Path) -> Iterator[SampleItem]:
             for kind in KINDS
             if kind in record["outputs"]
         ]
-        wanted = room > 0
         planes = sum(1 if kind in KINDS and not KINDS[kind].image else 3 for kind, _ in files)
-        room -= wanted * min(math.prod(record["size"]), WHOLE) * planes / _PACKED
-        yield SampleItem(files, wanted)
+        yield SampleItem(files, room.takes(record["size"], planes))
 
 
 def draw_sample(sample: SampleItem) -> list[Layer]:
     """The layers of a sample; files that cannot be read any more are left out."""
     drawn = list(drawn_files(sample.files, values=sample.values))
-    if not sample.values or not drawn:
-        return [each.layer for each in drawn]
-    size = drawn[0].layer.size
-    kept = [each for each in drawn if not is_view(each) and each.layer.size == size]
-    valued = {layer.key: layer for layer in with_values(kept, window_of(size, None))}
-    return [valued.get(each.layer.key, each.layer) for each in drawn]
+    return valued_layers(drawn) if sample.values and drawn else [each.layer for each in drawn]
 
 
 def _item(record: Record, layers: Sequence[Layer], out: Path) -> Item:

@@ -6,28 +6,32 @@ The values of the worst are kept, as many as there may be room for.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+import os
+import pickle
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from glob import escape
+from itertools import count
 from pathlib import Path
+from typing import Any
 
 from defocus_core.compare.metrics import METRICS
 from defocus_core.compare.record import DIFFERENT, STATUSES, WARNING, CompareSettings, Comparison
 from defocus_core.compare.thresholds import OVER, Rules
+from defocus_core.io.exr.writing import write_exr
 from defocus_core.reports.comparison_words import line, metric_title, number_words, worst_words
-from defocus_core.reports.html.budget import values_room
 from defocus_core.reports.html.item import Column, Item, Report
-from defocus_core.reports.html.layers import WHOLE
-from defocus_core.reports.html.page import write_report
-from defocus_core.reports.html.pair_drawing import Drawing, Subject, draw_pair
+from defocus_core.reports.html.layers import Drawing, Subject, draw_pair
+from defocus_core.reports.html.page import ValuesRoom, write_report
 from defocus_core.system.shell import command_line
 from defocus_core.system.spreading import spread
 from defocus_core.system.text import counted
 
 Commands = Callable[[Comparison], Sequence[tuple[str, str]]]
 _COLUMNS = ("psnr", "ssim", "max", "flip")
-_PACKED = 1.0  # halves that a character holds at most, where B is like A
 _HALF_LAYERS = 6  # halves of a pixel: three channels of A and of B
+_numbers = count()
 
 
 @dataclass(frozen=True)
@@ -67,11 +71,10 @@ def rank(record: Comparison) -> tuple[int, int, float]:
 
 def _subjects(ranked: Sequence[Comparison], coc: Path | None) -> Iterable[Subject]:
     """The pairs; values are wanted of those that do not pass, while there may be room for them."""
-    room = float(values_room(len(ranked)))
+    room = ValuesRoom(len(ranked))
     for record in ranked:
-        pixels = min(math.prod(record.size or (0, 0)), WHOLE)
-        wanted = room > 0 and (not record.passes or record.status == WARNING)
-        room -= wanted * pixels * _HALF_LAYERS / _PACKED
+        looked_at = not record.passes or record.status == WARNING
+        wanted = looked_at and room.takes(record.size or (0, 0), _HALF_LAYERS)
         yield Subject(record, wanted, coc)
 
 
@@ -196,3 +199,42 @@ def _setting_words(settings: CompareSettings) -> list[object]:
         words += ["--ignore-metadata", ",".join(settings.ignore_metadata)]
     flags = ("flip", "metadata", "tolerate_edges")
     return words + [f"--{f.replace('_', '-')}" for f in flags if getattr(settings, f)]
+
+
+def keep_check(
+    folder: Path, record: Comparison, test: str, picture: Path | Mapping[str, Any]
+) -> None:
+    """Keep a check, with the picture of the test if it fails."""
+    stem = folder / f"{os.getpid()}-{next(_numbers)}"
+    if record.passes:
+        record = replace(record, b=record.a)
+    elif isinstance(picture, Path):
+        record = replace(record, b=stem.with_suffix(picture.suffix))
+        shutil.copyfile(picture, stem.with_suffix(picture.suffix))
+    else:
+        record = replace(record, b=stem.with_suffix(".exr"))
+        write_exr(stem.with_suffix(".exr"), picture, {})
+    stem.with_suffix(".pickle").write_bytes(pickle.dumps((record, test)))
+
+
+def write_checks(folder: Path, path: Path) -> None:
+    """Write the report of the checks in a folder, if there are any."""
+    kept: list[tuple[Comparison, str]] = [
+        pickle.loads(file.read_bytes()) for file in sorted(folder.glob("*.pickle"))
+    ]
+    if not kept:
+        return
+    tests = {id(record): test for record, test in kept}
+
+    def commands(record: Comparison) -> list[tuple[str, str]]:
+        words = ["pytest", tests[id(record)]]
+        again = [("Test again", command_line(words))]
+        if record.passes:
+            return again
+        return [*again, ("Accept as the golden", command_line([*words, "--golden-update"]))]
+
+    failed = sum(not record.passes for record, _ in kept)
+    words = [f"{counted(len(kept), 'check')} of goldens, {failed} failed"]
+    title, b = "Goldens of a run of pytest", "the picture of the test"
+    header = ReportHeader(title, words, commands, b)
+    write(path, header, [record for record, _ in kept], CompareSettings(), processes=1)

@@ -30,9 +30,9 @@ from defocus_core.picture.pair import InputPair, read
 from defocus_core.picture.plain_path import compute, load
 from defocus_core.picture.subject import subject_of
 from defocus_core.picture.take import Inputs
+from defocus_core.reports.html.page import Payloads, write_page
 from defocus_core.reports.html.render_command import render_words
-from defocus_core.reports.html.template import Payloads, write_page
-from defocus_core.reports.html.thumbnails import encoded
+from defocus_core.reports.html.thumbnails import encoded, resized
 from defocus_core.reports.replaceable import refuse_other
 from defocus_core.system.shell import command_line
 
@@ -153,21 +153,13 @@ def _at(lens: Lens, disparity: float, scale: float) -> Lens:
 
 def _reduced(job: Job, color: Color, depth: Depth) -> _Small:
     """Colour as the mean of the light, depth as the nearest pixel's."""
-    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
-
     width, height = color.size
     scale = min(1.0, _WIDEST / width, math.sqrt(_PIXELS / (width * height)))
     size = max(1, round(height * scale)), max(1, round(width * scale))
     cut = color.overscan.shown(*color.shape[:2])
     whole = (np.asarray(plane[cut[0]][:, cut[1]], np.float32) for plane in color.planes)
-
-    def smaller(plane: NDArray[np.float32]) -> NDArray[np.float32]:
-        roi = oiio.ROI(0, size[1], 0, size[0], 0, 1, 0, 1)
-        buffer = oiio.ImageBuf(np.ascontiguousarray(plane[:, :, None]))
-        found = oiio.ImageBufAlgo.resize(buffer, roi=roi, filtername="box")
-        return np.asarray(found.get_pixels(oiio.FLOAT)).reshape(size)
-
-    planes = [smaller(plane) for plane, _ in zip(whole, color.channels, strict=False)]
+    shown = zip(whole, color.channels, strict=False)
+    planes = [resized(plane[:, :, None], size)[:, :, 0] for plane, _ in shown]
     down, across = (
         place.start + ((np.arange(few) + 0.5) * many / few).astype(int)
         for place, few, many in zip(cut, size, (height, width), strict=True)

@@ -2,23 +2,60 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any, NamedTuple, TypeGuard
 
-from defocus_core.reports.html.depth_over_time import FrameDepth
+from defocus_core.batch.journal.journal import Record
 
 # Kinds of layer: light is shown as a screen shows it, with an exposure; a signed map is orange
 # below 0 and blue above; a share is from 0 to 1; another map is grey from its least to its greatest
 # value.
 LIGHT, SIGNED, SHARE, PLAIN = "light", "signed", "share", "plain"
 HEAT = "heat"  # a difference: its thumbnail has colours already
+_MM = 1000.0  # of a metre
+
+
+class FrameDepth(NamedTuple):
+    """The depth of a frame of a shot; disparities are in 1/m, 0 for infinitely far."""
+
+    shot: str  # name of the sample, with # for the number of the frame
+    frame: int
+    focus: float  # disparity of the plane in focus
+    # Ascending disparities, between each two of which as many pixels lie
+    quantiles: tuple[float, ...]
+
+
+def depth_of_frame(record: Record) -> FrameDepth | None:
+    """The depth of a frame, from the record of a job that was done; None if it is of no shot."""
+    over_time = (record.get("measures") or {}).get("depth_over_time")
+    focus = record["lens"]["focus_mm"]
+    if not isinstance(over_time, dict) or not (focus == "inf" or (focus and focus > 0)):
+        return None
+    frame, quantiles = over_time.get("frame"), over_time.get("disparity")
+    if not isinstance(frame, int) or not _are_quantiles(quantiles):
+        return None
+    last = rf"(.*)(?<!\d)0*{frame}(?!\d)"  # the shot may hold the same number: sh010.0010
+    shot = re.sub(last, r"\1#", record["sample_id"], count=1)
+    return FrameDepth(shot, frame, 0.0 if focus == "inf" else _MM / focus, tuple(quantiles))
+
+
+def _are_quantiles(values: Any) -> TypeGuard[list[float]]:
+    """Whether these are ascending disparities: a journal may come from anywhere."""
+    if not isinstance(values, list) or len(values) < 2:
+        return False
+    numbers = all(isinstance(each, int | float) and math.isfinite(each) for each in values)
+    return numbers and all(0 <= a <= b for a, b in pairwise(values))
 
 
 @dataclass(frozen=True)
 class StoredHalves:
     """Values of a layer as half floats, packed."""
 
-    data: bytes  # as `defocus_core.reports.html.halves` packs them
+    data: bytes  # as `defocus_core.reports.html.layers` packs them
     corner: tuple[int, int]  # column and row of the first pixel in the layer
     size: tuple[int, int]  # width and height in px
     scale: float = 1.0  # factor from a half to the value of the file

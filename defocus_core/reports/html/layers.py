@@ -1,24 +1,129 @@
-"""Layers of an item, drawn from decoded pictures; values of all of them, or of a window."""
+"""Layers of an item, drawn from decoded pictures; values of all of them, or of a window.
+
+Values are packed as half floats, which a browser unpacks and shows at any exposure. The bits of a
+half are a number of 16 bits. Stored is its difference, modulo 2^16, to the left neighbour, or to
+the same pixel of another layer: channel after channel, the low bytes of all before the high bytes,
+deflated (zlib).
+
+A pair has A, B, their difference, and the maps and views that lie beside B: a batch writes
+OUT/<kind>/<sample>, and where B is such a file, those of the sample are layers, too.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.compare.picture import DecodedPicture, color_layers, is_map
-from defocus_core.reports.html import halves, thumbnails
-from defocus_core.reports.html.item import HEAT, LIGHT, PLAIN, SHARE, SIGNED, Layer
+from defocus_core.batch.jobs.output_kinds import KINDS, SUFFIXES
+from defocus_core.compare.picture import (
+    DecodedPicture,
+    color_layers,
+    in_linear_light,
+    is_map,
+    read_picture,
+)
+from defocus_core.compare.record import Comparison
+from defocus_core.compare.selection import coc_file
+from defocus_core.errors import InputError
+from defocus_core.io.images.describe import describe
+from defocus_core.reports.html import thumbnails
+from defocus_core.reports.html.item import HEAT, LIGHT, PLAIN, SHARE, SIGNED, Layer, StoredHalves
 
 WHOLE = 1 << 21  # px up to which all values are kept: 1920 x 1080
 _WINDOW = (1920, 1080)  # px of a window of a larger picture
 A, B, DIFFERENCE = "a", "b", "difference"
 
 Box = tuple[int, int, int, int]  # x, y, width, height
+_LARGEST = 65504.0  # of half
+_LEVEL = 4  # of zlib: 6 takes twice the time for 3 % less
+_INTEGERS = {"uint8": 1 / 255}  # steps of integers that half holds exactly
+_ROUNDING = 1e-3  # of a step, of single precision
+_STEPS = frozenset(_INTEGERS.values())
+VIEWS = ("left", "right")
+_MAX_DRAWN = 2**27  # numbers of a file: 8192 x 4096 px of four channels
+_VIEW_SIDE = 960  # px of the thumbnails of views beside values
+
+
+def common_scale(planes: Sequence[NDArray[Any]], kind: str) -> float:
+    """The factor from halves to the values of planes: it makes small integers whole numbers."""
+    step = _INTEGERS.get(kind)
+    if step is not None and all(_is_whole(plane / step) for plane in planes):
+        return step
+    maximum = _largest(planes)
+    return 2.0 ** math.ceil(math.log2(maximum / _LARGEST)) if maximum > _LARGEST else 1.0
+
+
+def _is_whole(plane: NDArray[Any]) -> bool:
+    return bool((np.abs(plane - np.rint(plane)) < _ROUNDING).all())
+
+
+def unit_scale(planes: Sequence[NDArray[Any]]) -> float:
+    """The factor that brings the greatest value of planes to between ½ and 1."""
+    maximum = _largest(planes)
+    return 2.0 ** math.ceil(math.log2(maximum)) if maximum else 1.0
+
+
+def _largest(planes: Sequence[NDArray[Any]]) -> float:
+    """The largest finite magnitude."""
+    maximum = 0.0
+    for plane in planes:
+        size = np.abs(plane)
+        maximum = max(maximum, float(np.max(size, where=np.isfinite(size), initial=0.0)))
+    return maximum
+
+
+def is_exact(planes: Sequence[NDArray[Any]], scale: float) -> bool:
+    """Whether halves hold the values of planes."""
+    with np.errstate(all="ignore"):
+        for plane in planes:
+            scaled = plane if scale == 1 else _scaled(plane, scale)
+            if not np.array_equal(scaled, scaled.astype(np.float16), equal_nan=True):
+                return False
+    return True
+
+
+def half_bits(planes: Sequence[NDArray[Any]], scale: float) -> NDArray[np.uint16]:
+    """The bits of planes [H, W] as halves, [C, H, W]."""
+    with np.errstate(all="ignore"):
+        return np.stack([_scaled(plane, scale).astype(np.float16) for plane in planes]).view(
+            np.uint16
+        )
+
+
+def _scaled(plane: NDArray[Any], scale: float) -> NDArray[Any]:
+    """The numbers that are stored as halves; of integers, whole ones."""
+    scaled = plane if scale == 1 else np.asarray(plane, np.float64) / scale
+    return np.rint(scaled) if scale in _STEPS else scaled
+
+
+def pack(
+    values: NDArray[np.uint16],
+    corner: tuple[int, int],
+    scale: float,
+    base: tuple[str, NDArray[np.uint16]] | None = None,
+) -> StoredHalves:
+    """Pack bits [C, H, W], in the shorter way if there is a base."""
+    _, height, width = values.shape
+    first = values.copy()
+    first[:, :, 1:] -= values[:, :, :-1]
+    packed = StoredHalves(_deflated(first), corner, (width, height), scale)
+    if base is None or base[1].shape != values.shape:
+        return packed
+    other = _deflated(values - base[1])
+    return replace(packed, data=other, base=base[0]) if len(other) < len(packed.data) else packed
+
+
+def _deflated(values: NDArray[np.uint16]) -> bytes:
+    low, high = values.astype(np.uint8), (values >> 8).astype(np.uint8)
+    return zlib.compress(low.tobytes() + high.tobytes(), _LEVEL)
 
 
 @dataclass(frozen=True)
@@ -91,6 +196,14 @@ def window_of(size: tuple[int, int], place: tuple[int, int] | None) -> Box:
     return left, top, wide, high
 
 
+def valued_layers(drawn: Sequence[Drawn], place: tuple[int, int] | None = None) -> list[Layer]:
+    """All layers, with the values of those that are no views and of the size of the first."""
+    size = drawn[0].layer.size
+    kept = [each for each in drawn if each.layer.key not in VIEWS and each.layer.size == size]
+    valued = {layer.key: layer for layer in with_values(kept, window_of(size, place))}
+    return [valued.get(each.layer.key, each.layer) for each in drawn]
+
+
 def with_values(drawn: Sequence[Drawn], box: Box) -> list[Layer]:
     """Layers with their values within a box; those of A and B have one scale.
 
@@ -100,7 +213,7 @@ def with_values(drawn: Sequence[Drawn], box: Box) -> list[Layer]:
     pair = [plane for key in (A, B) for plane in cut.get(key, ())]
     by_key = {each.layer.key: each.layer for each in drawn}
     types = {by_key[key].type for key in (A, B) if key in by_key}
-    shared = halves.common_scale(pair, types.pop() if len(types) == 1 else "")
+    shared = common_scale(pair, types.pop() if len(types) == 1 else "")
     layers, base = [], None
     for each in drawn:
         layer, planes = each.layer, cut[each.layer.key]
@@ -108,9 +221,9 @@ def with_values(drawn: Sequence[Drawn], box: Box) -> list[Layer]:
             layers.append(_difference(layer, cut, shared, box))
             continue
         is_pair = layer.key in (A, B)
-        scale = shared if is_pair else halves.common_scale(planes, layer.type)
-        bits = halves.bits(planes, scale)
-        packed = halves.pack(bits, box[:2], scale, base if layer.key == B else None)
+        scale = shared if is_pair else common_scale(planes, layer.type)
+        bits = half_bits(planes, scale)
+        packed = pack(bits, box[:2], scale, base if layer.key == B else None)
         base = (layer.key, bits) if layer.key == A else base
         layers.append(replace(layer, halves=packed))
     return layers
@@ -120,14 +233,170 @@ def _difference(
     layer: Layer, cut: Mapping[str, Sequence[NDArray[Any]]], scale: float, box: Box
 ) -> Layer:
     """The layer of a difference with its values, if those of A and B do not tell it exactly."""
-    if halves.is_exact([*cut[A], *cut[B]], scale):
+    if is_exact([*cut[A], *cut[B]], scale):
         return layer
     with np.errstate(all="ignore"):
         planes = [np.subtract(b, a, dtype=np.float64) for a, b in zip(cut[A], cut[B], strict=True)]
-    step = halves.unit_scale(planes)
-    return replace(layer, halves=halves.pack(halves.bits(planes, step), box[:2], step))
+    step = unit_scale(planes)
+    return replace(layer, halves=pack(half_bits(planes, step), box[:2], step))
 
 
 def _within(planes: Sequence[NDArray[Any]], box: Box) -> list[NDArray[Any]]:
     x, y, width, height = box
     return [plane[y : y + height, x : x + width] for plane in planes]
+
+
+def beside(path: Path) -> Iterator[tuple[str, Path]]:
+    """Kind and file of what a batch wrote of the same sample, other than the file itself."""
+    own, root = path.parent.name, path.parent.parent
+    if own not in KINDS:
+        return
+    suffixes = dict.fromkeys([path.suffix, *SUFFIXES.values()])
+    for kind in KINDS.values():
+        endings = suffixes if kind.image else (".exr",)
+        files = (root / kind.name / f"{path.stem}{suffix}" for suffix in endings)
+        file = next((file for file in files if file.is_file()), None)
+        if kind.name != own and file is not None:
+            yield kind.name, file
+
+
+def drawn_files(files: Iterable[tuple[str, Path]], *, values: bool) -> Iterator[Drawn]:
+    """The layers of files, each with its kind; those too large, or not readable, are left out."""
+    for title, path in files:
+        with suppress(InputError):
+            header = describe(path)
+            if header.pixels * max(len(part.channels) for part in header.parts) > _MAX_DRAWN:
+                continue
+            picture = read_picture(path)
+            for key, names in _views(title, picture):
+                side = _VIEW_SIDE if values and key in VIEWS else thumbnails.SIDE
+                yield draw(key, key, picture, names, side=side)
+
+
+def _views(title: str, picture: DecodedPicture) -> Iterator[tuple[str, Sequence[str]]]:
+    """Key and channels of each view of a file of several, or of its picture."""
+    views = KINDS[title].views if title in KINDS else ()
+    if not views:
+        yield title, shown_channels(list(picture.planes))
+    for names in color_layers(list(picture.planes)) if views else ():
+        view = names[0].rpartition(".")[0] or views[0]
+        if view in views:
+            yield view, names
+
+
+def wiggle_of(layers: Sequence[Layer], path: Path | None = None) -> tuple[str, ...]:
+    """Keys of the left and the right view, where there are both; ``b`` for the file of B."""
+    keys = {layer.key: layer.key for layer in layers}
+    if path is not None and path.parent.name in VIEWS and B in keys:
+        keys[path.parent.name] = B
+    return tuple(keys[view] for view in VIEWS) if set(VIEWS) <= keys.keys() else ()
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A pair that is to be drawn."""
+
+    record: Comparison  # what is known of it
+    values: bool  # whether its values are wanted, and not thumbnails alone
+    coc: Path | None = None  # CoC maps of the pictures, if they were named
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A pair that was drawn."""
+
+    layers: Sequence[Layer] = ()
+    wiggle: tuple[str, ...] = ()  # keys of the left and the right view; empty if there are none
+    full: float = 1.0  # the difference of the hottest colour
+    lens: str = ""  # the lens that the file names, in words; empty if it names none
+
+
+def draw_pair(subject: Subject) -> Drawing:
+    """Draw a pair; what cannot be read is left out."""
+    record = subject.record
+    equal = record.passes and not record.differing and record.b is not None
+    a, b = None if equal else _read(record.a), _read(record.b)
+    whole = b or a
+    if whole is None:
+        return Drawing()
+    if a and b and (a.gamma, a.associated) != (b.gamma, b.associated):
+        a, b = in_linear_light(a), in_linear_light(b)
+    drawn, full = _pair(a, b, record, "A = B" if equal else "B")
+    size = drawn[0].layer.size
+    files = dict(beside(whole.path))
+    if subject.coc is not None:
+        with suppress(InputError):
+            files["coc"] = coc_file(subject.coc, record.name)
+    others = drawn_files(files.items(), values=subject.values)
+    drawn += [each for each in others if each.layer.size == size]
+    place = None if record.worst is None else (record.worst.x, record.worst.y)
+    layers = valued_layers(drawn, place) if subject.values else [each.layer for each in drawn]
+    wiggle = wiggle_of(layers, whole.path)
+    return Drawing(layers, wiggle, full, lens_words(whole.metadata))
+
+
+def _read(path: Path | None) -> DecodedPicture | None:
+    with suppress(InputError):
+        return None if path is None else read_picture(path)
+    return None
+
+
+def _pair(
+    a: DecodedPicture | None, b: DecodedPicture | None, record: Comparison, title: str
+) -> tuple[list[Drawn], float]:
+    """A, B of a title and their difference, as far as there are such; the hottest difference."""
+    sides = [(key, name, each) for key, name, each in ((A, "A", a), (B, title, b)) if each]
+    _, _, last = sides[-1]
+    names = [n for n in last.planes if all(n in each.planes for _, _, each in sides)]
+    if not names:
+        return [draw(k, t, each, shown_channels(list(each.planes))) for k, t, each in sides], 1.0
+    names_shown = shown_channels(names, record.channels)
+    first = sides[0][2]
+    value_range = draw(A, "A", first, names_shown).layer.value_range
+    drawn = [
+        draw(key, title, each, names_shown, value_range=value_range) for key, title, each in sides
+    ]
+    if len(drawn) < 2 or drawn[0].planes[0].shape != drawn[1].planes[0].shape:
+        return drawn, 1.0
+    difference, full = difference_of(*drawn)
+    return (drawn if difference is None else [*drawn, difference]), full
+
+
+def difference_of(a: Drawn, b: Drawn) -> tuple[Drawn | None, float]:
+    """The difference of two layers, and that of the hottest colour; None if nothing differs."""
+    greatest = _greatest(a.planes, b.planes)
+    full = _full(greatest)
+    if not full:
+        return None, 1.0
+    thumbnail = thumbnails.of_difference(greatest, full)
+    layer = replace(b.layer, key=DIFFERENCE, title="difference", kind=HEAT, thumbnail=thumbnail)
+    return Drawn(layer, []), full
+
+
+def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """The greatest difference of the channels of each pixel; NaN and Inf of both are none."""
+    greatest: NDArray[Any] = np.zeros(a[0].shape)
+    with np.errstate(all="ignore"):
+        for one, other in zip(a, b, strict=True):
+            each = np.abs(np.subtract(other, one, dtype=np.float64))
+            each[np.equal(one, other) | (np.isnan(one) & np.isnan(other))] = 0.0
+            np.maximum(greatest, each, out=greatest)
+    return greatest
+
+
+def _full(greatest: NDArray[Any]) -> float:
+    """The power of 2 at which colours of heat end; 0 where nothing differs."""
+    finite = greatest[np.isfinite(greatest)]
+    if finite.size == 0 or not finite.any():
+        return 0.0 if finite.size == greatest.size else 1.0
+    maximum = float(np.percentile(finite, 99.9)) or float(finite.max())
+    return float(2.0 ** np.ceil(np.log2(maximum)))
+
+
+def lens_words(metadata: Mapping[str, str]) -> str:
+    """The lens that the metadata of a picture of ours name, in words; empty if they name none."""
+    values = {name: metadata.get(f"defocus:{name}", "") for name in ("focal_length", "fnumber")}
+    if not all(values.values()):
+        return ""
+    focus = metadata.get("defocus:focus", "")
+    return f"{values['focal_length']} f/{values['fnumber']}" + (f", {focus}" if focus else "")

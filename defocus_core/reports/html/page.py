@@ -1,19 +1,33 @@
-"""The HTML file of a report: a template filled with items, and payloads after them."""
+"""A page of one HTML file: a template with its style and its script, data, and payloads after them.
+
+Nothing is loaded: the style, the script and all pictures are in the file. What comes from names of
+files is escaped, and the browser runs no script but ours (by its hash, Content-Security-Policy).
+What pages share is in ``templates/page.*``.
+
+A file has a bounded size: thumbnails of the first two layers and their difference come first, up to
+a half of the room; then the values of the items in their order, each with all its layers; then the
+other thumbnails.
+"""
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import json
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from defocus_core.errors import printable
+from defocus_core.errors import printable, with_dashes
+from defocus_core.io.safe_files import written_whole
 from defocus_core.reports.html import thumbnails
-from defocus_core.reports.html.budget import fitted
 from defocus_core.reports.html.item import Column, Item, Layer, Report
-from defocus_core.reports.html.layers import DIFFERENCE, B
-from defocus_core.reports.html.template import Payloads, write_page
+from defocus_core.reports.html.layers import DIFFERENCE, WHOLE, B
+from defocus_core.reports.replaceable import refuse_other
 from defocus_core.system.text import counted
 
 _KEYS = (
@@ -33,6 +47,10 @@ _KEYS = (
 )
 # How a status looks: well, to be looked at, or bad.
 _TONES = {"same": "good", "done": "good", "ok": "good", "warning": "fair"}
+ROOM = 38_500_000  # characters of items; the file is to have less than 40 MB
+_FRAME = 1500  # characters of an item beside its texts: names of layers, elements of the table
+_PACKED = 1.0  # halves that a character holds at most, where B is like A
+_THUMBNAILS = 30_000  # characters of the thumbnails of an item
 
 
 def write_report(path: Path, report: Report) -> None:
@@ -174,3 +192,149 @@ def _plain(value: float) -> float | str:
 
 def _first(items: Sequence[Item], status: str) -> int:
     return next(n for n, item in enumerate(items) if item.status == status)
+
+
+def length(data: bytes) -> int:
+    """Characters of base64."""
+    return -(-len(data) // 3) * 4
+
+
+class ValuesRoom:
+    """The room that so many items leave for values, as a guess before they are drawn."""
+
+    def __init__(self, items: int) -> None:
+        self.left = float(ROOM - min(ROOM // 2, items * _THUMBNAILS))
+
+    def takes(self, size: Sequence[int], planes: int) -> bool:
+        """Whether there may be room for the values of an item of (width, height) px."""
+        wanted = self.left > 0
+        self.left -= wanted * min(math.prod(size), WHOLE) * planes / _PACKED
+        return wanted
+
+
+def _thumbnails(item: Item, *, first: bool) -> int:
+    own = (each for each in item.layers if _is_first(item, each) == first)
+    return sum(length(each.thumbnail) for each in own)
+
+
+def _is_first(item: Item, layer: Layer) -> bool:
+    """Whether a layer is one of the two that are shown at first, or their difference."""
+    return layer.key == DIFFERENCE or layer in item.layers[:2]
+
+
+def _values(item: Item) -> int:
+    return sum(length(each.halves.data) for each in item.layers if each.halves)
+
+
+class ByteBudget:
+    """Room that is spent on items in their order."""
+
+    def __init__(self, room: int) -> None:
+        self.room = room
+
+    def spend(self, costs: Iterable[int]) -> set[int]:
+        """Numbers of the items that fit; one that does not lets smaller ones come after it."""
+        fitting = set()
+        for number, cost in enumerate(costs):
+            if 0 < cost <= self.room:
+                self.room -= cost
+                fitting.add(number)
+        return fitting
+
+
+def fitted(items: Sequence[Item]) -> list[Item]:
+    """The items without the payloads that there is no room for."""
+    room = ROOM - sum(map(_text, items))
+    budget = ByteBudget(room // 2)
+    shown = budget.spend(_thumbnails(item, first=True) for item in items)
+    budget.room += room - room // 2
+    valued = budget.spend(_values(item) + bool(_values(item)) * _rest(item) for item in items)
+    beside = budget.spend(0 if n in valued else _rest(item) for n, item in enumerate(items))
+    beside |= valued
+
+    return [
+        replace(
+            item,
+            layers=_present(item, first=n in shown, others=n in beside, values=n in valued),
+        )
+        for n, item in enumerate(items)
+    ]
+
+
+def _text(item: Item) -> int:
+    """Characters of the texts of an item, of which its name and words stand there twice."""
+    texts = [*(text for pair in (*item.facts, *item.commands) for text in pair)]
+    return _FRAME + 2 * len(item.name + item.words) + sum(map(len, texts))
+
+
+def _rest(item: Item) -> int:
+    return _thumbnails(item, first=False)
+
+
+def _present(item: Item, *, first: bool, others: bool, values: bool) -> list[Layer]:
+    """The layers that have something to show."""
+    layers = []
+    for layer in item.layers:
+        stays = first if _is_first(item, layer) else others
+        thumbnail = layer.thumbnail if stays else b""
+        layers.append(replace(layer, thumbnail=thumbnail, halves=layer.halves if values else None))
+    return [layer for layer in layers if layer.thumbnail or layer.halves]
+
+
+class Payloads:
+    """Base64 of pictures and values by the name of its element."""
+
+    def __init__(self) -> None:
+        self.texts: dict[str, str] = {}
+
+    def add(self, data: bytes) -> str:
+        """The name of the element with some bytes; empty if there are none."""
+        if not data:
+            return ""
+        name = f"p{len(self.texts)}"
+        self.texts[name] = base64.b64encode(data).decode("ascii")
+        return name
+
+
+def write_page(path: Path, name: str, *, data: object, payloads: Payloads, **values: Any) -> None:
+    """Write the page of a template, whole or not at all."""
+    import jinja2
+
+    folder = files("defocus_core.reports.html") / "templates"
+
+    def source(file: str) -> str:
+        return (folder / file).read_text("utf-8")
+
+    style, script = (source(f"page.{kind}") + source(f"{name}.{kind}") for kind in ("css", "js"))
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(source),
+        autoescape=True,
+        trim_blocks=True,
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+    )
+    safe = environment.filters["safe"]
+    parts = environment.get_template(f"{name}.html").generate(
+        style=safe(style),
+        style_hash=_hash(style),
+        script=safe(script),
+        script_hash=_hash(script),
+        data=safe(_in_script(data)),
+        payloads=payloads.texts.items(),
+        **values,
+    )
+    refuse_other(path, "html")
+    with written_whole(path) as file:
+        for part in parts:
+            file.write(with_dashes(part).encode("utf-8", "replace"))
+
+
+def _in_script(value: object) -> str:
+    """JSON that cannot end the element it stands in."""
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"))  # ASCII alone
+    text = with_dashes(text.replace("\\u2039", "‹").replace("\\u203a", "›"))
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _hash(text: str) -> str:
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()

@@ -12,9 +12,8 @@ from defocus_core.bench.error import BASELINES, Row
 from defocus_core.bench.truth_set import Pictures, TruthShot
 from defocus_core.compare.picture import DecodedPicture
 from defocus_core.reports.html.item import Column, Item, Layer, Report
-from defocus_core.reports.html.layers import A, B, draw, window_of, with_values
+from defocus_core.reports.html.layers import A, B, difference_of, draw, valued_layers
 from defocus_core.reports.html.page import write_report
-from defocus_core.reports.html.pair_drawing import difference_of
 from defocus_core.system.shell import command_line
 
 if TYPE_CHECKING:
@@ -51,10 +50,8 @@ class Gallery:
         difference, full = difference_of(*drawn)
         drawn += [] if difference is None else [difference]
         drawn.append(draw("coc", "coc", _picture({"coc": radius}), ("coc",)))
-        layers = [each.layer for each in drawn]
-        if method not in BASELINES:
-            height, width = radius.shape
-            layers = with_values(drawn, window_of((width, height), None))
+        is_baseline = method in BASELINES
+        layers = [each.layer for each in drawn] if is_baseline else valued_layers(drawn)
         self._drawings[shot.scene, shot.name, method] = layers, full, lens_words(shot.lens)
 
     def write(self, path: Path, truth: Path, rows: Sequence[Row]) -> None:

@@ -99,6 +99,16 @@ def reduced(values: NDArray[Any], side: int, *, worst: bool = False) -> NDArray[
     return values.astype(np.float32, copy=False)
 
 
+def resized(pixels: NDArray[Any], size: tuple[int, int]) -> NDArray[np.float32]:
+    """Pixels [H, W, C] as means of their light at a size (height, width)."""
+    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    buffer = oiio.ImageBuf(np.ascontiguousarray(pixels, np.float32))
+    roi = oiio.ROI(0, size[1], 0, size[0], 0, 1, 0, pixels.shape[2])
+    found = oiio.ImageBufAlgo.resize(buffer, roi=roi, filtername="box").get_pixels(oiio.FLOAT)
+    return np.asarray(found, np.float32).reshape(*size, pixels.shape[2])
+
+
 def _jpeg(samples: NDArray[np.uint8]) -> bytes:
     return encoded(samples, "jpeg", {"Compression": f"jpeg:{_QUALITY}"})
 

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.errors import DefocusError, InputError
+from defocus_core.batch.jobs.shot_lenses import ShotLenses
+from defocus_core.batch.lenses.lens import Lens, lens_record
+from defocus_core.batch.lenses.quantities import length_text
+from defocus_core.errors import DefocusError, InputError, UsageProblem
 from defocus_core.io.array_files.containers import container_type
 from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH, choose_depth
 from defocus_core.io.depth_formats.photo_depth import holds_depth
 from defocus_core.io.exr.channel_choice import choose_color, require_part
@@ -22,32 +27,163 @@ from defocus_core.io.exr.deep_samples import summary
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.views import in_view
-from defocus_core.io.exr.windows import NO_OVERSCAN
+from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.io.images.color import LARGEST_FLOAT, count_beyond, read_color
+from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color_space import quantised
 from defocus_core.io.images.describe import FileInfo, PartInfo, describe
+from defocus_core.io.images.encode import display_encoded, write_samples
 from defocus_core.io.images.raster import choose_page
 from defocus_core.io.safe_files import read_head
-from defocus_core.picture.pair import InputPair
+from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
+from defocus_core.picture.pair import InputPair, read
+from defocus_core.picture.radii import radii_of, signed_radius
+from defocus_core.picture.repair_words import repair_record, repair_words
+from defocus_core.picture.sources import to_array
+from defocus_core.picture.steps.alpha import element_depth
+from defocus_core.picture.steps.focusing import with_blur_reach, with_focus
+from defocus_core.picture.steps.implausible import implausible_radii
 from defocus_core.picture.steps.overscan import overscan_of
-from defocus_core.reports.inspection.depth_evidence import (
+from defocus_core.reports.inspection.evidence import (
     evidence_of,
+    evidence_of_pair,
     is_grey_in_color,
     may_be_depth,
 )
-from defocus_core.reports.inspection.figures import (
-    color_figures,
-    depth_figures,
-    ends_of,
-    read_picture,
-)
-from defocus_core.reports.inspection.pair_evidence import evidence_of_pair
 from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.memory import MB
+
+if TYPE_CHECKING:
+    from defocus_core.depth.diagnosis import DepthRepair
 
 # A file with more numbers, 256 MB as floats, is read into scratch files.
 _NUMBERS_IN_MEMORY = 2**26
 # Most MB of samples of an interlaced PNG or a JPEG, of which a decoder may hold two copies.
 _MAX_AT_ONCE = 512
 _BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float64": 8}
+MAX_READ = 25  # frames that are decoded, evenly spread over the shot
+# Brightness of the grey picture below the false colours; px of radius from which these are full.
+_DIMMED, _FULL = 0.5, 2.0
+NEAR, FAR = (1.0, 0.55, 0.0), (0.25, 0.6, 1.0)  # sRGB
+
+
+def read_picture(path: Path, reading: Reading, keeping: Keeping, overscan: Overscan) -> Color:
+    """The colour of a file."""
+    return read_color(
+        path,
+        layer=reading.color_layer,
+        part=reading.part,
+        view=reading.view,
+        keeping=keeping,
+        overscan=overscan,
+        original=True,
+        carried=False,
+    )
+
+
+def color_figures(color: Color) -> dict[str, Any]:
+    """Its channels, the pixels that are not finite, and those that alpha leaves out, in part too.
+
+    Pixels beyond the picture shown count.
+    """
+    nonfinite, _ = count_beyond(color, LARGEST_FLOAT)
+    record = {"channels": list(color.channels), "nonfinite_pixels": nonfinite}
+    if color.alpha is not None:
+        strips = [np.asarray(color.alpha[rows]) for rows in bands(color.shape)]
+        record["nothing_pixels"] = sum(int(np.count_nonzero(strip == 0)) for strip in strips)
+        within = ((strip > 0) & (strip < 1) for strip in strips)
+        record["partial_pixels"] = sum(int(np.count_nonzero(strip)) for strip in within)
+    return record
+
+
+def depth_figures(
+    path: Path, reading: Reading, keeping: Keeping, lens: Lens | None, color: Color | None
+) -> tuple[str, dict[str, Any]]:
+    """How the depth would be read, and its figures; ranges are None without valid pixels.
+
+    `lens`: what to say the blur of; None for none; `color`: the colour of the same file; None if it
+    has none.
+    """
+    depth = _read(path, reading, keeping, lens, color)
+    height, width = depth.metres.shape
+    sky = valid = nothing = 0
+    limits: list[float] = []  # of valid depth, sky included
+    finite_ends: list[float] = []
+    for rows in bands((height, width)):
+        usable = depth.valid(rows)
+        if depth.empty is not None:
+            usable = usable & ~depth.empty[rows]
+            nothing += int(np.count_nonzero(depth.empty[rows]))
+        metres = depth.metres[rows][usable]
+        finite = metres[np.isfinite(metres)]
+        sky, valid = sky + metres.size - finite.size, valid + metres.size
+        limits += ends_of(metres)
+        finite_ends += ends_of(finite)
+    invalid = height * width - valid - nothing
+    coc_px, repair = None, None
+    warnings: tuple[str, ...] = ()
+    if lens is not None and limits:
+        lens = with_blur_reach(with_focus(lens, depth), (depth,))
+        # The radius grows with depth all the way: the extreme depths have the extreme radii.
+        extremes = np.array([min(limits), max(limits)], np.float32)
+        coc_px = _ends_px(lens, extremes, depth, keeping)
+        if not invalid:
+            repair, warnings = _repair(depth, lens, reading, keeping)
+    reach = [min(finite_ends), max(finite_ends)] if finite_ends else None
+    return depth.note, {
+        "range_m": None if depth.is_radius else reach,
+        "range": reach if depth.is_radius else None,
+        "sky_pixels": sky,
+        "invalid_pixels": invalid,
+        "nothing_pixels": nothing,
+        "lens": lens_record(lens) if lens else None,
+        "coc_px": coc_px,
+        "repair": repair_words(repair),
+        "depth_repair": repair_record(repair),
+        "warnings": list(warnings),
+    }
+
+
+def _read(
+    path: Path, reading: Reading, keeping: Keeping, lens: Lens | None, color: Color | None
+) -> Depth:
+    """The depth of a file, with nothing where the alpha of its colour is 0."""
+    lens_focal = None if lens is None else lens.foclen / lens.sensor_width
+    if color is None:
+        return read_depth(path, reading, keeping=keeping, lens_focal=lens_focal)
+    depth = read_depth(
+        path,
+        reading,
+        keeping=keeping,
+        lens_focal=lens_focal,
+        overscan=color.overscan,
+        alpha=color.alpha,
+    )
+    same = depth.metres.shape == color.shape[:2]
+    return element_depth(depth, color, keeping) if same else depth
+
+
+def _repair(
+    depth: Depth, lens: Lens, reading: Reading, keeping: Keeping
+) -> tuple[DepthRepair | None, tuple[str, ...]]:
+    """How the depth would be repaired, and warnings of a depth that hardly suits the lens."""
+    with suppress(InputError):  # too near to be rendered, as the radius shows
+        radii, declared = radii_of(lens, depth, keeping), reading.says_scale
+        warnings = implausible_radii(depth, radii.px, radii.limits, lens, declared=declared)
+        return radii.diagnose(reading), warnings
+    return None, ()
+
+
+def _ends_px(lens: Lens, extremes: NDArray[Any], depth: Depth, keeping: Keeping) -> list[float]:
+    """The ends of the radii of depths with these extremes."""
+    if depth.is_radius:
+        return list(radii_of(lens, depth, keeping).limits)
+    return [float(r) for r in signed_radius(lens, extremes, depth.size)]
+
+
+def ends_of(values: NDArray[Any]) -> list[float]:
+    """Least and greatest; nothing of none."""
+    return [float(values.min()), float(values.max())] if values.size else []
 
 
 def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> dict[str, Any]:
@@ -252,3 +388,142 @@ def range_key(kind: str) -> str:
 
 def _clause(error: InputError) -> str:
     return f"{error.problem}; {error.remedy}" if error.remedy else error.problem
+
+
+def summarise_shots(
+    patterns: Sequence[Path], reading: Reading, lenses: ShotLenses | None
+) -> list[dict[str, Any]]:
+    """What ``defocus info --json`` prints of each pattern.
+
+    `lenses`: the lens of each frame; None for none.
+    """
+    files = {pattern: frames_of(pattern) for pattern in patterns}
+    colors = files[patterns[0]]
+
+    def lens_of(frame: int, path: Path) -> Lens | None:
+        if lenses is None:
+            return None
+        color = colors.get(frame, path)
+        return lenses.of(Picture(path.stem, color, path, frame=frame))[0]
+
+    return [_summary(pattern, of, reading, lens_of) for pattern, of in files.items()]
+
+
+def _summary(
+    pattern: Path,
+    files: Mapping[int, Path],
+    reading: Reading,
+    lens_of: Callable[[int, Path], Lens | None],
+) -> dict[str, Any]:
+    by_size: dict[tuple[int, int], list[int]] = {}
+    for number, path in files.items():
+        info = describe(path)
+        by_size.setdefault((info.width, info.height), []).append(number)
+    numbers = [*files]
+    count = min(MAX_READ, len(numbers))
+    places = {round(k * (len(numbers) - 1) / max(count - 1, 1)) for k in range(count)}
+    depth = []
+    for number in (numbers[place] for place in sorted(places)):
+        path = files[number]
+        found = inspect(path, reading, lens_of(number, path), lone=True)["depth"]
+        if found is None:
+            break
+        shown = {key: found[key] for key in ("range_m", "range", "sky_pixels", "coc_px", "repair")}
+        focus = found["lens"] and found["lens"]["focus_mm"]
+        depth.append({"frame": number, "focus_mm": focus, **shown})
+    blurred = [each for each in depth if each["coc_px"]]
+    largest = max(blurred, key=lambda each: max(map(abs, each["coc_px"])), default=None)
+    return {
+        "pattern": str(pattern),
+        "frames": numbers,
+        "gaps": list(gaps(numbers)),
+        "sizes": [{"size": list(size), "frames": of} for size, of in by_size.items()],
+        "depth": depth,
+        "largest_blur": largest and {key: largest[key] for key in ("frame", "coc_px")},
+    }
+
+
+def range_words(depth: Mapping[str, Any], digits: int = 6) -> str:
+    """The ends of a depth in words: in metres, unless its numbers are no distances."""
+    for key, unit in (("range_m", " m"), ("range", "")):
+        if depth[key]:
+            return " to ".join(f"{end:.{digits}g}{unit}" for end in depth[key])
+    return "no finite depth"
+
+
+def shot_lines(record: Mapping[str, Any]) -> Iterator[str]:
+    """A summary in words."""
+    lost = f"; {in_words(record['gaps'])} missing" if record["gaps"] else "; no gaps"
+    yield f"{record['pattern']}: {in_words(record['frames'])}{lost}"
+    sizes = ["{}x{}".format(*each["size"]) for each in record["sizes"]]
+    if len(sizes) == 1:
+        yield f"  size: {sizes[0]}"
+    else:
+        changes = (
+            f"{size} in {in_words(each['frames'])}"
+            for size, each in zip(sizes, record["sizes"], strict=True)
+        )
+        yield f"  size changes: {'; '.join(changes)}"
+    for each in record["depth"]:
+        reach = range_words(each, digits=4)
+        focus = each["focus_mm"] and f"focus {length_text(float(each['focus_mm']))}"
+        blur = "CoC {:.2f} to {:.2f} px".format(*each["coc_px"]) if each["coc_px"] else ""
+        yield f"  {each['frame']}: {', '.join(filter(None, (reach, focus, blur, each['repair'])))}"
+    if record["largest_blur"]:
+        radius = max(map(abs, record["largest_blur"]["coc_px"]))
+        yield f"  blur is largest in {record['largest_blur']['frame']}: {radius:.2f} px"
+
+
+def check_preview(path: Path, files: Sequence[Path], lens: Lens | None) -> None:
+    """Refuse a drawing that cannot be made."""
+    if lens is None or lens.is_shape:
+        problem, remedy = "needs a lens, whose blur decides the repair", "give ‹lens› FILE.toml"
+        raise UsageProblem(
+            "missing-option", problem, f"{remedy}, or ‹focal-length›, … ‹focus›", field="preview"
+        )
+    if path.suffix.lower() != ".png":
+        raise UsageProblem(
+            "malformed", f"{path} is no PNG", "name a file that ends in .png", field="preview"
+        )
+    if path.exists() and any(file.exists() and path.samefile(file) for file in files):
+        raise UsageProblem(
+            "replaces-input", f"{path} is a file to look at", "name another file", field="preview"
+        )
+
+
+def draw_repair(pairs: Sequence[dict[str, Any]], reading: Reading, lens: Lens, path: Path) -> None:
+    """Draw the repair of the one picture, and add it to its record.
+
+    Beside the picture stands what `defocus render` would do to it: orange made nearer, blue made
+    farther; colour is full from 2 px of radius on.
+    """
+    if not pairs:
+        problem, remedy = "needs a colour and a depth file of one size", "name the two files"
+        raise UsageProblem(
+            "missing-option", problem, f"{remedy}, or say ‹resize-depth›", field="preview"
+        )
+    (pair,) = pairs
+    picture = Picture(Path(pair["color"]).stem, Path(pair["color"]), Path(pair["depth"]))
+    color, depth = read(InputPair(picture, reading, lens_focal=lens.foclen / lens.sensor_width))
+    radii = radii_of(with_blur_reach(with_focus(lens, depth), (depth,)), depth)
+    repaired, repair = radii.repair(color, reading)
+    height, width = radii.px.shape
+    write_samples(path, (height, 2 * width), _strips(color, radii.px, repaired), "png", {})
+    pair["repair"], pair["depth_repair"] = repair_words(repair), repair_record(repair)
+    pair["preview"] = str(path)
+
+
+def _strips(color: Color, given: Any, repaired: Any) -> Iterator[NDArray[Any]]:
+    """Rows of the picture and its repair, from the radii [H, W] px before and after it."""
+    channels = color.channels
+    planes = color.planes[: len(channels)]
+    for rows in bands(given.shape):
+        pixels = np.stack([plane[rows] for plane in planes], -1).astype(np.float32)
+        shown, _, _ = display_encoded(pixels, channels, 8, keep_alpha=False)
+        shown = np.broadcast_to(shown[..., :3], (*shown.shape[:2], 3))
+        grey = _DIMMED * shown.mean(axis=2, dtype=np.float32)[:, :, None] / 255
+        change = (to_array(repaired[rows]) - given[rows])[:, :, None]
+        amount = np.sqrt(np.minimum(np.abs(change) / _FULL, 1))
+        hue = np.where(change < 0, np.array(NEAR, np.float32), np.array(FAR, np.float32))
+        mixed = grey + amount * (hue - grey)
+        yield np.concatenate([shown, quantised(mixed.astype(np.float32), 8)], 1)

@@ -10,11 +10,9 @@ import numpy as np
 import OpenEXR
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
+from planted_faults import compared
 
-from defocus_core.compare.comparison import compare_pair
-from defocus_core.compare.pairing import FilePair
-from defocus_core.compare.record import UNREADABLE, CompareSettings
-from defocus_core.compare.thresholds import Rules
+from defocus_core.compare.record import UNREADABLE
 from defocus_core.io.safe_files import quiet
 
 SEED = 20
@@ -28,8 +26,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, byt
 
 
 def status(a: Path, b: Path) -> str:
-    record, _ = compare_pair(FilePair(b.name, a, b), Rules(), CompareSettings())
-    return record.status
+    return compared(a, b).status
 
 
 def decoded(path: Path) -> list[Any]:

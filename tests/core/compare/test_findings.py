@@ -16,6 +16,7 @@ from planted_faults import (
     HEIGHT,
     WIDTH,
     blurred,
+    compared,
     dark_border,
     narrow,
     planes,
@@ -23,26 +24,13 @@ from planted_faults import (
     write_planes,
 )
 
-from defocus_core.compare.comparison import compare_pair
 from defocus_core.compare.findings.cause import FAMILIES, among_rivals
 from defocus_core.compare.findings.evidence import Cause, Explanation, FittedCause
 from defocus_core.compare.findings.finding import FINDINGS, Finding
-from defocus_core.compare.pairing import FilePair
-from defocus_core.compare.record import CompareSettings
-from defocus_core.compare.thresholds import Rules
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 from defocus_core.reports.comparison_words import line
 
 P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)
-
-
-def compared(
-    a: Path, b: Path, rules: Rules | None = None, settings: CompareSettings | None = None
-) -> Any:
-    record, _ = compare_pair(
-        FilePair(b.name, a, b), rules or Rules(), settings or CompareSettings()
-    )
-    return record
 
 
 def names(record: Any) -> list[str]:

@@ -12,7 +12,7 @@ from jobs_files import FIXED, INPUTS, jobs_file
 
 from defocus_core.batch.jobs.job import Machine
 from defocus_core.batch.workers.plan import Execution
-from defocus_core.compare.goldens import fresh
+from defocus_core.compare.goldens import store
 from defocus_core.compare.goldens.store import MANIFEST, accept, store_to_update
 from defocus_core.compare.record import DIFFERENT, EXTRA, MISSING, Comparison
 from defocus_core.errors import InputError
@@ -90,7 +90,7 @@ def test_a_full_folder_of_scratch_is_named(tmp_path: Path, monkeypatch: pytest.M
         monkeypatch.setattr("shutil.disk_usage", lambda _, usage=usage: usage)
         with (
             pytest.raises(InputError) as refused,
-            fresh.rendered(jobs, Machine(), execution, listener),
+            store.rendered(jobs, Machine(), execution, listener),
         ):
             pass
         assert (refused.value.code, refused.value.path) == (code, str(tmp_path))

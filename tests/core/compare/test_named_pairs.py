@@ -6,11 +6,10 @@ from pathlib import Path
 
 import compare_pairs
 import pytest
+from planted_faults import compared
 
-from defocus_core.compare.comparison import compare_pair
 from defocus_core.compare.findings.finding import is_place
-from defocus_core.compare.pairing import FilePair
-from defocus_core.compare.record import CompareSettings, Comparison
+from defocus_core.compare.record import Comparison
 from defocus_core.compare.thresholds import PRESETS
 
 # Say how light moved, or that two causes tie, or that it is slight: no cause is claimed.
@@ -19,8 +18,7 @@ _EITHER = "another CoC or bokeh shape"
 
 
 def judged(pair: compare_pairs.Pair) -> Comparison:
-    files = FilePair(pair.b.name, pair.a, pair.b)
-    return compare_pair(files, PRESETS["render"], CompareSettings())[0]
+    return compared(pair.a, pair.b, PRESETS["render"])
 
 
 @pytest.mark.bench

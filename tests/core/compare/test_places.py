@@ -7,15 +7,13 @@ from typing import Any
 
 import compare_pairs
 import numpy as np
+import planted_faults
 import pytest
 from image_files import save
 from planted_faults import planes, write_planes
 
-from defocus_core.compare.comparison import compare_pair
-from defocus_core.compare.findings import places
-from defocus_core.compare.pairing import FilePair
-from defocus_core.compare.record import CompareSettings, Comparison
-from defocus_core.compare.thresholds import Rules
+from defocus_core.compare.findings.finding import is_place
+from defocus_core.compare.record import Comparison
 from defocus_core.io.images.color_space import linear_to_srgb
 
 SIZE = (120, 160)
@@ -46,7 +44,7 @@ def compared(folder: Path, where: Any, *, maps: bool = True, coc: Path | None = 
         write_planes(folder / name, planes(side) | more)
         for name, side in (("a.exr", a), ("b.exr", b))
     ]
-    return compare_pair(FilePair("b", *files), Rules(), CompareSettings(coc=coc))[0]
+    return planted_faults.compared(*files, coc=coc)
 
 
 PLACES = {
@@ -69,8 +67,7 @@ def test_a_difference_without_a_cause_has_its_place(name: str, tmp_path: Path) -
 
 
 def test_a_difference_that_is_everywhere_has_no_place(tmp_path: Path) -> None:
-    said = names(compared(tmp_path, np.ones(SIZE)))
-    assert not {*said} & {place.name for place in places.PLACES}
+    assert not any(map(is_place, names(compared(tmp_path, np.ones(SIZE)))))
 
 
 def test_focus_is_known_by_a_map_that_is_named_or_lies_beside(tmp_path: Path) -> None:
@@ -99,8 +96,7 @@ def test_without_a_map_silhouettes_are_edges(tmp_path: Path) -> None:
         write_planes(tmp_path / name, planes(side.astype(np.float32)))
         for name, side in (("a.exr", a), ("b.exr", b))
     ]
-    record = compare_pair(FilePair("b", *files), Rules(), CompareSettings())[0]
-    assert "at edges" in names(record)
+    assert "at edges" in names(planted_faults.compared(*files))
 
 
 @pytest.mark.parametrize("name", ["spheres", "lights"])
@@ -114,15 +110,11 @@ def test_few_pixels_give_no_name_by_chance(name: str, tmp_path: Path) -> None:
             write_planes(tmp_path / file, planes(side[cut]))
             for file, side in (("a.exr", a), ("wide.exr", wide), ("bright.exr", a * 1.07))
         ]
-        blurred, bright = (
-            compare_pair(FilePair("b", files[0], file), Rules(), CompareSettings())[0]
-            for file in files[1:]
-        )
+        blurred, bright = (planted_faults.compared(files[0], file) for file in files[1:])
         assert all("CoC" in said or "bokeh" in said for said in names(blurred)), (top, left)
         assert names(bright) == ["another exposure"]
         stored = [
             save(tmp_path / file, np.rint(linear_to_srgb(side[cut].clip(0, 1)) * 255).astype("u1"))
             for file, side in (("a.png", a), ("raised.png", a + 0.01))
         ]
-        raised = compare_pair(FilePair("b", *stored), Rules(), CompareSettings())[0]
-        assert names(raised) in ([], ["raised blacks"])
+        assert names(planted_faults.compared(*stored)) in ([], ["raised blacks"])

@@ -11,9 +11,8 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from defocus_core import Views
-from defocus_core.evaluation import law_checks, law_probes, lens_laws
-from defocus_core.evaluation.law_checks import Check, LawSetting
-from defocus_core.evaluation.law_probes import levels
+from defocus_core.evaluation import law_probes, lens_laws
+from defocus_core.evaluation.law_probes import Check, LawSetting, levels
 from defocus_core.renderer.render import render as true_render
 
 Render = Callable[..., Views]
@@ -159,7 +158,7 @@ def test_a_fault_fails_the_rows_of_its_law(
     fault: str, sound: list[list[Check]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wrong, named = FAULTS[fault]
-    monkeypatch.setattr(law_checks, "render", wrong)
+    monkeypatch.setattr(law_probes, "render", wrong)
     leave_laws(monkeypatch, sound, named)
     found = all_checks(GPU_ALIKE)
     for name in named:
@@ -173,7 +172,7 @@ def test_a_fault_fails_the_rows_of_its_law(
 def test_a_fault_of_the_pair_alone_leaves_the_centre_sound(
     fault: str, law: str, sound: list[list[Check]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(law_checks, "render", FAULTS[fault][0])
+    monkeypatch.setattr(law_probes, "render", FAULTS[fault][0])
     centre = {"PSF radius", "sharp rim", "centroid", "energy", "gradient"}
     leave_laws(monkeypatch, sound, {(name, "") for name in (law, *centre)})
     failed = {check.law for check in all_checks(LawSetting()) if not check.ok}

@@ -22,7 +22,7 @@ from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import MAX_PIXELS
 from defocus_core.picture import opening
-from defocus_core.reports.html import sample_layers
+from defocus_core.reports.html import layers
 from defocus_core.reports.inspection import inspection
 
 
@@ -198,7 +198,7 @@ def test_a_report_draws_nothing_that_takes_all_memory(
 ) -> None:
     """A PNG of 400 kB in the place of a picture of the batch took 14 GB."""
     files = [("render", color_exr(tmp_path / "a.exr"))]
-    assert len(list(sample_layers.drawn_files(files, values=False))) == 1
-    monkeypatch.setattr(sample_layers, "_MAX_DRAWN", texture().size - 1)
-    monkeypatch.setattr(sample_layers, "read_picture", None)
-    assert not list(sample_layers.drawn_files(files, values=False))
+    assert len(list(layers.drawn_files(files, values=False))) == 1
+    monkeypatch.setattr(layers, "_MAX_DRAWN", texture().size - 1)
+    monkeypatch.setattr(layers, "read_picture", None)
+    assert not list(layers.drawn_files(files, values=False))

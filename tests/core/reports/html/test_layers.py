@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from defocus_core.reports.html import halves
+from defocus_core.reports.html import layers
 from defocus_core.reports.html.item import StoredHalves
 
 
@@ -31,17 +31,17 @@ def planes() -> list[Any]:
 
 
 def test_values_come_back_exactly(planes: list[Any]) -> None:
-    packed = halves.pack(halves.bits(planes, 1.0), (5, 7), 1.0)
+    packed = layers.pack(layers.half_bits(planes, 1.0), (5, 7), 1.0)
     assert np.array_equal(unpacked(packed, 3), np.stack(planes), equal_nan=True)
     assert (packed.corner, packed.size, packed.base) == ((5, 7), (34, 21), "")
 
 
 def test_a_layer_like_another_is_stored_as_their_difference(planes: list[Any]) -> None:
-    bits = halves.bits(planes, 1.0)
+    bits = layers.half_bits(planes, 1.0)
     changed = [plane.copy() for plane in planes]
     changed[1][4:6, 4:6] = 7.0
-    packed = halves.pack(halves.bits(changed, 1.0), (0, 0), 1.0, ("a", bits))
-    alone = halves.pack(halves.bits(changed, 1.0), (0, 0), 1.0)
+    packed = layers.pack(layers.half_bits(changed, 1.0), (0, 0), 1.0, ("a", bits))
+    alone = layers.pack(layers.half_bits(changed, 1.0), (0, 0), 1.0)
     assert packed.base == "a"
     assert len(packed.data) < len(alone.data) / 5
     assert np.array_equal(unpacked(packed, 3, bits), np.stack(changed), equal_nan=True)
@@ -49,33 +49,33 @@ def test_a_layer_like_another_is_stored_as_their_difference(planes: list[Any]) -
 
 def test_another_base_is_used_only_where_it_is_shorter(planes: list[Any]) -> None:
     flat = [np.ones_like(plane) for plane in planes]
-    base = ("a", halves.bits(planes, 1.0))
-    assert halves.pack(halves.bits(flat, 1.0), (0, 0), 1.0, base).base == ""
+    base = ("a", layers.half_bits(planes, 1.0))
+    assert layers.pack(layers.half_bits(flat, 1.0), (0, 0), 1.0, base).base == ""
 
 
 def test_bytes_are_whole_numbers_and_exact() -> None:
     plane = (np.arange(256, dtype=np.uint8).reshape(16, 16) / 255).astype(np.float32)
-    scale = halves.common_scale([plane], "uint8")
-    assert halves.is_exact([plane], scale)
-    packed = halves.pack(halves.bits([plane], scale), (0, 0), scale)
+    scale = layers.common_scale([plane], "uint8")
+    assert layers.is_exact([plane], scale)
+    packed = layers.pack(layers.half_bits([plane], scale), (0, 0), scale)
     assert np.allclose(unpacked(packed, 1)[0], plane, atol=1e-7)
-    assert not halves.is_exact([plane], 1.0)
+    assert not layers.is_exact([plane], 1.0)
 
 
 def test_light_decoded_from_bytes_is_not_rounded_to_bytes() -> None:
     plane = ((np.arange(256) / 255) ** 2.2).astype(np.float32).reshape(16, 16)
-    assert halves.common_scale([plane], "uint8") == 1.0
+    assert layers.common_scale([plane], "uint8") == 1.0
 
 
 def test_what_is_beyond_half_is_scaled_and_not_clamped() -> None:
     plane = np.array([[1e9, -3e7, 0.0]])
-    scale = halves.common_scale([plane], "float")
-    packed = halves.pack(halves.bits([plane], scale), (0, 0), scale)
+    scale = layers.common_scale([plane], "float")
+    packed = layers.pack(layers.half_bits([plane], scale), (0, 0), scale)
     assert unpacked(packed, 1)[0] == pytest.approx(plane, rel=1e-3)
 
 
 def test_a_tiny_difference_keeps_its_digits() -> None:
     plane = np.array([[3e-9, 1e-9, 0.0]])
-    scale = halves.unit_scale([plane])
-    packed = halves.pack(halves.bits([plane], scale), (0, 0), scale)
+    scale = layers.unit_scale([plane])
+    packed = layers.pack(layers.half_bits([plane], scale), (0, 0), scale)
     assert unpacked(packed, 1)[0] == pytest.approx(plane, rel=1e-3)

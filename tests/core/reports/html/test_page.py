@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from defocus_core.reports.html import budget
+from defocus_core.reports.html import page
 from defocus_core.reports.html.item import LIGHT, Item, Layer, StoredHalves
 
 
@@ -19,14 +19,14 @@ def item(name: str, thumbnail: int, values: int) -> Item:
 
 @pytest.fixture
 def room(monkeypatch: pytest.MonkeyPatch) -> int:
-    monkeypatch.setattr(budget, "ROOM", 4000)
-    monkeypatch.setattr(budget, "_FRAME", 0)
+    monkeypatch.setattr(page, "ROOM", 4000)
+    monkeypatch.setattr(page, "_FRAME", 0)
     return 4000
 
 
 def spent(items: list[Item]) -> int:
     return sum(
-        budget.length(layer.thumbnail) + budget.length(layer.halves.data if layer.halves else b"")
+        page.length(layer.thumbnail) + page.length(layer.halves.data if layer.halves else b"")
         for each in items
         for layer in each.layers
     )
@@ -38,18 +38,18 @@ def valued(items: list[Item]) -> list[bool]:
 
 def test_all_is_kept_where_there_is_room() -> None:
     items = [item("x", 300, 3000), item("y", 300, 0)]
-    assert budget.fitted(items) == items
+    assert page.fitted(items) == items
 
 
 def test_the_first_items_keep_their_values(room: int) -> None:
-    fitted = budget.fitted([item(name, 60, 300) for name in "vwxyz"])
+    fitted = page.fitted([item(name, 60, 300) for name in "vwxyz"])
     assert valued(fitted) == [True, True, False, False, False]
     assert all(len(each.layers) == 3 for each in fitted[:2])
     assert spent(fitted) <= room
 
 
 def test_thumbnails_take_no_more_than_a_half(room: int) -> None:
-    fitted = budget.fitted([item(str(n), 150, 300) for n in range(40)])
+    fitted = page.fitted([item(str(n), 150, 300) for n in range(40)])
     assert valued(fitted)[0]
     assert spent(fitted) <= room
     assert fitted[-1].layers == []  # in the table alone
@@ -57,11 +57,11 @@ def test_thumbnails_take_no_more_than_a_half(room: int) -> None:
 
 def test_a_table_of_very_many_items_takes_room_from_pictures() -> None:
     items = [item(str(n), 3000, 0) for n in range(20_000)]
-    fitted = budget.fitted(items)
-    assert spent(fitted) < budget.ROOM - 20_000 * budget._FRAME
+    fitted = page.fitted(items)
+    assert spent(fitted) < page.ROOM - 20_000 * page._FRAME
     assert fitted[0].layers
     assert not fitted[-1].layers
 
 
 def test_a_large_item_lets_smaller_ones_come_after_it(room: int) -> None:
-    assert valued(budget.fitted([item("large", 10, 3000), item("small", 10, 30)])) == [False, True]
+    assert valued(page.fitted([item("large", 10, 3000), item("small", 10, 30)])) == [False, True]
