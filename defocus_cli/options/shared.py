@@ -19,6 +19,7 @@ from defocus_cli.options.types import (
     FilePath,
     Format,
     Quantity,
+    ReportPath,
     bundle,
     grouped_option,
     names_of,
@@ -375,3 +376,10 @@ def stats_option(command: Command) -> Command:
     """Hand a command ``stats``."""
     text = "Say what was computed and what was skipped, on stderr; --json always tells it."
     return grouped_option("Options", "--stats", is_flag=True, help=text)(command)
+
+
+def html_option(text: str) -> Decorator:
+    """``--html``: where to write the report that people look at."""
+    return grouped_option(
+        "Output", "--html", type=ReportPath("html"), metavar="FILE.html", help=text
+    )

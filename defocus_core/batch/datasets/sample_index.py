@@ -24,6 +24,7 @@ from defocus_core.io.safe_files import written_whole
 from defocus_core.picture.measures import MEASURES
 
 NAME = "metadata.jsonl"
+_ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 Record = Mapping[str, Any]
 MM_PER_M = 1000.0
 _TAKEN = ("lens", "size", "coc_px", "quality", "renderer")  # keys that say how it was taken
@@ -115,7 +116,7 @@ def _hashes(record: Record) -> dict[str, Any]:
 
 def line(entry: Mapping[str, Any]) -> bytes:
     """A line of the index."""
-    return json.dumps(entry, ensure_ascii=False, allow_nan=False).encode("utf-8", "replace") + b"\n"
+    return _ENCODER.encode(entry).encode("utf-8", "replace") + b"\n"
 
 
 def _entry(record: Record) -> dict[str, Any]:

@@ -62,6 +62,8 @@ def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
     If ``over`` makes the aperture one without blades, what shapes the blades is dropped.
     """
+    if not over:
+        return dict(base)
     lost = {name for pair in ALTERNATIVES for name in pair if over.keys() & set(pair)}
     if str(over.get("blades")) == "0" or "aperture-image" in over:
         lost.update(row.name for row in LENS_OPTIONS.values() if row.needs == "blades")

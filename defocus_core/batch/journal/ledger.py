@@ -145,11 +145,11 @@ class Ledger:
         moved = {}
         for role, path in job.files.items():
             stamp = record["inputs"].get(role, {})
-            if not path.exists() and record["status"] == "ok":
-                continue  # an input that is gone cannot change the outputs
             # Size and time say nothing of a file that was elsewhere: archives give all one time.
             elsewhere = stamp.get("path") != (place := input_path(path, self.out))
             if not identity.unchanged(path, stamp, read=read_inputs or elsewhere):
+                if not path.exists() and record["status"] == "ok":
+                    continue  # an input that is gone cannot change the outputs
                 return None
             if elsewhere:
                 moved[role] = {**stamp, "path": place}

@@ -83,32 +83,31 @@ def _written_twice(path: Path) -> InputError:
     )
 
 
-def _refuse_long(root: Path, name: str) -> None:
+def _refuse_long(root: Path | str, name: str) -> None:
     length = len(os.fsencode(name.rpartition("/")[2]))
     if length > _NAME_BYTES:
         problem = f"has a name of {length} bytes, more than {_NAME_BYTES}"
         raise InputError(
-            "too-large", problem, "give the picture a shorter name or stem", path=root / name
+            "too-large", problem, "give the picture a shorter name or stem", path=Path(root, name)
         )
 
 
 def _refuse_clashes(jobs: Sequence[Job]) -> None:
-    count = Counter((job.outputs.root, name) for job in jobs for name in job.names.values())
-    twice = next((root / name for (root, name), times in count.items() if times > 1), None)
+    count = Counter((str(job.outputs.root), name) for job in jobs for name in job.names.values())
+    twice = next((place for place, times in count.items() if times > 1), None)
     if twice is not None:
-        raise _written_twice(twice)
+        raise _written_twice(Path(*twice))
     for root, name in count:
         _refuse_long(root, name)
-    pictures = set({id(job.picture): job.picture for job in jobs}.values())
-    pictures |= {other for picture in pictures for other in picture.others.values()}
-    named = {path for one in pictures for path in (one.color, one.depth)}
+    pictures = {id(job.picture): job.picture for job in jobs}.values()
+    named = [path for picture in pictures for path in picture.files.values()]
     # Path.resolve raises where a link leads in a circle; its reader names that.
-    named |= {Path(os.path.realpath(path)) for path in named if path.is_symlink()}
-    places = {folder: folder.resolve() for folder in {path.parent for path in named}}
+    named += [Path(os.path.realpath(path)) for path in named if path.is_symlink()]
+    places = {folder: Path(folder).resolve() for folder in {str(path.parent) for path in named}}
     own = {folder.resolve() for outputs in _outputs_of(jobs) for folder in outputs.folders}
-    inputs = {place / path.name for path in named if (place := places[path.parent]) in own}
-    if not inputs:  # a batch has many outputs, and hardly ever such inputs
+    if own.isdisjoint(places.values()):  # a batch has many outputs, and hardly ever such inputs
         return
+    inputs = {places[str(path.parent)] / path.name for path in named}
     for path in (path for job in jobs for path in job.written):
         if path.parent.resolve() / path.name in inputs:
             raise InputError(

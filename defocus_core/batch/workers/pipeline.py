@@ -22,20 +22,22 @@ from defocus_core.picture import plain_path
 from defocus_core.picture.memory_budget import Gate
 from defocus_core.picture.take import Inputs, Take
 from defocus_core.system.interrupts import delayed_signals
+from defocus_core.system.process import settings_kept
 
 if TYPE_CHECKING:
     _Read = tuple[int, Job, Inputs | Record]
 
 
 def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
-    """Do the jobs of a batch in this process; a single one without threads."""
+    """Do the jobs of a batch in this process, whose settings stay; one alone without threads."""
     plain_path.load()
     jobs = _jobs(chunks, stopped)
     first = [*islice(jobs, 2)]
-    if len(first) > 1:
-        run(chain(first, jobs), done, stopped=stopped)
-    for number, job in first if len(first) == 1 else ():
-        _carry_out(number, job, done)
+    with settings_kept():
+        if len(first) > 1:
+            run(chain(first, jobs), done, stopped=stopped)
+        for number, job in first if len(first) == 1 else ():
+            _carry_out(number, job, done)
 
 
 def execute_alone(progress: TileCount | None) -> Execute:

@@ -14,6 +14,7 @@ import threading
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import chain, islice
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from queue import SimpleQueue
@@ -242,7 +243,11 @@ def execute_in(processes: int) -> Execute:
     """An executor of jobs in so many processes."""
 
     def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
-        Pool(processes, chunks, done, stopped).run()
+        first = [*islice(chunks, 2)]
+        if [len(chunk) for chunk in first] == [1]:  # a process takes longer to start than a job
+            pipeline.execute(iter(first), done, stopped)
+        elif first:
+            Pool(processes, chain(first, chunks), done, stopped).run()
 
     return execute
 
