@@ -454,32 +454,6 @@ def test_a_sidecar_that_repeats_itself_is_not_expanded(tmp_path: Path) -> None:
         read_depth(tmp_path / "a.pfm", format="hci-lightfield")
 
 
-@pytest.mark.parametrize("there", ["link", "hard link", "pipe", "lie", "garbage"])
-def test_a_copy_of_a_journal_that_is_none_is_left_aside(
-    there: str, folders: tuple[Path, Path], out: Path, mine: Path
-) -> None:
-    again(folders, out)
-    copy, journal = out / ".journal.copy", out / "journal.jsonl"
-    data = copy.read_bytes()
-    copy.unlink()
-    if there == "link":
-        copy.symlink_to(mine)
-    elif there == "hard link":
-        os.link(mine, copy)
-    elif there == "pipe":
-        os.mkfifo(copy)
-    else:
-        copy.write_bytes(
-            os.urandom(99) + b"\n" if there == "garbage" else data.replace(b"coc/", b"../")
-        )
-    journal.write_bytes(data[:-9])
-    ran = again(folders, out)
-    assert ran.code == 0, ran.err
-    assert "the journal no longer knows 1 output" in ran.err
-    assert mine.read_text() == "mine"
-    assert copy.read_bytes() == journal.read_bytes()
-
-
 def test_a_link_to_what_is_no_picture_is_not_accepted(tmp_path: Path, mine: Path) -> None:
     color_exr(tmp_path / "a" / "1.exr", texture(8, 8))
     color_exr(tmp_path / "b" / "1.exr", texture(8, 8) / 2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from defocus_core.batch.journal import journal, journal_copy, run_file
+from defocus_core.batch.journal import journal, run_file
 from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.journal.lock import locked
 from defocus_core.io.safe_files import sync_folder, written_whole
@@ -25,17 +25,13 @@ def merge(out: Path) -> Merged:
     journal.require_journal(out)
     with locked(out, say=note) as require_lock:
         shards = [s for s in journal.shards(out) if journal.journal_path(out, s).exists()]
-        for shard in (None, *shards):
-            journal_copy.mend(out, shard)
         records = journal.read_all(out)
         require_lock()
         if shards:
             with written_whole(journal.journal_path(out)) as file:
                 file.write(journal.merged(records))
             sync_folder(out)  # before the journals of the shards are removed
-            journal_copy.follow(out)
         for shard in shards:
-            journal_copy.copy_path(out, shard).unlink(missing_ok=True)
             journal.journal_path(out, shard).unlink()
             if run_file.run_path(out, shard).exists():
                 problem = f"shard {shard.number}/{shard.of} did not get to its end"

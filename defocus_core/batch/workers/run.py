@@ -16,7 +16,7 @@ from typing import Protocol
 
 from defocus_core.batch.datasets import update
 from defocus_core.batch.jobs.job import Job, Outputs
-from defocus_core.batch.journal import identity, journal_copy, run_file
+from defocus_core.batch.journal import identity, run_file
 from defocus_core.batch.journal.journal import Journal, Record, input_path, journal_path, read_all
 from defocus_core.batch.journal.lock import Check, LockLost, locked
 from defocus_core.batch.journal.run_file import RunPlan
@@ -73,10 +73,7 @@ def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Li
         _output_folders({job.outputs for job in jobs}, out),
         locked(out, execution.shard, say=note) as require_lock,
     ):
-        journal_copy.mend(out, execution.shard)
-        summary = _carried_out(jobs, out, execution, listener, require_lock)
-        journal_copy.follow(out, execution.shard)
-        return summary
+        return _carried_out(jobs, out, execution, listener, require_lock)
 
 
 def write_alone(job: Job, execute: Execute, listener: Listener) -> Summary:
