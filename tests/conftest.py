@@ -12,7 +12,7 @@ from skips import pytest_sessionfinish, pytest_terminal_summary  # noqa: F401 - 
 
 from defocus_core.batch.workers import pipeline
 from defocus_core.batch.workers.plan import Execute
-from defocus_core.batch.workers.worker_config import WorkerConfig
+from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.picture import forecast
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "sample_scenes"))

@@ -19,7 +19,7 @@ from defocus_core.batch.jobs.jobs_file import read_batch
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.workers import run
 from defocus_core.batch.workers.plan import Execution
-from defocus_core.batch.workers.worker_config import WorkerConfig
+from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.errors import UsageProblem
 from defocus_core.system.process import cores
 

@@ -26,8 +26,7 @@ from defocus_cli.options.types import (
 )
 from defocus_cli.words.console import Due
 from defocus_core.allowed_values import MIN_TILE, QUALITIES
-from defocus_core.batch.jobs.job import DEVICES, Machine, Outputs
-from defocus_core.batch.jobs.naming import FIELDS
+from defocus_core.batch.jobs.job import DEVICES, FIELDS, Machine, Outputs
 from defocus_core.batch.jobs.output_kinds import (
     COLOR_SPACES,
     COMPRESSIONS,

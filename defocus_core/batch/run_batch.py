@@ -15,8 +15,8 @@ from defocus_core.batch.jobs.jobs_file import batch_of, read_jobs
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.plan import Execution, Plan
+from defocus_core.batch.workers.pool import WorkerConfig, computed_by
 from defocus_core.batch.workers.run import Summary
-from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
 from defocus_core.errors import UsageProblem
 
 Jobs = str | PathLike[str] | Mapping[str, Any] | Sequence[Job]

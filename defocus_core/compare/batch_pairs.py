@@ -10,7 +10,7 @@ from typing import Any
 
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Record, read_all
-from defocus_core.batch.journal.ledger import Ledger
+from defocus_core.batch.journal.resume import Ledger
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import SUFFIXES
 from defocus_core.errors import InputError

@@ -29,7 +29,7 @@ from defocus_cli.main import main
 from defocus_core.batch.datasets import update
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.journal.lock import locked
-from defocus_core.batch.workers.worker_config import WorkerConfig
+from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.picture import plain_path
 
 NAMES = [f"{stem}_focus{focus}" for stem in "ab" for focus in ("1.5m", "2m")]

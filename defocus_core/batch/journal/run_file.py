@@ -1,7 +1,8 @@
-"""The plan of a run in progress, ``OUT/.journal.run``, kept until the run is done.
+"""The plan of a run in progress, ``OUT/.journal.run``, and the end of runs on shards: the merge.
 
-It names the files of all jobs that the run sets out to do. A process that is killed between writing
-a file and saying so in the journal leaves the file: it is ours, though no journal knows it.
+A plan is kept until its run is done, and names the files of all its jobs. A process that is killed
+between writing a file and saying so in the journal leaves the file: it is ours, though no journal
+knows it.
 """
 
 from __future__ import annotations
@@ -11,13 +12,26 @@ from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.batch.journal.journal import Record, Shard, files_of
-from defocus_core.batch.journal.record_check import is_moment, output_fault
+from defocus_core.batch.journal.journal import (
+    Record,
+    Shard,
+    files_of,
+    journal_path,
+    merged,
+    read_all,
+    require_journal,
+    shards,
+)
+from defocus_core.batch.journal.lock import locked
+from defocus_core.batch.journal.records import is_moment, output_fault
+from defocus_core.batch.journal.resume import Ledger
 from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder
-from defocus_core.io.safe_files import LEFTOVER, left_in, leftover, written_whole
+from defocus_core.io.safe_files import LEFTOVER, left_in, leftover, sync_folder, written_whole
+from defocus_core.system.log import note
 
 SHARDS_FOLDER = "shards"  # of tars
 
@@ -112,3 +126,37 @@ def _read(path: Path) -> RunPlan | None:
         remedy = "remove the file, and what the run left half-written; the next run plans anew"
         raise InputError("malformed", "is no plan of a run", remedy, path=path)
     return plan
+
+
+class Merged(NamedTuple):
+    """A merge: its live jobs, its journals of shards, and the shards without one, like 2/8."""
+
+    jobs: int
+    journals: int
+    missing: list[str]
+
+
+def merge(out: Path) -> Merged:
+    """Put the records of all shards into the journal of OUT, and remove theirs."""
+    require_journal(out)
+    with locked(out, say=note) as require_lock:
+        parts = [s for s in shards(out) if journal_path(out, s).exists()]
+        records = read_all(out)
+        require_lock()
+        if parts:
+            with written_whole(journal_path(out)) as file:
+                file.write(merged(records))
+            sync_folder(out)  # before the journals of the shards are removed
+        for shard in parts:
+            journal_path(out, shard).unlink()
+            if run_path(out, shard).exists():
+                problem = f"shard {shard.number}/{shard.of} did not get to its end"
+                note(f"{out}: warning: {problem}")
+        sweep_up(out)
+    return Merged(len(Ledger(out, records).live), len(parts), _missing(parts))
+
+
+def _missing(shards: list[Shard]) -> list[str]:
+    division = max((shard.of for shard in shards), default=0)
+    present = {shard.number for shard in shards if shard.of == division}
+    return [f"{number}/{division}" for number in range(1, division + 1) if number not in present]

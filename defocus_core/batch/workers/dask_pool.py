@@ -15,7 +15,7 @@ from typing import Any
 
 from defocus_core.batch.jobs.job import Job, Picture
 from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.plain_values import plain, typed
+from defocus_core.batch.journal.identity import plain, typed
 from defocus_core.batch.workers import job_result
 from defocus_core.batch.workers.job_result import failed
 from defocus_core.batch.workers.plan import Chunk, Done, Execute

@@ -21,12 +21,16 @@ from defocus_core.batch.journal.journal import Journal, Record, input_path, jour
 from defocus_core.batch.journal.lock import Check, LockLost, locked
 from defocus_core.batch.journal.run_file import RunPlan
 from defocus_core.batch.workers.job_result import TRANSIENT
-from defocus_core.batch.workers.output_checks import (
+from defocus_core.batch.workers.plan import (
+    Chunk,
+    Execute,
+    Execution,
+    Plan,
+    make_plan,
     refuse_misplaced,
     refuse_unknown,
     refuse_unwritable,
 )
-from defocus_core.batch.workers.plan import Chunk, Execute, Execution, Plan, make_plan
 from defocus_core.errors import InputError, NoteKinds
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable

@@ -13,7 +13,7 @@ from typing import Any
 
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.record_check import output_fault
+from defocus_core.batch.journal.records import output_fault
 from defocus_core.compare.record import EXTRA, MISSING, Comparison
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder

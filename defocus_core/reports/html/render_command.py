@@ -9,7 +9,7 @@ from typing import Any
 from defocus_core.batch.jobs.job import Machine, Picture
 from defocus_core.batch.jobs.reading_options import READING_OPTIONS
 from defocus_core.batch.journal.journal import Record
-from defocus_core.batch.journal.revived_jobs import input_place, revived
+from defocus_core.batch.journal.resume import input_place, revived
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
 from defocus_core.errors import InputError

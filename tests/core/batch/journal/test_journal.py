@@ -22,7 +22,7 @@ from defocus_core.batch.journal.journal import (
     read,
     read_all,
 )
-from defocus_core.batch.journal.ledger import Ledger
+from defocus_core.batch.journal.resume import Ledger
 
 WHOLE = {
     "recipe": "r",

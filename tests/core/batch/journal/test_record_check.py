@@ -13,10 +13,9 @@ from refusals import refuses
 from defocus_core.batch.datasets import tar_shards, update
 from defocus_core.batch.journal import run_file
 from defocus_core.batch.journal.journal import journal_path, read, read_all
-from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.journal.progress import progress
-from defocus_core.batch.journal.record_check import fault_of
-from defocus_core.batch.journal.revived_jobs import failed_jobs
+from defocus_core.batch.journal.records import fault_of
+from defocus_core.batch.journal.resume import Ledger, failed_jobs
 
 NEEDED = (
     *("sample_id", "recipe", "status", "reason", "message", "settings", "inputs", "outputs"),

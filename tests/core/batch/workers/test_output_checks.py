@@ -8,7 +8,7 @@ import pytest
 
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.workers.output_checks import refuse_misplaced, refuse_unknown
+from defocus_core.batch.workers.plan import refuse_misplaced, refuse_unknown
 from defocus_core.errors import InputError
 from defocus_core.io.safe_files import written_whole
 
