@@ -61,7 +61,7 @@ def journal_jsonl(folder: Path, name: object) -> None:
 
 
 def run_json(folder: Path, name: object) -> None:
-    plan = {"begun": "2026-01-01T00:00:00+00:00", "jobs": [[name]], "unknown": []}
+    plan = {"begun": "2026-01-01T00:00:00+00:00", "jobs": [[name]]}
     run_path(folder).write_text(json.dumps(plan))
     plan_of(folder)
 

@@ -252,7 +252,7 @@ def test_a_link_that_leads_nowhere_is_a_file_that_the_journal_does_not_know(
     assert not (out / "coc" / "c.exr").is_symlink()
 
 
-PLAN = '{"begun": "2026-01-01T00:00:00+00:00", "jobs": [["coc/c.exr"]], "unknown": []}'
+PLAN = '{"begun": "2026-01-01T00:00:00+00:00", "jobs": [["coc/c.exr"]]}'
 
 
 def test_what_a_killed_run_had_begun_is_its_own(

@@ -8,7 +8,7 @@ knows it.
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -42,7 +42,6 @@ class RunPlan:
 
     begun: str  # when it began, UTC
     jobs: Sequence[Sequence[str]]  # the files of each job, relative to OUT
-    unknown: Collection[str]  # files that earlier runs left and that no journal knows
 
     def left(self, records: Iterable[Record]) -> list[Sequence[str]]:
         """The jobs that did not end since the run began, by the records of the journals."""
@@ -64,13 +63,6 @@ def run_path(out: Path, shard: Shard | None = None) -> Path:
 def plan_of(out: Path, shard: Shard | None = None) -> RunPlan | None:
     """The plan of the run on OUT, or on a shard; None if it got to its end."""
     return _read(run_path(out, shard))
-
-
-def planned_files(out: Path, shard: Shard | None = None) -> set[str]:
-    """Files that runs were to write, relative to OUT, and that no journal may know."""
-    paths = out.glob(".journal*.run") if shard is None else [run_path(out, shard)]
-    plans = [plan for path in paths if (plan := _read(path)) is not None]
-    return {name for plan in plans for files in (*plan.jobs, plan.unknown) for name in files}
 
 
 def forget_shards(out: Path) -> None:
@@ -115,12 +107,12 @@ def _read(path: Path) -> RunPlan | None:
     except OSError as error:
         raise cannot_read(path, error, "remove it") from None
     try:
-        plan = RunPlan(**json.loads(text))
-        files = [*plan.jobs, plan.unknown]
+        stored = json.loads(text)
+        plan = RunPlan(stored["begun"], stored["jobs"])
         is_plan = is_moment(plan.begun) and all(
-            isinstance(names, list) and not any(map(output_fault, names)) for names in files
+            isinstance(names, list) and not any(map(output_fault, names)) for names in plan.jobs
         )
-    except (ValueError, TypeError, RecursionError):
+    except (ValueError, TypeError, KeyError, RecursionError):
         is_plan = False
     if not is_plan:
         remedy = "remove the file, and what the run left half-written; the next run plans anew"

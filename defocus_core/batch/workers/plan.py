@@ -10,7 +10,7 @@ from pathlib import Path
 
 from defocus_core.batch.jobs.job import Job, Outputs
 from defocus_core.batch.jobs.splits import with_recorded
-from defocus_core.batch.journal import identity, run_file
+from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Record, Shard, read_all
 from defocus_core.batch.journal.resume import Ledger
 from defocus_core.errors import InputError
@@ -57,7 +57,6 @@ class Plan:
     # By number in ``todo``, path and stamp of previews of the pictures that a job replaces
     # without a preview of its own
     previews: dict[int, dict[str, identity.Stamp]]
-    unknown: set[str]  # files that runs which did not end have written, and that no journal knows
 
 
 @without_collections()
@@ -85,18 +84,16 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
     ledger.refuse_other_pictures(job for job, _ in todo)
     if execution.keep_lenses:
         ledger.refuse_other_lenses(job for job, _ in todo)
-    known = ledger.files | run_file.planned_files(out)
     jobs_to_do = [job for job, _ in todo]
-    refuse_unknown(jobs_to_do, known | own_without_record(jobs_to_do, out, known))
-    planned = run_file.planned_files(out, execution.shard) - ledger.files
-    unknown = {name for name in planned if (out / name).exists()}
+    own = own_without_record(jobs_to_do, out, ledger.files)
+    refuse_unknown(jobs_to_do, ledger.files | own)
     previews = {
         number: stamps
         for number, (job, _) in enumerate(now)
         if (stamps := ledger.previews_replaced(job))
     }
     files = [list(job.names.values()) for job, _ in todo]
-    return Plan(now, settled, moved, len(todo) - len(now), changed, files, previews, unknown)
+    return Plan(now, settled, moved, len(todo) - len(now), changed, files, previews)
 
 
 def _part(jobs: Sequence[Job], shard: Shard) -> list[Job]:

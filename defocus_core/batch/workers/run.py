@@ -139,14 +139,14 @@ def _carried_out(
                 journal.append(record)
         plan.moved.clear()
     if not plan.todo:
-        if not plan.unknown and not execution.again:
+        if not execution.again:
             path.unlink(missing_ok=True)
         return summary
     if len(plan.todo) == 1:
         refuse_small(plan.todo[0][0])
     others = _others_left(plan, out) if execution.again else []
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
-        RunPlan(_now(), plan.files + others, sorted(plan.unknown)).write(path)
+        RunPlan(_now(), plan.files + others).write(path)
         plan.files.clear()
         if execution.shard is None and not execution.again:
             run_file.forget_shards(out)
@@ -161,12 +161,12 @@ def _carried_out(
         except LockLost:  # the plan of the run is another's by now
             raise
         except BaseException:
-            if len(jobs) == 1 and not plan.unknown and not others:
+            if len(jobs) == 1 and not others:
                 path.unlink(missing_ok=True)
             raise
         if execution.shard is None:
             run_file.sweep_up(out)
-        if not summary.left and not plan.unknown and not others:
+        if not summary.left and not others:
             path.unlink(missing_ok=True)
     summary.interrupted = interrupts.asked
     return summary
@@ -224,7 +224,6 @@ class _Batch:
         record = completed(record, job, recipe, self.out)
         self.journal.append(record)
         if record["status"] == "ok":
-            self.plan.unknown.difference_update(job.names.values())
             for path, stamp in self.plan.previews.pop(number, {}).items():
                 if identity.unchanged(self.out / path, stamp):
                     Folder(self.out).remove(path)
