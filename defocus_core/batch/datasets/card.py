@@ -13,10 +13,9 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from statistics import quantiles
-from typing import Any
+from typing import Any, NamedTuple
 
 from defocus_core.batch.jobs.origin import Origin
 from defocus_core.batch.jobs.output_kinds import KINDS
@@ -31,7 +30,7 @@ _HEAD = ("---", "# Written by defocus; without this line it stays as it is.")
 NO_ORIGIN = Origin()
 _TITLE = "Defocused pictures"
 Record = Mapping[str, Any]
-_OF_LENS = ("focus_dioptres", "fnumber", "focal_length_mm")  # of the distributions
+_LENS_KEYS = ("focus_dioptres", "fnumber", "focal_length_mm")  # of the distributions
 _SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
 _MARKUP = re.compile(r"[\\`*{}\[\]<>#|!~&$]")  # what Markdown takes for its own
 
@@ -117,7 +116,7 @@ def card_of(
 
 def _value(key: str, entry: Record) -> Any:
     """The value of a distribution of a line of the index."""
-    return entry["lens"][key] if key in _OF_LENS else entry[key]
+    return entry["lens"][key] if key in _LENS_KEYS else entry[key]
 
 
 def _counts(words: Iterable[str]) -> dict[str, int]:
@@ -204,8 +203,7 @@ WORDS: Mapping[str, tuple[str, str]] = {
 ENDS = ("min", "p5", "p50", "p95", "max")
 
 
-@dataclass(frozen=True)
-class CardTable:
+class CardTable(NamedTuple):
     """A table of a card."""
 
     title: str  # what it is of; empty for the first
@@ -215,45 +213,35 @@ class CardTable:
 
 def tables_of(card: Mapping[str, Any]) -> Iterator[CardTable]:
     """The tables of a card that have rows."""
-    every = (
-        _kind_table(card["kinds"]),
-        _distribution_table(card["distributions"]),
-        _count_table("Splits, each scene in one", card["splits"]),
-        _count_table("Sizes in px", card["sizes"]),
-        _count_table("Depth was read as", card["depth"]["read_as"]),
-        _count_table("Depth was repaired for", card["depth"]["repaired"]),
-        _count_table("Warnings", card["warnings"]),
-        _count_table("Left out, by reason", card["failures"]),
-        _count_table("Quality of the rendering", card["recipe"]["quality"]),
-        _count_table("Versions", card["versions"]),
-        _settings_table(card["recipe"]),
-    )
-    yield from (table for table in every if table.rows)
-
-
-def _kind_table(kinds: Mapping[str, int]) -> CardTable:
-    rows = [(f"{kind}/", KINDS[kind].help, str(count)) for kind, count in kinds.items()]
-    return CardTable("Folders", ("folder", "holds", "samples"), rows)
-
-
-def _distribution_table(of: Mapping[str, Mapping[str, float]]) -> CardTable:
-    rows = [(*words, *_numbers(of[key])) for key, words in WORDS.items() if key in of]
-    return CardTable("Distributions over samples", ("of", "unit", *ENDS), rows)
-
-
-def _count_table(title: str, counts: Mapping[str, int]) -> CardTable:
-    rows = [(words, str(count)) for words, count in counts.items()]
-    return CardTable(title, ("", "samples"), rows)
-
-
-def _settings_table(recipe: Mapping[str, Mapping[str, Any]]) -> CardTable:
-    rows = [
+    spreads, recipe = card["distributions"], card["recipe"]
+    kinds = [(f"{kind}/", KINDS[kind].help, str(n)) for kind, n in card["kinds"].items()]
+    distributions = [
+        (*words, *(f"{spreads[key][end]:.4g}" for end in ENDS))
+        for key, words in WORDS.items()
+        if key in spreads
+    ]
+    counts = {
+        "Splits, each scene in one": card["splits"],
+        "Sizes in px": card["sizes"],
+        "Depth was read as": card["depth"]["read_as"],
+        "Depth was repaired for": card["depth"]["repaired"],
+        "Warnings": card["warnings"],
+        "Left out, by reason": card["failures"],
+        "Quality of the rendering": recipe["quality"],
+        "Versions": card["versions"],
+    }
+    settings = [
         (of, name, " ".join(map(str, v)) if isinstance(v, list | tuple) else str(v))
         for of in ("reading", "outputs")
         for name, v in recipe[of].items()
     ]
-    return CardTable("Settings of all samples", ("of", "setting", "value"), rows)
-
-
-def _numbers(spread: Mapping[str, float] | None) -> Iterator[str]:
-    return (f"{spread[end]:.4g}" if spread else "-" for end in ENDS)
+    every = (
+        CardTable("Folders", ("folder", "holds", "samples"), kinds),
+        CardTable("Distributions over samples", ("of", "unit", *ENDS), distributions),
+        *(
+            CardTable(title, ("", "samples"), [(words, str(n)) for words, n in of.items()])
+            for title, of in counts.items()
+        ),
+        CardTable("Settings of all samples", ("of", "setting", "value"), settings),
+    )
+    return (table for table in every if table.rows)

@@ -108,14 +108,14 @@ def _is_sample(record: Record) -> bool:
 
 def _joined(before: Record, record: Record) -> Record:
     """A record with the outputs of an earlier record of the sample, if both were taken alike."""
-    if not _taken_alike(before, record):
+    if not _same_take(before, record):
         return record
     outputs = {**before["outputs"], **record["outputs"]}
     warnings = list(dict.fromkeys([*before["warnings"], *record["warnings"]]))
     return {**record, "outputs": outputs, "warnings": warnings}
 
 
-def _taken_alike(before: Record, record: Record) -> bool:
+def _same_take(before: Record, record: Record) -> bool:
     """Whether two finished pictures have the same inputs, lens and renderer."""
     alike = all(before[key] == record[key] for key in _TAKEN)
     return alike and _hashes(before) == _hashes(record)

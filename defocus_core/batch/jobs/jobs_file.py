@@ -54,7 +54,7 @@ from defocus_core.batch.jobs.reading_options import (
     reading_values,
 )
 from defocus_core.batch.jobs.shot_lenses import Animation, animated, read_animation_table
-from defocus_core.batch.jobs.shots import read_together, with_shot
+from defocus_core.batch.jobs.shots import read_decisions, with_shot
 from defocus_core.batch.jobs.splits import read_splits
 from defocus_core.batch.jobs.toml_file import Table, read_toml, refuse_unknown, table
 from defocus_core.batch.lenses.lens import Lens
@@ -126,7 +126,7 @@ class Batch:
             jobs,
             [each.picture for each in every],
             lambda picture, suffix: lens_of(picture.frame, suffix),
-            read_together(self.tables["shot"]),
+            read_decisions(self.tables["shot"]),
             moving="focus-at" in self.animation.keys,
         )
 
@@ -200,7 +200,7 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
         "kinds": _kinds(section),
         "format": section.choice("format", tuple(SUFFIXES)),
         "exr_type": section.choice("exr-type", ("half", "float")),
-        "jpeg_quality": section.whole("jpeg-quality", 1, 100),
+        "jpeg_quality": section.integer("jpeg-quality", 1, 100),
         "preview": section.flag("preview"),
         "keep_overscan": section.flag("keep-overscan"),
         "map_format": section.choice("map-format", MAP_FORMATS),

@@ -369,7 +369,7 @@ def read_sampling(table: Table) -> Sampling:
     if not table.values:
         return Sampling()
     table.refuse_unknown(_SAMPLE_KEYS)
-    count, seed = table.whole("n", 1), table.whole("seed", 0)
+    count, seed = table.integer("n", 1), table.integer("seed", 0)
     if count is None or seed is None:
         key = "n" if count is None else "seed"
         raise UsageProblem(

@@ -54,7 +54,7 @@ class _Files:
     by_name: Mapping[str, Path]
     photos: Mapping[str, Path] = field(default_factory=dict)
 
-    def beside(self, colors: Mapping[str, Path]) -> Self:
+    def with_photos(self, colors: Mapping[str, Path]) -> Self:
         """These files of depth, with photographs of what has no other."""
         photos = {n: p for n, p in self.photos.items() if colors.get(n, p) != p}
         return replace(self, by_name={**photos, **self.by_name})
@@ -194,7 +194,7 @@ def _pair(
             )
     else:
         colors = _files(color, COLOR_SUFFIXES, root, with_text)
-        depths = _files(depth, DEPTH_SUFFIXES, root, with_text).beside(colors.by_name)
+        depths = _files(depth, DEPTH_SUFFIXES, root, with_text).with_photos(colors.by_name)
         _refuse_unpaired(colors, depths)
         _refuse_unpaired(depths, colors)
     return colors, {

@@ -84,13 +84,13 @@ def _failure(error: BaseException, step: Step) -> str:
 
 
 Types = Mapping[str, tuple[type, ...]]
-_NOTHING, _NUMBER = type(None), (int, float)
-_ALWAYS: Types = {
+_NONE, _NUMBER = type(None), (int, float)
+_RECORD_KEYS: Types = {
     "sample_id": (str,),
     "recipe": (str,),
     "status": (str,),
-    "reason": (str, _NOTHING),
-    "message": (str, _NOTHING),
+    "reason": (str, _NONE),
+    "message": (str, _NONE),
     "settings": (dict,),
     "inputs": (dict,),
     "outputs": (dict,),
@@ -100,7 +100,7 @@ _ALWAYS: Types = {
     "seconds": (dict,),
     "finished": (str,),
 }
-_OF_A_PICTURE: Types = {
+_PICTURE_KEYS: Types = {
     "lens": (dict,),
     "size": (list,),
     "coc_px": (list,),
@@ -109,15 +109,15 @@ _OF_A_PICTURE: Types = {
 }
 _NOTES: Types = {  # of a picture, too, but not of one that an early version took
     "color_note": (str,),
-    "depth_repair": (dict, _NOTHING),
-    "measures": (dict, _NOTHING),
+    "depth_repair": (dict, _NONE),
+    "measures": (dict, _NONE),
 }
 _MEASURED = ("_px", "_share")  # ends of the names of measures that are numbers
 _OPTICS = tuple(key for key, row in RECORDED.items() if row.is_optics)  # none beside radii
-_OF_A_LENS: Types = {
+_LENS_KEYS: Types = {
     **dict.fromkeys(RECORDED, _NUMBER),
-    **dict.fromkeys(_OPTICS, (*_NUMBER, _NOTHING)),
-    "focus_mm": (*_NUMBER, str, _NOTHING),
+    **dict.fromkeys(_OPTICS, (*_NUMBER, _NONE)),
+    "focus_mm": (*_NUMBER, str, _NONE),
     "blades": (int,),
 }
 
@@ -140,7 +140,7 @@ def fault_of(record: object, linked: frozenset[str] = frozenset()) -> str | None
     """What is wrong with a line of a journal, as ``has no lens``; None if it is a record."""
     if not isinstance(record, dict):
         return "is no record of a job"
-    fault = wrong_type(record, _ALWAYS) or _fault_of_files(record, linked)
+    fault = wrong_type(record, _RECORD_KEYS) or _fault_of_files(record, linked)
     if fault:
         return fault
     if record["status"] not in STATUSES:
@@ -202,15 +202,15 @@ def _fault_of_notes(record: Mapping[str, Any]) -> str | None:
     if not isinstance(kinds, list) or not all(isinstance(kind, str) for kind in kinds):
         return "has a depth_repair of kinds that are no texts"
     for name, value in (record.get("measures") or {}).items():
-        if name.endswith(_MEASURED) and not isinstance(value, (*_NUMBER, _NOTHING)):
+        if name.endswith(_MEASURED) and not isinstance(value, (*_NUMBER, _NONE)):
             return f"has the {name} {value!r:.60}, which is no number"
     return None
 
 
 def _fault_of_picture(record: Mapping[str, Any]) -> str | None:
     notes = {key: kinds for key, kinds in _NOTES.items() if key in record}
-    fault = wrong_type(record, {**_OF_A_PICTURE, **notes})
-    fault = fault or wrong_type(record["lens"], _OF_A_LENS) or _fault_of_notes(record)
+    fault = wrong_type(record, {**_PICTURE_KEYS, **notes})
+    fault = fault or wrong_type(record["lens"], _LENS_KEYS) or _fault_of_notes(record)
     if fault:
         return fault
     lens = record["lens"]

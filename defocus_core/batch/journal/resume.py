@@ -230,13 +230,13 @@ class Ledger:
 def failed_jobs(ledger: Ledger, reasons: Collection[str]) -> list[Job]:
     """The jobs that failed; if reasons are named, all jobs without outputs for one of them."""
     return [
-        revived(record, ledger.out)
+        job_of(record, ledger.out)
         for record in ledger.live
         if (record["reason"] in reasons if reasons else record["status"] == "failed")
     ]
 
 
-def revived(record: Record, out: Path) -> Job:
+def job_of(record: Record, out: Path) -> Job:
     """The job of a record."""
     asked, inputs = record["settings"], record["inputs"]
     try:

@@ -93,8 +93,8 @@ def write_alone(job: Job, execute: Execute, listener: Listener) -> Summary:
     def done(_: int, record: Record) -> None:
         summary.left = 0
         summary.statuses[record["status"]] += 1
-        beside = {key: record[key] for key in TRANSIENT if key in record}
-        listener.ended(job, {**completed(record, job, identity.recipe(job), out), **beside})
+        transient = {key: record[key] for key in TRANSIENT if key in record}
+        listener.ended(job, {**completed(record, job, identity.recipe(job), out), **transient})
 
     with _output_folders({job.outputs}, out), Interrupts(patient=False) as interrupts:
         execute(iter([[(0, job)]]), done, lambda: interrupts.asked)
@@ -220,7 +220,7 @@ class _Batch:
         if record["reason"] == "no-space":  # no other job will find space
             path, _, problem = record["message"].partition(": ")
             raise NoSpace("no-space", problem, path=path)
-        beside = {key: record[key] for key in TRANSIENT if key in record}
+        transient = {key: record[key] for key in TRANSIENT if key in record}
         record = completed(record, job, recipe, self.out)
         self.journal.append(record)
         if record["status"] == "ok":
@@ -235,7 +235,7 @@ class _Batch:
             self.summary.reasons[record["reason"]] += 1
         if record["status"] == "failed" and self.execution.fail_fast:
             self.stopping = True
-        self.listener.ended(job, {**record, **beside})
+        self.listener.ended(job, {**record, **transient})
 
 
 def completed(record: Record, job: Job, recipe: str, out: Path) -> Record:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refuses_as
 
@@ -41,6 +41,7 @@ def kept(recorded: dict[str, set[str]], names: str, **values: Any) -> dict[str, 
     return {each.sample_id: each.split.name for each in jobs}
 
 
+@settings(deadline=None)
 @given(shares=st.lists(st.integers(1, 20), min_size=1, max_size=4))
 def test_each_split_has_its_share_of_the_scenes_in_the_long_run(shares: list[int]) -> None:
     wanted = {f"s{n}": share / sum(shares) for n, share in enumerate(shares)}
@@ -49,6 +50,7 @@ def test_each_split_has_its_share_of_the_scenes_in_the_long_run(shares: list[int
         assert abs(found[name] / 2000 - share) < 0.05  # more than four standard deviations
 
 
+@settings(deadline=None)
 @given(names=st.sets(st.text("abc123", min_size=1), min_size=2))
 def test_no_scene_moves_when_another_is_added_removed_or_renamed(names: set[str]) -> None:
     every = assigned(sorted(names), train=0.7, val=0.1, test=0.2)
