@@ -247,7 +247,7 @@ def job_of(record: Record, out: Path) -> Job:
         job = Job(
             picture,
             _lens(asked["lens"], inputs, out),
-            typed(Reading, {**_earlier_repair(asked), **asked["reading"]}),
+            typed(Reading, asked["reading"]),
             typed(Outputs, {"root": str(out), **asked["outputs"]}),
             Machine(
                 quality=asked["quality"],
@@ -283,11 +283,6 @@ def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") 
         if not prefix and f"{role}_color" in inputs
     }
     return Picture(stem, color, depth, **others)
-
-
-def _earlier_repair(asked: Mapping[str, Any]) -> dict[str, Any]:
-    """The repair of depth as earlier versions recorded it, beside the reading."""
-    return {name: asked[name] for name in ("depth_repair",) if name in asked}
 
 
 def _shot(asked: Mapping[str, Any], inputs: Mapping[str, Any], out: Path) -> Shot:
