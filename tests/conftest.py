@@ -2,7 +2,7 @@
 
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,10 +11,9 @@ from command_line import color_exr, depth_exr
 from skips import pytest_sessionfinish, pytest_terminal_summary  # noqa: F401 - hooks
 
 from defocus_core.batch.workers import pipeline
-from defocus_core.batch.workers.plan import Chunk, Done, Execute
-from defocus_core.batch.workers.worker_config import WorkerConfig
+from defocus_core.batch.workers.plan import Execute
+from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.picture import forecast
-from defocus_core.system.process import settings_kept
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "sample_scenes"))
 
@@ -59,11 +58,7 @@ def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """
     execute = WorkerConfig.execute
 
-    def here(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
-        with settings_kept():
-            pipeline.execute(chunks, done, stopped)
-
     def chosen(config: WorkerConfig) -> Execute:
-        return here if config.scheduler == "local" else execute(config)
+        return pipeline.execute if config.scheduler == "local" else execute(config)
 
     monkeypatch.setattr(WorkerConfig, "execute", chosen)

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.options import comparing, shared
+from defocus_cli.options import shared
 from defocus_cli.options.batch import ShardType, crew_options, dataset_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
-from defocus_cli.words import dry_run as dry_runs
 from defocus_core.batch.datasets import update
 from defocus_core.batch.jobs import origin
 from defocus_core.batch.jobs.job import Job, Outputs
@@ -20,9 +19,8 @@ from defocus_core.batch.jobs.jobs_file import read_batch
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.workers import run
 from defocus_core.batch.workers.plan import Execution
-from defocus_core.batch.workers.worker_config import WorkerConfig
+from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.errors import UsageProblem
-from defocus_core.reports.html import batches
 from defocus_core.system.process import cores
 
 
@@ -48,7 +46,7 @@ from defocus_core.system.process import cores
 )
 @click.option("--overwrite", is_flag=True, help="Do all again, whatever was done before.")
 @dataset_options
-@comparing.html_option("Write a report to look at in a browser, with the pictures in it.")
+@shared.html_option("Write a report to look at in a browser, with the pictures in it.")
 @click.option("--dry-run", is_flag=True, help="Say what is to do, in what time and space; stop.")
 @shared.json_option
 @shared.verbose_option
@@ -105,6 +103,8 @@ def command(
         spread=crew.spread,
     )
     if dry_run:
+        from defocus_cli.words import dry_run as dry_runs
+
         dry_runs.report_batch(batch, execution, crew.count, as_json=as_json, verbose=verbose)
         return
     jobs = batch.jobs()
@@ -151,6 +151,8 @@ def carry_out(
     for line in batch_report.summary_lines(summary):
         console.stderr(line)
     if html is not None:
+        from defocus_core.reports.html import batches
+
         batches.write(out, html, asked, cores())
         written.append(html)
     if as_json:

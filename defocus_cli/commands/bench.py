@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from defocus_cli.options import comparing, shared
+from defocus_cli.options import shared
 from defocus_cli.options.types import FilePath, GroupedCommand, GroupedOption, Listed, names_of
 from defocus_cli.words import console
 from defocus_core.allowed_values import QUALITIES
@@ -72,7 +72,7 @@ _time_option = partial(click.option, cls=GroupedOption, heading="Time")
     metavar="FILE.png",
     help="Draw run time against PSNR; needs matplotlib: pip install 'defocus[bench]'.",
 )
-@comparing.html_option("Write a report to look at in a browser: each picture beside the truth.")
+@shared.html_option("Write a report to look at in a browser: each picture beside the truth.")
 @click.option(
     "--threads",
     type=click.IntRange(min=1),

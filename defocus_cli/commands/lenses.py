@@ -10,7 +10,7 @@ from defocus_cli.options import shared
 from defocus_cli.options.types import FilePath, GroupedCommand, grouped_option
 from defocus_cli.words import console
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
-from defocus_core.batch.lenses.shipped_lenses import shipped_lenses
+from defocus_core.batch.jobs.lens_from_options import shipped_lenses
 from defocus_core.errors import InputError
 
 

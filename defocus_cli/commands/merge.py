@@ -11,7 +11,7 @@ from defocus_cli.options.batch import dataset_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import console
 from defocus_core.batch.datasets import update
-from defocus_core.batch.journal import merging
+from defocus_core.batch.journal import run_file
 from defocus_core.system.text import counted
 
 
@@ -31,7 +31,7 @@ def command(out: Path, shards_size: int | None, parquet: bool, as_json: bool) ->
       defocus merge out
       defocus merge out --shards-size 1GB
     """  # noqa: D301  click reads the backspace
-    merged = merging.merge(out)
+    merged = run_file.merge(out)
     written = update.index(out, shards_size, parquet=parquet)
     journals = counted(merged.journals, "journal")
     console.stderr(f"{out}: {counted(merged.jobs, 'job')}, from {journals} of shards")

@@ -15,8 +15,7 @@ from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.datasets import update
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.batch.jobs.naming import of_views
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading, of_views
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.jobs.pairing import find_pictures, whole_shot
 from defocus_core.batch.jobs.shot_lenses import ShotLenses

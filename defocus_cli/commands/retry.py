@@ -12,13 +12,12 @@ from defocus_cli.options.batch import crew_options, dataset_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import console
 from defocus_core.batch.datasets import sample_index
-from defocus_core.batch.journal.failure_codes import REASONS
 from defocus_core.batch.journal.journal import read_all, require_journal
-from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.journal.lock import refuse_held
-from defocus_core.batch.journal.revived_jobs import failed_jobs
+from defocus_core.batch.journal.records import REASONS
+from defocus_core.batch.journal.resume import Ledger, failed_jobs
 from defocus_core.batch.workers.plan import Execution
-from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
+from defocus_core.batch.workers.pool import WorkerConfig, computed_by
 
 
 @click.command("retry", cls=GroupedCommand)

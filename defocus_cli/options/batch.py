@@ -9,10 +9,10 @@ import click
 
 from defocus_cli.options.shared import device_option, machine_option, memory_options
 from defocus_cli.options.types import Command, Quantity, bundle, position_of
-from defocus_core.batch.datasets import parquet_index
+from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.lenses.quantities import byte_count
-from defocus_core.batch.workers.worker_config import WorkerConfig
+from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.errors import UsageProblem
 
 
@@ -86,5 +86,5 @@ def dataset_options(command: Command) -> Command:
 
 def _with_pyarrow(context: click.Context, param: click.Parameter, value: bool) -> bool:
     if value:
-        parquet_index.require()
+        sample_index.require_pyarrow()
     return value

@@ -13,6 +13,7 @@ from typing import Any
 
 import click
 
+from defocus_cli.options import shared
 from defocus_cli.options.types import (
     Decorator,
     FilePath,
@@ -270,12 +271,5 @@ def _reports() -> list[Decorator]:
             metavar="FILE",
             help="Write JUnit XML, a case for each pair.",
         ),
-        html_option(_HTML),
+        shared.html_option(_HTML),
     ]
-
-
-def html_option(text: str) -> Decorator:
-    """``--html``: where to write the report that people look at."""
-    return grouped_option(
-        "Output", "--html", type=ReportPath("html"), metavar="FILE.html", help=text
-    )

@@ -20,11 +20,10 @@ from defocus_cli.options.types import (
     position_of,
 )
 from defocus_core.batch.jobs.job import Reading
-from defocus_core.batch.jobs.lens_from_options import make_lens
+from defocus_core.batch.jobs.lens_from_options import lens_path, make_lens
 from defocus_core.batch.jobs.reading_options import lens_file_reading
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS, OPENING
-from defocus_core.batch.lenses.shipped_lenses import lens_path
 
 
 class LensFile(FilePath):

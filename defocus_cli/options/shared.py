@@ -19,14 +19,14 @@ from defocus_cli.options.types import (
     FilePath,
     Format,
     Quantity,
+    ReportPath,
     bundle,
     grouped_option,
     names_of,
 )
 from defocus_cli.words.console import Due
 from defocus_core.allowed_values import MIN_TILE, QUALITIES
-from defocus_core.batch.jobs.job import DEVICES, Machine, Outputs
-from defocus_core.batch.jobs.naming import FIELDS
+from defocus_core.batch.jobs.job import DEVICES, FIELDS, Machine, Outputs
 from defocus_core.batch.jobs.output_kinds import (
     COLOR_SPACES,
     COMPRESSIONS,
@@ -375,3 +375,10 @@ def stats_option(command: Command) -> Command:
     """Hand a command ``stats``."""
     text = "Say what was computed and what was skipped, on stderr; --json always tells it."
     return grouped_option("Options", "--stats", is_flag=True, help=text)(command)
+
+
+def html_option(text: str) -> Decorator:
+    """``--html``: where to write the report that people look at."""
+    return grouped_option(
+        "Output", "--html", type=ReportPath("html"), metavar="FILE.html", help=text
+    )

@@ -13,11 +13,15 @@ import click
 
 from defocus_cli.options.lens import lens_decorators
 from defocus_cli.options.types import Command, Decorator, bundle, grouped_option
-from defocus_core.batch.jobs.animation import INTERPOLATIONS, Animation, read_animation
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.jobs.lens_from_options import refuse_contradiction
 from defocus_core.batch.jobs.reading_options import lens_file_reading
-from defocus_core.batch.jobs.shot_lenses import ShotLenses
+from defocus_core.batch.jobs.shot_lenses import (
+    INTERPOLATIONS,
+    Animation,
+    ShotLenses,
+    read_animation,
+)
 from defocus_core.batch.jobs.shots import LONGEST_SMOOTH, SharedDecisions
 from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS

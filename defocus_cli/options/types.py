@@ -176,8 +176,8 @@ def param_option(heading: str, param: Param) -> Decorator:
         settings |= {"flag_value": param.name, "default": None}
     elif param.choices:
         settings["type"] = click.Choice(param.choices)
-    elif param.min_whole is not None:
-        settings["type"] = click.IntRange(min=param.min_whole)
+    elif param.min_integer is not None:
+        settings["type"] = click.IntRange(min=param.min_integer)
     elif param.parse_word is not None:
         settings |= {"type": Quantity(param.parse_word, "DISTANCE"), "nargs": 2, "default": None}
     else:

@@ -13,8 +13,7 @@ from defocus_cli.words.endings import SomeFailed
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.jobs.jobs_file import Batch
 from defocus_core.batch.journal.journal import Shard
-from defocus_core.batch.workers.output_checks import refuse_names
-from defocus_core.batch.workers.plan import Execution, Plan, make_plan
+from defocus_core.batch.workers.plan import Execution, Plan, make_plan, refuse_names
 from defocus_core.errors import DefocusError, Rejected
 from defocus_core.picture import forecast
 from defocus_core.picture.forecast import Forecast

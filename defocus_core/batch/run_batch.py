@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
@@ -14,11 +14,10 @@ from defocus_core.batch.jobs.job import DEVICES, Job, Machine, Outputs
 from defocus_core.batch.jobs.jobs_file import batch_of, read_jobs
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.workers import pipeline, run
-from defocus_core.batch.workers.plan import Chunk, Done, Execution, Plan
+from defocus_core.batch.workers.plan import Execution, Plan
+from defocus_core.batch.workers.pool import WorkerConfig, computed_by
 from defocus_core.batch.workers.run import Summary
-from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
 from defocus_core.errors import UsageProblem
-from defocus_core.system.process import settings_kept
 
 Jobs = str | PathLike[str] | Mapping[str, Any] | Sequence[Job]
 
@@ -98,7 +97,7 @@ def run_batch(
     config = WorkerConfig("local", processes, threads, device, memory, None)
     asked = computed_by(batch_jobs(jobs, out, overwrite=overwrite), config.machine)
     execution = Execution(
-        _execute_here if processes == 1 else config.execute(),
+        pipeline.execute if processes == 1 else config.execute(),
         limit=limit,
         fail_fast=fail_fast,
         read_inputs=hash_inputs,
@@ -126,9 +125,3 @@ class _Callbacks:
         """Call the caller."""
         if self.call is not None:
             self.call(job, record)
-
-
-def _execute_here(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
-    """Do jobs in this process, whose settings stay as they were."""
-    with settings_kept():
-        pipeline.execute(chunks, done, stopped)

@@ -11,7 +11,7 @@ from typing import Any
 
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Record, read_all
-from defocus_core.batch.journal.ledger import Ledger
+from defocus_core.batch.journal.resume import Ledger
 from defocus_core.compare.picture import SUFFIXES
 from defocus_core.errors import InputError
 from defocus_core.io.safe_files import missing
@@ -57,7 +57,7 @@ def _pictures(folder: Path) -> dict[str, Path]:
     return {
         path.relative_to(folder).as_posix(): path
         for path in files
-        if path.suffix.lower() in SUFFIXES and not path.is_dir()
+        if path.suffix.lower() in SUFFIXES
     }
 
 

@@ -28,7 +28,7 @@ def texts_before(pattern: str | Path) -> list[str]:
 def matching(
     folder: Path, pattern: str | Path, *, with_text: bool = False
 ) -> Iterator[tuple[str, Path]]:
-    """Name and path of each file or folder that a pattern matches; hidden ones are left out.
+    """Name and path of each file that a pattern matches; hidden ones are left out.
 
     `pattern`: a path with ``*``, ``?``, ``[…]``, or ``**`` for folders at any depth.
     """
@@ -48,32 +48,38 @@ def _walk(folder: Path, parts: Sequence[str]) -> Iterator[tuple[Path, list[_Piec
         raise InputError("unreadable", "cannot be looked into", remedy, path=folder)
     if part == "**":
         yield from _walk(folder, rest)
-    for path, pieces in _entries(folder, part, last=not rest):
-        if not rest:
+    for path, pieces, is_folder in _entries(folder, part, last=not rest):
+        if not rest and not is_folder:
             yield path, pieces
-        elif path.is_dir():
+        elif rest and is_folder:
             if part == "**":
                 _refuse_circle(path)
             for below, more in _walk(path, parts if part == "**" else rest):
                 yield below, pieces + more
 
 
-def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, list[_Piece]]]:
-    """Entries of a folder that match one part of a pattern; of a file's suffix, nothing is kept."""
+def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, list[_Piece], bool]]:
+    """Entries of a folder that match one part of a pattern, and whether each is a folder.
+
+    Of a file's suffix, nothing is kept.
+    """
     if not has_wildcard(part):
         if os.path.lexists(folder / part):
-            yield folder / part, []
+            yield folder / part, [], (folder / part).is_dir()
         return
-    expression = _reversed_expression(part)
-    for path in folder.iterdir():
-        name = path.name
+    expression = re.compile(_reversed_expression(part), re.DOTALL)
+    with os.scandir(folder) as listed:
+        entries = [*listed]
+    for entry in entries:
+        path, name = folder / entry.name, entry.name
         if not fnmatchcase(name, part) or (name.startswith(".") and not part.startswith(".")):
             continue
-        match = re.fullmatch(expression, name[::-1], re.DOTALL)
+        match = expression.fullmatch(name[::-1])
         end, size = len(path.stem) if last else len(name), len(name)
         spans = [(size - b, min(size - a, end)) for a, b in match.regs[:0:-1]] if match else []
         text = name[: spans[-1][1]] if spans else ""
-        yield path, [("_".join(name[a:b] for a, b in spans if a < b), text.lstrip("."))]
+        piece = "_".join(name[a:b] for a, b in spans if a < b), text.lstrip(".")
+        yield path, [piece], (path if entry.is_symlink() else entry).is_dir()
 
 
 def _reversed_expression(part: str) -> str:

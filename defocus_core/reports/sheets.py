@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.batch.jobs.job import Job
-from defocus_core.batch.jobs.lens_from_options import make_lens
-from defocus_core.batch.lenses.shipped_lenses import ShippedLens
+from defocus_core.batch.jobs.lens_from_options import ShippedLens, make_lens
 from defocus_core.errors import UsageProblem
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import linear_to_srgb, quantised

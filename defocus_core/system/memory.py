@@ -7,9 +7,12 @@ from __future__ import annotations
 
 import gc
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache, lru_cache
 from pathlib import Path
+from typing import Any
 
 MB = 10**6
 _KIB = 2**10
@@ -84,11 +87,19 @@ def held_mb(device: str = "cpu") -> float:
 
 
 def available_mb(device: str = "cpu") -> float | None:
-    """Memory that can be taken without swapping or being killed; None where it is unknown."""
+    """Memory that can be taken without swapping or being killed; None where it is unknown.
+
+    On the CPU it may be a second old: small pictures take less time than to ask for it.
+    """
     if device == "cuda":
         import torch
 
         return torch.cuda.mem_get_info()[0] / MB
+    return _available_mb(int(time.monotonic()))
+
+
+@lru_cache(maxsize=1)
+def _available_mb(_second: int) -> float | None:
     limits = []
     with suppress(OSError, ValueError, IndexError):
         limits.append(_entry(_MEMINFO, "MemAvailable:"))
@@ -128,9 +139,15 @@ def share_heap() -> None:
 
 
 def _glibc(name: str, *numbers: int) -> None:
+    with suppress(OSError, AttributeError):  # another library of C has no such function
+        getattr(_library(), name)(*numbers)
+
+
+@cache
+def _library() -> Any:
+    """The library of C of this process on Linux, else None."""
     if not sys.platform.startswith("linux"):
-        return
+        return None
     import ctypes
 
-    with suppress(OSError, AttributeError):  # another library of C has no such function
-        getattr(ctypes.CDLL(None), name)(*numbers)
+    return ctypes.CDLL(None)

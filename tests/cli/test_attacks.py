@@ -61,7 +61,7 @@ def journal_jsonl(folder: Path, name: object) -> None:
 
 
 def run_json(folder: Path, name: object) -> None:
-    plan = {"begun": "2026-01-01T00:00:00+00:00", "jobs": [[name]], "unknown": []}
+    plan = {"begun": "2026-01-01T00:00:00+00:00", "jobs": [[name]]}
     run_path(folder).write_text(json.dumps(plan))
     plan_of(folder)
 
@@ -424,11 +424,10 @@ def test_a_record_of_wrong_types_is_told(key: str, value: object, tmp_path: Path
 
 
 @pytest.mark.usefixtures("soon")
-@pytest.mark.parametrize("scene", ["^((a+)+)$", "(a|a)*b", "a*a*a*a*a*a*a*a*a*b"])
-def test_no_expression_of_a_jobs_file_hangs(scene: str, tmp_path: Path) -> None:
+def test_no_expression_of_a_jobs_file_hangs(tmp_path: Path) -> None:
     touch(tmp_path, f"{'a' * 200}!_rgb.exr", f"{'a' * 200}!_z.exr")
-    split = f"[split]\ntrain = 1\nscene = '{scene}'\n"
-    with refuses("no-scene", field="scene"):
+    split = "[split]\ntrain = 1\nscene = '^((a+)+)$'\n"
+    with refuses("malformed", field="scene"):
         read_jobs_file(tmp_path, FIXED + split, inputs=INPUTS)
 
 
@@ -452,32 +451,6 @@ def test_a_sidecar_that_repeats_itself_is_not_expanded(tmp_path: Path) -> None:
     (tmp_path / "a.pfm").write_bytes(b"Pf\n2 2\n-1\n" + bytes(16))
     with refuses("malformed", path=tmp_path / "parameters.cfg"):
         read_depth(tmp_path / "a.pfm", format="hci-lightfield")
-
-
-@pytest.mark.parametrize("there", ["link", "hard link", "pipe", "lie", "garbage"])
-def test_a_copy_of_a_journal_that_is_none_is_left_aside(
-    there: str, folders: tuple[Path, Path], out: Path, mine: Path
-) -> None:
-    again(folders, out)
-    copy, journal = out / ".journal.copy", out / "journal.jsonl"
-    data = copy.read_bytes()
-    copy.unlink()
-    if there == "link":
-        copy.symlink_to(mine)
-    elif there == "hard link":
-        os.link(mine, copy)
-    elif there == "pipe":
-        os.mkfifo(copy)
-    else:
-        copy.write_bytes(
-            os.urandom(99) + b"\n" if there == "garbage" else data.replace(b"coc/", b"../")
-        )
-    journal.write_bytes(data[:-9])
-    ran = again(folders, out)
-    assert ran.code == 0, ran.err
-    assert "the journal no longer knows 1 output" in ran.err
-    assert mine.read_text() == "mine"
-    assert copy.read_bytes() == journal.read_bytes()
 
 
 def test_a_link_to_what_is_no_picture_is_not_accepted(tmp_path: Path, mine: Path) -> None:

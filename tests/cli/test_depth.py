@@ -29,7 +29,7 @@ from refusals import refuses_as
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.jobs.job import Machine, Outputs, Reading
 from defocus_core.batch.jobs.jobs_file import read_jobs
-from defocus_core.batch.journal.plain_values import plain, typed
+from defocus_core.batch.journal.identity import plain, typed
 from defocus_core.batch.lenses.lens import Lens
 
 

@@ -9,8 +9,7 @@ import pytest
 from command_line import header, pair, refused, run
 
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
-from defocus_core.batch.jobs.lens_from_options import make_lens
-from defocus_core.batch.lenses.shipped_lenses import ShippedLens, shipped_lenses
+from defocus_core.batch.jobs.lens_from_options import ShippedLens, make_lens, shipped_lenses
 from defocus_core.io.images.raster import read_samples
 
 LENSES = shipped_lenses()

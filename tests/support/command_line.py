@@ -150,7 +150,7 @@ def pair(folder: Path, stem: str = "a") -> tuple[Path, Path]:
 def files_under(folder: Path) -> set[str]:
     """All files but the journal and its copy."""
     found = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
-    return found - {"journal.jsonl", ".journal.copy"}
+    return found - {"journal.jsonl"}
 
 
 def hidden_in(folder: Path) -> set[str]:

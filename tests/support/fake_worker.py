@@ -11,8 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from defocus_core.batch.jobs.job import Job
-from defocus_core.batch.journal.identity import versions
-from defocus_core.batch.journal.plain_values import typed
+from defocus_core.batch.journal.identity import typed, versions
 from defocus_core.batch.workers import job_result, pool
 from defocus_core.batch.workers.pool import READY
 from defocus_core.io.safe_files import leftover

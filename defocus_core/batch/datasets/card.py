@@ -15,10 +15,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from statistics import quantiles
-from typing import Any
+from typing import Any, NamedTuple
 
-from defocus_core.batch.datasets.card_tables import ENDS, WORDS, tables_of
 from defocus_core.batch.jobs.origin import Origin
+from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.jobs.splits import NAME
 from defocus_core.errors import NoteKinds, one_line
 from defocus_core.io.below import Folder
@@ -30,7 +30,7 @@ _HEAD = ("---", "# Written by defocus; without this line it stays as it is.")
 NO_ORIGIN = Origin()
 _TITLE = "Defocused pictures"
 Record = Mapping[str, Any]
-_OF_LENS = ("focus_dioptres", "fnumber", "focal_length_mm")  # of the distributions
+_LENS_KEYS = ("focus_dioptres", "fnumber", "focal_length_mm")  # of the distributions
 _SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
 _MARKUP = re.compile(r"[\\`*{}\[\]<>#|!~&$]")  # what Markdown takes for its own
 
@@ -116,7 +116,7 @@ def card_of(
 
 def _value(key: str, entry: Record) -> Any:
     """The value of a distribution of a line of the index."""
-    return entry["lens"][key] if key in _OF_LENS else entry[key]
+    return entry["lens"][key] if key in _LENS_KEYS else entry[key]
 
 
 def _counts(words: Iterable[str]) -> dict[str, int]:
@@ -187,3 +187,61 @@ def _body(card: Mapping[str, Any]) -> Iterator[str]:
 def _safe(words: str) -> str:
     """Words from a journal, which may come from anywhere, with signs of Markdown escaped."""
     return _MARKUP.sub(r"\\\g<0>", one_line(words))
+
+
+# Words and unit of each distribution, by its key.
+WORDS: Mapping[str, tuple[str, str]] = {
+    "coc_mean_px": ("radius of the blur, mean of a picture", "px"),
+    "coc_p50_px": ("radius of the blur, median of a picture", "px"),
+    "coc_p99_px": ("radius of the blur, 99th percentile", "px"),
+    "focus_dioptres": ("focus", "1/m"),
+    "fnumber": ("f-number", "1"),
+    "focal_length_mm": ("focal length", "mm"),
+    "invented_share": ("pixels with invented content (trust below 0.99)", "1"),
+    "clipped_share": ("pixels whose light is clipped", "1"),
+}
+ENDS = ("min", "p5", "p50", "p95", "max")
+
+
+class CardTable(NamedTuple):
+    """A table of a card."""
+
+    title: str  # what it is of; empty for the first
+    heading: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+def tables_of(card: Mapping[str, Any]) -> Iterator[CardTable]:
+    """The tables of a card that have rows."""
+    spreads, recipe = card["distributions"], card["recipe"]
+    kinds = [(f"{kind}/", KINDS[kind].help, str(n)) for kind, n in card["kinds"].items()]
+    distributions = [
+        (*words, *(f"{spreads[key][end]:.4g}" for end in ENDS))
+        for key, words in WORDS.items()
+        if key in spreads
+    ]
+    counts = {
+        "Splits, each scene in one": card["splits"],
+        "Sizes in px": card["sizes"],
+        "Depth was read as": card["depth"]["read_as"],
+        "Depth was repaired for": card["depth"]["repaired"],
+        "Warnings": card["warnings"],
+        "Left out, by reason": card["failures"],
+        "Quality of the rendering": recipe["quality"],
+        "Versions": card["versions"],
+    }
+    settings = [
+        (of, name, " ".join(map(str, v)) if isinstance(v, list | tuple) else str(v))
+        for of in ("reading", "outputs")
+        for name, v in recipe[of].items()
+    ]
+    every = (
+        CardTable("Folders", ("folder", "holds", "samples"), kinds),
+        CardTable("Distributions over samples", ("of", "unit", *ENDS), distributions),
+        *(
+            CardTable(title, ("", "samples"), [(words, str(n)) for words, n in of.items()])
+            for title, of in counts.items()
+        ),
+        CardTable("Settings of all samples", ("of", "setting", "value"), settings),
+    )
+    return (table for table in every if table.rows)

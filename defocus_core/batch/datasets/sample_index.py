@@ -5,13 +5,22 @@ further picture that they can decode is ``<kind>_file_name``. They call the colu
 image; beside the sharp picture, whose kind is image, it is ``<kind>_file_name``, too. A key has
 one type in every line, null where there is nothing to say, so that it reads as a table. It holds no
 time and no place of OUT.
+
+Beside it are the list of each split, ``OUT/<split>set.jsonl``, by which `datasets` loads it: the
+``configs`` in the head of README.md name them. A line of theirs is that of the index, without what
+would give a column other types in two splits: what one has a value of, and another has none.
+
+``OUT/samples.parquet`` is the index as a table for data tools; once it is there it goes with the
+index. It has a name of its own, as `datasets` refuses a folder with two files of ``metadata``.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +28,14 @@ from defocus_core.batch.jobs.job import FRAME_ROLE
 from defocus_core.batch.jobs.origin import Origin
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.lenses.lens import EFFECTS
+from defocus_core.errors import InputError, UsageProblem, cannot_read
 from defocus_core.io.below import Folder
-from defocus_core.io.safe_files import written_whole
+from defocus_core.io.safe_files import unwritable, written_whole
 from defocus_core.picture.measures import MEASURES
+from defocus_core.system.log import note
 
 NAME = "metadata.jsonl"
+_ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 Record = Mapping[str, Any]
 MM_PER_M = 1000.0
 _TAKEN = ("lens", "size", "coc_px", "quality", "renderer")  # keys that say how it was taken
@@ -96,14 +108,14 @@ def _is_sample(record: Record) -> bool:
 
 def _joined(before: Record, record: Record) -> Record:
     """A record with the outputs of an earlier record of the sample, if both were taken alike."""
-    if not _taken_alike(before, record):
+    if not _same_take(before, record):
         return record
     outputs = {**before["outputs"], **record["outputs"]}
     warnings = list(dict.fromkeys([*before["warnings"], *record["warnings"]]))
     return {**record, "outputs": outputs, "warnings": warnings}
 
 
-def _taken_alike(before: Record, record: Record) -> bool:
+def _same_take(before: Record, record: Record) -> bool:
     """Whether two finished pictures have the same inputs, lens and renderer."""
     alike = all(before[key] == record[key] for key in _TAKEN)
     return alike and _hashes(before) == _hashes(record)
@@ -115,7 +127,7 @@ def _hashes(record: Record) -> dict[str, Any]:
 
 def line(entry: Mapping[str, Any]) -> bytes:
     """A line of the index."""
-    return json.dumps(entry, ensure_ascii=False, allow_nan=False).encode("utf-8", "replace") + b"\n"
+    return _ENCODER.encode(entry).encode("utf-8", "replace") + b"\n"
 
 
 def _entry(record: Record) -> dict[str, Any]:
@@ -177,3 +189,143 @@ def _lens(lens: Record) -> dict[str, Any]:
         "draw_index": draw.get("index"),
         "draw_attempt": draw.get("attempt"),
     }
+
+
+Entry = Mapping[str, Any]
+Key = tuple[str, ...]  # of a value in a mapping, or in one within it
+
+
+def write_splits(out: Path, entries: Sequence[Entry], lines: Sequence[bytes]) -> list[Path]:
+    """Write the list of each split; none where the samples have none.
+
+    `lines`: of the index.
+    """
+    splits, has_pictures = _by_split(entries), bool(_folders(entries))
+    known = [_with_values(entries[n] for n in mine) for mine in splits.values()]
+    left_out = set[Key]().union(*known).difference(set[Key].intersection(*known) if known else ())
+    for split, mine in splits.items():
+        with written_whole(out / _list_name(split), out) as file:
+            file.writelines(
+                line(_without(entries[n], left_out)) if left_out or has_pictures else lines[n]
+                for n in mine
+            )
+    return [out / _list_name(split) for split in splits]
+
+
+def remove_splits(out: Path, splits: Iterable[str]) -> None:
+    """Remove the lists of some splits."""
+    for split in splits:
+        Folder(out).remove(_list_name(split))
+
+
+def split_configs(entries: Sequence[Entry]) -> Iterator[str]:
+    """Lines of YAML that tell `datasets` of the lists; of all samples where there is no split."""
+    lists = {split: _list_name(split) for split in _by_split(entries)} or {"train": NAME}
+    folders = _folders(entries)
+    yield from ("configs:", "- config_name: default")
+    if folders:  # else the lists are tables
+        yield f"  metadata_filenames: {json.dumps(list(lists.values()))}"
+    yield "  data_files:"
+    for split, name in lists.items():
+        yield f"  - split: {json.dumps(split)}"
+        yield f"    path: {json.dumps([name, *folders])}"
+
+
+def _list_name(split: str) -> str:
+    # Of "train.jsonl" `datasets` would guess that it is all of a split, as of any such name.
+    return f"{split}set.jsonl"
+
+
+def _by_split(entries: Sequence[Entry]) -> Mapping[str, list[int]]:
+    """The numbers of the entries of each split."""
+    splits: dict[str, list[int]] = defaultdict(list)
+    for number, entry in enumerate(entries):
+        if entry["split"]:
+            splits[entry["split"]].append(number)
+    return splits
+
+
+def _folders(entries: Iterable[Entry]) -> list[str]:
+    """Patterns of the pictures that can be decoded."""
+    paths = {path for entry in entries for path in entry["outputs"].values()}
+    pictures = filter(decoded, paths)
+    return sorted({f"{path.partition('/')[0]}/*.{path.rpartition('.')[2]}" for path in pictures})
+
+
+def _with_values(entries: Iterable[Entry], before: Key = ()) -> set[Key]:
+    """The keys of which any entry has a value."""
+    known: set[str] = set()
+    inner: dict[str, list[Entry]] = defaultdict(list)
+    for entry in entries:
+        for key, value in entry.items():
+            if key in known:
+                continue
+            if isinstance(value, dict):
+                inner[key].append(value)
+            elif value not in (None, []):
+                known.add(key)
+    within = (_with_values(each, (*before, key)) for key, each in inner.items())
+    return {(*before, key) for key in known}.union(*within)
+
+
+def _without(entry: Entry, keys: set[Key]) -> dict[str, Any]:
+    """An entry without some keys, and without pictures that cannot be decoded."""
+    kept = {
+        key: value
+        for key, value in entry.items()
+        if not key.endswith("file_name") or decoded(value)
+    }
+    for *folders, last in keys:
+        place = kept
+        for key in folders:
+            place[key] = dict(place.get(key, {}))
+            place = place[key]
+        place.pop(last, None)
+    return kept
+
+
+TABLE = "samples.parquet"
+_REMEDY = "run: pip install 'defocus[parquet]'"
+
+
+def require_pyarrow() -> None:
+    """Refuse to write a table without pyarrow, before hours of rendering."""
+    if find_spec("pyarrow") is None:
+        problem = "needs pyarrow, which is not installed"
+        raise UsageProblem("needs-extra", problem, _REMEDY, field="parquet")
+
+
+def write_table(out: Path) -> Path:
+    """Write the index of OUT as a table, whole or not at all."""
+    require_pyarrow()
+    import pyarrow as pa
+    import pyarrow.parquet
+
+    index, path = out / NAME, out / TABLE
+    try:
+        rows = [json.loads(line) for line in Folder(out).read(NAME).splitlines()]
+        # Of an array of rows a column is what any row has; no rows have no type of their own.
+        every = pa.array(rows, type=None if rows else pa.struct([]))
+    except OSError as error:
+        raise cannot_read(index, error, "it is written when a batch ends") from None
+    except (ValueError, TypeError, RecursionError) as error:
+        problem, remedy = f"is no table: {error}", "let the batch write it again"
+        raise InputError("malformed", problem, remedy, path=index) from None
+    with written_whole(path, out) as file:
+        pyarrow.parquet.write_table(pa.Table.from_struct_array(every), file)
+    return path
+
+
+def follow_table(out: Path) -> list[Path]:
+    """Write the table of OUT again if there is one, else remove it; what is written."""
+    below = Folder(out)
+    try:
+        if below.status(TABLE) is None:
+            return []
+        if find_spec("pyarrow") is not None and below.status(NAME) is not None:
+            return [write_table(out)]
+        below.remove(TABLE)
+    except OSError as error:
+        raise unwritable(out / TABLE, error) from None
+    note(f"{out / TABLE}: removed, as samples change; ‹parquet› writes it again")
+    return []

@@ -84,15 +84,15 @@ class BatchDataset(Dataset[Item]):
             for sample in self.samples:
                 self._require_room(sample, self.crop)
         # How often each was taken: processes of a loader share it, also those that stay.
-        self._taken = torch.zeros(len(self.samples), dtype=torch.int64)
-        self._taken.share_memory_()  # type: ignore[no-untyped-call]
+        self._times_read = torch.zeros(len(self.samples), dtype=torch.int64)
+        self._times_read.share_memory_()  # type: ignore[no-untyped-call]
 
     def set_epoch(self, epoch: int) -> None:
         """Go on with the crops of an epoch, counted from 0, as when a training is taken up again.
 
         Without it each pass over the samples has crops of its own.
         """
-        self._taken.fill_(epoch)
+        self._times_read.fill_(epoch)
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -127,8 +127,8 @@ class BatchDataset(Dataset[Item]):
         self, index: int, size: tuple[int, int], crop: tuple[int, int]
     ) -> tuple[slice, slice]:
         """Rows and columns of a crop."""
-        draw = np.random.default_rng((self.seed, int(self._taken[index]), index))
-        self._taken[index] += 1
+        draw = np.random.default_rng((self.seed, int(self._times_read[index]), index))
+        self._times_read[index] += 1
         starts = [
             int(draw.integers(0, room - side + 1)) for room, side in zip(size, crop, strict=True)
         ]

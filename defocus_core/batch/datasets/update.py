@@ -14,10 +14,10 @@ from __future__ import annotations
 from collections.abc import Collection
 from pathlib import Path
 
-from defocus_core.batch.datasets import card, parquet_index, sample_index, split_lists, tar_shards
+from defocus_core.batch.datasets import card, sample_index, tar_shards
 from defocus_core.batch.jobs.origin import origin_of
 from defocus_core.batch.journal.journal import Record, read_all
-from defocus_core.batch.journal.ledger import Ledger
+from defocus_core.batch.journal.resume import Ledger
 from defocus_core.system.log import note
 from defocus_core.system.memory import without_collections
 from defocus_core.system.text import counted
@@ -42,7 +42,7 @@ def index(
         _tell_of_others(out, sample_index.names(records) - sample_index.names(own))
         records = own
     written = _written(out, records)
-    written += [parquet_index.write(out)] if parquet else parquet_index.follow(out)
+    written += [sample_index.write_table(out)] if parquet else sample_index.follow_table(out)
     if shards_size is None:
         return written + _followed(out, records)
     return written + tar_shards.write(out, records, shards_size)
@@ -52,9 +52,9 @@ def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
     """Take samples that are about to change out of index and card; the names of those taken."""
     taken = sample_index.withdraw(out, changing, alone=alone)
     if taken:
-        split_lists.remove(out, card.splits(out))
+        sample_index.remove_splits(out, card.splits(out))
         card.remove(out)  # it sums up what is no more
-        parquet_index.follow(out)
+        sample_index.follow_table(out)
     return taken
 
 
@@ -67,7 +67,7 @@ def refresh(out: Path, done: Collection[str], withdrawn: Collection[str] = ()) -
         return
     records = [one for one in Ledger(out, read_all(out)).live if one["sample_id"] in listed]
     path, *_ = _written(out, records)
-    parquet_index.follow(out)
+    sample_index.follow_table(out)
     note(f"{path}: written again, as it lists samples that were done now")
     _followed(out, records)
 
@@ -77,10 +77,10 @@ def _written(out: Path, records: list[Record]) -> list[Path]:
     origin, before = origin_of(out), card.splits(out)
     entries = list(sample_index.entries(records, origin))
     summary = card.card_of(records, entries, origin)
-    split_lists.remove(out, before - summary["splits"].keys())
+    sample_index.remove_splits(out, before - summary["splits"].keys())
     lines = list(map(sample_index.line, entries))
-    lists = split_lists.write(out, entries, lines)
-    cards = card.write(out, summary, split_lists.configs(entries))
+    lists = sample_index.write_splits(out, entries, lines)
+    cards = card.write(out, summary, sample_index.split_configs(entries))
     return [sample_index.write(out, lines), *lists, *cards]
 
 

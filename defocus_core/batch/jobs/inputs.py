@@ -62,7 +62,7 @@ def read_rows(file: Path, what: str, example: str) -> Iterator[Row]:
 def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
     reader = csv.reader(opened, strict=True)
     try:
-        keys = [key.strip() for key in next(filter(_says, reader), [])]
+        keys = [key.strip() for key in next(filter(_is_data, reader), [])]
         if not keys:
             raise InputError(
                 "empty", "is empty", "begin it with a line like color,depth", path=file
@@ -71,7 +71,7 @@ def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
             problem = f"names '{twice[0]}' twice"
             remedy = "remove one of the columns"
             raise InputError("duplicate", problem, remedy, path=file, field="line 1")
-        for cells in filter(_says, reader):
+        for cells in filter(_is_data, reader):
             values = [cell.strip() for cell in cells]
             if any(values) and len(values) != len(keys):
                 problem = f"has {len(values)} cells, but the header names {len(keys)}"
@@ -85,7 +85,7 @@ def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
         raise _malformation(file, reader.line_num, problem, "mend that line") from None
 
 
-def _says(cells: Sequence[str]) -> bool:
+def _is_data(cells: Sequence[str]) -> bool:
     """Whether a line is no comment, which begins with # and holds one cell."""
     return not (len(cells) == 1 and cells[0].lstrip().startswith("#"))
 

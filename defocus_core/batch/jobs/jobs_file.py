@@ -5,11 +5,11 @@ A TOML file with the tables
   [split]     shares of train, test, …, see `splits`
   [dataset]   title, licence, source and citation, see `batch.datasets.origin`
   [lens]      the options of a lens; ``file``, a lens file below them; ``max-coc``, see [sample]
-  [animate]   keys of lens options by frame, see `animation`; ``file``, files of
+  [animate]   keys of lens options by frame, see `shot_lenses`; ``file``, files of
               keys; ``interpolation``
   [shot]      steady, focus-smooth, motion: what frames have in common, see `shots`
-  [sweep]     lists, grids and ranges of lens options, see `sweep`
-  [sample]    random lenses, see `random_lenses`; ``max-coc``, like
+  [sweep]     lists, grids and ranges of lens options, see `lens_plan`
+  [sample]    random lenses, see `lens_plan`; ``max-coc``, like
               "40px", bounds the radius of the blur: a lens beyond it is drawn again, and where no
               draw suits, or none was drawn, the picture is rejected
   [reading]   depth-format and the other options of reading, see `reading_options`
@@ -32,7 +32,6 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.allowed_values import QUALITIES
-from defocus_core.batch.jobs.animation import Animation
 from defocus_core.batch.jobs.inputs import Entry, read_inputs, read_whole_shot
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Reading
 from defocus_core.batch.jobs.lens_plan import KEYS as LENS_KEYS
@@ -54,8 +53,8 @@ from defocus_core.batch.jobs.reading_options import (
     make_reading,
     reading_values,
 )
-from defocus_core.batch.jobs.shot_lenses import animated, read_animation_table
-from defocus_core.batch.jobs.shots import read_together, with_shot
+from defocus_core.batch.jobs.shot_lenses import Animation, animated, read_animation_table
+from defocus_core.batch.jobs.shots import read_decisions, with_shot
 from defocus_core.batch.jobs.splits import read_splits
 from defocus_core.batch.jobs.toml_file import Table, read_toml, refuse_unknown, table
 from defocus_core.batch.lenses.lens import Lens
@@ -99,16 +98,14 @@ class Batch:
 
     def jobs(self, numbers: Sequence[int] | None = None) -> list[Job]:
         """The jobs, or those of ascending numbers; those of one picture follow one another."""
-        count = self.plan.count
-        by_entry = groupby(
-            range(self.count) if numbers is None else numbers, lambda number: number // count
-        )
-        splits = read_splits(self.tables["split"])
+        count, numbers = self.plan.count, range(self.count) if numbers is None else numbers
+        owns = list(dict.fromkeys(number // count for number in numbers))
+        pictures = [self.entries[own].picture for own in owns]
+        splits = read_splits(self.tables["split"]).of(pictures)
+        by_entry = groupby(numbers, lambda number: number // count)
         jobs = [
             Job(picture, lens, self.reading, self.outputs, self.machine, suffix, split=split)
-            for own, mine in by_entry
-            for picture in [self.entries[own].picture]
-            for split in [splits.of(picture)]
+            for (own, mine), picture, split in zip(by_entry, pictures, splits, strict=True)
             for suffix, lens in self.plan.lenses(self.entries[own], (n % count for n in mine))
         ]
         every = read_whole_shot(self.tables["inputs"])
@@ -129,7 +126,7 @@ class Batch:
             jobs,
             [each.picture for each in every],
             lambda picture, suffix: lens_of(picture.frame, suffix),
-            read_together(self.tables["shot"]),
+            read_decisions(self.tables["shot"]),
             moving="focus-at" in self.animation.keys,
         )
 
@@ -203,7 +200,7 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
         "kinds": _kinds(section),
         "format": section.choice("format", tuple(SUFFIXES)),
         "exr_type": section.choice("exr-type", ("half", "float")),
-        "jpeg_quality": section.whole("jpeg-quality", 1, 100),
+        "jpeg_quality": section.integer("jpeg-quality", 1, 100),
         "preview": section.flag("preview"),
         "keep_overscan": section.flag("keep-overscan"),
         "map_format": section.choice("map-format", MAP_FORMATS),

@@ -16,7 +16,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +40,7 @@ from defocus_core.batch.lenses.quantities import (
     read_at,
     text_of,
 )
-from defocus_core.errors import CALLER, Place, UsageProblem
+from defocus_core.errors import CALLER, Place, UsageProblem, did_you_mean
 
 
 @lru_cache(maxsize=65536)
@@ -62,6 +64,8 @@ def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
     If ``over`` makes the aperture one without blades, what shapes the blades is dropped.
     """
+    if not over:
+        return dict(base)
     lost = {name for pair in ALTERNATIVES for name in pair if over.keys() & set(pair)}
     if str(over.get("blades")) == "0" or "aperture-image" in over:
         lost.update(row.name for row in LENS_OPTIONS.values() if row.needs == "blades")
@@ -254,3 +258,43 @@ def refuse_near_focus(foc_dist: float, foclen: float, where: Place, at: str = ""
         problem = f"{at}{near} is not farther than the focal length {far}"
         remedy = "focus farther away than that, or give a shorter focal length"
         raise UsageProblem("out-of-range", problem, remedy, path=where)
+
+
+MARK = "@"
+
+
+@dataclass(frozen=True)
+class ShippedLens:
+    """A lens file that ships."""
+
+    name: str  # as ``--lens`` takes it, with the mark
+    path: Path
+    subject: str  # its first line, in words
+
+
+@cache
+def shipped_lenses() -> tuple[ShippedLens, ...]:
+    """The lens files that ship, sorted by name."""
+    folder = Path(str(files("defocus_core.batch.lenses")))
+    return tuple(
+        ShippedLens(f"{MARK}{path.stem}", path, _subject(path))
+        for path in sorted(folder.glob("*.toml"))
+    )
+
+
+def lens_path(path: Path, where: Place) -> Path:
+    """The lens file of a path, or of a name like ``@portrait-85``."""
+    known = {lens.name: lens.path for lens in shipped_lenses()}
+    if not str(path).startswith(MARK):
+        if not path.exists() and f"{MARK}{path}" in known:
+            problem, remedy = f"no file {path}", f"did you mean {MARK}{path}?"
+            raise UsageProblem("unknown-name", problem, remedy, path=where)
+        return path
+    if str(path) in known:
+        return known[str(path)]
+    remedy = did_you_mean(str(path), tuple(known), "see 'defocus lenses'")
+    raise UsageProblem("unknown-name", f"no lens {path} ships with defocus", remedy, path=where)
+
+
+def _subject(path: Path) -> str:
+    return path.read_text(encoding="utf-8").splitlines()[0].removeprefix("# ")

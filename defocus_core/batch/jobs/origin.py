@@ -52,7 +52,7 @@ def read_origin(table: Table) -> Origin:
     """The origin in ``[dataset]``."""
     table.refuse_unknown(KEYS)
     texts = {key: text for key in _TEXTS if (text := table.text(key)) is not None}
-    return Origin(**texts, shuffle=table.whole("shuffle", 0))
+    return Origin(**texts, shuffle=table.integer("shuffle", 0))
 
 
 def keep(out: Path, jobs: Path | Mapping[str, Any]) -> None:

@@ -54,7 +54,7 @@ class _Files:
     by_name: Mapping[str, Path]
     photos: Mapping[str, Path] = field(default_factory=dict)
 
-    def beside(self, colors: Mapping[str, Path]) -> Self:
+    def with_photos(self, colors: Mapping[str, Path]) -> Self:
         """These files of depth, with photographs of what has no other."""
         photos = {n: p for n, p in self.photos.items() if colors.get(n, p) != p}
         return replace(self, by_name={**photos, **self.by_name})
@@ -194,7 +194,7 @@ def _pair(
             )
     else:
         colors = _files(color, COLOR_SUFFIXES, root, with_text)
-        depths = _files(depth, DEPTH_SUFFIXES, root, with_text).beside(colors.by_name)
+        depths = _files(depth, DEPTH_SUFFIXES, root, with_text).with_photos(colors.by_name)
         _refuse_unpaired(colors, depths)
         _refuse_unpaired(depths, colors)
     return colors, {
@@ -214,14 +214,14 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: b
             return _Files(path, "file", {"": path})
         kind, named = "directory", matching(path, "*")
     by_name: dict[str, Path] = {}
-    listed = [(name, file) for name, file in sorted(named) if not _is_preview(file)]
-    held = {file.suffix.lower() for _, file in listed} & suffixes
+    every = [(n, file, file.suffix.lower()) for n, file in sorted(named) if not _is_preview(file)]
     photos: dict[str, Path] = {}
+    held = {suffix for _, _, suffix in every} & suffixes
     if suffixes is DEPTH_SUFFIXES and kind == "directory" and held - PHOTO_SUFFIXES:
         suffixes = suffixes - PHOTO_SUFFIXES
-        photos = {name: file for name, file in listed if file.suffix.lower() in PHOTO_SUFFIXES}
-    for name, file in listed:
-        if file.suffix.lower() not in suffixes or file.is_dir():
+        photos = {name: file for name, file, suffix in every if suffix in PHOTO_SUFFIXES}
+    for name, file, suffix in every:
+        if suffix not in suffixes:
             continue
         if name in by_name:
             problem = (

@@ -91,7 +91,7 @@ def field_of_view(text: str) -> float:
     return degrees
 
 
-def whole(text: str) -> int:
+def integer(text: str) -> int:
     """A whole number of 0 or more."""
     if not re.fullmatch(r"\d{1,9}", text.strip()):
         raise QuantityError(f"'{text}' is not a whole number of 0 or more", "write it like 1")
@@ -282,8 +282,8 @@ _ROWS = (
     ),
     ReadingParam(
         name="part",
-        parse=whole,
-        min_whole=0,
+        parse=integer,
+        min_integer=0,
         metavar="N",
         help="Part of an EXR, page of a TIFF or frame of an array, from 0.",
     ),

@@ -49,12 +49,12 @@ class SharedDecisions:
                 )
 
 
-def read_together(table: Table) -> SharedDecisions:
+def read_decisions(table: Table) -> SharedDecisions:
     """The table ``[shot]`` of a jobs file."""
     table.refuse_unknown(KEYS)
     return SharedDecisions(
         steady=table.flag("steady"),
-        focus_smooth=table.whole("focus-smooth", 2, LONGEST_SMOOTH),
+        focus_smooth=table.integer("focus-smooth", 2, LONGEST_SMOOTH),
         motion=table.text("motion"),
         place=table.place,
     )
@@ -64,7 +64,7 @@ def with_shot(
     jobs: Sequence[Job],
     every: Sequence[Picture],
     lens_of: Callable[[Picture, str], Lens],
-    together: SharedDecisions,
+    decisions: SharedDecisions,
     *,
     moving: bool,
 ) -> list[Job]:
@@ -73,18 +73,18 @@ def with_shot(
     `every`: all frames of the shot that are there, ascending; empty if there is no shot.
     """
     if not every:
-        together.refuse_lone()
+        decisions.refuse_lone()
         return list(jobs)
-    if together.focus_smooth is not None and not any(map(_is_found, jobs)):
+    if decisions.focus_smooth is not None and not any(map(_is_found, jobs)):
         problem = "smooths nothing: the depth does not decide the focus"
         raise UsageProblem(
             "idle-option",
             problem,
             "leave it out, or focus-at X,Y",
-            path=together.place("focus-smooth"),
+            path=decisions.place("focus-smooth"),
         )
     places = {picture.frame: place for place, picture in enumerate(every)}
-    steady = together.steady is not False
+    steady = decisions.steady is not False
 
     @cache
     def sample(suffix: str) -> tuple[FrameLens, ...]:
@@ -97,18 +97,18 @@ def with_shot(
         if place is None:  # a picture of a list
             return None
         focus: tuple[FrameLens, ...] = ()
-        if _is_found(job) and (together.focus_smooth or moving):
-            averaged = window_of(len(every), place, together.focus_smooth or 1)
+        if _is_found(job) and (decisions.focus_smooth or moving):
+            averaged = window_of(len(every), place, decisions.focus_smooth or 1)
             focus = tuple(FrameLens(every[k], lens_of(every[k], job.suffix)) for k in averaged)
         repairs = steady and job.reading.depth_repair != "off"
         decides = repairs or (steady and _is_found(job) and not focus)
-        around = _LOOKED_AT if together.motion else AVERAGED if repairs else 0
+        around = _LOOKED_AT if decisions.motion else AVERAGED if repairs else 0
         neighbours = window_of(len(every), place, around) if around else ()
         made = Shot(
             sample=sample(job.suffix) if decides else (),
             window=tuple(every[k] for k in neighbours),
             focus=focus,
-            motion=together.motion,
+            motion=decisions.motion,
         )
         return None if made == Shot() else made
 

@@ -5,21 +5,25 @@ regular expression whose first group, or else whole match, is the scene in the n
 Without it the name of a picture is its scene, and the frames of a shot are one. A hash of its name
 decides the split of a scene, so that it stays where it is whatever other scenes come and go; the
 counts are those of the shares in the long run. What the journal has of a scene stays, too.
+
+A jobs file may come from anywhere, and Python's matcher takes years for some expressions: it works
+in a process of its own, for so many seconds.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import subprocess
+import sys
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import blake2b
 from itertools import accumulate
 
-from defocus_core.batch.jobs.inputs import Entry
 from defocus_core.batch.jobs.job import NO_SPLIT, Job, Picture, Split
-from defocus_core.batch.jobs.scene_pattern import ScenePattern
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.errors import CALLER, Place, UsageProblem
 from defocus_core.system.log import note
@@ -28,6 +32,12 @@ from defocus_core.system.text import counted
 NAME = re.compile(r"[A-Za-z0-9_]{1,40}")
 _SCENE = "scene"
 _ROUNDING = 1e-6
+_SECONDS, _NAMES_A_SECOND = 3.0, 10_000
+# Reads an expression and names, and writes the scene of each, null where there is none.
+_MATCHER = """import json, re, sys
+expression, names = json.load(sys.stdin)
+found = [re.search(expression, name) for name in names]
+json.dump([one and one[1 if one.re.groups else 0] for one in found], sys.stdout)"""
 
 
 @dataclass(frozen=True)
@@ -35,15 +45,15 @@ class Splits:
     """The shares of the splits by name, and where the scene is in the name of a picture."""
 
     fractions: Mapping[str, float]
-    scene: ScenePattern | None = None
+    scene: str = ""  # a regular expression; empty for the whole name, or the shot
     where: Place = CALLER
 
-    def of(self, picture: Picture | Entry) -> Split:
-        """The split of a picture."""
+    def of(self, pictures: Sequence[Picture]) -> list[Split]:
+        """The split of each picture."""
         if not self.fractions:
-            return NO_SPLIT
-        scene = self._scene_of(picture)
-        return Split(self._split_of(scene), scene, tuple(self.fractions))
+            return [NO_SPLIT] * len(pictures)
+        choices, scenes = tuple(self.fractions), self._scenes_of(pictures)
+        return [Split(self._split_of(scene), scene, choices) for scene in scenes]
 
     def _split_of(self, scene: str) -> str:
         digest = blake2b(os.fsencode(scene), digest_size=8).digest()
@@ -52,18 +62,27 @@ class Splits:
         passed = sum(end <= place for end in ends)
         return names[min(passed, len(names) - 1)]  # shares may add up to a little less than 1
 
-    def _scene_of(self, picture: Picture | Entry) -> str:
-        if self.scene is not None:
-            scene = self.scene.scene(picture.stem)
-            if scene is None:
-                problem = f"finds no scene in '{picture.stem}'"
-                raise UsageProblem(
-                    "no-scene", problem, "make it match the name of each picture", path=self.where
-                )
-            return scene
-        if picture.frame is not None:
-            return re.sub(r"\d+$", "", picture.stem)
-        return picture.stem
+    def _scenes_of(self, pictures: Sequence[Picture]) -> list[str]:
+        names = [picture.stem for picture in pictures]
+        if not self.scene:
+            shots = [picture.frame is not None for picture in pictures]
+            return [
+                re.sub(r"\d+$", "", name) if of_shot else name
+                for name, of_shot in zip(names, shots, strict=True)
+            ]
+        words, seconds = [sys.executable, "-Ic", _MATCHER], _SECONDS + len(names) / _NAMES_A_SECOND
+        try:
+            asked = json.dumps([self.scene, names])
+            found = subprocess.check_output(words, input=asked, text=True, timeout=seconds)
+        except subprocess.TimeoutExpired:
+            problem, remedy = f"takes more than {seconds:.0f} s", "repeat nothing that repeats"
+            raise UsageProblem("malformed", problem, remedy, path=self.where) from None
+        scenes: list[str] = json.loads(found)
+        if None in scenes:
+            problem = f"finds no scene in '{names[scenes.index(None)]}'"  # type: ignore[arg-type]
+            remedy = "make it match the name of each picture"
+            raise UsageProblem("no-scene", problem, remedy, path=self.where)
+        return scenes
 
 
 def with_recorded(jobs: Sequence[Job], recorded: Mapping[str, Collection[str]]) -> list[Job]:
@@ -127,9 +146,10 @@ def read_splits(section: Table) -> Splits:
             "missing-option", "stands without shares", "add train = 0.9", path=section.place(_SCENE)
         )
     try:
-        return Splits(fractions, ScenePattern(text), section.place(_SCENE))
-    except ValueError as error:
+        re.compile(text)
+    except (re.error, RecursionError, OverflowError) as error:
         problem = f"'{text}' is no regular expression that is read: {error}"
         raise UsageProblem(
             "malformed", problem, "write it like '^(.*)_[0-9]+$'", path=section.place(_SCENE)
         ) from None
+    return Splits(fractions, text, section.place(_SCENE))

@@ -91,7 +91,7 @@ class Table:
             "malformed", f"{value!r} is neither true nor false", "write true", path=self.place(key)
         )
 
-    def whole(self, key: str, minimum: int, maximum: int | None = None) -> int | None:
+    def integer(self, key: str, minimum: int, maximum: int | None = None) -> int | None:
         """A whole number of at least ``least`` and at most ``most``, or None."""
         value = self.values.get(key)
         if value is None or (type(value) is int and minimum <= value <= (maximum or value)):

@@ -12,17 +12,21 @@ rendered again.
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import math
 import os
 import time
+import types
+import typing
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from defocus_core.batch.jobs.job import FrameLens, Job, Shot
-from defocus_core.batch.journal.plain_values import plain
+from defocus_core.batch.jobs.job import FrameLens, Job, Outputs, Reading, Shot
+from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import LENS_FILES
 from defocus_core.io.below import Folder, open_plain
 from defocus_core.renderer_version import RENDERER_VERSION
@@ -31,22 +35,27 @@ from defocus_core.system.text import version
 DIGEST = 16  # bytes of a hash
 CLOCK_TICK = 50_000_000  # ns, more than the step of any file system's times
 Stamp = Mapping[str, Any]
-_PLACES = ("focus_source", *LENS_FILES)  # of a lens: where it stands, not what it is
+_ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False)
+# Where OUT is, and where a lens stands, not what it is.
+_PLACES = ("root", "overwrite", "focus_source", *LENS_FILES)
 _MAX_STAMPS = 256
 _STAMPS: dict[tuple[object, ...], dict[str, Any]] = {}
-_plain = lru_cache(maxsize=4096)(plain)  # jobs share their lenses, readings and outputs
+
+
+@lru_cache(maxsize=4096)  # jobs share their lenses, readings and outputs
+def _plain(value: Lens | Reading | Outputs) -> dict[str, Any]:
+    """A part of a job as plain values, but where it stands."""
+    return {k: v for k, v in plain(value).items() if k not in _PLACES}
 
 
 def settings(job: Job) -> dict[str, Any]:
     """The settings of a job as plain values, without its inputs, OUT and the machine."""
-    outputs = {k: v for k, v in _plain(job.outputs).items() if k not in ("root", "overwrite")}
-    lens = {k: v for k, v in _plain(job.lens).items() if k not in _PLACES}
     return {
         "stem": job.picture.stem,
         "suffix": job.suffix,
-        "lens": lens,
+        "lens": _plain(job.lens),
         "reading": _plain(job.reading),
-        "outputs": outputs,
+        "outputs": _plain(job.outputs),
         "quality": job.machine.quality,
         **({} if job.machine.tolerance is None else {"tolerance": job.machine.tolerance}),
         **({} if job.machine.tile is None else {"tile": job.machine.tile}),
@@ -58,8 +67,7 @@ def shot_settings(shot: Shot, frame: int | None) -> dict[str, Any]:
     """What a job takes of its shot, by frame; the files of the frames are inputs."""
 
     def taken(frames: Sequence[FrameLens]) -> list[Any]:
-        lenses = ({k: v for k, v in _plain(f.lens).items() if k not in _PLACES} for f in frames)
-        return [[f.picture.frame, lens] for f, lens in zip(frames, lenses, strict=True)]
+        return [[frame.picture.frame, _plain(frame.lens)] for frame in frames]
 
     return {
         "frame": frame,
@@ -104,8 +112,7 @@ def name(recipe: str, inputs: Mapping[str, Stamp]) -> str:
 
 def digest(value: object) -> str:
     """The hash of a plain value."""
-    text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return blake2b(text.encode(), digest_size=DIGEST).hexdigest()
+    return blake2b(_ENCODER.encode(value).encode(), digest_size=DIGEST).hexdigest()
 
 
 def versions() -> dict[str, Any]:
@@ -158,3 +165,50 @@ def unchanged(path: Path, recorded: Stamp, *, read: bool = False) -> bool:
         return "blake2b" in recorded and stamp(path)["blake2b"] == recorded["blake2b"]
     except OSError:
         return False
+
+
+T = TypeVar("T")
+
+
+def plain(value: Any, *, absolute: bool = False) -> Any:
+    """A value without classes: dataclasses become dictionaries, tuples lists, paths text."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = ((field, getattr(value, field.name)) for field in dataclasses.fields(value))
+        return {f.name: plain(v, absolute=absolute) for f, v in fields if v != f.default}
+    if isinstance(value, list | tuple):
+        return [plain(item, absolute=absolute) for item in value]
+    if isinstance(value, Path):
+        return str(value.absolute() if absolute else value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value
+
+
+def typed(kind: type[T], value: Any) -> T:
+    """The dataclass of a kind that `plain` made a dictionary of."""
+    try:
+        result: T = _typed(kind, value)
+    except (TypeError, KeyError, AttributeError, IndexError) as error:
+        raise ValueError(f"is no {kind.__name__}: {error}") from None
+    return result
+
+
+def _typed(kind: Any, value: Any) -> Any:
+    origin = typing.get_origin(kind)
+    if origin in (typing.Union, types.UnionType):
+        options = [option for option in typing.get_args(kind) if option is not type(None)]
+        return None if value is None else _typed(options[0], value)
+    if origin is tuple:
+        kinds = typing.get_args(kind)
+        if kinds[-1] is Ellipsis:
+            return tuple(_typed(kinds[0], item) for item in value)
+        return tuple(_typed(*pair) for pair in zip(kinds, value, strict=True))
+    if dataclasses.is_dataclass(kind) and isinstance(kind, type):
+        hints = _hints(kind)
+        return kind(**{name: _typed(hints[name], item) for name, item in value.items()})
+    return kind(value)
+
+
+@cache
+def _hints(kind: Any) -> dict[str, Any]:
+    return typing.get_type_hints(kind)

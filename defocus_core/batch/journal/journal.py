@@ -33,7 +33,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.record_check import fault_of, linked_folders
+from defocus_core.batch.journal.records import fault_of, linked_folders
 from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import is_at, sync_folder, unwritable

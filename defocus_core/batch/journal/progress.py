@@ -17,8 +17,8 @@ from defocus_core.batch.journal.journal import (
     read,
     shards,
 )
-from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.journal.lock import holder
+from defocus_core.batch.journal.resume import Ledger
 from defocus_core.batch.journal.run_file import plan_of, run_path
 from defocus_core.errors import InputError
 

@@ -1,23 +1,37 @@
-"""The plan of a run in progress, ``OUT/.journal.run``, kept until the run is done.
+"""The plan of a run in progress, ``OUT/.journal.run``, and the end of runs on shards: the merge.
 
-It names the files of all jobs that the run sets out to do. A process that is killed between writing
-a file and saying so in the journal leaves the file: it is ours, though no journal knows it.
+A plan is kept until its run is done, and names the files of all its jobs. A process that is killed
+between writing a file and saying so in the journal leaves the file: it is ours, though no journal
+knows it.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.batch.journal.journal import Record, Shard, files_of
-from defocus_core.batch.journal.record_check import is_moment, output_fault
+from defocus_core.batch.journal.journal import (
+    Record,
+    Shard,
+    files_of,
+    journal_path,
+    merged,
+    read_all,
+    require_journal,
+    shards,
+)
+from defocus_core.batch.journal.lock import locked
+from defocus_core.batch.journal.records import is_moment, output_fault
+from defocus_core.batch.journal.resume import Ledger
 from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder
-from defocus_core.io.safe_files import LEFTOVER, left_in, leftover, written_whole
+from defocus_core.io.safe_files import LEFTOVER, left_in, leftover, sync_folder, written_whole
+from defocus_core.system.log import note
 
 SHARDS_FOLDER = "shards"  # of tars
 
@@ -28,7 +42,6 @@ class RunPlan:
 
     begun: str  # when it began, UTC
     jobs: Sequence[Sequence[str]]  # the files of each job, relative to OUT
-    unknown: Collection[str]  # files that earlier runs left and that no journal knows
 
     def left(self, records: Iterable[Record]) -> list[Sequence[str]]:
         """The jobs that did not end since the run began, by the records of the journals."""
@@ -50,13 +63,6 @@ def run_path(out: Path, shard: Shard | None = None) -> Path:
 def plan_of(out: Path, shard: Shard | None = None) -> RunPlan | None:
     """The plan of the run on OUT, or on a shard; None if it got to its end."""
     return _read(run_path(out, shard))
-
-
-def planned_files(out: Path, shard: Shard | None = None) -> set[str]:
-    """Files that runs were to write, relative to OUT, and that no journal may know."""
-    paths = out.glob(".journal*.run") if shard is None else [run_path(out, shard)]
-    plans = [plan for path in paths if (plan := _read(path)) is not None]
-    return {name for plan in plans for files in (*plan.jobs, plan.unknown) for name in files}
 
 
 def forget_shards(out: Path) -> None:
@@ -101,14 +107,48 @@ def _read(path: Path) -> RunPlan | None:
     except OSError as error:
         raise cannot_read(path, error, "remove it") from None
     try:
-        plan = RunPlan(**json.loads(text))
-        files = [*plan.jobs, plan.unknown]
+        stored = json.loads(text)
+        plan = RunPlan(stored["begun"], stored["jobs"])
         is_plan = is_moment(plan.begun) and all(
-            isinstance(names, list) and not any(map(output_fault, names)) for names in files
+            isinstance(names, list) and not any(map(output_fault, names)) for names in plan.jobs
         )
-    except (ValueError, TypeError, RecursionError):
+    except (ValueError, TypeError, KeyError, RecursionError):
         is_plan = False
     if not is_plan:
         remedy = "remove the file, and what the run left half-written; the next run plans anew"
         raise InputError("malformed", "is no plan of a run", remedy, path=path)
     return plan
+
+
+class Merged(NamedTuple):
+    """A merge: its live jobs, its journals of shards, and the shards without one, like 2/8."""
+
+    jobs: int
+    journals: int
+    missing: list[str]
+
+
+def merge(out: Path) -> Merged:
+    """Put the records of all shards into the journal of OUT, and remove theirs."""
+    require_journal(out)
+    with locked(out, say=note) as require_lock:
+        parts = [s for s in shards(out) if journal_path(out, s).exists()]
+        records = read_all(out)
+        require_lock()
+        if parts:
+            with written_whole(journal_path(out)) as file:
+                file.write(merged(records))
+            sync_folder(out)  # before the journals of the shards are removed
+        for shard in parts:
+            journal_path(out, shard).unlink()
+            if run_path(out, shard).exists():
+                problem = f"shard {shard.number}/{shard.of} did not get to its end"
+                note(f"{out}: warning: {problem}")
+        sweep_up(out)
+    return Merged(len(Ledger(out, records).live), len(parts), _missing(parts))
+
+
+def _missing(shards: list[Shard]) -> list[str]:
+    division = max((shard.of for shard in shards), default=0)
+    present = {shard.number for shard in shards if shard.of == division}
+    return [f"{number}/{division}" for number in range(1, division + 1) if number not in present]

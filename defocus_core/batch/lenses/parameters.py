@@ -41,7 +41,7 @@ class Param:
     separator: str = ""
     choices: Sequence[str] = ()  # the words that it may be, where it is one of them
     flag: bool = False  # it has no value: a field has its name, if it is given
-    min_whole: int | None = None  # the least whole number that it may be, where it is one
+    min_integer: int | None = None  # the least whole number that it may be, where it is one
     # Makes a number of each word, where a command line has it in two words
     parse_word: Callable[[str], Any] | None = None
 
@@ -454,9 +454,9 @@ _ROWS = (
 LENS_OPTIONS: Mapping[str, LensParam] = {row.name: row for row in _ROWS}
 ALTERNATIVES = tuple((row.instead_of, row.name) for row in _ROWS if row.instead_of)
 SHAPES = tuple(row.name for row in _ROWS if not row.is_optics)
-_OF_A_POINT = ("blade", "obstruction", "spherical", "squeeze", "aperture-image", "dp-")
+_POINT_OPTIONS = ("blade", "obstruction", "spherical", "squeeze", "aperture-image", "dp-")
 # What the opening and the blur of a point show.
-OPENING = tuple(name for name in SHAPES if name.startswith(_OF_A_POINT))
+OPENING = tuple(name for name in SHAPES if name.startswith(_POINT_OPTIONS))
 BESIDE_BLUR = frozenset(
     {*SHAPES, "focus-at", "sharp-range"}
 )  # what has an effect where the blur is in pixels

@@ -205,30 +205,24 @@ def highlights(text: str) -> tuple[float, float] | None:
     """Threshold and gain of clipped lights, from ``auto`` or ``0.93:16``; None from ``off``."""
     if (word := text.strip().lower()) in ("auto", "off"):
         return AUTO_LIGHTS if word == "auto" else None
-    words = text.split(":")
-    if len(words) != 2:
-        raise QuantityError(f"'{text}' is no THRESHOLD:GAIN", "write auto, or like 0.93:16")
     example = "like 0.93:16"
+    threshold, gain = _two(text, "no THRESHOLD:GAIN", f"write auto, or {example}")
     return (
-        within(0, 0.999, "a threshold in linear light", example)(words[0]),
-        within(1, 1000, "a gain", example)(words[1]),
+        within(0, 0.999, "a threshold in linear light", example)(threshold),
+        within(1, 1000, "a gain", example)(gain),
     )
 
 
 def rim(text: str) -> tuple[float, float]:
     """Radius of a rim, and its distance, in radii of the opening, from ``1.05:1.5``."""
-    words = text.split(":")
-    if len(words) != 2:
-        raise QuantityError(f"'{text}' is not the rim of a barrel", "write it like 1.05:1.5")
-    size = within(0.1, 10, "the radius of a rim", "like 1.05:1.5")(words[0])
-    return size, within(0, 100, "the distance of a rim", "like 1.05:1.5")(words[1])
+    size, distance = _two(text, "not the rim of a barrel", "write it like 1.05:1.5")
+    radius = within(0.1, 10, "the radius of a rim", "like 1.05:1.5")(size)
+    return radius, within(0, 100, "the distance of a rim", "like 1.05:1.5")(distance)
 
 
 def shifts(text: str) -> tuple[float, float]:
     """Shifts of the focus of red and of blue in mm, of either sign, from ``0.1mm:0.05mm``."""
-    words = text.split(":")
-    if len(words) != 2:
-        raise QuantityError(f"'{text}' is no RED:BLUE", "write it like 0.1mm:0.05mm")
+    words = _two(text, "no RED:BLUE", "write it like 0.1mm:0.05mm")
     red, blue = (float(_number(word, "a length", "like 0.1mm", _MM)) for word in words)
     if max(abs(red), abs(blue)) > _MAX_SHIFT:
         problem, remedy = f"'{text}' shifts too far", f"give {_MAX_SHIFT:g}mm at most"
@@ -243,15 +237,15 @@ def switch(text: str) -> bool:
 
 def noise(text: str) -> tuple[float, float]:
     """Electrons of a light of 1, and electrons of read noise, from ``4000:3`` or ``4000e:3e``."""
-    words = [word.strip().removesuffix("e") for word in text.split(":")]
-    if len(words) != 2:
-        example = "write ELECTRONS:READ, like 4000:3"
-        raise QuantityError(f"'{text}' is not a noise of a sensor", example)
+    problem, example = "not a noise of a sensor", "like 4000:3"
+    words = [
+        w.strip().removesuffix("e") for w in _two(text, problem, f"write ELECTRONS:READ, {example}")
+    ]
     units, what = {"": 1}, "a number of electrons"
-    electrons, read = (float(_number(word, what, "like 4000:3", units)) for word in words)
+    electrons, read = (float(_number(word, what, example, units)) for word in words)
     if not (0 < electrons <= _MAX_ELECTRONS and 0 <= read <= _MAX_ELECTRONS):
-        remedy = f"give up to {_MAX_ELECTRONS:g} electrons, like 4000:3"
-        raise QuantityError(f"'{text}' is not a noise of a sensor", remedy)
+        remedy = f"give up to {_MAX_ELECTRONS:g} electrons, {example}"
+        raise QuantityError(f"'{text}' is {problem}", remedy)
     return electrons, read
 
 
@@ -309,6 +303,14 @@ def _number(text: str, what: str, example: str, units: Mapping[str, str | int]) 
         raise QuantityError(f"'{text}' has no unit", f"write it with a unit, {example}")
     known = " or ".join(filter(None, units)) or "no unit"
     raise QuantityError(f"'{text}' has an unknown unit", f"use {known}, {example}")
+
+
+def _two(text: str, problem: str, remedy: str) -> tuple[str, str]:
+    """The words on both sides of a colon."""
+    first, colon, second = text.partition(":")
+    if not colon or ":" in second:
+        raise QuantityError(f"'{text}' is {problem}", remedy)
+    return first, second
 
 
 def _positive(text: str, what: str, example: str, units: Mapping[str, str | int]) -> float:

@@ -13,9 +13,9 @@ from dataclasses import replace
 from importlib.util import find_spec
 from typing import Any
 
-from defocus_core.batch.jobs.job import Job, Picture
+from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.plain_values import plain, typed
+from defocus_core.batch.journal.identity import plain, typed
 from defocus_core.batch.workers import job_result
 from defocus_core.batch.workers.job_result import failed
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
@@ -23,7 +23,7 @@ from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.system.log import note
 
 AT_ONCE = 2  # chunks for each worker: one is computed, one waits where it is
-_CONNECT = "30s"
+CONNECT = "30s"
 
 
 def execute_at(address: str, *, threads: int | None) -> Execute:
@@ -47,7 +47,7 @@ def execute_at(address: str, *, threads: int | None) -> Execute:
         make_client: Any = distributed.Client  # without types
 
         try:
-            client = make_client(address, timeout=_CONNECT)
+            client = make_client(address, timeout=CONNECT)
         except (OSError, TimeoutError, ValueError) as error:
             problem = f"no Dask scheduler answers: {reason(error)}"
             raise InputError(
@@ -106,8 +106,8 @@ class _Submitted:
             number, job = chunk[0]
             alone = "-alone" if self.alone else ""  # what failed under a name keeps it
             key = f"{job.sample_id}-{identity.recipe(job)}-{number}-{len(chunk)}{alone}"
-            sent = [plain(_absolute(job)) for _, job in chunk]
-            future = self.client.submit(do, sent, self.threads or 1, key=key, pure=False)
+            jobs = [plain(job, absolute=True) for _, job in chunk]
+            future = self.client.submit(do, jobs, self.threads or 1, key=key, pure=False)
             self.flight[future] = chunk
             completed.add(future)
 
@@ -156,27 +156,9 @@ class _Submitted:
 def do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
     """Do jobs of one picture on a worker; gives their results, and the versions there."""
     reader, results = job_result.Reader(), []
-    for sent in jobs:
-        job = typed(Job, sent)
+    for each in jobs:
+        job = typed(Job, each)
         job = replace(job, machine=replace(job.machine, threads=threads))
         record = job_result.write(job_result.compute(job, reader.read(job)))
         results.append({key: value for key, value in record.items() if key != "error"})
     return {"versions": identity.versions(), "results": results}
-
-
-def _absolute(job: Job) -> Job:
-    """The job with absolute paths."""
-    return replace(
-        job,
-        picture=_absolute_picture(job.picture),
-        outputs=replace(job.outputs, root=job.outputs.root.absolute()),
-    )
-
-
-def _absolute_picture(picture: Picture) -> Picture:
-    others: dict[str, Any] = {
-        role: _absolute_picture(other) for role, other in picture.others.items()
-    }
-    return replace(
-        picture, color=picture.color.absolute(), depth=picture.depth.absolute(), **others
-    )

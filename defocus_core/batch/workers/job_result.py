@@ -19,8 +19,8 @@ from typing import Any
 
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.failure_codes import Step, verdict
 from defocus_core.batch.journal.journal import Record
+from defocus_core.batch.journal.records import Step, verdict
 from defocus_core.batch.lenses.lens import lens_record
 from defocus_core.batch.lenses.parameters import LENS_FILES
 from defocus_core.picture import plain_path

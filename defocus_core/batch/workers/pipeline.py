@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from itertools import chain, islice
-from queue import SimpleQueue
 from typing import TYPE_CHECKING
 
 from defocus_core.batch.jobs.job import Job
@@ -22,20 +22,22 @@ from defocus_core.picture import plain_path
 from defocus_core.picture.memory_budget import Gate
 from defocus_core.picture.take import Inputs, Take
 from defocus_core.system.interrupts import delayed_signals
+from defocus_core.system.process import settings_kept
 
 if TYPE_CHECKING:
     _Read = tuple[int, Job, Inputs | Record]
 
 
 def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
-    """Do the jobs of a batch in this process; a single one without threads."""
+    """Do the jobs of a batch in this process, whose settings stay; one alone without threads."""
     plain_path.load()
     jobs = _jobs(chunks, stopped)
     first = [*islice(jobs, 2)]
-    if len(first) > 1:
-        run(chain(first, jobs), done, stopped=stopped)
-    for number, job in first if len(first) == 1 else ():
-        _carry_out(number, job, done)
+    with settings_kept():
+        if len(first) > 1:
+            run(chain(first, jobs), done, stopped=stopped)
+        for number, job in first if len(first) == 1 else ():
+            _carry_out(number, job, done)
 
 
 def execute_alone(progress: TileCount | None) -> Execute:
@@ -80,111 +82,55 @@ def run(
     `done`: called with number and record of each as soon as it is durable, on another thread or on
     this one, one at a time.
     """
-    gate = Gate()
-    ahead, behind = _Ahead(jobs, gate), _Writer(done, gate)
+    gate, reader, numbered = Gate(), job_result.Reader(), iter(jobs)
+    decoding, ended = threading.Lock(), threading.Event()
+
+    def read() -> _Read | None:
+        for number, job in numbered:
+            gate.enter(number, job)
+            with decoding:
+                return None if ended.is_set() else (number, job, reader.read(job))
+        return None
+
+    def write(number: int, take: Take | Record) -> None:
+        try:
+            done(number, job_result.write(take))
+        finally:
+            gate.leave(number)
+
+    ahead, behind = ThreadPoolExecutor(1, "reader"), ThreadPoolExecutor(1, "writer")
+    behind.submit(int).result()  # a pool loses a thread that a signal interrupts in its start
+    following: Future[_Read | None] = ahead.submit(read)
+    last: Future[None] | None = None
     try:
-        for number, job, inputs in ahead:
+        while (item := following.result()) is not None:
+            following = ahead.submit(read)
+            number, job, inputs = item
             if stopped():
                 break
-            behind.put(number, job_result.compute(job, inputs))
+            take = job_result.compute(job, inputs)
+            del item, inputs
+            if last is not None:
+                last.result()
+            last = behind.submit(write, number, take)
+            del take
     finally:
+        ended.set()
+        gate.open()
         try:
-            ahead.stop()
+            with decoding:  # a decoder written in C that outlives Python aborts the process
+                ahead.shutdown(wait=False)
         finally:
-            behind.close()
-    behind.check()
+            _wait_for(behind.submit(int))  # comes after what is being written
+            behind.shutdown(wait=False)
+    if last is not None:
+        last.result()
 
 
-class _Ahead:
-    """Jobs whose inputs are decoded, one of them before it is asked for."""
-
-    def __init__(self, jobs: Iterable[tuple[int, Job]], gate: Gate) -> None:
-        self._jobs, self._gate = jobs, gate
-        self._room = threading.Semaphore(1)
-        self._queue: SimpleQueue[_Read | BaseException | None] = SimpleQueue()
-        self._decoding = threading.Lock()
-        self._stopped = False
-        threading.Thread(target=self._read, name="reader", daemon=True).start()
-
-    def __iter__(self) -> Iterator[_Read]:
-        while (item := self._queue.get()) is not None:
-            if isinstance(item, BaseException):
-                raise item
-            self._room.release()
-            yield item
-
-    def stop(self) -> None:
-        """Read nothing more, and wait for what is being decoded.
-
-        A decoder written in C that outlives Python aborts the process.
-        """
-        self._stopped = True
-        self._room.release()
-        self._gate.open()
-        with self._decoding:
-            pass
-
-    def _read(self) -> None:
-        reader = job_result.Reader()
-        try:
-            for number, job in self._jobs:
-                self._room.acquire()
-                self._gate.enter(number, job)
-                with self._decoding:
-                    if self._stopped:
-                        return
-                    inputs = reader.read(job)
-                self._queue.put((number, job, inputs))
-                del inputs
-        except BaseException as error:
-            self._queue.put(error)
-        finally:
-            self._queue.put(None)
-
-
-class _Writer:
-    """Writes what is computed, on a thread; whoever brings the next waits for it."""
-
-    def __init__(self, done: Done, gate: Gate) -> None:
-        self._done, self._gate = done, gate
-        self._room = threading.Semaphore(1)
-        self._queue: SimpleQueue[tuple[int, Take | Record] | None] = SimpleQueue()
-        self._error: BaseException | None = None
-        self._ended = threading.Event()  # a join that a signal interrupts cannot be tried again
-        threading.Thread(target=self._write, name="writer", daemon=True).start()
-
-    def put(self, number: int, take: Take | Record) -> None:
-        self._room.acquire()
-        self.check()
-        self._queue.put((number, take))
-
-    def check(self) -> None:
-        """Raise what ``done`` raised."""
-        if self._error is not None:
-            raise self._error
-
-    def close(self) -> None:
-        """Wait until all is written, even if a signal comes meanwhile: nothing stays half-written.
-
-        A second signal ends the waiting.
-        """
-        self._queue.put(None)
-        try:
-            self._ended.wait()
-        except BaseException:
-            self._ended.wait()
-            raise
-
-    def _write(self) -> None:
-        while (item := self._queue.get()) is not None:
-            number, take = item
-            try:
-                record = job_result.write(take)
-                del take, item
-                self._done(number, record)
-            except BaseException as error:
-                self._error = error
-            finally:
-                self._gate.leave(number)
-                self._room.release()
-        self._ended.set()
+def _wait_for(end: Future[int]) -> None:
+    """Wait even if a signal comes meanwhile: nothing stays half-written; a second one ends it."""
+    try:
+        wait([end])
+    except BaseException:
+        wait([end])
+        raise

@@ -16,17 +16,21 @@ from typing import Protocol
 
 from defocus_core.batch.datasets import update
 from defocus_core.batch.jobs.job import Job, Outputs
-from defocus_core.batch.journal import identity, journal_copy, run_file
+from defocus_core.batch.journal import identity, run_file
 from defocus_core.batch.journal.journal import Journal, Record, input_path, journal_path, read_all
 from defocus_core.batch.journal.lock import Check, LockLost, locked
 from defocus_core.batch.journal.run_file import RunPlan
 from defocus_core.batch.workers.job_result import TRANSIENT
-from defocus_core.batch.workers.output_checks import (
+from defocus_core.batch.workers.plan import (
+    Chunk,
+    Execute,
+    Execution,
+    Plan,
+    make_plan,
     refuse_misplaced,
     refuse_unknown,
     refuse_unwritable,
 )
-from defocus_core.batch.workers.plan import Chunk, Execute, Execution, Plan, make_plan
 from defocus_core.errors import InputError, NoteKinds
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable
@@ -73,10 +77,7 @@ def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Li
         _output_folders({job.outputs for job in jobs}, out),
         locked(out, execution.shard, say=note) as require_lock,
     ):
-        journal_copy.mend(out, execution.shard)
-        summary = _carried_out(jobs, out, execution, listener, require_lock)
-        journal_copy.follow(out, execution.shard)
-        return summary
+        return _carried_out(jobs, out, execution, listener, require_lock)
 
 
 def write_alone(job: Job, execute: Execute, listener: Listener) -> Summary:
@@ -92,8 +93,8 @@ def write_alone(job: Job, execute: Execute, listener: Listener) -> Summary:
     def done(_: int, record: Record) -> None:
         summary.left = 0
         summary.statuses[record["status"]] += 1
-        beside = {key: record[key] for key in TRANSIENT if key in record}
-        listener.ended(job, {**completed(record, job, identity.recipe(job), out), **beside})
+        transient = {key: record[key] for key in TRANSIENT if key in record}
+        listener.ended(job, {**completed(record, job, identity.recipe(job), out), **transient})
 
     with _output_folders({job.outputs}, out), Interrupts(patient=False) as interrupts:
         execute(iter([[(0, job)]]), done, lambda: interrupts.asked)
@@ -138,14 +139,14 @@ def _carried_out(
                 journal.append(record)
         plan.moved.clear()
     if not plan.todo:
-        if not plan.unknown and not execution.again:
+        if not execution.again:
             path.unlink(missing_ok=True)
         return summary
     if len(plan.todo) == 1:
         refuse_small(plan.todo[0][0])
     others = _others_left(plan, out) if execution.again else []
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
-        RunPlan(_now(), plan.files + others, sorted(plan.unknown)).write(path)
+        RunPlan(_now(), plan.files + others).write(path)
         plan.files.clear()
         if execution.shard is None and not execution.again:
             run_file.forget_shards(out)
@@ -160,12 +161,12 @@ def _carried_out(
         except LockLost:  # the plan of the run is another's by now
             raise
         except BaseException:
-            if len(jobs) == 1 and not plan.unknown and not others:
+            if len(jobs) == 1 and not others:
                 path.unlink(missing_ok=True)
             raise
         if execution.shard is None:
             run_file.sweep_up(out)
-        if not summary.left and not plan.unknown and not others:
+        if not summary.left and not others:
             path.unlink(missing_ok=True)
     summary.interrupted = interrupts.asked
     return summary
@@ -219,11 +220,10 @@ class _Batch:
         if record["reason"] == "no-space":  # no other job will find space
             path, _, problem = record["message"].partition(": ")
             raise NoSpace("no-space", problem, path=path)
-        beside = {key: record[key] for key in TRANSIENT if key in record}
+        transient = {key: record[key] for key in TRANSIENT if key in record}
         record = completed(record, job, recipe, self.out)
         self.journal.append(record)
         if record["status"] == "ok":
-            self.plan.unknown.difference_update(job.names.values())
             for path, stamp in self.plan.previews.pop(number, {}).items():
                 if identity.unchanged(self.out / path, stamp):
                     Folder(self.out).remove(path)
@@ -235,7 +235,7 @@ class _Batch:
             self.summary.reasons[record["reason"]] += 1
         if record["status"] == "failed" and self.execution.fail_fast:
             self.stopping = True
-        self.listener.ended(job, {**record, **beside})
+        self.listener.ended(job, {**record, **transient})
 
 
 def completed(record: Record, job: Job, recipe: str, out: Path) -> Record:

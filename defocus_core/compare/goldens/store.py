@@ -16,7 +16,7 @@ from typing import Any
 from defocus_core.batch.jobs.job import Job, Machine, Outputs
 from defocus_core.batch.jobs.jobs_file import read_jobs
 from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.record_check import output_fault
+from defocus_core.batch.journal.records import output_fault
 from defocus_core.batch.workers import run
 from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.run import Listener, Summary

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from defocus_core.batch.jobs.lens_from_options import refuse_near_focus
-from defocus_core.batch.jobs.random_lenses import drawn_lens
+from defocus_core.batch.jobs.lens_plan import drawn_lens
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.quantities import Percentile, length_text
 from defocus_core.errors import InputError, Rejected, UsageProblem

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.datasets import card_tables, sample_index
-from defocus_core.batch.datasets.card import card_of
+from defocus_core.batch.datasets import sample_index
+from defocus_core.batch.datasets.card import card_of, tables_of
 from defocus_core.batch.jobs.job import FRAME_ROLE
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.journal.journal import Record, read_all, require_journal
-from defocus_core.batch.journal.ledger import Ledger
+from defocus_core.batch.journal.resume import Ledger
 from defocus_core.batch.lenses.lens import lens_record_words
 from defocus_core.reports.html.item import Column, Item, Layer, Report, ReportTable, depth_of_frame
 from defocus_core.reports.html.layers import (
@@ -57,7 +57,7 @@ def write(out: Path, path: Path, asked: Collection[str] | None, processes: int) 
     items = [_item(record, layers, out) for record, layers in zip(records, drawings, strict=True)]
     counts = Counter(item.status for item in items)
     words = [f"Directory: {out}", ", ".join(f"{n} {status}" for status, n in counts.items())]
-    card = card_tables.tables_of(card_of(records, list(sample_index.entries(records))))
+    card = tables_of(card_of(records, list(sample_index.entries(records))))
     tables = [ReportTable(each.title, each.heading, each.rows) for each in card]
     write_report(path, Report(f"Batch in {out}", words, items, _COLUMNS, tables))
     return len(items)

@@ -9,7 +9,7 @@ from typing import Any
 from defocus_core.batch.jobs.job import Machine, Picture
 from defocus_core.batch.jobs.reading_options import READING_OPTIONS
 from defocus_core.batch.journal.journal import Record
-from defocus_core.batch.journal.revived_jobs import input_place, revived
+from defocus_core.batch.journal.resume import input_place, job_of
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
 from defocus_core.errors import InputError
@@ -29,7 +29,7 @@ _SETTINGS = frozenset({"stem", "suffix", "lens", "reading", "outputs", *_MACHINE
 def render_command(record: Record, out: Path) -> str:
     """The command line that does a job again; empty where no command line says its settings."""
     try:
-        picture = revived(record, out).picture
+        picture = job_of(record, out).picture
     except InputError:
         return ""
     settings, inputs = record["settings"], record["inputs"]

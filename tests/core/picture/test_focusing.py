@@ -13,7 +13,7 @@ import pytest
 from command_line import color_exr, depth_exr, header, ramp, refused, run
 from refusals import refuses
 
-from defocus_core.batch.jobs.random_lenses import drawn_lens
+from defocus_core.batch.jobs.lens_plan import drawn_lens
 from defocus_core.batch.lenses.lens import Draw, Lens
 from defocus_core.errors import Rejected
 from defocus_core.io.arrays import IN_MEMORY

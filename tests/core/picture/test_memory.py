@@ -21,8 +21,8 @@ from defocus_core.batch.jobs import output_kinds as kinds
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.quantities import byte_count
-from defocus_core.batch.workers import worker_config
-from defocus_core.batch.workers.worker_config import WorkerConfig, computed_by
+from defocus_core.batch.workers import pool
+from defocus_core.batch.workers.pool import WorkerConfig, computed_by
 from defocus_core.io import arrays
 from defocus_core.io.arrays import Scratch
 from defocus_core.io.exr import reading, writing
@@ -375,7 +375,7 @@ def test_each_core_has_a_process_if_there_is_memory_for_it(
 ) -> None:
     free = iter([available])
     monkeypatch.setattr(memory, "available_mb", lambda: next(free, 0.0))
-    monkeypatch.setattr(worker_config, "cores", lambda: 8)
+    monkeypatch.setattr(pool, "cores", lambda: 8)
     crew = WorkerConfig("local", processes, threads, "cpu", 7, None)
     assert (crew.count, crew.machine.threads) == shared_out
     assert crew.count == shared_out[0], "whatever is free by now"

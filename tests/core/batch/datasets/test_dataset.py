@@ -23,9 +23,9 @@ from defocus_core.batch.datasets import tar_shards
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
+from defocus_core.batch.journal.identity import plain, typed
 from defocus_core.batch.journal.journal import Record, read_all
-from defocus_core.batch.journal.ledger import Ledger
-from defocus_core.batch.journal.plain_values import plain, typed
+from defocus_core.batch.journal.resume import Ledger
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.errors import InputError

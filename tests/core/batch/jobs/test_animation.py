@@ -4,10 +4,9 @@ from pathlib import Path
 import pytest
 from refusals import refuses, refuses_as
 
-from defocus_core.batch.jobs.animation import Animation, read_animation
 from defocus_core.batch.jobs.job import Picture
 from defocus_core.batch.jobs.lens_from_options import parsed
-from defocus_core.batch.jobs.shot_lenses import ShotLenses
+from defocus_core.batch.jobs.shot_lenses import Animation, ShotLenses, read_animation
 
 
 def animation(folder: Path, text: str, name: str = "pull.csv", **how: str) -> Animation:

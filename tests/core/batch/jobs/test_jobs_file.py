@@ -41,6 +41,8 @@ depth-repair = "off"
     assert job.outputs.exr_type == "float"
     (job,) = jobs(tmp_path, FIXED + '[outputs]\nformat = "jpg"\njpeg-quality = 80\n')
     assert job.outputs.jpeg_quality == 80
+    (job,) = jobs(tmp_path, FIXED + 'max-coc = "40px"\n[machine]\ntolerance = "0.5px"\n')
+    assert (job.lens.max_coc, job.machine.tolerance) == (40, 0.5)
 
 
 def test_what_a_file_does_not_say_is_as_told(tmp_path: Path) -> None:
@@ -61,10 +63,6 @@ def test_a_lens_file_lies_below_the_options_of_the_jobs_file(tmp_path: Path) -> 
     assert jobs(tmp_path, text)[0].lens == Lens(85.0, 85 / 25.4, 2000.0)
 
 
-def test_a_largest_blur_is_a_part_of_the_lens(tmp_path: Path) -> None:
-    assert jobs(tmp_path, FIXED + 'max-coc = "40px"\n')[0].lens.max_coc == 40
-
-
 def test_all_lenses_of_a_picture_follow_one_another(tmp_path: Path) -> None:
     touch(tmp_path, "1.exr", "2.exr")
     found = jobs(tmp_path, FIXED + "[sweep]\nblades = [0, 5]\n", inputs='color = "*.exr"')
@@ -78,18 +76,9 @@ def test_all_lenses_of_a_picture_follow_one_another(tmp_path: Path) -> None:
         ("lens = 1\n", "unknown-name [inputs]"),
         ("[lens]\nfocus-length = 1\n", "unknown-name [lens]"),
         ("[lens]\nfocal-length = 50\n", "malformed focal-length"),
-        (
-            "[lens]\nfnumber = 2\nfocus = '2m'\n",
-            "missing-option focal-length",
-        ),
-        (
-            LENS + "focus = '2m'\n",
-            "missing-option fnumber",
-        ),
-        (
-            LENS + "fnumber = 2\n",
-            "missing-option focus",
-        ),
+        ("[lens]\nfnumber = 2\nfocus = '2m'\n", "missing-option focal-length"),
+        (LENS + "focus = '2m'\n", "missing-option fnumber"),
+        (LENS + "fnumber = 2\n", "missing-option focus"),
         (FIXED + "focus-at = [1, 2]\n", "contradiction focus"),
         (LENS + "fnumber = 2\nfocus = '4cm'\n", "out-of-range focus"),
         (FIXED + "max-coc = '4mm'\n", "malformed max-coc"),
@@ -103,18 +92,13 @@ def test_all_lenses_of_a_picture_follow_one_another(tmp_path: Path) -> None:
         (FIXED + "[outputs]\njpeg-quality = 80\n", "idle-option jpeg-quality"),
         (FIXED + "[outputs]\npreview = 1\n", "malformed preview"),
         (FIXED + "[outputs]\nout = 'o'\n", "unknown-name [outputs]"),
-        (
-            FIXED + "[machine]\nquality = 'hihg'\n",
-            "unknown-name quality",
-        ),
-        (
-            FIXED + "[machine]\nquality = 'high'\ntolerance = '1px'\n",
-            "contradiction tolerance",
-        ),
+        (FIXED + "[machine]\nquality = 'hihg'\n", "unknown-name quality"),
+        (FIXED + "[machine]\nquality = 'high'\ntolerance = '1px'\n", "contradiction tolerance"),
         (FIXED + "[machine]\ntolerance = '1m'\n", "malformed tolerance"),
         (FIXED + "[machine]\nthreads = 2\n", "unknown-name [machine]"),
         (FIXED + "[reading]\ndepth-unit = 'km'\n", "malformed depth-unit"),
         (FIXED + "[reading]\npart = -1\n", "malformed part"),
+        (FIXED + "file = 'no.toml'\n", "not-found"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_key(tmp_path: Path, text: str, refusal: str) -> None:
@@ -122,19 +106,8 @@ def test_what_is_wrong_is_told_with_its_key(tmp_path: Path, text: str, refusal: 
         jobs(tmp_path, text)
 
 
-def test_a_table_that_is_none_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "jobs.toml").write_text("inputs = 3\n")
-    with refuses("malformed", field="inputs"):
-        read_jobs(tmp_path / "jobs.toml", Outputs(tmp_path), Machine())
-
-
-def test_a_lens_file_that_is_not_there_is_input(tmp_path: Path) -> None:
-    with refuses("not-found"):
-        jobs(tmp_path, FIXED + "file = 'no.toml'\n")
-
-
-@pytest.mark.parametrize("text", ["[inputs", "\0", "\xff"])
-def test_what_is_no_toml_is_refused_as_input(tmp_path: Path, text: str) -> None:
+@pytest.mark.parametrize("text", ["[inputs", "\0", "\xff", "inputs = 3\n"])
+def test_what_is_no_toml_or_no_table_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "jobs.toml").write_bytes(text.encode("latin-1"))
     with refuses("malformed"):
         read_jobs(tmp_path / "jobs.toml", Outputs(tmp_path), Machine())
@@ -148,8 +121,3 @@ def test_more_jobs_than_anybody_means_are_refused_before_they_are_made(tmp_path:
     text += '[sample]\nn = 1000000\nseed = 1\nfnumber = "uniform(2, 4)"\n'
     with refuses("out-of-range"):
         jobs(tmp_path, text)
-
-
-def test_a_tolerance_stands_for_a_quality(tmp_path: Path) -> None:
-    file = jobs_file(tmp_path, FIXED + "[machine]\ntolerance = '0.5px'\n")
-    assert read_jobs(file, Outputs(tmp_path), Machine())[0].machine.tolerance == 0.5

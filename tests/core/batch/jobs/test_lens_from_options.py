@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 from refusals import refuses, refuses_as
@@ -12,6 +14,8 @@ from defocus_core.batch.jobs.lens_from_options import make_lens
 from defocus_core.batch.lenses.lens import Lens
 
 FLAGS = {"focal-length": 50.0, "fnumber": 2.0, "focus": 2000.0}
+OTHER_WAYS = 'focal-length = "50mm"\naperture-diameter = "25mm"\nfocus-at = [3, 4]\n'
+TURNED = "blade-rotation = 30\n"
 
 
 def lens_file(folder: Path, text: str) -> Path:
@@ -20,97 +24,60 @@ def lens_file(folder: Path, text: str) -> Path:
     return path
 
 
-def test_a_file_and_flags_of_the_same_values_are_the_same_lens(tmp_path: Path) -> None:
-    text = 'focal-length = "5cm"\nfnumber = 2\nfocus = "2m"\nblades = 6\nblade-rotation = 15\n'
-    flags = {**FLAGS, "blades": 6, "blade-rotation": 15.0}
-    assert make_lens({}, lens_file(tmp_path, text)) == make_lens(flags, None)
-
-
-def test_a_round_aperture_cannot_be_turned(tmp_path: Path) -> None:
-    with refuses("idle-option", field="blade-rotation"):
-        make_lens({**FLAGS, "blade-rotation": 30.0}, None)
-    with refuses("idle-option", field="blade-rotation"):
-        make_lens({**FLAGS, "blades": 0, "blade-rotation": 30.0}, None)
-    for text in ("blade-rotation = 30\n", "blades = 0\nblade-rotation = 30\n"):
-        path = lens_file(tmp_path, text)
-        with refuses("idle-option", field="blade-rotation"):
-            make_lens(FLAGS, path)
-        assert make_lens({**FLAGS, "blades": 5}, path).blade_rotation == 30
-    with_blades = lens_file(tmp_path, "blades = 6\nblade-rotation = 30\n")
-    assert make_lens({**FLAGS, "blades": 0}, with_blades).blades == 0  # the file's, switched off
-
-
-def test_a_mark_that_editors_put_before_the_text_is_no_part_of_it(tmp_path: Path) -> None:
-    path = tmp_path / "lens.toml"
-    path.write_text('focal-length = "50mm"\n', encoding="utf-8-sig")
-    assert make_lens({"fnumber": 2.0, "focus": 2000.0}, path).foclen == 50.0
-
-
-def test_a_flag_wins_over_the_file(tmp_path: Path) -> None:
-    path = lens_file(tmp_path, 'focal-length = "85mm"\nfnumber = 4\nfocus = inf\n')
-    lens = make_lens({"fnumber": 2.0}, path)
-    assert (lens.foclen, lens.fnum, lens.foc_dist) == (85.0, 2.0, math.inf)
-
-
-def test_a_flag_wins_over_the_other_way_to_say_it(tmp_path: Path) -> None:
-    text = 'focal-length = "50mm"\naperture-diameter = "25mm"\nfocus-at = [3, 4]\n'
-    path = lens_file(tmp_path, text)
-    assert make_lens({}, path) == Lens(50.0, 2.0, None, focus_at=(3, 4))
-    assert make_lens({"fnumber": 8.0, "focus": 1e3}, path) == Lens(50.0, 8.0, 1e3)
-
-
-def test_an_aperture_diameter_is_an_f_number() -> None:
-    flags = {"focal-length": 50.0, "aperture-diameter": 25.0, "focus": 2000.0}
-    assert make_lens(flags, None) == make_lens(FLAGS, None)
-
-
-@pytest.mark.parametrize("missing", ["focal-length", "fnumber", "focus"])
-def test_what_is_missing_is_named_with_both_ways_to_give_it(missing: str) -> None:
-    flags = {name: value for name, value in FLAGS.items() if name != missing}
-    with refuses("missing-option", field=missing):
-        make_lens(flags, None)
-
-
 @pytest.mark.parametrize(
-    ("field", "more", "value"),
-    [("fnumber", "aperture-diameter", 25.0), ("focus", "focus-at", (1, 1))],
-)
-def test_two_ways_to_say_one_thing_contradict(field: str, more: str, value: object) -> None:
-    with refuses("contradiction", more, field=field):
-        make_lens({**FLAGS, more: value}, None)
-
-
-def test_a_file_may_not_contradict_itself(tmp_path: Path) -> None:
-    path = lens_file(tmp_path, 'focal-length = "50mm"\nfnumber = 2\naperture-diameter = "25mm"\n')
-    with refuses("contradiction", field="fnumber"):
-        make_lens({"focus": 2000.0}, path)
-
-
-@pytest.mark.parametrize("foc_dist", [49.0, 50.0])
-def test_a_lens_cannot_focus_nearer_than_its_focal_length(foc_dist: float) -> None:
-    with refuses("out-of-range", field="focus"):
-        make_lens({**FLAGS, "focus": foc_dist}, None)
-
-
-@pytest.mark.parametrize(
-    ("text", "refusal"),
+    ("text", "flags", "lens"),
     [
-        ("[lens]", "unknown-name"),
-        ("iso = 100", "unknown-name"),
-        ("focal-length = 50", "malformed focal-length"),
-        ("focus-at = [1, 2, 3]", "malformed focus-at"),
-        ("blades = 2", "malformed blades"),
-        ("blades = true", "malformed blades"),
+        (
+            'focal-length = "5cm"\nfnumber = 2\nfocus = "2m"\nblades = 6\nblade-rotation = 15\n',
+            {},
+            Lens(50.0, 2.0, 2000.0, blades=6, blade_rotation=15.0),
+        ),
+        ("", {"focal-length": 50.0, "aperture-diameter": 25.0, "focus": 2e3}, Lens(50.0, 2.0, 2e3)),
+        ('\ufefffocal-length = "50mm"\n', {"fnumber": 2.0, "focus": 2e3}, Lens(50.0, 2.0, 2e3)),
+        (
+            'focal-length = "85mm"\nfnumber = 4\nfocus = inf\n',
+            {"fnumber": 2.0},
+            Lens(85.0, 2.0, math.inf),
+        ),
+        (OTHER_WAYS, {}, Lens(50.0, 2.0, None, focus_at=(3, 4))),
+        (OTHER_WAYS, {"fnumber": 8.0, "focus": 1e3}, Lens(50.0, 8.0, 1e3)),
+        (TURNED, {**FLAGS, "blades": 5}, Lens(50.0, 2.0, 2e3, blades=5, blade_rotation=30.0)),
+        (f"blades = 6\n{TURNED}", {**FLAGS, "blades": 0}, Lens(50.0, 2.0, 2e3)),
     ],
 )
-def test_what_a_file_says_wrong_is_usage(tmp_path: Path, text: str, refusal: str) -> None:
+def test_flags_win_over_a_file_and_over_the_other_way_to_say_it(
+    text: str, flags: Mapping[str, Any], lens: Lens, tmp_path: Path
+) -> None:
+    assert make_lens(flags, lens_file(tmp_path, text)) == lens
+
+
+@pytest.mark.parametrize(
+    ("text", "change", "refusal"),
+    [
+        *(("", {name: None}, f"missing-option {name}") for name in FLAGS),
+        ("", {"aperture-diameter": 25.0}, "contradiction fnumber"),
+        ("", {"focus-at": (1, 1)}, "contradiction focus"),
+        ('fnumber = 2\naperture-diameter = "25mm"\n', {"fnumber": None}, "contradiction fnumber"),
+        ("", {"focus": 49.0}, "out-of-range focus"),
+        ("", {"focus": 50.0}, "out-of-range focus"),
+        ("", {"blade-rotation": 30.0}, "idle-option blade-rotation"),
+        ("", {"blades": 0, "blade-rotation": 30.0}, "idle-option blade-rotation"),
+        (TURNED, {}, "idle-option blade-rotation"),
+        (f"blades = 0\n{TURNED}", {}, "idle-option blade-rotation"),
+        ("[lens]", {}, "unknown-name"),
+        ("iso = 100", {}, "unknown-name"),
+        ("focal-length = 50", {}, "malformed focal-length"),
+        ("focus-at = [1, 2, 3]", {}, "malformed focus-at"),
+        ("blades = 2", {}, "malformed blades"),
+        ("blades = true", {}, "malformed blades"),
+        ("fnumber = 2\nfocus 2m\n", {}, "malformed"),
+    ],
+)
+def test_what_makes_no_lens_is_refused_with_its_option(
+    text: str, change: Mapping[str, Any], refusal: str, tmp_path: Path
+) -> None:
     with refuses_as(refusal):
-        make_lens(FLAGS, lens_file(tmp_path, text))
-
-
-def test_a_file_that_is_not_toml_is_input_with_its_line(tmp_path: Path) -> None:
-    with refuses("malformed"):
-        make_lens(FLAGS, lens_file(tmp_path, "fnumber = 2\nfocus 2m\n"))
+        make_lens({**FLAGS, **change}, lens_file(tmp_path, text))
 
 
 def test_a_file_that_is_not_there_is_input(tmp_path: Path) -> None:

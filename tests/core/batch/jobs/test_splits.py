@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refuses_as
 
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.batch.jobs.scene_pattern import ScenePattern
 from defocus_core.batch.jobs.splits import read_splits, with_recorded
 from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.errors import UsageProblem
 
 
 def splits(**values: Any):
@@ -29,12 +26,13 @@ def picture(stem: str, frame: int | None = None) -> Picture:
 
 
 def assigned(names: Any, **values: Any) -> dict[str, str]:
-    return {name: splits(**values).of(picture(name)).name for name in names}
+    found = splits(**values).of([picture(name) for name in names])
+    return {name: split.name for name, split in zip(names, found, strict=True)}
 
 
 def job(name: str, **values: Any) -> Job:
     asked = Outputs(Path("out"))
-    lens, split = Lens(50.0, 2.0, 2000.0), splits(**values).of(picture(name))
+    lens, (split,) = Lens(50.0, 2.0, 2000.0), splits(**values).of([picture(name)])
     return Job(picture(name), lens, Reading(), asked, Machine(), split=split)
 
 
@@ -43,6 +41,7 @@ def kept(recorded: dict[str, set[str]], names: str, **values: Any) -> dict[str, 
     return {each.sample_id: each.split.name for each in jobs}
 
 
+@settings(deadline=None)
 @given(shares=st.lists(st.integers(1, 20), min_size=1, max_size=4))
 def test_each_split_has_its_share_of_the_scenes_in_the_long_run(shares: list[int]) -> None:
     wanted = {f"s{n}": share / sum(shares) for n, share in enumerate(shares)}
@@ -51,6 +50,7 @@ def test_each_split_has_its_share_of_the_scenes_in_the_long_run(shares: list[int
         assert abs(found[name] / 2000 - share) < 0.05  # more than four standard deviations
 
 
+@settings(deadline=None)
 @given(names=st.sets(st.text("abc123", min_size=1), min_size=2))
 def test_no_scene_moves_when_another_is_added_removed_or_renamed(names: set[str]) -> None:
     every = assigned(sorted(names), train=0.7, val=0.1, test=0.2)
@@ -59,26 +59,8 @@ def test_no_scene_moves_when_another_is_added_removed_or_renamed(names: set[str]
         assert all(every[name] == others[name] for name in names - {left_out})
 
 
-@given(
-    items=st.lists(
-        st.tuples(
-            st.sampled_from(["a", ".", "[ab]", r"\d", "^", "$", r"\b", "(a|b)", "(?:a|bb)", "|"]),
-            st.sampled_from(["", "*", "+", "?", "+?", "*?", "{2}", "{1,2}?", "{1,}"]),
-        ),
-        max_size=5,
-    ),
-    name=st.text("ab1_", max_size=8),
-)
-def test_a_scene_is_what_pythons_own_matcher_finds(items: list[Any], name: str) -> None:
-    text = "".join(atom + (repeat if atom not in "^$|\\b" else "") for atom, repeat in items)
-    expression = re.compile(text)
-    found = expression.search(name)
-    wanted = found[1 if expression.groups else 0] if found else None
-    assert ScenePattern(text).scene(name) == wanted
-
-
-@pytest.mark.parametrize("text", ["(", r"(a)\1", "(?=a)", "(?i)a", "a++", "(a{1,99}){1,99}", "[a"])
-def test_an_expression_that_could_take_for_ever_is_refused(text: str) -> None:
+@pytest.mark.parametrize("text", ["(", "[a", "(?P<a", "a**"])
+def test_an_expression_that_is_none_is_refused(text: str) -> None:
     with refuses_as("malformed scene"):
         splits(train=1, scene=text)
 
@@ -111,21 +93,17 @@ def test_a_split_that_is_none_any_more_or_leaks_is_given_up_and_said(
 
 def test_the_frames_of_a_shot_share_their_split() -> None:
     shots = [picture(f"{name}.{n}", n) for name in ("a", "b") for n in range(9)]
-    found = list(map(splits(train=0.5, test=0.5).of, shots))
+    found = splits(train=0.5, test=0.5).of(shots)
     assert (len(set(found[:9])), len(set(found[9:]))) == (1, 1)
 
 
 def test_an_expression_says_what_a_scene_is() -> None:
     both = splits(train=0.5, test=0.5, scene=r"^(\w+)_\d+$")
-    found = [both.of(picture(f"{scene}_{n}")).name for n in range(9) for scene in "ab"]
-    assert (set(found[::2]), set(found[1::2])) == ({"train"}, {"test"})
-    with pytest.raises(UsageProblem) as caught:
-        both.of(picture("x"))
-    assert caught.value.code == "no-scene"
-
-
-def test_without_splits_there_is_none() -> None:
-    assert splits().of(picture("a")).name == ""
+    found = both.of([picture(f"{scene}_{n}") for n in range(9) for scene in "ab"])
+    assert [split.name for split in found] == ["train", "test"] * 9
+    with refuses_as("no-scene scene"):
+        both.of([picture("x")])
+    assert assigned("a") == {"a": ""}, "without shares"
 
 
 @pytest.mark.parametrize(
@@ -136,7 +114,6 @@ def test_without_splits_there_is_none() -> None:
         ({"train": True}, "malformed train"),
         ({"tr/ain": 1.0}, "malformed tr/ain"),
         ({"scene": "a"}, "missing-option scene"),
-        ({"train": 1.0, "scene": "("}, "malformed scene"),
     ],
 )
 def test_shares_that_make_no_sense_are_refused(values: dict[str, Any], refusal: str) -> None:

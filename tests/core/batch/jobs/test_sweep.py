@@ -15,7 +15,7 @@ from refusals import refuses, refuses_as
 
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.jobs.lens_from_options import checked
-from defocus_core.batch.jobs.random_lenses import drawn_lens
+from defocus_core.batch.jobs.lens_plan import drawn_lens
 from defocus_core.picture.opening import dual_pixel_of
 
 
@@ -159,10 +159,10 @@ def test_a_sweep_that_is_too_long_is_refused_before_its_values_are_read(
         read.append(args)
         return checked(*args)
 
-    monkeypatch.setattr("defocus_core.batch.jobs.sweep.checked", counted)
+    monkeypatch.setattr("defocus_core.batch.jobs.lens_plan.checked", counted)
     with refuses("out-of-range", field="fnumber"):
         swept(tmp_path, f"fnumber = {values}", 'focus = "2m"')
-    assert len(read) <= 2, "the ends of a range"
+    assert len(read) <= 4, "the lens and the ends of a range"
 
 
 SAMPLE = 'n = 200\nseed = 7\nfnumber = "loguniform(1.4, 16)"\nfocus = "percentile(5, 95)"\n'

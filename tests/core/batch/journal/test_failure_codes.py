@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from defocus_core.batch.journal.failure_codes import FAILURES, REJECTIONS, Step, verdict
+from defocus_core.batch.journal.records import FAILURES, REJECTIONS, Step, verdict
 from defocus_core.errors import InputError, Rejected, TooLarge, UsageProblem
 from defocus_core.io.safe_files import unwritable
 

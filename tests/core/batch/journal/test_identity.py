@@ -13,7 +13,7 @@ import pytest
 
 from defocus_core.batch.jobs.job import FrameLens, Job, Machine, Outputs, Picture, Reading, Shot
 from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.plain_values import plain, typed
+from defocus_core.batch.journal.identity import plain, typed
 from defocus_core.batch.lenses.lens import Draw, Lens
 from defocus_core.errors import Place
 from defocus_core.renderer_version import RENDERER_VERSION

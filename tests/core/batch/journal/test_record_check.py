@@ -13,10 +13,9 @@ from refusals import refuses
 from defocus_core.batch.datasets import tar_shards, update
 from defocus_core.batch.journal import run_file
 from defocus_core.batch.journal.journal import journal_path, read, read_all
-from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.journal.progress import progress
-from defocus_core.batch.journal.record_check import fault_of
-from defocus_core.batch.journal.revived_jobs import failed_jobs
+from defocus_core.batch.journal.records import fault_of
+from defocus_core.batch.journal.resume import Ledger, failed_jobs
 
 NEEDED = (
     *("sample_id", "recipe", "status", "reason", "message", "settings", "inputs", "outputs"),
@@ -146,7 +145,7 @@ def test_settings_that_name_other_files_than_the_outputs_are_not_tried_again(
         failed_jobs(Ledger(tmp_path, [odd]), ())
 
 
-PLAN = {"begun": "2026-01-01T00:00:00+00:00", "jobs": [["coc/a.exr"]], "unknown": ["coc/b.exr"]}
+PLAN = {"begun": "2026-01-01T00:00:00+00:00", "jobs": [["coc/a.exr"]]}
 
 
 @pytest.mark.parametrize(
@@ -158,16 +157,10 @@ PLAN = {"begun": "2026-01-01T00:00:00+00:00", "jobs": [["coc/a.exr"]], "unknown"
         json.dumps({**PLAN, "begun": ""}),
         json.dumps({**PLAN, "begun": 5}),
         json.dumps({**PLAN, "jobs": ["coc/a.exr"]}),
-        json.dumps({**PLAN, "unknown": [1]}),
-        json.dumps({**PLAN, "more": 1}),
+        json.dumps({**PLAN, "jobs": [[1]]}),
     ],
 )
 def test_a_broken_plan_of_a_run_is_refused(plan: str, tmp_path: Path) -> None:
     run_file.run_path(tmp_path).write_text(plan)
     with refuses("malformed"):
-        run_file.planned_files(tmp_path)
-
-
-def test_a_run_owns_the_files_of_its_jobs_and_what_earlier_runs_left(tmp_path: Path) -> None:
-    run_file.run_path(tmp_path).write_text(json.dumps(PLAN))
-    assert run_file.planned_files(tmp_path) == {"coc/a.exr", "coc/b.exr"}
+        run_file.plan_of(tmp_path)

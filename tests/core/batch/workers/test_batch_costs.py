@@ -70,7 +70,7 @@ def test_memory_does_not_grow_with_the_jobs(tmp_path: Path) -> None:
         "import itertools, resource, sys; from defocus_cli import main\n"
         "from defocus_core.batch.workers import pipeline\n"
         "from defocus_core.batch.journal import journal\n"
-        "from defocus_core.batch.workers.worker_config import WorkerConfig\n"
+        "from defocus_core.batch.workers.pool import WorkerConfig\n"
         "WorkerConfig.execute = lambda crew: pipeline.execute\n"
         "append, count = journal.Journal.append, itertools.count(1)\n"
         "def told(journal, record):\n"

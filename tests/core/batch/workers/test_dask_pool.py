@@ -123,7 +123,7 @@ def test_nobody_waits_for_workers_without_knowing(
 def test_a_scheduler_that_does_not_answer_is_told_of(
     tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(dask_pool, "_CONNECT", "0.2s")
+    monkeypatch.setattr(dask_pool, "CONNECT", "0.2s")
     ran = run("batch", jobs_file(tmp_path), "-o", out, "--scheduler", "tcp://127.0.0.1:9")
     refused(ran, 3, "unreachable", "127.0.0.1:9")
 

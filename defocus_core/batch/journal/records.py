@@ -6,25 +6,91 @@ packed into shards, and removed when they are replaced.
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.jobs.splits import NAME
-from defocus_core.batch.journal.failure_codes import STATUSES
 from defocus_core.batch.lenses.parameters import RECORDED
+from defocus_core.errors import (
+    DefocusError,
+    InputError,
+    Rejected,
+    TooLarge,
+    UsageProblem,
+    one_line,
+    reason,
+)
 from defocus_core.io.below import path_fault
 
+REJECTIONS = {
+    "coc-too-large": "the blur would be larger than max-coc allows",
+    "no-valid-depth": "there is nothing to focus on",
+    "focus-too-near": "the depth puts the focus nearer than the focal length",
+}
+FAILURES = {
+    "input-unusable": "an input is missing, damaged, or not what it is said to be",
+    "settings-unusable": "the settings make no sense for this picture or machine",
+    "out-of-memory": "the picture does not fit into memory",
+    "output-unwritable": "an output cannot be written",
+    "no-space": "no space is left where the outputs go",
+    "worker-died": "the process that computed it died, several times",
+    "fault": "a fault of defocus itself",
+}
+REASONS = REJECTIONS | FAILURES
+STATUSES = ("ok", "rejected", "failed")
+Step = Literal["read", "render", "write"]
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+class Verdict(NamedTuple):
+    """Status and reason code of a job without outputs, and its message for people."""
+
+    status: str
+    reason: str
+    message: str
+
+
+def verdict(error: BaseException, step: Step) -> Verdict:
+    """The verdict on a job of which an exception ended a step."""
+    if isinstance(error, Rejected) and error.code in REJECTIONS:
+        return Verdict("rejected", error.code, str(error))
+    return Verdict("failed", _failure(error, step), error_line(error))
+
+
+def error_line(error: BaseException) -> str:
+    """An exception in one line, ``SUBJECT: problem; remedy`` where a user can mend it."""
+    if isinstance(error, DefocusError):
+        return str(error)
+    if isinstance(error, OSError) and error.filename:
+        return one_line(f"{error.filename}: {reason(error)}")
+    return f"unexpected {type(error).__name__}: {reason(error)}"
+
+
+def _failure(error: BaseException, step: Step) -> str:
+    system = error if isinstance(error, OSError) else error.__cause__
+    if isinstance(system, OSError) and system.errno in _FULL:
+        return "no-space"
+    if isinstance(error, TooLarge | MemoryError) or "can't allocate memory" in str(error):
+        return "out-of-memory"
+    if isinstance(error, UsageProblem):
+        return "settings-unusable"
+    if isinstance(error, InputError | OSError):
+        return "output-unwritable" if step == "write" else "input-unusable"
+    return "fault"
+
+
 Types = Mapping[str, tuple[type, ...]]
-_NOTHING, _NUMBER = type(None), (int, float)
-_ALWAYS: Types = {
+_NONE, _NUMBER = type(None), (int, float)
+_RECORD_KEYS: Types = {
     "sample_id": (str,),
     "recipe": (str,),
     "status": (str,),
-    "reason": (str, _NOTHING),
-    "message": (str, _NOTHING),
+    "reason": (str, _NONE),
+    "message": (str, _NONE),
     "settings": (dict,),
     "inputs": (dict,),
     "outputs": (dict,),
@@ -34,7 +100,7 @@ _ALWAYS: Types = {
     "seconds": (dict,),
     "finished": (str,),
 }
-_OF_A_PICTURE: Types = {
+_PICTURE_KEYS: Types = {
     "lens": (dict,),
     "size": (list,),
     "coc_px": (list,),
@@ -43,15 +109,15 @@ _OF_A_PICTURE: Types = {
 }
 _NOTES: Types = {  # of a picture, too, but not of one that an early version took
     "color_note": (str,),
-    "depth_repair": (dict, _NOTHING),
-    "measures": (dict, _NOTHING),
+    "depth_repair": (dict, _NONE),
+    "measures": (dict, _NONE),
 }
 _MEASURED = ("_px", "_share")  # ends of the names of measures that are numbers
 _OPTICS = tuple(key for key, row in RECORDED.items() if row.is_optics)  # none beside radii
-_OF_A_LENS: Types = {
+_LENS_KEYS: Types = {
     **dict.fromkeys(RECORDED, _NUMBER),
-    **dict.fromkeys(_OPTICS, (*_NUMBER, _NOTHING)),
-    "focus_mm": (*_NUMBER, str, _NOTHING),
+    **dict.fromkeys(_OPTICS, (*_NUMBER, _NONE)),
+    "focus_mm": (*_NUMBER, str, _NONE),
     "blades": (int,),
 }
 
@@ -74,7 +140,7 @@ def fault_of(record: object, linked: frozenset[str] = frozenset()) -> str | None
     """What is wrong with a line of a journal, as ``has no lens``; None if it is a record."""
     if not isinstance(record, dict):
         return "is no record of a job"
-    fault = wrong_type(record, _ALWAYS) or _fault_of_files(record, linked)
+    fault = wrong_type(record, _RECORD_KEYS) or _fault_of_files(record, linked)
     if fault:
         return fault
     if record["status"] not in STATUSES:
@@ -136,15 +202,15 @@ def _fault_of_notes(record: Mapping[str, Any]) -> str | None:
     if not isinstance(kinds, list) or not all(isinstance(kind, str) for kind in kinds):
         return "has a depth_repair of kinds that are no texts"
     for name, value in (record.get("measures") or {}).items():
-        if name.endswith(_MEASURED) and not isinstance(value, (*_NUMBER, _NOTHING)):
+        if name.endswith(_MEASURED) and not isinstance(value, (*_NUMBER, _NONE)):
             return f"has the {name} {value!r:.60}, which is no number"
     return None
 
 
 def _fault_of_picture(record: Mapping[str, Any]) -> str | None:
     notes = {key: kinds for key, kinds in _NOTES.items() if key in record}
-    fault = wrong_type(record, {**_OF_A_PICTURE, **notes})
-    fault = fault or wrong_type(record["lens"], _OF_A_LENS) or _fault_of_notes(record)
+    fault = wrong_type(record, {**_PICTURE_KEYS, **notes})
+    fault = fault or wrong_type(record["lens"], _LENS_KEYS) or _fault_of_notes(record)
     if fault:
         return fault
     lens = record["lens"]

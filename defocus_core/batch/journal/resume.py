@@ -3,18 +3,32 @@
 from __future__ import annotations
 
 import math
+import os
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.jobs.job import (
+    FRAME_ROLE,
+    OTHERS,
+    FrameLens,
+    Job,
+    Machine,
+    Outputs,
+    Picture,
+    Reading,
+    Shot,
+    Split,
+)
 from defocus_core.batch.jobs.output_kinds import PREVIEW
 from defocus_core.batch.journal import identity
+from defocus_core.batch.journal.identity import typed
 from defocus_core.batch.journal.journal import Record, files_of, input_path
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS
-from defocus_core.errors import InputError
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.lenses.parameters import LENS_FILES, LENS_OPTIONS
+from defocus_core.errors import InputError, Place
 from defocus_core.system.memory import without_collections
 
 # Fields of the template of a name that tell settings apart.
@@ -145,11 +159,11 @@ class Ledger:
         moved = {}
         for role, path in job.files.items():
             stamp = record["inputs"].get(role, {})
-            if not path.exists() and record["status"] == "ok":
-                continue  # an input that is gone cannot change the outputs
             # Size and time say nothing of a file that was elsewhere: archives give all one time.
             elsewhere = stamp.get("path") != (place := input_path(path, self.out))
             if not identity.unchanged(path, stamp, read=read_inputs or elsewhere):
+                if not path.exists() and record["status"] == "ok":
+                    continue  # an input that is gone cannot change the outputs
                 return None
             if elsewhere:
                 moved[role] = {**stamp, "path": place}
@@ -211,3 +225,82 @@ class Ledger:
         return set(outputs) == set(planned) and all(
             identity.unchanged(self.out / stamp["path"], stamp) for stamp in outputs.values()
         )
+
+
+def failed_jobs(ledger: Ledger, reasons: Collection[str]) -> list[Job]:
+    """The jobs that failed; if reasons are named, all jobs without outputs for one of them."""
+    return [
+        job_of(record, ledger.out)
+        for record in ledger.live
+        if (record["reason"] in reasons if reasons else record["status"] == "failed")
+    ]
+
+
+def job_of(record: Record, out: Path) -> Job:
+    """The job of a record."""
+    asked, inputs = record["settings"], record["inputs"]
+    try:
+        shot = _shot(asked["shot"], inputs, out) if "shot" in asked else None
+        picture = _picture(asked["stem"], inputs, out)
+        if shot is not None:
+            picture = replace(picture, frame=asked["shot"]["frame"])
+        job = Job(
+            picture,
+            _lens(asked["lens"], inputs, out),
+            typed(Reading, asked["reading"]),
+            typed(Outputs, {"root": str(out), **asked["outputs"]}),
+            Machine(
+                quality=asked["quality"],
+                tolerance=asked.get("tolerance"),
+                tile=asked.get("tile"),
+            ),
+            asked["suffix"],
+            shot,
+            Split(record.get("split", "")),
+        )
+        if set(job.names.values()) != {stamp["path"] for stamp in record["outputs"].values()}:
+            raise ValueError("its settings name other files than its outputs")
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        problem = f"has a record of {record['sample_id']} that cannot be read: {error}"
+        raise InputError("unreadable", problem, "run 'defocus batch' again", path=out) from None
+    return job
+
+
+def _lens(asked: Mapping[str, Any], inputs: Mapping[str, Any], out: Path) -> Lens:
+    """The lens, with its files, which are among the inputs."""
+    lens: Lens = typed(Lens, asked)
+    recorded = {name: inputs[name]["path"] for name in LENS_FILES if name in inputs}
+    files: dict[str, Any] = {name: input_place(path, out) for name, path in recorded.items()}
+    return replace(lens, focus_source=Place(out), **files)
+
+
+def _picture(stem: str, inputs: Mapping[str, Any], out: Path, prefix: str = "") -> Picture:
+    """The picture whose files have roles with a prefix."""
+    color, depth = (input_place(inputs[prefix + role]["path"], out) for role in ("color", "depth"))
+    others: dict[str, Any] = {
+        role: _picture(stem, inputs, out, f"{role}_")
+        for role in OTHERS
+        if not prefix and f"{role}_color" in inputs
+    }
+    return Picture(stem, color, depth, **others)
+
+
+def _shot(asked: Mapping[str, Any], inputs: Mapping[str, Any], out: Path) -> Shot:
+    """The shot of a job, whose frames are among the inputs."""
+
+    def picture(frame: int) -> Picture:
+        of_frame = _picture("", inputs, out, f"{FRAME_ROLE}{frame}_")
+        return replace(of_frame, stem=of_frame.color.stem, frame=frame)
+
+    def taken(frames: Sequence[Any]) -> tuple[FrameLens, ...]:
+        return tuple(FrameLens(picture(frame), typed(Lens, lens)) for frame, lens in frames)
+
+    window = tuple(picture(frame) for frame in asked["window"])
+    return Shot(taken(asked["sample"]), window, taken(asked["focus"]), asked.get("motion"))
+
+
+def input_place(recorded: str, out: Path) -> Path:
+    """A path of the journal, relative to the working directory."""
+    if Path(recorded).is_absolute():
+        return Path(recorded)
+    return Path(os.path.relpath(out.resolve() / recorded))
