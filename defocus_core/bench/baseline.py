@@ -15,7 +15,7 @@ from typing import Any
 from defocus_core.bench.timing import Case, MeasuredCost
 from defocus_core.errors import InputError, cannot_read, reason
 from defocus_core.io.below import read_plain
-from defocus_core.io.damage import MALFORMED
+from defocus_core.io.safe_files import MALFORMED
 
 TOLERANCE = 0.25  # how much slower, in transforms, counts as slower
 

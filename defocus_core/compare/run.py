@@ -13,7 +13,7 @@ from defocus_core.compare.differences import write_differences
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.record import SAME, CompareSettings, Comparison
 from defocus_core.compare.thresholds import Thresholds
-from defocus_core.system.spreading import spread
+from defocus_core.system.process import spread
 
 FIRST = 20  # failing pairs whose causes are sought, where not all are asked for
 # How many failing pairs have their causes sought, by what ``--causes`` says.

@@ -23,7 +23,7 @@ from defocus_core.io.depth_formats.table import NAMES, UNITS
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images import color as color_files
 from defocus_core.io.images import encode
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import Color
 
 if TYPE_CHECKING:
     from os import PathLike

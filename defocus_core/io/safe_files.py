@@ -13,9 +13,11 @@ import os
 import re
 import sys
 import threading
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from contextvars import ContextVar
 from functools import lru_cache, wraps
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeVar, cast
 
 from defocus_core.errors import InputError, reason
@@ -24,6 +26,7 @@ from defocus_core.io.below import Folder, Replacement, open_plain
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
+
 
 MAX_PIXELS = 2**30
 # No codec packs real pixels tighter than MAX_RATIO; images below UNASKED_BYTES are not checked.
@@ -268,3 +271,24 @@ def unwritable(path: Path, error: OSError) -> InputError:
     }
     remedy = remedies.get(error.errno or 0, "name an output directory you may write to")
     return InputError("unwritable", f"cannot be written: {reason(error)}", remedy, path=path)
+
+
+AGAIN = "write or copy it again"
+# What is raised where a foreign document, JSON that may be anything, is taken for one of ours.
+MALFORMED = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RecursionError)
+
+
+def damaged(path: Path, why: str, what: str = "is truncated or damaged") -> InputError:
+    """The error for a file that cannot be decoded."""
+    return InputError("damaged", f"{what} ({why})", AGAIN, path=path)
+
+
+@contextmanager
+def decoding(path: Path, what: str = "is truncated or damaged") -> Iterator[None]:
+    """Turn what a library raises in the block, half a dozen types, into the error for damage."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise damaged(path, reason(error), what) from error

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from defocus_core.batch.jobs.output_kinds import DISPARITY_PER_RADIUS
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import InputError, UsageProblem, reason
-from defocus_core.io.array_files.containers import container_type, read_entries
-from defocus_core.io.array_files.float_maps import NPY_MAGIC, read_npy
+from defocus_core.io.array_files import NPY_MAGIC, container_type, read_entries, read_npy
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import linear_to_srgb, quantised

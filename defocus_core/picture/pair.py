@@ -6,19 +6,18 @@ from dataclasses import dataclass, replace
 
 from defocus_core.batch.jobs.job import Job, Picture, Reading
 from defocus_core.errors import InputError
-from defocus_core.io.array_files.containers import container_type
+from defocus_core.io.array_files import container_type
 from defocus_core.io.arrays import IN_MEMORY, Keeping
 from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.views import require_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
-from defocus_core.io.images.color import SHARP_INSIDE, read_color, require_finite
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import SHARP_INSIDE, Color, read_color, require_finite
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
 from defocus_core.picture.steps.table import through
-from defocus_core.system.log import note
+from defocus_core.system.text import note
 
 
 @dataclass(frozen=True)

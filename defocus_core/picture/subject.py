@@ -27,15 +27,19 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import BESIDE_BLUR, LENS_OPTIONS
 from defocus_core.errors import UsageProblem
 from defocus_core.io.depth_formats.depth import Depth, read_depth
-from defocus_core.io.depth_formats.photo_depth import own_format, sharp_original
-from defocus_core.io.depth_formats.reading import require_size
-from defocus_core.io.depth_formats.relative import is_relative
+from defocus_core.io.depth_formats.photo_depth import (
+    holds_gdepth,
+    is_heic,
+    own_format,
+    read_gdepth,
+    sharp_original,
+)
+from defocus_core.io.depth_formats.reading import DepthReading, require_size
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.images.describe import describe
-from defocus_core.io.images.raster import read_pages
+from defocus_core.io.images.raster import choose_page, read_pages
 from defocus_core.io.safe_files import read_head
-from defocus_core.system.log import note
-from defocus_core.system.shell import command_line
+from defocus_core.system.text import command_line, note
 
 SHARE_OF_SIDE = 0.02  # radius of the most blurred pixel, of the longer side
 # A surface takes such a share of the middle half of the picture, and such a share of the disparity
@@ -169,3 +173,16 @@ def size_of(picture: Picture) -> tuple[int, int]:
         with sharp_original(picture.color) as sharp:
             info = describe(Path(sharp))
     return info.width, info.height
+
+
+def is_relative(path: Path, reading: DepthReading) -> bool:
+    """Whether a depth file names no unit: whole numbers of 8 or 16 bits, HEIC, some GDepth."""
+    head = read_head(path)
+    if reading.says_scale or is_exr(head):
+        return reading.relative
+    if is_heic(head):
+        return True
+    if holds_gdepth(path):
+        return "Units" not in read_gdepth(path).metadata
+    part = choose_page(path, describe(path).parts, reading.part)
+    return all(kind in ("uint8", "uint16") for _, kind in part.channels)

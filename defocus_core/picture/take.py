@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_core.batch.jobs.job import Job, Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.io.depth_formats.depth import Depth
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import Color
 from defocus_core.picture.memory_budget import Holding
 from defocus_core.picture.radii import Radii
 from defocus_core.picture.repair_words import repair_words

@@ -15,7 +15,7 @@ from defocus_core.batch.datasets import sample_index
 from defocus_core.errors import InputError, UsageProblem, cannot_read
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable, written_whole
-from defocus_core.system.log import note
+from defocus_core.system.text import note
 
 NAME = "samples.parquet"
 _REMEDY = "run: pip install 'defocus[parquet]'"

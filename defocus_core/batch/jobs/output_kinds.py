@@ -40,7 +40,7 @@ class Kind:
     # Of an image of several, the kinds that are the views of its one EXR file
     views: tuple[str, ...] = ()
     transposed: str = ""  # the view that it is of the picture with rows for columns, left or right
-    # Input that it is made of without rendering, a row of `defocus_core.picture.contents`;
+    # Input that it is made of without rendering, a row of `defocus_core.picture.write`;
     # empty for other kinds
     source: str = ""
     channel: str = ""  # the channel of a map in an EXR, if it is not the kind's name

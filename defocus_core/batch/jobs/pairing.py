@@ -21,7 +21,7 @@ from defocus_core.io.depth_formats.photo_depth import holds_depth
 from defocus_core.io.safe_files import missing
 from defocus_core.io.shots.frame_patterns import ALL, FrameChoice, chosen, frames_of, is_pattern
 from defocus_core.io.wildcards import has_wildcard, matching, texts_before
-from defocus_core.system.log import note
+from defocus_core.system.text import note
 
 COLOR_SUFFIXES = frozenset(
     {

@@ -14,8 +14,7 @@ from defocus_core.batch.journal.journal import Shard, journal_path, read
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable, written_whole
-from defocus_core.system.log import note
-from defocus_core.system.text import counted
+from defocus_core.system.text import counted, note
 
 
 def copy_path(out: Path, shard: Shard | None = None) -> Path:

@@ -9,7 +9,7 @@ from defocus_core.batch.journal import journal, journal_copy, run_file
 from defocus_core.batch.journal.ledger import Ledger
 from defocus_core.batch.journal.lock import locked
 from defocus_core.io.safe_files import sync_folder, written_whole
-from defocus_core.system.log import note
+from defocus_core.system.text import note
 
 
 class Merged(NamedTuple):

@@ -10,8 +10,7 @@ from pathlib import Path
 from defocus_core.batch.jobs.job import Job, Outputs
 from defocus_core.errors import InputError
 from defocus_core.io.safe_files import missing
-from defocus_core.system.log import note
-from defocus_core.system.text import counted
+from defocus_core.system.text import counted, note
 
 _NAME_BYTES = 255  # the longest name of a file on Linux
 

@@ -17,8 +17,7 @@ from defocus_core.batch.journal.record_check import output_fault
 from defocus_core.compare.record import EXTRA, MISSING, Comparison
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder
-from defocus_core.io.damage import MALFORMED
-from defocus_core.io.safe_files import missing, unwritable, written_whole
+from defocus_core.io.safe_files import MALFORMED, missing, unwritable, written_whole
 
 MANIFEST = "golden.json"
 _ASIDE = ".accepting"  # folder of what is being accepted; complete once it has golden.json

@@ -16,14 +16,20 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
-from defocus_core.io.depth_formats.depth_numbers import DepthNumbers, divided
-from defocus_core.io.depth_formats.file_types import read_numbers
+from defocus_core.io.depth_formats.file_types import read_numbers, refuse_named
 from defocus_core.io.depth_formats.photo_depth import own_format
 from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading
 from defocus_core.io.depth_formats.resolving import resolved
-from defocus_core.io.depth_formats.rules import HALF_MAX, Decoding, DepthFormat, decoded, unpacked
+from defocus_core.io.depth_formats.rules import (
+    HALF_MAX,
+    Decoding,
+    DepthFormat,
+    DepthNumbers,
+    decoded,
+    divided,
+    unpacked,
+)
 from defocus_core.io.depth_formats.sidecars import marked_pixels
-from defocus_core.io.depth_formats.signs import refuse_named
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.raster import SIDEWAYS, upright
 from defocus_core.system.text import counted

@@ -11,12 +11,12 @@ import numpy as np
 
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.arrays import bands
-from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.rules import (
     HALF_MAX,
     Decoding,
     DepthFormat,
+    DepthNumbers,
     depth_range,
     disparity_range,
 )

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import open_plain
-from defocus_core.io.damage import MALFORMED, decoding
 from defocus_core.io.depth_formats.rules import DepthFormat, Mask
 from defocus_core.io.images.raster import choose_page, read_pages, read_samples
+from defocus_core.io.safe_files import MALFORMED, decoding
 
 # What a reader raises that meets another content than it expects.
 _FAULTS = (OSError, *MALFORMED)

@@ -10,8 +10,14 @@ fields are in `rules`. The rows are of stereo data sets, networks, renderers, da
 
 from __future__ import annotations
 
-from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
-from defocus_core.io.depth_formats.rules import ANY, FLOATS, UNREAL_DEPTH, DepthFormat, Mask
+from defocus_core.io.depth_formats.rules import (
+    ANY,
+    FLOATS,
+    UNREAL_DEPTH,
+    DepthFormat,
+    DepthNumbers,
+    Mask,
+)
 
 STEREO_DATASETS = (
     DepthFormat(

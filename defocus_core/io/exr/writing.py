@@ -16,8 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.io.arrays import computed
-from defocus_core.io.exr.compression import LARGEST_CHUNK, Codec, codec_of
-from defocus_core.io.exr.header import STRUCTURAL, Raw, header_bytes, read_attributes
+from defocus_core.io.exr.header import (
+    LARGEST_CHUNK,
+    STRUCTURAL,
+    Codec,
+    Raw,
+    codec_of,
+    header_bytes,
+    read_attributes,
+)
 from defocus_core.io.exr.windows import Layout, Window
 from defocus_core.io.safe_files import quiet, written_whole
 from defocus_core.system.interrupts import delayed_signals

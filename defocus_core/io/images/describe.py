@@ -6,9 +6,16 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from defocus_core.io.array_files.bare_arrays import bare_type, read_bare
-from defocus_core.io.array_files.containers import container_type, read_entries
-from defocus_core.io.array_files.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
+from defocus_core.io.array_files import (
+    NPY_MAGIC,
+    bare_type,
+    container_type,
+    is_float_map,
+    read_bare,
+    read_entries,
+    read_float_map,
+    read_npy,
+)
 from defocus_core.io.depth_formats.photo_depth import is_heic, open_heic
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import views_of_parts

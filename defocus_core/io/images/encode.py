@@ -26,10 +26,9 @@ from defocus_core.io.arrays import bands, stacked
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.windows import Layout
 from defocus_core.io.exr.writing import as_half, clamped_half, write_exr
-from defocus_core.io.images.color_space import PROFILE, linear_to_srgb, quantised
-from defocus_core.io.images.icc import Embedded, Profile
+from defocus_core.io.images.color_space import PROFILE, Embedded, Profile, linear_to_srgb, quantised
 from defocus_core.io.images.primaries import between_primaries, converted, declared_primaries
-from defocus_core.io.images.tags import Tag, set_tag
+from defocus_core.io.images.raster import Tag, set_tag
 from defocus_core.io.safe_files import quiet, read_head, unwritable, written_whole
 from defocus_core.system.text import counted
 

@@ -19,11 +19,11 @@ from defocus_core.io.exr.channel_choice import choose_color
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import in_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Layout, Overscan, Window
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import Color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
-from defocus_core.picture.contents import Contents, window_of
 from defocus_core.picture.pair import InputPair, parts_of
+from defocus_core.picture.write import Contents, window_of
 
 
 def window(wanted: InputPair) -> InputPair:

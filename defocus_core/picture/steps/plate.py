@@ -14,8 +14,7 @@ from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import views_of
-from defocus_core.io.images.color import read_color, require_finite
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import Color, read_color, require_finite
 from defocus_core.io.images.primaries import refuse_other_primaries
 from defocus_core.io.safe_files import read_head
 from defocus_core.picture.layers import Layers, coverage

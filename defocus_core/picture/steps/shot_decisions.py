@@ -16,7 +16,7 @@ from defocus_core.batch.jobs.job import FrameLens, Job, Shot
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import DefocusError
 from defocus_core.io.depth_formats.depth import Depth
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import Color
 from defocus_core.io.shots.frame_patterns import in_words
 from defocus_core.picture.memory_budget import holding
 from defocus_core.picture.pair import InputPair, read

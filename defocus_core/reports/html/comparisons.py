@@ -20,9 +20,8 @@ from defocus_core.reports.html.item import Column, Item, Report
 from defocus_core.reports.html.layers import WHOLE
 from defocus_core.reports.html.page import write_report
 from defocus_core.reports.html.pair_drawing import Drawing, Subject, draw_pair
-from defocus_core.system.shell import command_line
-from defocus_core.system.spreading import spread
-from defocus_core.system.text import counted
+from defocus_core.system.process import spread
+from defocus_core.system.text import command_line, counted
 
 Commands = Callable[[Comparison], Sequence[tuple[str, str]]]
 _COLUMNS = ("psnr", "ssim", "max", "flip")

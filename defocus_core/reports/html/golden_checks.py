@@ -18,8 +18,7 @@ from defocus_core.compare.record import CompareSettings, Comparison
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.reports.html import comparisons
 from defocus_core.reports.html.comparisons import ReportHeader
-from defocus_core.system.shell import command_line
-from defocus_core.system.text import counted
+from defocus_core.system.text import command_line, counted
 
 _numbers = count()
 

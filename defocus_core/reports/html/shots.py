@@ -15,7 +15,7 @@ from defocus_core.reports.html.item import Column, Item, Layer, Report
 from defocus_core.reports.html.layers import A, B, draw, window_of, with_values
 from defocus_core.reports.html.page import write_report
 from defocus_core.reports.html.pair_drawing import difference_of
-from defocus_core.system.shell import command_line
+from defocus_core.system.text import command_line
 
 if TYPE_CHECKING:
     from torch import Tensor

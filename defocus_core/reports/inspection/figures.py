@@ -15,8 +15,7 @@ from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.exr.windows import Overscan
-from defocus_core.io.images.color import LARGEST_FLOAT, count_beyond, read_color
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import LARGEST_FLOAT, Color, count_beyond, read_color
 from defocus_core.picture.radii import radii_of, signed_radius
 from defocus_core.picture.repair_words import repair_record, repair_words
 from defocus_core.picture.steps.alpha import element_depth

@@ -13,7 +13,7 @@ from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import DefocusError, InputError
-from defocus_core.io.array_files.containers import container_type
+from defocus_core.io.array_files import container_type
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH, choose_depth
 from defocus_core.io.depth_formats.photo_depth import holds_depth

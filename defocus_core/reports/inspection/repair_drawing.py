@@ -13,7 +13,7 @@ from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import UsageProblem
 from defocus_core.io.arrays import bands
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import Color
 from defocus_core.io.images.color_space import quantised
 from defocus_core.io.images.encode import display_encoded, write_samples
 from defocus_core.picture.pair import InputPair, read

@@ -16,9 +16,8 @@ from image_files import SCANLINE, save
 from defocus_core.errors import InputError
 from defocus_core.io.exr.header import read_headers
 from defocus_core.io.images.color import read_color
-from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
+from defocus_core.io.images.color_space import linear_to_srgb, read_profile, srgb_to_linear
 from defocus_core.io.images.encode import write_image
-from defocus_core.io.images.icc import read_profile
 from defocus_core.io.images.primaries import (
     REC_709,
     adaptation,
