@@ -104,6 +104,16 @@ def read_head(path: Path, count: int = 16) -> bytes:
     return head[:count]
 
 
+def is_heic(head: bytes) -> bool:
+    """Whether a file that starts with ``head`` is HEIF."""
+    return head[4:8] == b"ftyp" and head[8:12] in (b"heic", b"heix", b"mif1", b"msf1", b"hevc")
+
+
+def is_jpeg(head: bytes) -> bool:
+    """Whether a file that starts with ``head`` is a JPEG."""
+    return head.startswith(b"\xff\xd8\xff")
+
+
 def missing(path: Path, what: str = "file", remedy: str = "check the name") -> InputError:
     """The InputError for a path at which nothing is, or a link that leads to nothing."""
     if path.is_symlink():

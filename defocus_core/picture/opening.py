@@ -14,12 +14,6 @@ from numpy.typing import NDArray
 from defocus_core.batch.jobs.output_kinds import DISPARITY_PER_RADIUS
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import InputError, UsageProblem, reason
-from defocus_core.io.array_files import NPY_MAGIC, container_type, read_entries, read_npy
-from defocus_core.io.exr.writing import write_exr
-from defocus_core.io.images.color import read_color
-from defocus_core.io.images.color_space import linear_to_srgb, quantised
-from defocus_core.io.images.describe import describe
-from defocus_core.io.images.encode import write_samples
 from defocus_core.io.safe_files import read_head
 
 if TYPE_CHECKING:
@@ -164,6 +158,8 @@ def _pair(path: Path, _stamp: object) -> tuple[Sensitivity, Sensitivity]:
 
 def _two_kernels(path: Path) -> tuple[NDArray[Any], ...]:
     """Kernels of left and right: [H, W] of an NPY file, also [rows, columns, H, W] of an NPZ."""
+    from defocus_core.io.array_files import container_type, read_entries, read_npy
+
     if container_type(read_head(path)) == "NPZ":
         remedy = "save left and right, each rows × columns × height × width"
         axes: tuple[int, ...] = (2, 4)
@@ -196,6 +192,9 @@ def _is_wide(shape: tuple[int, ...]) -> bool:
 def _pupil_images(path: Path, _stamp: object) -> tuple[PupilImage, ...]:
     import torch
 
+    from defocus_core.io.array_files import NPY_MAGIC, read_npy
+    from defocus_core.io.images.color import read_color
+    from defocus_core.io.images.describe import describe
     from defocus_core.optics.pupil_image import PupilImage
 
     if read_head(path).startswith(NPY_MAGIC):
@@ -260,6 +259,10 @@ def write_aperture(path: Path, lens: Lens, radius: float) -> None:
     `radius`: of the blur, in px, signed.
     """
     import torch
+
+    from defocus_core.io.exr.writing import write_exr
+    from defocus_core.io.images.color_space import linear_to_srgb, quantised
+    from defocus_core.io.images.encode import write_samples
 
     if path.suffix.lower() not in (".png", ".exr"):
         raise InputError(

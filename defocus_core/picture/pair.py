@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 from defocus_core.batch.jobs.job import Job, Picture, Reading
 from defocus_core.errors import InputError
-from defocus_core.io.array_files import container_type
 from defocus_core.io.arrays import IN_MEMORY, Keeping
 from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
 from defocus_core.io.exr.channel_choice import require_part
@@ -88,6 +87,8 @@ def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None
     """The part to read in the colour and in the depth file; None where there is only one."""
     if reading.part is None:
         return None, None
+    from defocus_core.io.array_files import container_type
+
     if container_type(read_head(picture.depth, 32)):  # which has frames
         return reading.part if len(describe(picture.color).parts) > 1 else None, reading.part
     paths = (picture.color, picture.depth)

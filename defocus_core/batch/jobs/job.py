@@ -14,7 +14,6 @@ from defocus_core.batch.jobs.output_kinds import KINDS, PREVIEW, Kind
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import UsageProblem
 from defocus_core.io.depth_formats.reading import DepthReading
-from defocus_core.io.depth_formats.sidecars import files_beside
 
 DEVICES = ("auto", "cpu", "cuda")
 FRAME_ROLE = "frame"  # of other frames among the inputs
@@ -206,7 +205,11 @@ class Job:
     @property
     def files(self) -> dict[str, Path]:
         """Its inputs by role: those of picture, shot and lens, and those beside its depth."""
-        files = self.picture.files | files_beside(self.reading.row, self.picture.depth)
+        files, row = self.picture.files, self.reading.row
+        if row.sidecar or row.mask:
+            from defocus_core.io.depth_formats.sidecars import files_beside
+
+            files |= files_beside(row, self.picture.depth)
         if self.outputs.need_rendering:
             files |= self.lens.files
         return files if self.shot is None else files | self.shot.files

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
-from defocus_core.io.depth_formats.file_types import read_numbers, refuse_named
-from defocus_core.io.depth_formats.photo_depth import own_format
-from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading
+from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
+from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading, own_format
 from defocus_core.io.depth_formats.resolving import resolved
 from defocus_core.io.depth_formats.rules import (
     HALF_MAX,
@@ -29,9 +28,9 @@ from defocus_core.io.depth_formats.rules import (
     divided,
     unpacked,
 )
-from defocus_core.io.depth_formats.sidecars import marked_pixels
+from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
-from defocus_core.io.images.raster import SIDEWAYS, upright
+from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
 
 Valid = Callable[[slice], NDArray[np.bool_]]  # where some rows have a depth
@@ -95,6 +94,7 @@ def _filled_along_rows(
 
 
 _TOP = 65535  # of 16 bits
+_UPSIDE_DOWN = 4  # orientations of Exif beyond it lie on their side
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ def read_depth(
         reading = replace(reading, depth_format=own)
     row, stored = reading.row, size
     orientation = orientation if reading.turn_depth is not None else 1
-    if size is not None and orientation in SIDEWAYS:
+    if size is not None and orientation > _UPSIDE_DOWN:
         stored = size[::-1]
     samples = read_numbers(path, reading, keeping, stored, overscan)
     if row.weights or row.bits:
@@ -237,10 +237,14 @@ def read_depth(
     metres, half_sky = _decode(replace(samples, values=values), decoding, keeping, overscan)
     marks = _apply_marks(path, row, samples, metres)
     if orientation != 1:
+        from defocus_core.io.images.raster import upright
+
         metres, turned = upright(metres[:], orientation), "turned as its colour"
         marks = (*marks, turned)
     is_assumed = samples.type == "16-bit PNG" and not reading.says_scale
     if is_assumed:
+        from defocus_core.io.depth_formats.file_types import refuse_named
+
         refuse_named(path, values)
         _refuse_scaled(path, values)
     words = (samples.words, division, decoding.words, *marks)
@@ -261,6 +265,29 @@ def read_depth(
         inverted=reading.invert is not None,
     )
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
+
+
+def read_numbers(
+    path: Path,
+    reading: DepthReading,
+    keeping: Keeping,
+    size: tuple[int, int] | None,
+    overscan: Overscan = NO_OVERSCAN,
+) -> DepthNumbers:
+    """The numbers of a depth file, of a type that the named format comes in."""
+    row = reading.row
+    if row.files != ("headerless",) and is_exr(read_head(path, 32)):
+        samples = exr_depth_numbers(path, reading, keeping, overscan, size)
+    else:
+        from defocus_core.io.depth_formats.file_types import numbers_of
+
+        samples = numbers_of(path, reading, keeping, size)
+    if reading.depth_format is not None and samples.type not in row.files:
+        article = "an" if samples.type[0] in "aeiouEHN8" else "a"
+        files = ", ".join(row.files)
+        problem = f"is read as {article} {samples.type}, and {row.name} comes as {files}"
+        raise InputError("wrong-type", problem, "check ‹depth-format›", path=path)
+    return samples
 
 
 def _refuse_scaled(path: Path, values: Any) -> None:
@@ -347,6 +374,8 @@ def _apply_marks(
         marks.append((samples.holes, np.nan))
         words.append(f"holes of {row.holes}")
     if row.mask is not None:
+        from defocus_core.io.depth_formats.sidecars import marked_pixels
+
         mask = marked_pixels(row.mask, path, metres.shape)
         if mask is None:
             words.append("no mask beside it")

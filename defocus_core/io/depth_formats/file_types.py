@@ -28,23 +28,13 @@ from defocus_core.io.array_files import (
     read_npy,
 )
 from defocus_core.io.arrays import Keeping, bands
-from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
-from defocus_core.io.depth_formats.photo_depth import (
-    PhotoDepth,
-    holds_gdepth,
-    is_heic,
-    is_jpeg,
-    read_gdepth,
-    read_heic,
-)
-from defocus_core.io.depth_formats.reading import DepthReading, require_size
+from defocus_core.io.depth_formats.photo_depth import PhotoDepth, read_gdepth, read_heic
+from defocus_core.io.depth_formats.reading import DepthReading, holds_gdepth, require_size
 from defocus_core.io.depth_formats.rules import DepthFormat, DepthNumbers
 from defocus_core.io.depth_formats.sidecars import facts_of
 from defocus_core.io.exr.channel_choice import require_part
-from defocus_core.io.exr.header import is_exr
-from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.raster import Raster, choose_page, pnm_top, read_pages, read_samples
-from defocus_core.io.safe_files import decoding, read_head
+from defocus_core.io.safe_files import decoding, is_heic, is_jpeg, read_head
 from defocus_core.system.text import percent
 
 # Nine colours of each map at even steps, sRGB.
@@ -80,34 +70,25 @@ _CHROMA_NOISE, _LUMA, _LOOKED_AT = 24, (0.299, 0.587, 0.114), 500
 WANTED = "EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres"
 
 
-def read_numbers(
-    path: Path,
-    reading: DepthReading,
-    keeping: Keeping,
-    size: tuple[int, int] | None,
-    overscan: Overscan = NO_OVERSCAN,
+def numbers_of(
+    path: Path, reading: DepthReading, keeping: Keeping, size: tuple[int, int] | None
 ) -> DepthNumbers:
-    """Read the numbers of a depth file.
-
-    `size`: width and height of the colour that the depth belongs to, None if there is none.
-    """
+    """The numbers of a depth file that is no EXR; `size`: (width, height) of its colour."""
     row, head = reading.row, read_head(path, 32)
     if row.files == ("headerless",):
         width, height = size or row.size or (0, 0)
         return DepthNumbers(read_headerless(path, (width, height)), "headerless", "float32 rows")
-    if is_exr(head):
-        return _accept(path, exr_depth_numbers(path, reading, keeping, overscan, size), reading)
     if path.suffix.lower() == ".exr":
         raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
-    if container_type(head):
-        return _accept(path, _from_container(path, reading, container_type(head), size), reading)
+    if kind := container_type(head):
+        return _from_container(path, reading, kind, size)
     if reading.depth_channel is not None:
         problem = f"{path} has no named channels"
         raise UsageProblem("idle-option", problem, "leave it out", field="depth-channel")
     if is_float_map(head):
         samples = _from_map(path, reading)
-    elif bare_type(head):
-        samples = DepthNumbers(read_bare(path), bare_type(head), bare_type(head))
+    elif kind := bare_type(head):
+        samples = DepthNumbers(read_bare(path), kind, kind)
     elif is_heic(head):
         samples = _from_photo(path, read_heic(path), "HEIC", reading)
     elif is_jpeg(head) and ("GDepth" in row.files or _is_own(path, reading)):
@@ -115,22 +96,7 @@ def read_numbers(
     else:
         samples = _from_raster(path, reading, keeping, size)
     require_size(path, reading, samples.values.shape, size)
-    return _accept(path, samples, reading)
-
-
-def _accept(path: Path, samples: DepthNumbers, reading: DepthReading) -> DepthNumbers:
-    """Refuse a type of file that the named format does not come in."""
-    row = reading.row
-    if reading.depth_format is not None and samples.type not in row.files:
-        problem = (
-            f"is read as {_article(samples.type)}, and {row.name} comes as {', '.join(row.files)}"
-        )
-        raise InputError("wrong-type", problem, "check ‹depth-format›", path=path)
     return samples
-
-
-def _article(kind: str) -> str:
-    return f"{'an' if kind[0] in 'aeiouEHN8' else 'a'} {kind}"
 
 
 def _is_own(path: Path, reading: DepthReading) -> bool:

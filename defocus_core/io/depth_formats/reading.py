@@ -9,12 +9,32 @@ from typing import Self
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.rules import DepthFormat
 from defocus_core.io.depth_formats.table import FORMATS, NAMES
+from defocus_core.io.safe_files import is_heic, is_jpeg, read_head
 
 KINDS = ("depth", "disparity")
 GEOMETRIES = ("radial", "planar")
 INVALID = ("error", "far", "fill")
 RESIZES = ("nearest", "guided")
 UNPREMULTIPLY = ("auto", "on", "off")
+_XMP_BYTES = 1 << 17  # of a JPEG, which begins with it
+
+
+def holds_gdepth(path: Path) -> bool:
+    """Whether a file is a JPEG whose XMP has GDepth."""
+    head = read_head(path, _XMP_BYTES)
+    return is_jpeg(head) and b"GDepth:" in head
+
+
+def holds_depth(path: Path) -> bool:
+    """Whether a file is a photograph of a kind that has depth inside it."""
+    return is_heic(read_head(path)) or holds_gdepth(path)
+
+
+def own_format(path: Path) -> str:
+    """The format of the depth inside a photograph; empty if it has none."""
+    if holds_gdepth(path):
+        return "android-gdepth"
+    return "apple-heic" if is_heic(read_head(path)) else ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
@@ -20,8 +20,10 @@ from defocus_core.io.depth_formats.rules import (
     depth_range,
     disparity_range,
 )
-from defocus_core.io.depth_formats.sidecars import Facts, facts_of
 from defocus_core.io.depth_formats.table import UNIT_WORDS, UNITS, usual_unit
+
+if TYPE_CHECKING:
+    from defocus_core.io.depth_formats.sidecars import Facts
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,11 @@ def resolved(
         near = "black" if reading.invert else "white"
         return Decoding("radius", words=f"relative disparity, {near} near")
     row = reading.row
-    facts = facts_of(row.sidecar, path, samples.metadata) if row.sidecar else None
+    facts = None
+    if row.sidecar:
+        from defocus_core.io.depth_formats.sidecars import facts_of
+
+        facts = facts_of(row.sidecar, path, samples.metadata)
     declared = Declared(path, reading, row, samples, facts)
     rule = _rule(declared)
     refuse_idle(declared, rule)
@@ -286,6 +292,8 @@ def _disparity_decoding(declared: Declared) -> Decoding:
 
 def _by_calibration(declared: Declared) -> Decoding:
     """Disparity by focal length and baseline, or by a scale alone."""
+    from defocus_core.io.depth_formats.sidecars import Facts
+
     reading, row, facts = declared.reading, declared.row, declared.facts
     beside = Facts("") if facts is None else facts
     own_baseline = None if reading.baseline is None else reading.baseline / MM_PER_M

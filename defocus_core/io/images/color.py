@@ -12,22 +12,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.array_files import is_float_map
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands, count_of
-from defocus_core.io.depth_formats.photo_depth import heic_pixels, is_heic, sharp_original
 from defocus_core.io.exr.channel_choice import ChannelGroup, choose_color, light_passes
-from defocus_core.io.exr.chroma import rgb_of, weights_of
 from defocus_core.io.exr.header import Header, Raw, is_exr, read_headers
 from defocus_core.io.exr.reading import ExrPart, read_parts
 from defocus_core.io.exr.views import default_warning, in_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
-from defocus_core.io.images.color_space import linear_light, profiled_space, unit
 from defocus_core.io.images.primaries import (
     REC_709,
     declared_primaries,
@@ -35,9 +31,11 @@ from defocus_core.io.images.primaries import (
     primaries_name,
     same_primaries,
 )
-from defocus_core.io.images.raster import Raster, choose_page, read_pages, read_samples, upright
 from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
+
+if TYPE_CHECKING:
+    from defocus_core.io.images.raster import Raster
 
 
 @dataclass(frozen=True)
@@ -166,18 +164,25 @@ def read_color(
         )
     if path.suffix.lower() == ".exr":
         raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
-    if is_float_map(head):
-        problem = "is a map of floats without colour"
-        remedy = "use EXR, PNG, JPEG, TIFF, WEBP or HDR for colour"
-        raise InputError("no-color", problem, remedy, path=path)
     if layer is not None:
         remedy = "leave it out"
         raise UsageProblem("idle-option", f"{path} has no layers", remedy, field="color-layer")
     if blur_channels:
         problem = f"{path} has no further channels"
         raise UsageProblem("idle-option", problem, "leave it out", field="blur-channels")
-    if is_heic(read_head(path)):
-        return _from_heic(path)
+    return _no_exr(path, part, keeping, original=original)
+
+
+def _no_exr(path: Path, part: int | None, keeping: Keeping, *, original: bool) -> Color:
+    """The colour of a file of another type."""
+    from defocus_core.io.array_files import is_float_map
+    from defocus_core.io.depth_formats.photo_depth import sharp_original
+    from defocus_core.io.images.raster import choose_page, read_pages, upright
+
+    if is_float_map(read_head(path)):
+        problem = "is a map of floats without colour"
+        remedy = "use EXR, PNG, JPEG, TIFF, WEBP or HDR for colour"
+        raise InputError("no-color", problem, remedy, path=path)
     page = choose_page(path, read_pages(path), part)
     if not original:
         return _from_raster(path, page, keeping)
@@ -192,30 +197,6 @@ def read_color(
         path=path,
         attributes={**page.tags, **color.attributes},
         note=f"{color.note}, {SHARP_INSIDE}",
-    )
-
-
-def _from_heic(path: Path) -> Color:
-    """The picture of a HEIC photograph, which libheif has turned upright."""
-    samples, data = heic_pixels(path)
-    space = profiled_space(data)
-    channels = ("R", "G", "B", "A")[: samples.shape[2]] if samples.shape[2] > 2 else ("Y",)
-    alpha = unit(samples[:, :, 3:]) if len(channels) == 4 else None
-    light = linear_light(
-        samples[:, :, :3] if len(channels) > 1 else samples[:, :, :1],
-        alpha,
-        gamma=None,
-        associated=False,
-        profile=space.profile,
-    )
-    planes = light if alpha is None else np.concatenate([light, alpha], axis=2)
-    return Color(
-        tuple(np.ascontiguousarray(plane) for plane in np.moveaxis(planes, 2, 0)),
-        channels,
-        path,
-        {**space.attributes, **primaries_attribute(space.primaries)},
-        note=f"HEIC, {space.note}",
-        within_white=True,
     )
 
 
@@ -245,6 +226,9 @@ def require_finite(color: Color) -> None:
 
 
 def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
+    from defocus_core.io.images.color_space import linear_light, unit
+    from defocus_core.io.images.raster import read_samples
+
     if raster.deep:
         raise InputError("deep-data", "holds deep data", "flatten it first", path=path)
     names = raster.channels
@@ -349,6 +333,8 @@ def _planes(
     header, names = chosen.header, tuple(chosen.channels)
     planes = [part.channels[name] for name in chosen.channels.values()]
     if "RY" in names:
+        from defocus_core.io.exr.chroma import rgb_of, weights_of
+
         planes[:3] = rgb_of(planes[0], planes[1:3], weights_of(header, path))
         names = ("R", "G", "B", *names[3:])
     frame = header.display.grown(overscan)

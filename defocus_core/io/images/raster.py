@@ -9,18 +9,19 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeVar
 
+import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.errors import InputError, first_line
+from defocus_core.errors import InputError, first_line, reason
 from defocus_core.io.arrays import bands
 from defocus_core.io.exr.channel_choice import require_part
-from defocus_core.io.images.color_space import ColorSpace, color_space
-from defocus_core.io.safe_files import check_size, damaged, decoding, quiet, read_head
+from defocus_core.io.images.color_space import ColorSpace, color_space, profiled_space
+from defocus_core.io.safe_files import check_size, damaged, decoding, is_heic, quiet, read_head
 from defocus_core.system.interrupts import delayed_signals
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
@@ -63,7 +64,8 @@ class Raster:
 
 def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF, WEBP or HDR") -> list[Raster]:
     """Look at the headers of all images of a file."""
-    read_head(path)
+    if is_heic(read_head(path)):
+        return [_heic_page(path)]
     with decoding(path, "cannot be read"), quiet(), _open(path, wanted) as file:
         pages = [_raster(path, file, 0)]
         while file.seek_subimage(len(pages), 0):
@@ -104,6 +106,10 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
     Returns rows and columns of the upright picture, and their samples: uint8, uint16 or float32 [h,
     w, C].
     """
+    if is_heic(read_head(path)):
+        whole = _heic_samples(path)
+        yield (slice(0, len(whole)), slice(0, whole.shape[1])), whole
+        return
     with ExitStack() as stack:
         # Not around the yield: it silences all that is printed.
         with decoding(path, "cannot be read"), quiet():
@@ -122,6 +128,59 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
                 if samples is None or file.has_error:
                     raise damaged(path, first_line(path, file.geterror()))
             yield _place(spec, rows), upright(samples, spec.get_int_attribute("Orientation", 1))
+
+
+def open_heic(path: Path) -> Any:
+    """A HEIC file as pillow-heif opens it; its pixels are decoded where they are asked for."""
+    try:
+        import pillow_heif
+    except ImportError:
+        problem = "is a HEIC file, read with pillow-heif, and pillow-heif is not installed"
+        remedy = "run: pip install 'defocus[heif]'"
+        raise InputError("needs-extra", problem, remedy, path=path) from None
+    try:
+        with quiet():
+            return pillow_heif.open_heif(str(path))
+    except Exception as error:
+        raise damaged_heic(path, error) from error
+
+
+def damaged_heic(path: Path, error: Exception) -> InputError:
+    """The error for a HEIC file that cannot be decoded."""
+    problem = f"is a damaged HEIC file ({reason(error)})"
+    return InputError("damaged", problem, "copy it again", path=path)
+
+
+def _heic_page(path: Path) -> Raster:
+    """The picture of a HEIC photograph, which libheif has turned upright."""
+    file = open_heic(path)
+    space = profiled_space(bytes(file.info.get("icc_profile") or b""))
+    width, height = file.size
+    return Raster(
+        width=width,
+        height=height,
+        channels=tuple(file.mode.replace("L", "Y")),
+        type="uint8",
+        space=replace(space, note=f"HEIC, {space.note}"),
+        associated=False,
+        deep=False,
+        at_once=True,
+        orientation=1,
+        page=0,
+        whole=True,
+        tags={},
+    )
+
+
+def _heic_samples(path: Path) -> NDArray[Any]:
+    """Its samples, uint8 [H, W, C]."""
+    file = open_heic(path)
+    try:
+        with quiet():
+            samples = np.asarray(file)
+    except Exception as error:
+        raise damaged_heic(path, error) from error
+    return samples[:, :, None] if samples.ndim == 2 else samples
 
 
 @contextmanager

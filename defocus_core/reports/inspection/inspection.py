@@ -16,7 +16,7 @@ from defocus_core.errors import DefocusError, InputError
 from defocus_core.io.array_files import container_type
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH, choose_depth
-from defocus_core.io.depth_formats.photo_depth import holds_depth
+from defocus_core.io.depth_formats.reading import holds_depth
 from defocus_core.io.exr.channel_choice import choose_color, require_part
 from defocus_core.io.exr.deep_samples import summary
 from defocus_core.io.exr.header import is_exr, read_headers

@@ -187,7 +187,7 @@ def test_kernels_too_large_are_refused_before_they_are_read(
 ) -> None:
     side = array_files.ArrayEntry(shape[1:], "float32", lambda _: pytest.fail("it was read"))
     np.savez(tmp_path / "k.npz", left=np.ones((2, 2)))
-    monkeypatch.setattr(opening, "read_entries", lambda _: {"left": side, "right": side})
+    monkeypatch.setattr(array_files, "read_entries", lambda _: {"left": side, "right": side})
     with refuses("wrong-size", path=tmp_path / "k.npz"):
         opening.measured_pair(tmp_path / "k.npz")
 
