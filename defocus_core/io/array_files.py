@@ -27,7 +27,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
-from defocus_core.io.safe_files import AGAIN, check_size, damaged, decoding, read_head
+from defocus_core.io.safe_files import (
+    AGAIN,
+    check_size,
+    damaged,
+    decoding,
+    needs_extra,
+    read_head,
+)
+from defocus_core.system.text import times
 
 NPY_MAGIC = b"\x93NUMPY"
 # The scale ends with its line, or with one blank: the byte of a pixel may look like a blank too.
@@ -57,11 +65,15 @@ def read_float_map(path: Path, *, integers: bool = False) -> FloatMap:
     if values.ndim == 3 and values.shape[2] == 1:
         values = values[:, :, 0]
     if values.ndim != 2:
-        shape = " × ".join(str(n) for n in values.shape) or "no"
-        problem = f"has {shape} numbers, not height × width"
-        remedy = "save one map a file, or say its ‹depth-format›"
-        raise InputError("wrong-shape", problem, remedy, path=path)
+        raise wrong_shape(path, values.shape)
     return FloatMap(values, "NPY")
+
+
+def wrong_shape(path: Path, shape: tuple[int, ...]) -> InputError:
+    """The error for an array that is no map."""
+    problem = f"has {times(shape)} numbers, not height × width"
+    remedy = "save one map a file, or say its ‹depth-format›"
+    return InputError("wrong-shape", problem, remedy, path=path)
 
 
 def read_npy(path: Path, *, integers: bool) -> NDArray[Any]:
@@ -81,10 +93,7 @@ def read_npy(path: Path, *, integers: bool) -> NDArray[Any]:
         remedy = "say ‹depth-unit› mm" if whole else "save floats"
         raise InputError("unknown-unit", problem, remedy, path=path)
     if values.size == 0 or values.ndim < 2:
-        shape = " × ".join(str(n) for n in values.shape) or "no"
-        problem = f"has {shape} numbers, not height × width"
-        remedy = "save one map a file, or say its ‹depth-format›"
-        raise InputError("wrong-shape", problem, remedy, path=path)
+        raise wrong_shape(path, values.shape)
     check_size(path, values.shape[-1], values.size // values.shape[-1], values.itemsize)
     return values
 
@@ -254,9 +263,7 @@ def _hdf5(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     try:
         import h5py
     except ImportError:
-        problem = "is an HDF5 file, which is read with h5py, and h5py is not installed"
-        remedy = "run: pip install 'defocus[hdf5]'"
-        raise InputError("needs-extra", problem, remedy, path=path) from None
+        raise needs_extra(path, "an HDF5", "h5py", "hdf5") from None
     entries: list[tuple[str, ArrayEntry]] = []
 
     def load(name: str, index: int | None) -> NDArray[Any]:
@@ -283,9 +290,7 @@ def _matlab(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     try:
         from scipy.io import loadmat, whosmat
     except ImportError:
-        problem = "is a MATLAB 5 file, which is read with scipy, and scipy is not installed"
-        remedy = "run: pip install 'defocus[mat]'"
-        raise InputError("needs-extra", problem, remedy, path=path) from None
+        raise needs_extra(path, "a MATLAB 5", "scipy", "mat") from None
 
     def load(
         file: bytes, name: str, shape: tuple[int, ...], dtype: str, index: int | None

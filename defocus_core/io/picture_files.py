@@ -151,13 +151,13 @@ def write_image(
     """Write a picture; its folder is made, and a file that is there replaced.
 
     Args:
-        path: Its suffix says the format: exr, png, tif, tiff, jpg or jpeg. EXR is linear; the
+        path: Its suffix says the format: exr, png, tif, tiff, jpg, jpeg or webp. EXR is linear; the
             others are sRGB, clipped to 0…1, and their alpha is unassociated.
         pixels: [H, W, C] or [H, W], scene-linear, premultiplied by alpha if there is one.
         channels: Names of the C channels; None for Y, YA, RGB or RGBA.
         exr_type: Number type of an EXR, half or float.
         bits: Of a PNG, 8 or 16; a TIFF has 16.
-        jpeg_quality: 1 to 100.
+        jpeg_quality: Of JPEG and WEBP, 1 to 100.
         attributes: Metadata, as those of a `Color`.
 
     Returns:

@@ -18,10 +18,8 @@ from defocus_core.io.arrays import LazyArray, computed, stacked
 from defocus_core.io.exr.header import codec_of
 from defocus_core.io.exr.views import name_in_view
 from defocus_core.io.exr.windows import Layout
-from defocus_core.io.exr.writing import as_half, write_exr
-from defocus_core.io.images.color_space import PROFILE
-from defocus_core.io.images.encode import write_image, write_map
-from defocus_core.io.images.primaries import PRIMARIES
+from defocus_core.io.exr.writing import as_half, write_exr, write_exr_image
+from defocus_core.io.images.primaries import PRIMARIES, PROFILE
 from defocus_core.io.safe_files import written_together
 from defocus_core.picture.opening import disparity_of
 from defocus_core.picture.repair_words import repair_attribute
@@ -141,42 +139,58 @@ def write(take: Take) -> Take:
 
 def _write_kind(take: Take, kind: Kind) -> list[str]:
     """Write the file of a kind, and its preview if there is to be one; the warnings."""
-    job, contents = take.job, contents_of(take, kind)
+    job, contents, warnings = take.job, contents_of(take, kind), []
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
-    attributes, warnings = _attributes(take, kind), []
     compression = job.outputs.compression
     if compression == "input":
         compression = take.inputs.color.compression
     if kind.image:
-        left_out = {"view"} if kind.views else _OF_COLORS if kind.source == "focus" else set()
-        if job.outputs.color_space == "srgb":
-            left_out = {*left_out, PROFILE}
-        every = take.inputs.color.attributes
-        carried = {name: value for name, value in every.items() if name not in left_out}
-        lost = write_image(
-            path,
-            contents.planes,
-            contents.names,
-            exr_type=job.outputs.exr_type,
-            compression=compression,
-            bits=16 if job.outputs.format == "png16" else 8,
-            jpeg_quality=job.outputs.jpeg_quality,
-            attributes={**carried, **attributes},
-            extras=contents.extras,
-            layout=contents.layout,
-            clamped=take.clamped.get(kind.name, 0),
-            has_clipped=not take.inputs.color.within_white,
-        )
+        lost = _write_image(path, contents, compression)
         warnings = [f"{kind.name}: {warning}" for warning in lost]
     elif job.outputs.map_format == "tiff":
+        from defocus_core.io.images.encode import write_map
+
         write_map(path, contents.planes[0])
     else:
-        channel = kind.channel or kind.name
+        channel, own = kind.channel or kind.name, _attributes(take, kind)
         exact = "zip" if codec_of(compression)[0].lossy else compression
-        write_exr(path, {channel: contents.planes[0]}, attributes, contents.layout, exact)
+        write_exr(path, {channel: contents.planes[0]}, own, contents.layout, exact)
     if preview is not None:
         _write_preview(preview, contents)
     return warnings
+
+
+def _write_image(path: Path, contents: Contents, compression: str) -> list[str]:
+    """Write an image with what its input says of itself; what the file cannot hold, in words."""
+    take, kind, outputs = contents.take, contents.kind, contents.take.job.outputs
+    left_out = {"view"} if kind.views else _OF_COLORS if kind.source == "focus" else set()
+    if outputs.color_space == "srgb":
+        left_out = {*left_out, PROFILE}
+    every = take.inputs.color.attributes
+    carried = {name: value for name, value in every.items() if name not in left_out}
+    attributes = carried | _attributes(take, kind)
+    if path.suffix.lower() == ".exr":
+        return write_exr_image(
+            path,
+            dict(zip(contents.names, contents.planes, strict=True)),
+            outputs.exr_type,
+            compression,
+            attributes,
+            contents.extras,
+            contents.layout,
+            take.clamped.get(kind.name, 0),
+        )
+    from defocus_core.io.images.encode import write_image
+
+    return write_image(
+        path,
+        contents.planes,
+        contents.names,
+        bits=16 if outputs.format == "png16" else 8,
+        jpeg_quality=outputs.jpeg_quality,
+        attributes=attributes,
+        has_clipped=not take.inputs.color.within_white,
+    )
 
 
 def _write_preview(path: Path, contents: Contents) -> None:

@@ -25,6 +25,11 @@ def counted(count: int, one: str, several: str = "") -> str:
     return f"{count} {one if count == 1 else several or f'{one}s'}"
 
 
+def times(shape: Iterable[int]) -> str:
+    """The numbers of an array along its axes, like ``2 × 3``; ``no`` where it has no axis."""
+    return " × ".join(map(str, shape)) or "no"
+
+
 def percent(share: float) -> str:
     """A share of all, like ``0.25 %`` or ``100 %``."""
     return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"

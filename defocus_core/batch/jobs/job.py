@@ -70,7 +70,7 @@ class Outputs:
     format: str = "exr"
     exr_type: str = "half"
     compression: str = "zip"  # codec of the EXR files, or input for that of the colour
-    color_space: str | None = None  # srgb: PNG, TIFF and JPEG are that, whatever profile came
+    color_space: str | None = None  # srgb: all but EXR are that, whatever profile came
     jpeg_quality: int = 95  # 1 to 100
     preview: bool = False
     overwrite: bool = False

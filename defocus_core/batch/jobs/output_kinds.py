@@ -123,7 +123,9 @@ INPUTS = tuple(kind.name for kind in _ROWS if kind.source in ("color", "depth"))
 PREVIEW = ".preview"  # follows the name of a kind where a preview of it is meant
 
 # Types of image files, and the suffix of each.
-SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif", "jpg": ".jpg"}
+SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif"}
+SUFFIXES |= {"jpg": ".jpg", "webp": ".webp"}
+LOSSY = ("jpg", "webp")  # which have a quality
 MAP_FORMATS = ("exr", "tiff")
 COLOR_SPACES = ("srgb",)
 COMPRESSIONS = ("none", "zips", "zip", "piz", "dwaa", "input")

@@ -26,6 +26,7 @@ from defocus_core.io.array_files import (
     read_float_map,
     read_headerless,
     read_npy,
+    wrong_shape,
 )
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.photo_depth import PhotoDepth, read_gdepth, read_heic
@@ -193,10 +194,7 @@ def _map_of(path: Path, values: NDArray[Any], row: DepthFormat, part: int | None
     if values.ndim == 3 and "N" in row.axes:
         values = values[_chosen_frame(path, values.shape[0], part)]
     if values.ndim != 2:
-        shape = " × ".join(str(n) for n in values.shape)
-        problem = f"has {shape} numbers, not height × width"
-        remedy = "save one map a file, or say its ‹depth-format›"
-        raise InputError("wrong-shape", problem, remedy, path=path)
+        raise wrong_shape(path, values.shape)
     return values.T if row.axes.endswith("WH") else values
 
 

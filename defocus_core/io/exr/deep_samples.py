@@ -15,7 +15,6 @@ import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -25,7 +24,7 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError
 from defocus_core.io.exr.header import MULTIPART, Channel, Header, Raw, channels_of, raw_headers
 from defocus_core.io.exr.windows import Window
-from defocus_core.io.safe_files import damaged
+from defocus_core.io.safe_files import damaged, once, stamp_of
 
 # Samples of a strip of rows that are decoded at once, and the most of a row; px of a tile at most.
 _AT_ONCE, _MAXIMUM, _MAX_OF_TILE = 1 << 18, 1 << 21, 1 << 24
@@ -89,7 +88,8 @@ def decoded(path: Path, header: Header) -> Iterator[Samples]:
             yield _samples(file, part, strip_chunks)
 
 
-def max_count(path: Path, header: Header) -> int:
+@once
+def max_samples(path: Path, header: Header) -> int:
     """The number of samples of the pixel with most of them, of which none is decoded."""
     with _open(path, header) as (file, part, chunks):
         counts = (_counts(file, part, chunk) for chunk in chunks if chunk.unpacked)
@@ -307,16 +307,6 @@ class DeepSummary(NamedTuple):
     ends: tuple[float, float] | None
 
 
-def max_samples(path: Path, header: Header) -> int:
-    """The number of samples of the pixel with most of them."""
-    return _max_samples(path, header, _version(path))
-
-
-@lru_cache(maxsize=64)
-def _max_samples(path: Path, header: Header, version: object) -> int:
-    return max_count(path, header)
-
-
 def summary(path: Path, header: Header) -> DeepSummary:
     """The samples of a deep part, in figures."""
     maximum = total = pixels = 0
@@ -335,7 +325,7 @@ def strips(path: Path, header: Header, *, last: bool = False) -> Iterator[Strip]
 
     Those of one part are held, if they are not too many, until they are read for the last time.
     """
-    key = path, header, _version(path)
+    key = path, header, stamp_of(path)
     held = _held.pop(key, None)
     if held is None:
         held, size = [], 0
@@ -352,12 +342,6 @@ def strips(path: Path, header: Header, *, last: bool = False) -> Iterator[Strip]
     if not last:
         _held.clear()
         _held[key] = held
-
-
-def _version(path: Path) -> tuple[int, int]:
-    """What changes with a file: the time of its last change, and its size."""
-    state = path.stat()
-    return state.st_mtime_ns, state.st_size
 
 
 def _strip(path: Path, samples: Samples, header: Header) -> Strip:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.io.images.primaries import (
+    PROFILE,
     REC_709,
     Chromaticities,
     adaptation,
@@ -167,7 +168,6 @@ def _parametric(x: NDArray[np.float64], numbers: tuple[float, ...]) -> NDArray[n
     return np.where(x >= start, curved + above, slope * x + below)
 
 
-PROFILE = "ICCProfile"  # OpenImageIO's name of it
 _SAMPLES = {"uint8": "8-bit", "uint16": "16-bit"}
 _CURVES = {None: "sRGB", 1.0: "linear"}
 _FLOATS = frozenset({"half", "float", "double"})

@@ -21,7 +21,15 @@ from defocus_core.errors import InputError, first_line, reason
 from defocus_core.io.arrays import bands
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.images.color_space import ColorSpace, color_space, profiled_space
-from defocus_core.io.safe_files import check_size, damaged, decoding, is_heic, quiet, read_head
+from defocus_core.io.safe_files import (
+    check_size,
+    damaged,
+    decoding,
+    is_heic,
+    needs_extra,
+    quiet,
+    read_head,
+)
 from defocus_core.system.interrupts import delayed_signals
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
@@ -135,9 +143,7 @@ def open_heic(path: Path) -> Any:
     try:
         import pillow_heif
     except ImportError:
-        problem = "is a HEIC file, read with pillow-heif, and pillow-heif is not installed"
-        remedy = "run: pip install 'defocus[heif]'"
-        raise InputError("needs-extra", problem, remedy, path=path) from None
+        raise needs_extra(path, "a HEIC", "pillow-heif", "heif") from None
     try:
         with quiet():
             return pillow_heif.open_heif(str(path))

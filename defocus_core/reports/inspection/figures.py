@@ -20,7 +20,7 @@ from defocus_core.picture.radii import radii_of, signed_radius
 from defocus_core.picture.repair_words import repair_record, repair_words
 from defocus_core.picture.steps.alpha import element_depth
 from defocus_core.picture.steps.focusing import with_blur_reach, with_focus
-from defocus_core.picture.steps.implausible import implausible_radii
+from defocus_core.picture.steps.implausible import of_radii
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
@@ -128,8 +128,8 @@ def _repair(
     """How the depth would be repaired, and warnings of a depth that hardly suits the lens."""
     with suppress(InputError):  # too near to be rendered, as the radius shows
         radii, declared = radii_of(lens, depth, keeping), reading.says_scale
-        warnings = implausible_radii(depth, radii.px, radii.limits, lens, declared=declared)
-        return radii.diagnose(reading), warnings
+        warnings = of_radii(depth, radii.px, radii.limits, lens, declared=declared)
+        return radii.diagnose(reading), tuple(warnings)
     return None, ()
 
 
