@@ -244,9 +244,10 @@ def _from_raster(
 def _grey(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
     """The luma of samples [h, w, 3…] of equal channels, or of 8 bits but for a codec's noise."""
     colors = samples[:, :, :3]
-    spread = colors.max(axis=2) - colors.min(axis=2)
+    r, g, b = (colors[:, :, c] for c in range(3))  # five times as fast as along the last axis
+    spread = np.maximum(np.maximum(r, g), b) - np.minimum(np.minimum(r, g), b)
     if not spread.any():
-        return colors[:, :, 0]
+        return r
     if spread.max() > _CHROMA_NOISE or samples.dtype != np.uint8:
         raise _color_error(path)
     return np.rint(colors @ _LUMA).astype(samples.dtype)
