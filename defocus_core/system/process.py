@@ -9,13 +9,9 @@ from __future__ import annotations
 
 import atexit
 import gc
-import multiprocessing
 import os
-import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import TypeVar
 
@@ -83,6 +79,9 @@ def spread(
     if processes < 2 or len(pieces) < _FEW:
         yield from map(work, pieces)
         return
+    import multiprocessing
+    from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
+
     context = multiprocessing.get_context("spawn")
     workers = min(processes, -(-len(pieces) // _AT_ONCE))
     with ProcessPoolExecutor(workers, context, initializer=_begin) as pool:
@@ -98,4 +97,6 @@ def spread(
 
 def _begin() -> None:
     """Leave Ctrl-C to the process that started this one."""
+    import signal
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
