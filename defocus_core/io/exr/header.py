@@ -187,12 +187,11 @@ def header_bytes(attributes: Mapping[str, Raw]) -> bytes:
 
 def _text(file: BinaryIO) -> str:
     """Next zero-terminated string."""
-    text = bytearray()
-    while (byte := file.read(1)) != b"\0":
-        if not byte or len(text) == _LONGEST_NAME:
-            raise ValueError("it ends early" if not byte else "a name does not end")
-        text += byte
-    return text.decode()
+    start, text = file.tell(), file.read(_LONGEST_NAME + 1)
+    if (end := text.find(b"\0")) < 0:
+        raise ValueError("a name does not end" if len(text) > _LONGEST_NAME else "it ends early")
+    file.seek(start + end + 1)
+    return text[:end].decode()
 
 
 def raw_headers(file: BinaryIO) -> tuple[int, list[dict[str, Raw]]]:
