@@ -113,12 +113,13 @@ def read_depth(
             there are some.
         UsageProblem: An option is missing, unknown, or makes no sense for this file.
     """
+    _within("depth-scale", None if scale is None else abs(scale))  # negative: the axis is reversed
     reading = DepthReading(
         depth_format=_one_of(
             "depth-format", format, tuple(NAMES), "'defocus help depth' lists all"
         ),
         depth_unit=_one_of("depth-unit", unit, tuple(UNITS)),
-        depth_scale=_factor("depth-scale", scale),
+        depth_scale=scale,
         depth_kind=_one_of("depth-kind", kind, KINDS),
         depth_channel=channel,
         part=part,
@@ -224,13 +225,6 @@ def _one_of(field: str, word: str | None, known: Sequence[str], otherwise: str =
         return word
     remedy = did_you_mean(str(word), known, otherwise or f"choose from {', '.join(known)}")
     raise UsageProblem("unknown-name", f"{word!r} is not known", remedy, field=field)
-
-
-def _factor(field: str, value: float | None) -> float | None:
-    """A number that is neither 0 nor infinite, or None; negative ones turn a depth round."""
-    if value is not None:
-        _within(field, abs(value))
-    return value
 
 
 def _within(field: str, value: float | None, end: float = math.inf) -> float | None:

@@ -203,20 +203,9 @@ def read_depth(
 ) -> Depth:
     """Decode a depth map; holes are marked, not refused, unless they are to be replaced.
 
-    Args:
-        path: the file.
-        reading: what the user says of it.
-        keeping: where the numbers are to be kept.
-        size: width and height of the colour that it belongs to as it is shown, None if there is
-            none.
-        lens_focal: focal length of the lens in widths of its sensor, None if there is none.
-        overscan: pixels of the colour beyond the picture shown.
-        alpha: [H, W] of the colour, None if it has none.
-        orientation: of the colour as its file stores it, by which a depth stored alike is turned.
-
-    Raises:
-        InputError: the file cannot be read, or what its depth is stays open.
-        UsageProblem: an option is missing or makes no sense for this file.
+    `size`: (width, height) of its colour as it is shown; `lens_focal`: focal length of the lens in
+    widths of its sensor; `overscan`, `alpha` [H, W]: of the colour; `orientation`: of the colour as
+    its file stores it, by which a depth stored alike is turned.
     """
     if not reading.says_scale and (own := own_format(path)):
         reading = replace(reading, depth_format=own)
@@ -230,7 +219,7 @@ def read_depth(
             unpacked(samples.values[:], row), samples.type, samples.words, metadata=samples.metadata
         )
     if row.stride != 1:
-        samples = _strided(samples, row.stride)
+        samples = replace(samples, values=samples.values[:: row.stride, :: row.stride])
     values, division = divided(path, samples.values, alpha, reading.unpremultiply_depth, keeping)
     width = samples.width if size is None else size[0]
     decoding = resolved(path, reading, samples, picture_width=width, lens_focal=lens_focal)
@@ -335,12 +324,6 @@ def _is_behind(metres: Any) -> bool:
     return bool(2 * behind > math.prod(metres.shape))
 
 
-def _strided(samples: DepthNumbers, step: int) -> DepthNumbers:
-    """Every so many rows and columns."""
-    values = samples.values[::step, ::step]
-    return DepthNumbers(values, samples.type, samples.words, samples.channel, samples.metadata)
-
-
 def _decode(
     samples: DepthNumbers, decoding: Decoding, keeping: Keeping, overscan: Overscan
 ) -> tuple[Any, bool]:
@@ -389,12 +372,6 @@ def _apply_marks(
     return tuple(words)
 
 
-def _farthest(depth: Depth, farther: np.ufunc) -> float:
-    """The farthest of its valid numbers."""
-    known = (depth.metres[rows][depth.valid(rows)] for rows in bands(depth.metres.shape))
-    return float(farther.reduce([farther.reduce(numbers) for numbers in known if numbers.size]))
-
-
 def _replaced(depth: Depth, how: str) -> Depth:
     """The depth whose invalid pixels are far, or filled; how many is said.
 
@@ -414,8 +391,8 @@ def _replaced(depth: Depth, how: str) -> Depth:
         remedy = "give depth" if depth.is_relative else "check ‹depth-format›"
         raise InputError("invalid-depth", "has no pixel with a depth", remedy, path=depth.path)
     if how == "far":
-        far = _farthest(depth, farther) if depth.is_relative else math.inf
-        set_far(depth.metres, depth.valid, far)
+        ends = depth.ends if depth.is_relative else None
+        set_far(depth.metres, depth.valid, float(farther.reduce(ends)) if ends else math.inf)
         words = f"{counted(count, 'invalid pixel')} taken as infinitely far"
     else:
         fill_from_farther(depth.metres, depth.valid, farther)

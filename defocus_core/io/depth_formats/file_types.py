@@ -30,7 +30,7 @@ from defocus_core.io.array_files import (
 )
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.photo_depth import PhotoDepth, read_gdepth, read_heic
-from defocus_core.io.depth_formats.reading import DepthReading, holds_gdepth, require_size
+from defocus_core.io.depth_formats.reading import DepthReading, own_format, require_size
 from defocus_core.io.depth_formats.rules import DepthFormat, DepthNumbers
 from defocus_core.io.depth_formats.sidecars import facts_of
 from defocus_core.io.exr.channel_choice import require_part
@@ -92,17 +92,14 @@ def numbers_of(
         samples = DepthNumbers(read_bare(path), kind, kind)
     elif is_heic(head):
         samples = _from_photo(path, read_heic(path), "HEIC", reading)
-    elif is_jpeg(head) and ("GDepth" in row.files or _is_own(path, reading)):
+    elif is_jpeg(head) and (
+        "GDepth" in row.files or (not reading.depth_format and own_format(path))
+    ):
         samples = _from_photo(path, read_gdepth(path), "GDepth", reading)
     else:
         samples = _from_raster(path, reading, keeping, size)
     require_size(path, reading, samples.values.shape, size)
     return samples
-
-
-def _is_own(path: Path, reading: DepthReading) -> bool:
-    """Whether the depth inside a photograph is meant: no format is named."""
-    return reading.depth_format is None and holds_gdepth(path)
 
 
 def _from_photo(

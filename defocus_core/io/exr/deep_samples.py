@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
-from defocus_core.io.exr.header import MULTIPART, Channel, Header, Raw, channels_of, raw_headers
+from defocus_core.io.exr.header import MULTIPART, Channel, Header, channels_of, raw_headers
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.safe_files import damaged, once, stamp_of
 
@@ -114,7 +114,7 @@ def _part(file: BinaryIO, header: Header) -> tuple[_Part, int]:
     version, parts = raw_headers(file)
     start = file.tell()
     for before in parts[: header.index]:
-        start += 8 * _whole(before["chunkCount"])
+        start += 8 * max(*struct.unpack("<i", before["chunkCount"].value), 0)
     attributes = parts[header.index]
     x0, y0, x1, y1 = header.data
     tile, is_tiled = (x1 - x0 + 1, 1), attributes["type"].value.startswith(b"deeptile")
@@ -128,10 +128,6 @@ def _part(file: BinaryIO, header: Header) -> tuple[_Part, int]:
         raise ValueError(f"tiles of {tile[0]}×{tile[1]} px")
     number = header.index if version & MULTIPART else None
     return _Part((x0, y0, x1, y1), tile, is_tiled, compression, channels, number), start
-
-
-def _whole(raw: Raw) -> int:
-    return max(int(struct.unpack("<i", raw.value)[0]), 0)
 
 
 def _chunks(file: BinaryIO, part: _Part, start: int) -> list[_Chunk]:

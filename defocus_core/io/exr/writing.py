@@ -48,7 +48,11 @@ def write_exr(
     `channels`: name to float16, float32 or uint32 array [H, W], which is read in strips of rows;
     of `attributes`, tags and profiles of photographs are left out.
     """
-    own = {n: v for n, v in attributes.items() if n not in STRUCTURAL and _fits(v)}
+    own = {
+        name: value
+        for name, value in attributes.items()
+        if name not in STRUCTURAL and (isinstance(value, Raw) or not isinstance(value, tuple))
+    }
     carried = {name: value for name, value in own.items() if isinstance(value, Raw)}
     codec, level = codec_of(compression)
     plain = {name: value for name, value in own.items() if name not in carried} | level
@@ -73,11 +77,6 @@ def write_exr(
         file.seek(table)
         file.write(offsets)
         file.seek(0, io.SEEK_END)
-
-
-def _fits(value: object) -> bool:
-    """Whether a header of OpenEXR holds an attribute as it is."""
-    return isinstance(value, Raw) or not isinstance(value, tuple)
 
 
 def write_exr_image(

@@ -135,20 +135,10 @@ def read_color(
 ) -> Color:
     """Decode a colour image.
 
-    Args:
-        path: an EXR, HDR, PNG, JPEG, TIFF or WEBP file.
-        layer: which colour layer of an EXR file, as its error message lists them; PART/LAYER works.
-        part: only look in this part of a multi-part EXR file, or page of a TIFF, counted from 0.
-        view: which view of an EXR file of several; None for its default one.
-        keeping: where the pixels are to be kept.
-        overscan: pixels of an EXR file beyond its display window that are read, too.
-        blur_channels: names or patterns of the further channels of an EXR file that are light.
-        original: whether the sharp picture inside a photograph is taken, where there is one.
-        carried: whether further channels of an EXR file are read.
-
-    Raises:
-        InputError: the file cannot be read, or has no colour or several to choose from.
-        UsageProblem: a layer for a file that has none.
+    `layer`, `part`, `view`: of an EXR file, or page of a TIFF; `overscan`: pixels beyond the
+    display window that are read, too; `blur_channels`: names or patterns of further light;
+    `original`: whether the sharp picture inside a photograph is taken, where there is one;
+    `carried`: whether further channels of an EXR file are read.
     """
     head = read_head(path)
     if is_exr(head):

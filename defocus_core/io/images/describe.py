@@ -133,7 +133,10 @@ def _arrays(
 ) -> FileInfo:
     """Arrays of a file by name, of shape and type: its size is that of the first."""
     channels = tuple(
-        (name if len(shape) == 2 and len(arrays) == 1 else f"{name} {_times(shape)}", dtype)
+        (
+            name if len(shape) == 2 and len(arrays) == 1 else f"{name} {'×'.join(map(str, shape))}",
+            dtype,
+        )
         for name, (shape, dtype) in arrays.items()
     )
     sizes = [
@@ -143,7 +146,3 @@ def _arrays(
     (height, width), maximum = sizes[0], max(map(math.prod, sizes))
     part = PartInfo(0, "", channels, deep=False)
     return FileInfo(path, width, height, (part,), at_once, maximum)
-
-
-def _times(shape: tuple[int, ...]) -> str:
-    return "×".join(map(str, shape))

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.jobs.job import Shot
 from defocus_core.batch.jobs.shots import AVERAGED
 from defocus_core.errors import InputError, TooLarge, UsageProblem
 from defocus_core.io.arrays import bands
@@ -293,16 +292,13 @@ class Neighbours:
             height, width, channels = color.shape
             unlike = self._inputs.color.path
             problem = f"is {width}x{height} px of {channels} channels, unlike {unlike}"
-            raise InputError("wrong-size", problem, _remedy_of(self._shot), path=picture.color)
+            needless = "leave out ‹motion›" if self._shot.motion else "‹no-steady›"
+            remedy = f"give frames of one size, or {needless}"
+            raise InputError("wrong-size", problem, remedy, path=picture.color)
         return color, depth
 
     def _max_mb(self) -> float:
         return _SHARE * capacity_mb(self._job.machine)
-
-
-def _remedy_of(shot: Shot) -> str:
-    """What to do about frames of several sizes: those of a shot with motion are always needed."""
-    return f"give frames of one size, or {'leave out ‹motion›' if shot.motion else '‹no-steady›'}"
 
 
 class _Cache:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -62,12 +61,8 @@ def overscan_of(wanted: InputPair) -> Overscan:
     if not any(overscan):
         return NO_OVERSCAN
     if not is_exr(read_head(picture.depth)):
-        size = _size(picture.depth)
-        return (
-            overscan
-            if size == overscan.frame(color.display.width, color.display.height)
-            else NO_OVERSCAN
-        )
+        info, frame = describe(picture.depth), (color.display.width, color.display.height)
+        return overscan if (info.height, info.width) == overscan.frame(*frame) else NO_OVERSCAN
     headers = in_view(picture.depth, read_headers(picture.depth), reading.view)
     deeper = replace(reading, part=depth_part)
     try:
@@ -101,9 +96,3 @@ def reframe(array: Any, held: Overscan, wanted: Overscan, nothing: float | None)
         return np.where(inside, values, array.dtype.type(nothing))
 
     return LazyArray((len(rows), len(columns)), array.dtype, read)
-
-
-def _size(path: Path) -> tuple[int, int]:
-    """(height, width) of a file without windows."""
-    info = describe(path)
-    return info.height, info.width
