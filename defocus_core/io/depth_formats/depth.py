@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
 from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
-from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading, own_format
-from defocus_core.io.depth_formats.resolving import resolved
+from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading, own_format, resolved
 from defocus_core.io.depth_formats.rules import (
     HALF_MAX,
     Decoding,
