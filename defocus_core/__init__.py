@@ -46,7 +46,7 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.fitting.pair import Fit as Fit
     from defocus_core.fitting.pair import fit as fit
     from defocus_core.io.depth_formats.depth import Depth as Depth
-    from defocus_core.io.images.color_planes import Color as Color
+    from defocus_core.io.images.color import Color as Color
     from defocus_core.io.picture_files import read_color as read_color
     from defocus_core.io.picture_files import read_depth as read_depth
     from defocus_core.io.picture_files import write_image as write_image
@@ -68,10 +68,10 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.renderer.random_defocus import RandomDefocus as RandomDefocus
     from defocus_core.renderer.render import render as render
     from defocus_core.renderer.render import render_layers as render_layers
-    from defocus_core.sequences.motion import Frame as Frame
-    from defocus_core.sequences.motion import chained as chained
-    from defocus_core.sequences.seen_behind import seen_behind as seen_behind
-    from defocus_core.sequences.temporal_mean import temporal_mean as temporal_mean
+    from defocus_core.sequences.neighbours import Frame as Frame
+    from defocus_core.sequences.neighbours import chained as chained
+    from defocus_core.sequences.neighbours import seen_behind as seen_behind
+    from defocus_core.sequences.neighbours import temporal_mean as temporal_mean
     from defocus_core.tensors.clipped_lights import with_lights as with_lights
     from defocus_core.tensors.views import Views as Views
 
@@ -101,9 +101,7 @@ _GROUPS = {
         "depth.repair": "diagnose_depth repair_depth",
     },
     "frames of a shot": {
-        "sequences.motion": "Frame chained",
-        "sequences.seen_behind": "seen_behind",
-        "sequences.temporal_mean": "temporal_mean",
+        "sequences.neighbours": "Frame chained seen_behind temporal_mean",
     },
     "fitting": {
         "optics.thin_lens": "fnum_of_strength",
@@ -116,7 +114,7 @@ _GROUPS = {
     },
     "files": {
         "io.picture_files": "read_color read_depth write_image write_map",
-        "io.images.color_planes": "Color",
+        "io.images.color": "Color",
         "io.depth_formats.depth": "Depth",
         "errors": "DefocusError InputError UsageProblem",
     },

@@ -31,6 +31,7 @@ from defocus_core.batch.jobs.output_kinds import (
     COLOR_SPACES,
     COMPRESSIONS,
     KINDS,
+    LOSSY,
     MAP_FORMATS,
     MAPS,
     SUFFIXES,
@@ -165,7 +166,7 @@ def _encoding_options() -> list[Decorator]:
         option(
             "--color-space",
             type=click.Choice(COLOR_SPACES),
-            help="Convert PNG, TIFF and JPEG to sRGB.  [default: the profile that the colour has]",
+            help="Convert what is no EXR to sRGB.  [default: the profile that the colour has]",
         ),
         option(
             "--compression",
@@ -178,7 +179,7 @@ def _encoding_options() -> list[Decorator]:
             "--jpeg-quality",
             type=click.IntRange(1, 100),
             metavar="1…100",
-            help=f"Quality of JPEG images.  [default: {Outputs.jpeg_quality}]",
+            help=f"Quality of JPEG and WEBP images.  [default: {Outputs.jpeg_quality}]",
         ),
         option(
             "--preview",
@@ -211,14 +212,14 @@ def _outputs(
     if multiview:
         kinds = in_one_file(kinds, CALLER.at("multiview"))
     outputs = _in_file(Outputs(kinds=kinds, **_given(others)), others)
-    for option, value, kind in (
-        ("exr-type", exr_type, "exr"),
-        ("jpeg-quality", jpeg_quality, "jpg"),
+    for option, value, kinds in (
+        ("exr-type", exr_type, ("exr",)),
+        ("jpeg-quality", jpeg_quality, LOSSY),
     ):
-        if value is not None and outputs.format != kind:
+        if value is not None and outputs.format not in kinds:
             problem = f"says nothing about {outputs.format}"
             raise UsageProblem(
-                "idle-option", problem, f"leave it out, or use --format {kind}", field=option
+                "idle-option", problem, f"leave it out, or use --format {kinds[0]}", field=option
             )
     if others["color_space"] is not None and outputs.format == "exr":
         problem = "says nothing about exr, which is linear"

@@ -23,7 +23,15 @@ from defocus_core.system.text import counted, duration
 MAX_PLANNED = 10_000  # jobs of a batch of which each is looked at
 LOOKED_AT = 1000  # jobs that stand for a batch of more
 # Bytes of a pixel of three channels, of pictures that are neither flat nor noise.
-_PIXEL_BYTES = {"half": 3.6, "float": 9.6, "png": 1.8, "png16": 4.5, "tiff": 4.5, "jpg": 0.5}
+_PIXEL_BYTES = {
+    "half": 3.6,
+    "float": 9.6,
+    "png": 1.8,
+    "png16": 4.5,
+    "tiff": 4.5,
+    "jpg": 0.5,
+    "webp": 0.4,
+}
 _PREVIEW_BYTES = 1.5
 _MAP_BYTES = 2.4
 

@@ -15,7 +15,7 @@ from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import written_together
 from defocus_core.picture.preview import write_depth_preview
-from defocus_core.picture.steps.implausible import implausible_file
+from defocus_core.picture.steps.implausible import of_file
 from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.text import version
 
@@ -111,7 +111,7 @@ def convert(place: DepthTarget, reading: Reading) -> Converted:
         write_exr(place.out, {"Z": depth.metres}, attributes)
         if place.preview is not None:
             write_depth_preview(place.preview, depth.metres)
-    warnings = (*implausible_file(depth, declared=reading.says_scale), *depth.warnings)
+    warnings = (*of_file(depth, declared=reading.says_scale), *depth.warnings)
     return Converted(place, depth, range_m, sky, warnings)
 
 

@@ -17,8 +17,7 @@ from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.batch.lenses.quantities import length_text
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import sample_plane
-from defocus_core.io.images.color import read_color, require_finite
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import Color, read_color, require_finite
 from defocus_core.io.safe_files import written_whole
 from defocus_core.picture.measures import radius_measures
 from defocus_core.picture.pair import InputPair, read

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.errors import InputError, cannot_read, reason
 from defocus_core.io.below import read_plain
-from defocus_core.io.damage import MALFORMED
+from defocus_core.io.safe_files import MALFORMED
 from defocus_core.picture import plain_path
 from defocus_core.system import memory
 from defocus_core.system.process import set_to_render

@@ -18,11 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
-from defocus_core.io.array_files.float_maps import is_float_map, read_float_map
+from defocus_core.io.array_files import is_float_map, read_float_map
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
-from defocus_core.io.exr.compression import CODECS
 from defocus_core.io.exr.deep_samples import strips
-from defocus_core.io.exr.header import Header, Raw, is_exr, read_attributes, read_headers
+from defocus_core.io.exr.header import CODECS, Header, Raw, is_exr, read_attributes, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.images.color_space import linear_light, unit
 from defocus_core.io.images.primaries import REC_709, Chromaticities, declared_primaries

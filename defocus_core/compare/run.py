@@ -27,7 +27,7 @@ from defocus_core.io.below import Folder
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.encode import write_samples
 from defocus_core.io.safe_files import left_in, written_together, written_whole
-from defocus_core.system.spreading import spread
+from defocus_core.system.process import spread
 
 FIRST = 20  # failing pairs whose causes are sought, where not all are asked for
 # How many failing pairs have their causes sought, by what ``--causes`` says.

@@ -23,7 +23,7 @@ from defocus_core.io.depth_formats.table import NAMES, UNITS
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images import color as color_files
 from defocus_core.io.images import encode
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import Color
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -113,12 +113,13 @@ def read_depth(
             there are some.
         UsageProblem: An option is missing, unknown, or makes no sense for this file.
     """
+    _within("depth-scale", None if scale is None else abs(scale))  # negative: the axis is reversed
     reading = DepthReading(
         depth_format=_one_of(
             "depth-format", format, tuple(NAMES), "'defocus help depth' lists all"
         ),
         depth_unit=_one_of("depth-unit", unit, tuple(UNITS)),
-        depth_scale=_factor("depth-scale", scale),
+        depth_scale=scale,
         depth_kind=_one_of("depth-kind", kind, KINDS),
         depth_channel=channel,
         part=part,
@@ -151,13 +152,13 @@ def write_image(
     """Write a picture; its folder is made, and a file that is there replaced.
 
     Args:
-        path: Its suffix says the format: exr, png, tif, tiff, jpg or jpeg. EXR is linear; the
+        path: Its suffix says the format: exr, png, tif, tiff, jpg, jpeg or webp. EXR is linear; the
             others are sRGB, clipped to 0…1, and their alpha is unassociated.
         pixels: [H, W, C] or [H, W], scene-linear, premultiplied by alpha if there is one.
         channels: Names of the C channels; None for Y, YA, RGB or RGBA.
         exr_type: Number type of an EXR, half or float.
         bits: Of a PNG, 8 or 16; a TIFF has 16.
-        jpeg_quality: 1 to 100.
+        jpeg_quality: Of JPEG and WEBP, 1 to 100.
         attributes: Metadata, as those of a `Color`.
 
     Returns:
@@ -224,13 +225,6 @@ def _one_of(field: str, word: str | None, known: Sequence[str], otherwise: str =
         return word
     remedy = did_you_mean(str(word), known, otherwise or f"choose from {', '.join(known)}")
     raise UsageProblem("unknown-name", f"{word!r} is not known", remedy, field=field)
-
-
-def _factor(field: str, value: float | None) -> float | None:
-    """A number that is neither 0 nor infinite, or None; negative ones turn a depth round."""
-    if value is not None:
-        _within(field, abs(value))
-    return value
 
 
 def _within(field: str, value: float | None, end: float = math.inf) -> float | None:

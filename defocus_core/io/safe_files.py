@@ -13,18 +13,23 @@ import os
 import re
 import sys
 import threading
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from contextvars import ContextVar
 from functools import lru_cache, wraps
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeVar, cast
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder, Replacement, open_plain
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
+    from collections.abc import Callable
 
+
+AGAIN = "write or copy it again"
+# What is raised where a foreign document, JSON that may be anything, is taken for one of ours.
+MALFORMED = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError, RecursionError)
 MAX_PIXELS = 2**30
 # No codec packs real pixels tighter than MAX_RATIO; images below UNASKED_BYTES are not checked.
 MAX_RATIO = 10_000
@@ -59,13 +64,18 @@ def once(function: _OfFile) -> _OfFile:
     @wraps(function)
     def known(path: Path, *of: Any) -> Any:
         try:
-            it = path.stat()
+            stamp = stamp_of(path)
         except (OSError, ValueError):  # the function says what is wrong with it
             return function(path, *of)
-        stamp = (it.st_dev, it.st_ino, it.st_size, it.st_mtime_ns, it.st_ctime_ns, it.st_mode)
         return found(stamp, path, *of)
 
     return cast(_OfFile, known)
+
+
+def stamp_of(path: Path) -> tuple[int, ...]:
+    """What changes with a file."""
+    it = path.stat()
+    return it.st_dev, it.st_ino, it.st_size, it.st_mtime_ns, it.st_ctime_ns, it.st_mode
 
 
 @once
@@ -94,11 +104,21 @@ def read_head(path: Path, count: int = 16) -> bytes:
         problem = f"cannot be opened: {reason(error)}"
         raise InputError("unreadable", problem, remedy, path=path) from error
     if not head:
-        raise InputError("empty", "is empty (zero bytes)", "write or copy it again", path=path)
+        raise InputError("empty", "is empty (zero bytes)", AGAIN, path=path)
     if head.startswith(_LFS_POINTER):
         problem = "is a Git LFS pointer, not the file that it stands for"
         raise InputError("wrong-type", problem, "run: git lfs pull", path=path)
     return head[:count]
+
+
+def is_heic(head: bytes) -> bool:
+    """Whether a file that starts with ``head`` is HEIF."""
+    return head[4:8] == b"ftyp" and head[8:12] in (b"heic", b"heix", b"mif1", b"msf1", b"hevc")
+
+
+def is_jpeg(head: bytes) -> bool:
+    """Whether a file that starts with ``head`` is a JPEG."""
+    return head.startswith(b"\xff\xd8\xff")
 
 
 def missing(path: Path, what: str = "file", remedy: str = "check the name") -> InputError:
@@ -118,14 +138,14 @@ def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
     """
     claim = f"its header claims {width}×{height} px"
     if width < 1 or height < 1:
-        raise InputError("damaged", f"is damaged: {claim}", "write or copy it again", path=path)
+        raise InputError("damaged", f"is damaged: {claim}", AGAIN, path=path)
     if width * height > MAX_PIXELS:
         remedy = "cut it into smaller images"
         raise InputError("too-large", f"{claim}, more than {MAX_PIXELS}", remedy, path=path)
     size, decoded = path.stat().st_size, width * height * pixel_bytes
     if decoded > max(UNASKED_BYTES, size * MAX_RATIO):
         problem = f"{claim}, but the file has only {size} bytes"
-        raise InputError("damaged", problem, "write or copy it again", path=path)
+        raise InputError("damaged", problem, AGAIN, path=path)
 
 
 @contextmanager
@@ -268,3 +288,25 @@ def unwritable(path: Path, error: OSError) -> InputError:
     }
     remedy = remedies.get(error.errno or 0, "name an output directory you may write to")
     return InputError("unwritable", f"cannot be written: {reason(error)}", remedy, path=path)
+
+
+def damaged(path: Path, why: str, what: str = "is truncated or damaged") -> InputError:
+    """The error for a file that cannot be decoded."""
+    return InputError("damaged", f"{what} ({why})", AGAIN, path=path)
+
+
+def needs_extra(path: Path, kind: str, library: str, extra: str) -> InputError:
+    """The error for a file that is read with a library that is not installed."""
+    problem = f"is {kind} file, which is read with {library}, and {library} is not installed"
+    return InputError("needs-extra", problem, f"run: pip install 'defocus[{extra}]'", path=path)
+
+
+@contextmanager
+def decoding(path: Path, what: str = "is truncated or damaged") -> Iterator[None]:
+    """Turn what a library raises in the block, half a dozen types, into the error for damage."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        raise damaged(path, reason(error), what) from error

@@ -12,7 +12,7 @@ from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.deep_layers import cut_volumes, merge_samples
 from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT, Strip
 from defocus_core.io.exr.windows import Window
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import Color
 from defocus_core.system.text import counted
 
 _CUT_AT_ONCE = 1 << 16  # pixels

@@ -227,20 +227,15 @@ def regions_at_once(
     for at_once in range(threads, 0, -1):
         if (bound := needed(threads, at_once)) <= room:
             return at_once, bound
-    beside = base_mb() + holding.files_mb
+    beside, parts = base_mb() + holding.files_mb, (base_mb(), holding.files_mb, bound)
+    mb = [math.ceil(part) for part in parts]
     raise TooLarge(
         "out-of-memory",
-        f"needs {_sum(base_mb(), holding.files_mb, bound)} to render, "
+        f"needs {sum(mb)} MB ({mb[0]} of the program, {mb[1]} of its files, {mb[2]}) to render, "
         f"but {min(limit_mb(job.machine), beside + room):.0f} MB are allowed",
         _remedy(job, bound, threads > 1 and needed(1, 1) <= room, device),
         path=job.picture.color,
     )
-
-
-def _sum(base: float, files: float, rendering: float) -> str:
-    """Three sizes and their sum, in words."""
-    parts = [math.ceil(mb) for mb in (base, files, rendering)]
-    return "{} MB ({} of the program, {} of its files, {})".format(sum(parts), *parts)
 
 
 def _remedy(job: Job, needed_mb: float, with_one_thread: bool, device: str) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,14 +13,8 @@ from numpy.typing import NDArray
 from defocus_core.batch.jobs.output_kinds import DISPARITY_PER_RADIUS
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import InputError, UsageProblem, reason
-from defocus_core.io.array_files.containers import container_type, read_entries
-from defocus_core.io.array_files.float_maps import NPY_MAGIC, read_npy
-from defocus_core.io.exr.writing import write_exr
-from defocus_core.io.images.color import read_color
-from defocus_core.io.images.color_space import linear_to_srgb, quantised
-from defocus_core.io.images.describe import describe
-from defocus_core.io.images.encode import write_samples
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.safe_files import once, read_head
+from defocus_core.system.text import times
 
 if TYPE_CHECKING:
     from defocus_core.optics.aperture import Aperture
@@ -120,11 +113,6 @@ def dual_pixel_of(lens: Lens) -> DualPixel:
     return sensor
 
 
-def measured_pair(path: Path) -> tuple[Sensitivity, Sensitivity]:
-    """What the left and the right photodiodes see, of a file of their kernels."""
-    return _pair(path, _stamp(path))
-
-
 def disparity_of(lens: Lens) -> float:
     """Px between left and right for a CoC radius of a px, signed alike.
 
@@ -135,19 +123,8 @@ def disparity_of(lens: Lens) -> float:
     return dual_pixel_of(lens).disparity(aperture_of(lens))
 
 
-def pupil_images(path: Path) -> tuple[PupilImage, ...]:
-    """The picture of a pupil, as light: the mean of its colours, then each if they differ."""
-    return _pupil_images(path, _stamp(path))
-
-
-def _stamp(path: Path) -> tuple[int, int] | None:
-    """Size and time of a file, that tell whether it was changed; None without one."""
-    status = path.stat() if path.is_file() else None
-    return status and (status.st_size, status.st_mtime_ns)
-
-
-@lru_cache(maxsize=16)
-def _pair(path: Path, _stamp: object) -> tuple[Sensitivity, Sensitivity]:
+@once
+def measured_pair(path: Path) -> tuple[Sensitivity, Sensitivity]:
     """What the left and the right photodiodes see, of a file of their kernels."""
     import torch
 
@@ -165,6 +142,8 @@ def _pair(path: Path, _stamp: object) -> tuple[Sensitivity, Sensitivity]:
 
 def _two_kernels(path: Path) -> tuple[NDArray[Any], ...]:
     """Kernels of left and right: [H, W] of an NPY file, also [rows, columns, H, W] of an NPZ."""
+    from defocus_core.io.array_files import container_type, read_entries, read_npy
+
     if container_type(read_head(path)) == "NPZ":
         remedy = "save left and right, each rows × columns × height × width"
         axes: tuple[int, ...] = (2, 4)
@@ -180,7 +159,7 @@ def _two_kernels(path: Path) -> tuple[NDArray[Any], ...]:
         shapes = [mapped.shape[1:]] * len(mapped)
     fits = len(shapes) == 2 and shapes[0] == shapes[1] and len(shapes[0]) in axes
     if not fits or _is_wide(shapes[0]):
-        shown = " and ".join(" × ".join(map(str, shape)) for shape in dict.fromkeys(shapes))
+        shown = " and ".join(map(times, dict.fromkeys(shapes)))
         problem = f"holds {len(shapes)} times {shown} numbers, which are not kernels of two"
         raise InputError("wrong-size", problem, remedy, path=path)
     kernels = [entry.load(None) for entry in entries] if entries else mapped
@@ -193,10 +172,14 @@ def _is_wide(shape: tuple[int, ...]) -> bool:
     return too_many or max(shape[-2:]) > _MAX_SIDE
 
 
-@lru_cache(maxsize=16)
-def _pupil_images(path: Path, _stamp: object) -> tuple[PupilImage, ...]:
+@once
+def pupil_images(path: Path) -> tuple[PupilImage, ...]:
+    """The picture of a pupil, as light: the mean of its colours, then each if they differ."""
     import torch
 
+    from defocus_core.io.array_files import NPY_MAGIC, read_npy
+    from defocus_core.io.images.color import read_color
+    from defocus_core.io.images.describe import describe
     from defocus_core.optics.pupil_image import PupilImage
 
     if read_head(path).startswith(NPY_MAGIC):
@@ -227,8 +210,7 @@ def _pupil_images(path: Path, _stamp: object) -> tuple[PupilImage, ...]:
 def _refuse_wide(path: Path, shape: tuple[int, ...]) -> None:
     """Refuse what is no picture [channels, H, W] of a size that a pupil may have."""
     if len(shape) != 3 or max(shape[1:]) > _MAX_SIDE:
-        shown = " × ".join(str(n) for n in shape)
-        problem = f"is no picture of a pupil: it has {shown} numbers"
+        problem = f"is no picture of a pupil: it has {times(shape)} numbers"
         remedy = f"give one picture of {_MAX_SIDE} px a side at most"
         raise InputError("malformed", problem, remedy, path=path)
 
@@ -242,8 +224,7 @@ def _field(path: Path, values: NDArray[Any]) -> PupilField:
     if values.ndim == 5 and values.shape[2] == 1:
         values = values[:, :, 0]
     if values.ndim != 4 or _is_wide(values.shape):
-        shape = " × ".join(str(n) for n in values.shape)
-        problem = f"is no field of kernels: it has {shape} numbers"
+        problem = f"is no field of kernels: it has {times(values.shape)} numbers"
         remedy = f"save rows × columns × height × width, of {_MAX_KERNELS} kernels at most"
         raise InputError("malformed", problem, remedy, path=path)
     try:
@@ -261,6 +242,10 @@ def write_aperture(path: Path, lens: Lens, radius: float) -> None:
     `radius`: of the blur, in px, signed.
     """
     import torch
+
+    from defocus_core.io.exr.writing import write_exr
+    from defocus_core.io.images.color_space import linear_to_srgb, quantised
+    from defocus_core.io.images.encode import write_samples
 
     if path.suffix.lower() not in (".png", ".exr"):
         raise InputError(

@@ -6,19 +6,17 @@ from dataclasses import dataclass, replace
 
 from defocus_core.batch.jobs.job import Job, Picture, Reading
 from defocus_core.errors import InputError
-from defocus_core.io.array_files.containers import container_type
 from defocus_core.io.arrays import IN_MEMORY, Keeping
 from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.views import require_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
-from defocus_core.io.images.color import SHARP_INSIDE, read_color, require_finite
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import SHARP_INSIDE, Color, read_color, require_finite
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
 from defocus_core.picture.steps.table import through
-from defocus_core.system.log import note
+from defocus_core.system.text import note
 
 
 @dataclass(frozen=True)
@@ -89,6 +87,8 @@ def parts_of(picture: Picture, reading: Reading) -> tuple[int | None, int | None
     """The part to read in the colour and in the depth file; None where there is only one."""
     if reading.part is None:
         return None, None
+    from defocus_core.io.array_files import container_type
+
     if container_type(read_head(picture.depth, 32)):  # which has frames
         return reading.part if len(describe(picture.color).parts) > 1 else None, reading.part
     paths = (picture.color, picture.depth)

@@ -13,7 +13,7 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands, times
 from defocus_core.io.depth_formats.depth import Depth
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import Color
 from defocus_core.picture.sources import map_windows, windows
 from defocus_core.system.text import counted
 

@@ -14,7 +14,7 @@ from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.errors import TooLarge
 from defocus_core.io.exr.writing import clamped_half
 from defocus_core.picture.memory_budget import image_type, regions_at_once
-from defocus_core.picture.scene import Pass, has_room, passes_of, surfaces_of
+from defocus_core.picture.scene import Pass, passes_of, surfaces_of
 from defocus_core.picture.sources import to_array
 from defocus_core.picture.take import Take
 from defocus_core.system import memory
@@ -67,7 +67,7 @@ def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Rend
 
     for each in passes:
         scene = each.scene.of_colors(each.light, each.px, each.shared)
-        yield each, Renderer(scene, each.settings, hold=scene.layered is None and has_room(take))
+        yield each, Renderer(scene, each.settings, hold=scene.layered is None and take.has_room)
 
 
 def _clamp_warning(stats: Mapping[str, float]) -> list[str]:

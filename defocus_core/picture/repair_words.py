@@ -75,12 +75,8 @@ def repair_attribute(repair: DepthRepair | None) -> str:
     record = repair_record(repair)
     if record is None or not record["kinds"]:
         return ""
-    numbers = (f"{name}={value:g}" for name, value in record.items() if _is_number(value))
+    numbers = (f"{name}={value:g}" for name, value in record.items() if isinstance(value, float))
     return " ".join((",".join(record["kinds"]), *numbers))
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, float)
 
 
 def _round(value: float | None) -> float | None:

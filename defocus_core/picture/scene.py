@@ -7,8 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 from defocus_core.io.arrays import times
-from defocus_core.io.images.color_planes import Color
-from defocus_core.picture.memory_budget import holds_cells, room_on
+from defocus_core.io.images.color import Color
 from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
 from defocus_core.picture.radii import Radii
 from defocus_core.picture.sources import layer_windows, map_windows, windows
@@ -59,8 +58,8 @@ class Surfaces:
 
     @property
     def holds(self) -> bool:
-        """Whether there is room for what is derived from the whole picture."""
-        return self.coverage is None and has_room(self.take)
+        """Whether what is derived from the whole picture is kept."""
+        return self.coverage is None and self.take.has_room
 
     def scene(self) -> Scene:
         """The scene of them."""
@@ -134,10 +133,3 @@ def settings_of(take: Take) -> Settings:
 def longer_axis(take: Take) -> float:
     """The longer half axis of the blur in px, in radii of the CoC."""
     return aperture_in_pixels(take.lens, take.inputs.color.pixel_aspect)[1]
-
-
-def has_room(take: Take) -> bool:
-    """Whether there is room for what is derived from the whole picture."""
-    color = take.inputs.color
-    room = room_on(take.device, take.inputs.holding.room_mb)
-    return holds_cells((len(color.planes), *color.shape[:2]), room)

@@ -27,15 +27,16 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import BESIDE_BLUR, LENS_OPTIONS
 from defocus_core.errors import UsageProblem
 from defocus_core.io.depth_formats.depth import Depth, read_depth
-from defocus_core.io.depth_formats.photo_depth import own_format, sharp_original
-from defocus_core.io.depth_formats.reading import require_size
-from defocus_core.io.depth_formats.relative import is_relative
+from defocus_core.io.depth_formats.reading import (
+    DepthReading,
+    holds_gdepth,
+    own_format,
+    require_size,
+)
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.images.describe import describe
-from defocus_core.io.images.raster import read_pages
-from defocus_core.io.safe_files import read_head
-from defocus_core.system.log import note
-from defocus_core.system.shell import command_line
+from defocus_core.io.safe_files import is_heic, read_head
+from defocus_core.system.text import command_line, note
 
 SHARE_OF_SIDE = 0.02  # radius of the most blurred pixel, of the longer side
 # A surface takes such a share of the middle half of the picture, and such a share of the disparity
@@ -152,13 +153,12 @@ def _incomplete(
 
 def _depth_alone(picture: Picture, reading: Reading) -> Depth:
     """The depth of a picture at its own size."""
-    is_turned = reading.turn_depth is not None and not is_exr(read_head(picture.color))
-    return read_depth(
-        picture.depth,
-        reading,
-        lens_focal=_LENS.foclen / _LENS.sensor_width,
-        orientation=read_pages(picture.color)[0].orientation if is_turned else 1,
-    )
+    orientation, lens_focal = 1, _LENS.foclen / _LENS.sensor_width
+    if reading.turn_depth is not None and not is_exr(read_head(picture.color)):
+        from defocus_core.io.images.raster import read_pages
+
+        orientation = read_pages(picture.color)[0].orientation
+    return read_depth(picture.depth, reading, lens_focal=lens_focal, orientation=orientation)
 
 
 def size_of(picture: Picture) -> tuple[int, int]:
@@ -166,6 +166,24 @@ def size_of(picture: Picture) -> tuple[int, int]:
     if picture.color != picture.depth:
         info = describe(picture.color)
     else:
+        from defocus_core.io.depth_formats.photo_depth import sharp_original
+
         with sharp_original(picture.color) as sharp:
             info = describe(Path(sharp))
     return info.width, info.height
+
+
+def is_relative(path: Path, reading: DepthReading) -> bool:
+    """Whether a depth file names no unit: whole numbers of 8 or 16 bits, HEIC, some GDepth."""
+    from defocus_core.io.depth_formats.photo_depth import read_gdepth
+    from defocus_core.io.images.raster import choose_page
+
+    head = read_head(path)
+    if reading.says_scale or is_exr(head):
+        return reading.relative
+    if is_heic(head):
+        return True
+    if holds_gdepth(path):
+        return "Units" not in read_gdepth(path).metadata
+    part = choose_page(path, describe(path).parts, reading.part)
+    return all(kind in ("uint8", "uint16") for _, kind in part.channels)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.jobs.job import Job, Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.io.depth_formats.depth import Depth
-from defocus_core.io.images.color_planes import Color
-from defocus_core.picture.memory_budget import Holding
+from defocus_core.io.images.color import Color
+from defocus_core.picture.memory_budget import Holding, holds_cells, room_on
 from defocus_core.picture.radii import Radii
 from defocus_core.picture.repair_words import repair_words
 from defocus_core.system.text import counted
@@ -89,6 +90,12 @@ class Take:
     def size(self) -> tuple[int, int]:
         """(width, height) of the picture shown, in px."""
         return self.inputs.depth.size
+
+    @cached_property
+    def has_room(self) -> bool:
+        """Whether there is room for what is derived from the whole picture."""
+        color, room = self.inputs.color, room_on(self.device, self.inputs.holding.room_mb)
+        return holds_cells((len(color.planes), *color.shape[:2]), room)
 
     @property
     def metres(self) -> Any:

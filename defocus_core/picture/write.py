@@ -1,11 +1,12 @@
-"""Write: the images and maps of a job, all files or none."""
+"""Write: the contents of the files of a job, their channels and windows; all files or none."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,17 +14,112 @@ from defocus_core.batch.jobs.output_kinds import Kind
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import RECORDED
 from defocus_core.errors import InputError, with_dashes
-from defocus_core.io.arrays import LazyArray, stacked
-from defocus_core.io.exr.compression import codec_of
-from defocus_core.io.exr.writing import write_exr
-from defocus_core.io.images.color_space import PROFILE
-from defocus_core.io.images.encode import write_image, write_map
-from defocus_core.io.images.primaries import PRIMARIES
+from defocus_core.io.arrays import LazyArray, computed, stacked
+from defocus_core.io.exr.header import codec_of
+from defocus_core.io.exr.views import name_in_view
+from defocus_core.io.exr.windows import Layout
+from defocus_core.io.exr.writing import as_half, write_exr, write_exr_image
+from defocus_core.io.images.primaries import PRIMARIES, PROFILE
 from defocus_core.io.safe_files import written_together
-from defocus_core.picture.contents import Contents, contents_of
+from defocus_core.picture.opening import disparity_of
 from defocus_core.picture.repair_words import repair_attribute
+from defocus_core.picture.steps.table import through
 from defocus_core.picture.take import Take
 from defocus_core.system.text import version
+
+
+class Contents(NamedTuple):
+    """The contents of a file."""
+
+    take: Take  # what it is of
+    kind: Kind  # the kind of output
+    names: tuple[str, ...]  # of its channels of colour; the kind of a map
+    planes: tuple[Any, ...]  # arrays [H, W] of these channels
+    extras: Mapping[str, Any]
+    layout: Layout  # where the first pixel is, the display window, the views
+
+    def mapped(self, change: Callable[[Any], Any]) -> Contents:
+        """The contents with each array [H, W] changed."""
+        extras = {name: change(plane) for name, plane in self.extras.items()}
+        return self._replace(planes=tuple(map(change, self.planes)), extras=extras)
+
+
+def contents_of(take: Take, kind: Kind) -> Contents:
+    """The contents of the file of a kind."""
+    layout = Layout(take.inputs.color.corner, None, kind.views)
+    make = _SOURCES.get(kind.source) or (_image if kind.image else _map)
+    return through("write", Contents(take, kind, *make(take, kind), layout))
+
+
+_Channels = tuple[tuple[str, ...], tuple[Any, ...], dict[str, Any]]  # names, planes, extras
+
+
+def _map(take: Take, kind: Kind) -> _Channels:
+    """A map: rendered, or computed from the signed radii [H, W], 0 where it is empty."""
+    if not kind.of_radius:
+        return (kind.name,), take.images[kind.name], {}
+    values, empty = partial(kind.of_radius, disparity=disparity_of(take.lens)), take.inputs.empty
+    if empty is None:
+        return (kind.name,), (computed(values, take.shown),), {}
+    return (kind.name,), (computed(lambda r, n: values(r) * ~n, take.shown, empty),), {}
+
+
+def _image(take: Take, kind: Kind) -> _Channels:
+    """Names and arrays of the channels of colour, and further channels: blurred and carried."""
+    color, every = take.inputs.color, take.images[kind.name]
+    half = take.job.outputs.exr_type == "half"
+    names: list[str] = []
+    planes: list[Any] = []
+    extras = dict(color.extras)
+    count = len(every) // len(kind.rendered_as)
+    for number, view in enumerate(kind.rendered_as):
+        own = every[number * count : (number + 1) * count]
+        own_names = [
+            name if number == 0 else name_in_view(name, view)
+            for name in (*color.channels, *color.passes)
+        ]
+        shown = len(color.channels)
+        names += own_names[:shown]
+        planes += own[:shown]
+        passes = [as_half(plane) if half else plane for plane in own[shown:]]
+        extras |= dict(zip(own_names[shown:], passes, strict=True))
+    return tuple(names), tuple(planes), extras
+
+
+def _focus(take: Take, kind: Kind) -> _Channels:
+    """The picture shown in false colour."""
+    from defocus_core.picture.preview import focus_planes
+
+    color = take.inputs.color
+    rows, columns = color.overscan.shown(*color.shape[:2])
+    light = [window_of(plane, rows, columns) for plane in color.light]
+    return ("R", "G", "B"), focus_planes(light, window_of(take.shown, rows, columns)), {}
+
+
+def _given_color(take: Take, kind: Kind) -> _Channels:
+    """The picture as it was given."""
+    color = take.inputs.color
+    return color.channels, tuple(color.planes[: len(color.channels)]), {}
+
+
+def _given_depth(take: Take, kind: Kind) -> _Channels:
+    """The depth as it was given, in metres."""
+    return ("Z",), (take.metres,), {}
+
+
+_SOURCES = {"focus": _focus, "color": _given_color, "depth": _given_depth}
+
+
+def window_of(plane: Any, rows: slice, columns: slice) -> LazyArray:
+    """Rows and columns of an array [H, W]."""
+    shape = rows.stop - rows.start, columns.stop - columns.start
+
+    def read(within: slice) -> Any:
+        first, last, _ = within.indices(shape[0])
+        return plane[rows.start + first : rows.start + last][:, columns]
+
+    return LazyArray(shape, plane.dtype, read)
+
 
 _OF_COLORS = {PRIMARIES, PROFILE}
 
@@ -43,42 +139,58 @@ def write(take: Take) -> Take:
 
 def _write_kind(take: Take, kind: Kind) -> list[str]:
     """Write the file of a kind, and its preview if there is to be one; the warnings."""
-    job, contents = take.job, contents_of(take, kind)
+    job, contents, warnings = take.job, contents_of(take, kind), []
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
-    attributes, warnings = _attributes(take, kind), []
     compression = job.outputs.compression
     if compression == "input":
         compression = take.inputs.color.compression
     if kind.image:
-        left_out = {"view"} if kind.views else _OF_COLORS if kind.source == "focus" else set()
-        if job.outputs.color_space == "srgb":
-            left_out = {*left_out, PROFILE}
-        every = take.inputs.color.attributes
-        carried = {name: value for name, value in every.items() if name not in left_out}
-        lost = write_image(
-            path,
-            contents.planes,
-            contents.names,
-            exr_type=job.outputs.exr_type,
-            compression=compression,
-            bits=16 if job.outputs.format == "png16" else 8,
-            jpeg_quality=job.outputs.jpeg_quality,
-            attributes={**carried, **attributes},
-            extras=contents.extras,
-            layout=contents.layout,
-            clamped=take.clamped.get(kind.name, 0),
-            has_clipped=not take.inputs.color.within_white,
-        )
+        lost = _write_image(path, contents, compression)
         warnings = [f"{kind.name}: {warning}" for warning in lost]
     elif job.outputs.map_format == "tiff":
+        from defocus_core.io.images.encode import write_map
+
         write_map(path, contents.planes[0])
     else:
-        channel = kind.channel or kind.name
+        channel, own = kind.channel or kind.name, _attributes(take, kind)
         exact = "zip" if codec_of(compression)[0].lossy else compression
-        write_exr(path, {channel: contents.planes[0]}, attributes, contents.layout, exact)
+        write_exr(path, {channel: contents.planes[0]}, own, contents.layout, exact)
     if preview is not None:
         _write_preview(preview, contents)
     return warnings
+
+
+def _write_image(path: Path, contents: Contents, compression: str) -> list[str]:
+    """Write an image with what its input says of itself; what the file cannot hold, in words."""
+    take, kind, outputs = contents.take, contents.kind, contents.take.job.outputs
+    left_out = {"view"} if kind.views else _OF_COLORS if kind.source == "focus" else set()
+    if outputs.color_space == "srgb":
+        left_out = {*left_out, PROFILE}
+    every = take.inputs.color.attributes
+    carried = {name: value for name, value in every.items() if name not in left_out}
+    attributes = carried | _attributes(take, kind)
+    if path.suffix.lower() == ".exr":
+        return write_exr_image(
+            path,
+            dict(zip(contents.names, contents.planes, strict=True)),
+            outputs.exr_type,
+            compression,
+            attributes,
+            contents.extras,
+            contents.layout,
+            take.clamped.get(kind.name, 0),
+        )
+    from defocus_core.io.images.encode import write_image
+
+    return write_image(
+        path,
+        contents.planes,
+        contents.names,
+        bits=16 if outputs.format == "png16" else 8,
+        jpeg_quality=outputs.jpeg_quality,
+        attributes=attributes,
+        has_clipped=not take.inputs.color.within_white,
+    )
 
 
 def _write_preview(path: Path, contents: Contents) -> None:

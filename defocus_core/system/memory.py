@@ -103,10 +103,21 @@ def _available_mb(_second: int) -> float | None:
     limits = []
     with suppress(OSError, ValueError, IndexError):
         limits.append(_entry(_MEMINFO, "MemAvailable:"))
-    for limit, used in _GROUPS:
-        with suppress(OSError, ValueError):  # "max" is no number: no limit
+    for limit, used in _limited_groups():
+        with suppress(OSError, ValueError):
             limits.append((int(Path(limit).read_text()) - int(Path(used).read_text())) / MB)
     return max(min(limits), 0.0) if limits else None
+
+
+@cache
+def _limited_groups() -> list[tuple[str, str]]:
+    """The files of the groups of this process that have a limit."""
+    found = []
+    for limit, used in _GROUPS:
+        with suppress(OSError, ValueError):  # "max" is no number: no limit
+            int(Path(limit).read_text())
+            found.append((limit, used))
+    return found
 
 
 def _entry(file: Path, name: str) -> float:

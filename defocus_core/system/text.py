@@ -1,9 +1,14 @@
-"""Counts and durations in words, and the version."""
+"""Texts for people: notes while the library works, counts, durations, commands to copy."""
 
 from __future__ import annotations
 
+import os
+import shlex
+from collections.abc import Iterable
 from functools import cache
 from importlib import metadata
+from logging import getLogger
+from pathlib import Path
 
 
 @cache
@@ -20,6 +25,11 @@ def counted(count: int, one: str, several: str = "") -> str:
     return f"{count} {one if count == 1 else several or f'{one}s'}"
 
 
+def times(shape: Iterable[int]) -> str:
+    """The numbers of an array along its axes, like ``2 × 3``; ``no`` where it has no axis."""
+    return " × ".join(map(str, shape)) or "no"
+
+
 def percent(share: float) -> str:
     """A share of all, like ``0.25 %`` or ``100 %``."""
     return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
@@ -33,3 +43,31 @@ def duration(seconds: float) -> str:
         return f"{seconds:.0f} s"
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
+
+
+_LOGGER = getLogger("defocus_core")
+
+
+def note(line: str) -> None:
+    """One line for the user, as a warning: Python prints it on stderr if nobody listens."""
+    _LOGGER.warning("%s", line)
+
+
+def command_line(words: Iterable[object]) -> str:
+    """The words as a POSIX shell, like bash or zsh, reads them."""
+    return " ".join(map(_word, words))
+
+
+def _word(word: object) -> str:
+    text = str(word)
+    if text.isprintable():
+        return shlex.quote(text)
+    # Line breaks, escapes, bytes that are no UTF-8: as $'…' has them.
+    codes = os.fsencode(text) if isinstance(word, Path) else text.encode("utf-8", "surrogateescape")
+    return "$'" + "".join(map(_code, codes)) + "'"
+
+
+def _code(byte: int) -> str:
+    char = chr(byte)
+    plain = byte < 0x7F and char.isprintable() and char not in "'\\"
+    return char if plain else f"\\x{byte:02x}"

@@ -11,7 +11,7 @@ from command_line import LENS, color_exr, depth_exr, header, read_exr, refused, 
 from image_files import save
 
 from defocus_core.batch.datasets.finished import samples
-from defocus_core.picture import scene as renderers
+from defocus_core.picture import take
 
 SIZE = 48
 SHAPES = {
@@ -446,7 +446,7 @@ def test_colours_apart_are_the_same_within_any_memory(
     options = (*lens, "--axial-color", "0.1mm:-0.1mm", "--exr-type", "float")
     shown = []
     for name, holds in (("much", True), ("little", False)):
-        monkeypatch.setattr(renderers, "holds_cells", lambda *_, holds=holds: holds)
+        monkeypatch.setattr(take, "holds_cells", lambda *_, holds=holds: holds)
         ran = run("render", color, depth, "-o", tmp_path / name, *options)
         assert ran.code == 0, ran.err
         shown.append(read_exr(tmp_path / name / "render/a.exr"))

@@ -75,8 +75,8 @@ missing-option --fnumber: is missing, as is --focus; add --fnumber 1.4 or --aper
 info rgb.exr z.exr --preview a.png
 missing-option --preview: needs a lens, whose blur decides the repair; \
 give --lens FILE.toml, or --focal-length, … --focus
-R -o a.webp
-wrong-type a.webp: is of a type that is read alone; end its name in .exr, .png, .tif, .jpg
+R -o a.hdr
+wrong-type a.hdr: is of a type that is read alone; end its name in .exr, .png, .tif, .jpg, .webp
 R --lens @portrait-58
 unknown-name --lens: no lens @portrait-58 ships with defocus; did you mean @portrait-85?
 R --lens underscored.toml

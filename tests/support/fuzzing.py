@@ -164,8 +164,7 @@ def outcome(path: Path) -> dict[str, Any]:
     from defocus_cli.commands.info import file_lines
     from defocus_core.batch.jobs.job import Reading
     from defocus_core.errors import DefocusError
-    from defocus_core.io.images.raster import read_pages
-    from defocus_core.io.images.tags import set_tag
+    from defocus_core.io.images.raster import read_pages, set_tag
     from defocus_core.reports.inspection.inspection import inspect
 
     try:

@@ -83,7 +83,8 @@ def with_heic(monkeypatch: pytest.MonkeyPatch, depth: Any, **metadata: float) ->
     image = SimpleNamespace(info={"metadata": metadata})
     image.__array_interface__ = depth.__array_interface__
     picture = np.full((*depth.shape, 3), 128, np.uint8)
-    file = SimpleNamespace(info={"depth_images": [image]}, size=depth.shape[::-1])
+    info = {"depth_images": [image]}
+    file = SimpleNamespace(info=info, size=depth.shape[::-1], mode="RGB")
     file.__array_interface__ = picture.__array_interface__
     file.kept = picture, depth  # which the interfaces do not keep
     module.open_heif = lambda _: file

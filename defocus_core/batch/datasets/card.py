@@ -23,7 +23,7 @@ from defocus_core.batch.jobs.splits import NAME
 from defocus_core.errors import NoteKinds, one_line
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
-from defocus_core.system.log import note
+from defocus_core.system.text import note
 
 _JSON, _README = "card.json", "README.md"
 _HEAD = ("---", "# Written by defocus; without this line it stays as it is.")

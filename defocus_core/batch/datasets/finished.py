@@ -23,7 +23,7 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import EFFECT_OPTIONS, LENS_FILES
 from defocus_core.errors import InputError, Place, cannot_read, reason
 from defocus_core.io.below import Folder, path_fault
-from defocus_core.io.damage import MALFORMED
+from defocus_core.io.safe_files import MALFORMED
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from defocus_core.errors import InputError, UsageProblem, cannot_read
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable, written_whole
 from defocus_core.picture.measures import MEASURES
-from defocus_core.system.log import note
+from defocus_core.system.text import note
 
 NAME = "metadata.jsonl"
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)

@@ -18,7 +18,6 @@ from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.batch.lenses.quantities import Percentile
 from defocus_core.errors import UsageProblem, did_you_mean
 from defocus_core.io.depth_formats.reading import DepthReading
-from defocus_core.io.depth_formats.sidecars import files_beside
 
 DEVICES = ("auto", "cpu", "cuda")
 FRAME_ROLE = "frame"  # of other frames among the inputs
@@ -75,7 +74,7 @@ class Outputs:
     format: str = "exr"
     exr_type: str = "half"
     compression: str = "zip"  # codec of the EXR files, or input for that of the colour
-    color_space: str | None = None  # srgb: PNG, TIFF and JPEG are that, whatever profile came
+    color_space: str | None = None  # srgb: all but EXR are that, whatever profile came
     jpeg_quality: int = 95  # 1 to 100
     preview: bool = False
     overwrite: bool = False
@@ -210,7 +209,11 @@ class Job:
     @property
     def files(self) -> dict[str, Path]:
         """Its inputs by role: those of picture, shot and lens, and those beside its depth."""
-        files = self.picture.files | files_beside(self.reading.row, self.picture.depth)
+        files, row = self.picture.files, self.reading.row
+        if row.sidecar or row.mask:
+            from defocus_core.io.depth_formats.sidecars import files_beside
+
+            files |= files_beside(row, self.picture.depth)
         if self.outputs.need_rendering:
             files |= self.lens.files
         return files if self.shot is None else files | self.shot.files

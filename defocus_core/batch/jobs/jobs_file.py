@@ -42,6 +42,7 @@ from defocus_core.batch.jobs.output_kinds import (
     FORMAT_ALIASES,
     INPUTS,
     KINDS,
+    LOSSY,
     MAP_FORMATS,
     SUFFIXES,
     compression,
@@ -221,10 +222,10 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
     if values["color_space"] is not None and outputs.format == "exr":
         problem, place = "says nothing about exr, which is linear", section.place("color-space")
         raise UsageProblem("idle-option", problem, "leave it out", path=place)
-    for field, kind in (("exr_type", "exr"), ("jpeg_quality", "jpg")):
-        if values[field] is not None and outputs.format != kind:
+    for field, formats in (("exr_type", ("exr",)), ("jpeg_quality", LOSSY)):
+        if values[field] is not None and outputs.format not in formats:
             problem = f"says nothing about {outputs.format}"
-            remedy = f'leave it out, or use format = "{kind}"'
+            remedy = f'leave it out, or use format = "{formats[0]}"'
             raise UsageProblem(
                 "idle-option", problem, remedy, path=section.place(field.replace("_", "-"))
             )

@@ -18,7 +18,7 @@ from defocus_core.batch.jobs.toml_file import LARGEST_FILE, Table
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder, open_plain
 from defocus_core.io.safe_files import written_whole
-from defocus_core.system.log import note
+from defocus_core.system.text import note
 
 KEPT = "jobs.toml"
 _KEPT_TABLES = "jobs.json"

@@ -40,7 +40,7 @@ class Kind:
     # Of an image of several, the kinds that are the views of its one EXR file
     views: tuple[str, ...] = ()
     transposed: str = ""  # the view that it is of the picture with rows for columns, left or right
-    # Input that it is made of without rendering, a row of `defocus_core.picture.contents`;
+    # Input that it is made of without rendering, a row of `defocus_core.picture.write`;
     # empty for other kinds
     source: str = ""
     channel: str = ""  # the channel of a map in an EXR, if it is not the kind's name
@@ -123,7 +123,9 @@ INPUTS = tuple(kind.name for kind in _ROWS if kind.source in ("color", "depth"))
 PREVIEW = ".preview"  # follows the name of a kind where a preview of it is meant
 
 # Types of image files, and the suffix of each.
-SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif", "jpg": ".jpg"}
+SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif"}
+SUFFIXES |= {"jpg": ".jpg", "webp": ".webp"}
+LOSSY = ("jpg", "webp")  # which have a quality
 MAP_FORMATS = ("exr", "tiff")
 COLOR_SPACES = ("srgb",)
 COMPRESSIONS = ("none", "zips", "zip", "piz", "dwaa", "input")

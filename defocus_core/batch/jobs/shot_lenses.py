@@ -44,11 +44,11 @@ from defocus_core.errors import CALLER, InputError, Place, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.images.describe import describe
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
-from defocus_core.io.shots.lens_metadata import OptionFromMetadata, lens_of
 
 if TYPE_CHECKING:
     from defocus_core.batch.jobs.inputs import Entry
     from defocus_core.batch.jobs.lens_plan import LensPlan
+    from defocus_core.io.shots.lens_metadata import OptionFromMetadata
 
 
 INTERPOLATIONS = ("linear", "ease")
@@ -274,7 +274,11 @@ class ShotLenses:
 
     def texts(self, picture: Picture) -> tuple[dict[str, str], dict[str, OptionFromMetadata]]:
         """The options of a picture by keys and metadata, as texts, and those of its metadata."""
-        taken = lens_of(picture.color, self.metres) if self.metadata else {}
+        taken: dict[str, OptionFromMetadata] = {}
+        if self.metadata:
+            from defocus_core.io.shots.lens_metadata import lens_of
+
+            taken = lens_of(picture.color, self.metres)
         of_metadata = {
             name: checked(name, each.text, Place(picture.color, field=each.attribute))
             for name, each in taken.items()

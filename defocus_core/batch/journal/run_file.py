@@ -31,7 +31,7 @@ from defocus_core.batch.journal.resume import Ledger
 from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import LEFTOVER, left_in, leftover, sync_folder, written_whole
-from defocus_core.system.log import note
+from defocus_core.system.text import note
 
 SHARDS_FOLDER = "shards"  # of tars
 

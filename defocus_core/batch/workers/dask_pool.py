@@ -20,7 +20,7 @@ from defocus_core.batch.workers import job_result
 from defocus_core.batch.workers.job_result import failed
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
 from defocus_core.errors import InputError, UsageProblem, reason
-from defocus_core.system.log import note
+from defocus_core.system.text import note
 
 AT_ONCE = 2  # chunks for each worker: one is computed, one waits where it is
 CONNECT = "30s"

@@ -15,9 +15,8 @@ from defocus_core.batch.journal.journal import Record, Shard, read_all
 from defocus_core.batch.journal.resume import Ledger
 from defocus_core.errors import InputError
 from defocus_core.io.safe_files import missing
-from defocus_core.system.log import note
 from defocus_core.system.memory import without_collections
-from defocus_core.system.text import counted
+from defocus_core.system.text import counted, note
 
 Chunk = list[tuple[int, Job]]  # jobs of one picture, with their numbers
 Done = Callable[[int, Record], None]

@@ -36,7 +36,7 @@ from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable
 from defocus_core.picture.memory_budget import refuse_small
 from defocus_core.system.interrupts import Interrupts
-from defocus_core.system.log import note
+from defocus_core.system.text import note
 
 MAX_IN_A_CHUNK = 8
 

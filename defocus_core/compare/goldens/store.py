@@ -25,8 +25,7 @@ from defocus_core.compare.thresholds import matches
 from defocus_core.errors import InputError, UsageProblem, did_you_mean, reason
 from defocus_core.io.arrays import scratch_folder
 from defocus_core.io.below import Folder
-from defocus_core.io.damage import MALFORMED
-from defocus_core.io.safe_files import missing, unwritable, written_whole
+from defocus_core.io.safe_files import MALFORMED, missing, unwritable, written_whole
 
 MANIFEST = "golden.json"
 _ASIDE = ".accepting"  # folder of what is being accepted; complete once it has golden.json

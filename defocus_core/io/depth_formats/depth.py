@@ -16,16 +16,20 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
-from defocus_core.io.depth_formats.depth_numbers import DepthNumbers, divided
-from defocus_core.io.depth_formats.file_types import read_numbers
-from defocus_core.io.depth_formats.photo_depth import own_format
-from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading
-from defocus_core.io.depth_formats.resolving import resolved
-from defocus_core.io.depth_formats.rules import HALF_MAX, Decoding, DepthFormat, decoded, unpacked
-from defocus_core.io.depth_formats.sidecars import marked_pixels
-from defocus_core.io.depth_formats.signs import refuse_named
+from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
+from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading, own_format, resolved
+from defocus_core.io.depth_formats.rules import (
+    HALF_MAX,
+    Decoding,
+    DepthFormat,
+    DepthNumbers,
+    decoded,
+    divided,
+    unpacked,
+)
+from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
-from defocus_core.io.images.raster import SIDEWAYS, upright
+from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
 
 Valid = Callable[[slice], NDArray[np.bool_]]  # where some rows have a depth
@@ -89,6 +93,7 @@ def _filled_along_rows(
 
 
 _TOP = 65535  # of 16 bits
+_UPSIDE_DOWN = 4  # orientations of Exif beyond it lie on their side
 
 
 @dataclass(frozen=True)
@@ -197,26 +202,15 @@ def read_depth(
 ) -> Depth:
     """Decode a depth map; holes are marked, not refused, unless they are to be replaced.
 
-    Args:
-        path: the file.
-        reading: what the user says of it.
-        keeping: where the numbers are to be kept.
-        size: width and height of the colour that it belongs to as it is shown, None if there is
-            none.
-        lens_focal: focal length of the lens in widths of its sensor, None if there is none.
-        overscan: pixels of the colour beyond the picture shown.
-        alpha: [H, W] of the colour, None if it has none.
-        orientation: of the colour as its file stores it, by which a depth stored alike is turned.
-
-    Raises:
-        InputError: the file cannot be read, or what its depth is stays open.
-        UsageProblem: an option is missing or makes no sense for this file.
+    `size`: (width, height) of its colour as it is shown; `lens_focal`: focal length of the lens in
+    widths of its sensor; `overscan`, `alpha` [H, W]: of the colour; `orientation`: of the colour as
+    its file stores it, by which a depth stored alike is turned.
     """
     if not reading.says_scale and (own := own_format(path)):
         reading = replace(reading, depth_format=own)
     row, stored = reading.row, size
     orientation = orientation if reading.turn_depth is not None else 1
-    if size is not None and orientation in SIDEWAYS:
+    if size is not None and orientation > _UPSIDE_DOWN:
         stored = size[::-1]
     samples = read_numbers(path, reading, keeping, stored, overscan)
     if row.weights or row.bits:
@@ -224,17 +218,21 @@ def read_depth(
             unpacked(samples.values[:], row), samples.type, samples.words, metadata=samples.metadata
         )
     if row.stride != 1:
-        samples = _strided(samples, row.stride)
+        samples = replace(samples, values=samples.values[:: row.stride, :: row.stride])
     values, division = divided(path, samples.values, alpha, reading.unpremultiply_depth, keeping)
     width = samples.width if size is None else size[0]
     decoding = resolved(path, reading, samples, picture_width=width, lens_focal=lens_focal)
     metres, half_sky = _decode(replace(samples, values=values), decoding, keeping, overscan)
     marks = _apply_marks(path, row, samples, metres)
     if orientation != 1:
+        from defocus_core.io.images.raster import upright
+
         metres, turned = upright(metres[:], orientation), "turned as its colour"
         marks = (*marks, turned)
     is_assumed = samples.type == "16-bit PNG" and not reading.says_scale
     if is_assumed:
+        from defocus_core.io.depth_formats.file_types import refuse_named
+
         refuse_named(path, values)
         _refuse_scaled(path, values)
     words = (samples.words, division, decoding.words, *marks)
@@ -255,6 +253,29 @@ def read_depth(
         inverted=reading.invert is not None,
     )
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
+
+
+def read_numbers(
+    path: Path,
+    reading: DepthReading,
+    keeping: Keeping,
+    size: tuple[int, int] | None,
+    overscan: Overscan = NO_OVERSCAN,
+) -> DepthNumbers:
+    """The numbers of a depth file, of a type that the named format comes in."""
+    row = reading.row
+    if row.files != ("headerless",) and is_exr(read_head(path, 32)):
+        samples = exr_depth_numbers(path, reading, keeping, overscan, size)
+    else:
+        from defocus_core.io.depth_formats.file_types import numbers_of
+
+        samples = numbers_of(path, reading, keeping, size)
+    if reading.depth_format is not None and samples.type not in row.files:
+        article = "an" if samples.type[0] in "aeiouEHN8" else "a"
+        files = ", ".join(row.files)
+        problem = f"is read as {article} {samples.type}, and {row.name} comes as {files}"
+        raise InputError("wrong-type", problem, "check ‹depth-format›", path=path)
+    return samples
 
 
 def _refuse_scaled(path: Path, values: Any) -> None:
@@ -302,12 +323,6 @@ def _is_behind(metres: Any) -> bool:
     return bool(2 * behind > math.prod(metres.shape))
 
 
-def _strided(samples: DepthNumbers, step: int) -> DepthNumbers:
-    """Every so many rows and columns."""
-    values = samples.values[::step, ::step]
-    return DepthNumbers(values, samples.type, samples.words, samples.channel, samples.metadata)
-
-
 def _decode(
     samples: DepthNumbers, decoding: Decoding, keeping: Keeping, overscan: Overscan
 ) -> tuple[Any, bool]:
@@ -341,6 +356,8 @@ def _apply_marks(
         marks.append((samples.holes, np.nan))
         words.append(f"holes of {row.holes}")
     if row.mask is not None:
+        from defocus_core.io.depth_formats.sidecars import marked_pixels
+
         mask = marked_pixels(row.mask, path, metres.shape)
         if mask is None:
             words.append("no mask beside it")
@@ -352,12 +369,6 @@ def _apply_marks(
         for rows in bands(metres.shape):
             metres[rows] = np.where(pixels[rows], np.float32(value), metres[rows])
     return tuple(words)
-
-
-def _farthest(depth: Depth, farther: np.ufunc) -> float:
-    """The farthest of its valid numbers."""
-    known = (depth.metres[rows][depth.valid(rows)] for rows in bands(depth.metres.shape))
-    return float(farther.reduce([farther.reduce(numbers) for numbers in known if numbers.size]))
 
 
 def _replaced(depth: Depth, how: str) -> Depth:
@@ -379,8 +390,8 @@ def _replaced(depth: Depth, how: str) -> Depth:
         remedy = "give depth" if depth.is_relative else "check ‹depth-format›"
         raise InputError("invalid-depth", "has no pixel with a depth", remedy, path=depth.path)
     if how == "far":
-        far = _farthest(depth, farther) if depth.is_relative else math.inf
-        set_far(depth.metres, depth.valid, far)
+        ends = depth.ends if depth.is_relative else None
+        set_far(depth.metres, depth.valid, float(farther.reduce(ends)) if ends else math.inf)
         words = f"{counted(count, 'invalid pixel')} taken as infinitely far"
     else:
         fill_from_farther(depth.metres, depth.valid, farther)

@@ -11,9 +11,8 @@ import numpy as np
 
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping
-from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
 from defocus_core.io.depth_formats.reading import DepthReading, require_size
-from defocus_core.io.depth_formats.rules import DepthFormat
+from defocus_core.io.depth_formats.rules import DepthFormat, DepthNumbers
 from defocus_core.io.exr.channel_choice import (
     ChannelGroup,
     by_name,

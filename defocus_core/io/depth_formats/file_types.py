@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import re
+import struct
+import zlib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -11,30 +15,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.array_files.bare_arrays import bare_type, read_bare, read_headerless
-from defocus_core.io.array_files.containers import ArrayEntry, container_type, read_entries
-from defocus_core.io.array_files.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
-from defocus_core.io.arrays import Keeping
-from defocus_core.io.damage import decoding
-from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
-from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
-from defocus_core.io.depth_formats.photo_depth import (
-    PhotoDepth,
-    holds_gdepth,
-    is_heic,
-    is_jpeg,
-    read_gdepth,
-    read_heic,
+from defocus_core.io.array_files import (
+    NPY_MAGIC,
+    ArrayEntry,
+    bare_type,
+    container_type,
+    is_float_map,
+    read_bare,
+    read_entries,
+    read_float_map,
+    read_headerless,
+    read_npy,
+    wrong_shape,
 )
-from defocus_core.io.depth_formats.reading import DepthReading, require_size
-from defocus_core.io.depth_formats.rules import DepthFormat
+from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.depth_formats.photo_depth import PhotoDepth, read_gdepth, read_heic
+from defocus_core.io.depth_formats.reading import DepthReading, own_format, require_size
+from defocus_core.io.depth_formats.rules import DepthFormat, DepthNumbers
 from defocus_core.io.depth_formats.sidecars import facts_of
 from defocus_core.io.exr.channel_choice import require_part
-from defocus_core.io.exr.header import is_exr
-from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
-from defocus_core.io.images.png_text import png_text
 from defocus_core.io.images.raster import Raster, choose_page, pnm_top, read_pages, read_samples
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.safe_files import decoding, is_heic, is_jpeg, read_head
+from defocus_core.system.text import percent
 
 # Nine colours of each map at even steps, sRGB.
 _MAPS = {
@@ -69,62 +71,35 @@ _CHROMA_NOISE, _LUMA, _LOOKED_AT = 24, (0.299, 0.587, 0.114), 500
 WANTED = "EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres"
 
 
-def read_numbers(
-    path: Path,
-    reading: DepthReading,
-    keeping: Keeping,
-    size: tuple[int, int] | None,
-    overscan: Overscan = NO_OVERSCAN,
+def numbers_of(
+    path: Path, reading: DepthReading, keeping: Keeping, size: tuple[int, int] | None
 ) -> DepthNumbers:
-    """Read the numbers of a depth file.
-
-    `size`: width and height of the colour that the depth belongs to, None if there is none.
-    """
+    """The numbers of a depth file that is no EXR; `size`: (width, height) of its colour."""
     row, head = reading.row, read_head(path, 32)
     if row.files == ("headerless",):
         width, height = size or row.size or (0, 0)
         return DepthNumbers(read_headerless(path, (width, height)), "headerless", "float32 rows")
-    if is_exr(head):
-        return _accept(path, exr_depth_numbers(path, reading, keeping, overscan, size), reading)
     if path.suffix.lower() == ".exr":
         raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
-    if container_type(head):
-        return _accept(path, _from_container(path, reading, container_type(head), size), reading)
+    if kind := container_type(head):
+        return _from_container(path, reading, kind, size)
     if reading.depth_channel is not None:
         problem = f"{path} has no named channels"
         raise UsageProblem("idle-option", problem, "leave it out", field="depth-channel")
     if is_float_map(head):
         samples = _from_map(path, reading)
-    elif bare_type(head):
-        samples = DepthNumbers(read_bare(path), bare_type(head), bare_type(head))
+    elif kind := bare_type(head):
+        samples = DepthNumbers(read_bare(path), kind, kind)
     elif is_heic(head):
         samples = _from_photo(path, read_heic(path), "HEIC", reading)
-    elif is_jpeg(head) and ("GDepth" in row.files or _is_own(path, reading)):
+    elif is_jpeg(head) and (
+        "GDepth" in row.files or (not reading.depth_format and own_format(path))
+    ):
         samples = _from_photo(path, read_gdepth(path), "GDepth", reading)
     else:
         samples = _from_raster(path, reading, keeping, size)
     require_size(path, reading, samples.values.shape, size)
-    return _accept(path, samples, reading)
-
-
-def _accept(path: Path, samples: DepthNumbers, reading: DepthReading) -> DepthNumbers:
-    """Refuse a type of file that the named format does not come in."""
-    row = reading.row
-    if reading.depth_format is not None and samples.type not in row.files:
-        problem = (
-            f"is read as {_article(samples.type)}, and {row.name} comes as {', '.join(row.files)}"
-        )
-        raise InputError("wrong-type", problem, "check ‹depth-format›", path=path)
     return samples
-
-
-def _article(kind: str) -> str:
-    return f"{'an' if kind[0] in 'aeiouEHN8' else 'a'} {kind}"
-
-
-def _is_own(path: Path, reading: DepthReading) -> bool:
-    """Whether the depth inside a photograph is meant: no format is named."""
-    return reading.depth_format is None and holds_gdepth(path)
 
 
 def _from_photo(
@@ -216,10 +191,7 @@ def _map_of(path: Path, values: NDArray[Any], row: DepthFormat, part: int | None
     if values.ndim == 3 and "N" in row.axes:
         values = values[_chosen_frame(path, values.shape[0], part)]
     if values.ndim != 2:
-        shape = " × ".join(str(n) for n in values.shape)
-        problem = f"has {shape} numbers, not height × width"
-        remedy = "save one map a file, or say its ‹depth-format›"
-        raise InputError("wrong-shape", problem, remedy, path=path)
+        raise wrong_shape(path, values.shape)
     return values.T if row.axes.endswith("WH") else values
 
 
@@ -269,9 +241,10 @@ def _from_raster(
 def _grey(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
     """The luma of samples [h, w, 3…] of equal channels, or of 8 bits but for a codec's noise."""
     colors = samples[:, :, :3]
-    spread = colors.max(axis=2) - colors.min(axis=2)
+    r, g, b = (colors[:, :, c] for c in range(3))  # five times as fast as along the last axis
+    spread = np.maximum(np.maximum(r, g), b) - np.minimum(np.minimum(r, g), b)
     if not spread.any():
-        return colors[:, :, 0]
+        return r
     if spread.max() > _CHROMA_NOISE or samples.dtype != np.uint8:
         raise _color_error(path)
     return np.rint(colors @ _LUMA).astype(samples.dtype)
@@ -303,3 +276,122 @@ def _refuse_unsuited(path: Path, raster: Raster, reading: DepthReading) -> None:
         problem = f"has channels {', '.join(raster.channels)}; depth is one channel"
         remedy = "save the depth as a single grey channel"
         raise InputError("not-one-channel", problem, remedy, path=path)
+
+
+_TOP = 65535  # of 16 bits
+_PARTS = 6  # of a path, from its end, that are looked at
+_KITTI_SIZES = ((1242, 375), (1241, 376), (1238, 374), (1226, 370), (1224, 370), (1216, 352))
+
+
+@dataclass(frozen=True)
+class Sign:
+    """A sign of a format."""
+
+    format: str
+    path: str = ""  # an expression that the end of the path matches, in small letters
+    sizes: tuple[tuple[int, int], ...] = ()  # (width, height) in px; empty for any
+    zeros: tuple[float, float] = (0.0, 1.0)  # least and greatest share of pixels that are 0
+    tops: float = 0.0  # least share of pixels that are 65535
+    maximum: int = _TOP  # the greatest number
+
+
+SIGNS = (
+    Sign(
+        "kitti",
+        r"proj_depth/(groundtruth|velodyne_raw)/|_selection_cropped/|kitti",
+        zeros=(0.2, 1),
+        maximum=32000,
+    ),
+    Sign("kitti", sizes=_KITTI_SIZES, zeros=(0.5, 1), maximum=32000),
+    Sign("vkitti2", r"vkitti|virtual.?kitti|frames/depth/camera_[01]/", zeros=(0, 0)),
+    Sign("vkitti2", sizes=((1242, 375),), zeros=(0, 0), tops=0.001),
+    Sign("matterport", r"undistorted_depth_images/|[0-9a-f]{32}_d[0-2]_[0-5]\.png$"),
+    Sign("tum", r"rgbd_dataset_freiburg|rgbd_bonn|smart_?portraits"),
+    Sign("ibims1", r"ibims-?1"),
+    Sign("pointodyssey", r"point_?odyssey"),
+    Sign("dynamicreplica", r"dynamic_?replica"),
+    Sign("co3d", r"co3d|\.jpg\.geometric\.png$"),
+    Sign("cityscapes", r"[a-z]+_\d{6}_\d{6}_disparity\.png$"),
+)
+
+
+def refuse_named(path: Path, values: Any) -> None:
+    """Refuse 16 bits [H, W] as millimetres that have a sign of another format."""
+    place, size = "/".join(path.absolute().parts[-_PARTS:]).lower(), values.shape[1::-1]
+    likely = [
+        (sign, found)
+        for sign in SIGNS
+        if (found := re.search(sign.path, place)) and (not sign.sizes or size in sign.sizes)
+    ]
+    if not likely:
+        return
+    zeros, tops, maximum = _counted(values)
+    for sign, found in likely:
+        if (
+            sign.zeros[0] <= zeros <= sign.zeros[1]
+            and sign.tops <= tops
+            and maximum <= sign.maximum
+        ):
+            told = [f"its path has '{found[0]}'"] if sign.path else [f"{size[0]}x{size[1]} px"]
+            told += [
+                f"{percent(share)} are {n}" for n, share in ((0, zeros), (_TOP, tops)) if share
+            ]
+            problem = f"has 16 bits that may be {sign.format}, not millimetres: {', '.join(told)}"
+            remedy = f"say ‹depth-format› {sign.format}, or ‹depth-unit› mm"
+            raise InputError("unknown-unit", problem, remedy, path=path)
+
+
+def _counted(values: Any) -> tuple[float, float, int]:
+    """The shares of numbers that are 0 and 65535, and the greatest number."""
+    zeros = tops = maximum = 0
+    for rows in bands(values.shape):
+        band = values[rows]
+        zeros, tops = zeros + int((band == 0).sum()), tops + int((band == _TOP).sum())
+        maximum = max(maximum, int(band.max()))
+    pixels = values.shape[0] * values.shape[1]
+    return zeros / pixels, tops / pixels, maximum
+
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_LONGEST = 1 << 16  # bytes of a text that is read
+_MAX_CHUNKS = 100_000
+
+
+def png_text(path: Path) -> dict[str, str]:
+    """Keys and values of tEXt, zTXt and iTXt chunks before or after the pixels; empty if none.
+
+    Chunks longer than 64 kB are passed over, and what is damaged ends the list.
+    """
+    texts: dict[str, str] = {}
+    with path.open("rb") as file:
+        if file.read(8) != _SIGNATURE:
+            return texts
+        for _ in range(_MAX_CHUNKS):
+            if len(head := file.read(8)) < 8:
+                break
+            size, kind = struct.unpack(">I4s", head)
+            if kind in (b"tEXt", b"zTXt", b"iTXt") and size <= _LONGEST:
+                key, _, value = file.read(size).partition(b"\0")
+                texts[key.decode("latin-1")] = _value(kind, value)
+                file.seek(4, 1)
+            elif kind == b"IEND":
+                break
+            else:
+                file.seek(size + 4, 1)
+    return texts
+
+
+def _value(kind: bytes, value: bytes) -> str:
+    if kind == b"tEXt":
+        return value.decode("latin-1")
+    if kind == b"zTXt":
+        return _inflate(value[1:]).decode("latin-1", "replace")
+    compressed, text = value[:1] == b"\1", value[2:].split(b"\0", 2)[-1]
+    return (_inflate(text) if compressed else text).decode("utf-8", "replace")
+
+
+def _inflate(data: bytes) -> bytes:
+    try:
+        return zlib.decompressobj().decompress(data, _LONGEST)
+    except zlib.error:
+        return b""

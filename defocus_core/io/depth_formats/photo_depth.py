@@ -21,14 +21,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
-from defocus_core.io.images.raster import read_pages, read_samples, upright
+from defocus_core.io.depth_formats.reading import holds_gdepth
+from defocus_core.io.images.raster import (
+    damaged_heic,
+    open_heic,
+    read_pages,
+    read_samples,
+    upright,
+)
 from defocus_core.io.safe_files import quiet, read_head
 
 _XMP, _EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _EXTENSION_HEAD = 32 + 8  # digest, length of all, offset of this part
 _PROPERTY = re.compile(rb"""(G(?:Depth|Image):\w+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
 _ELEMENT = re.compile(rb"<(G(?:Depth|Image):\w+)>([^<]*)</G")
-_XMP_BYTES = 1 << 17  # of a JPEG, which begins with it
 _START_OF_SCAN = 0xDA
 
 
@@ -40,34 +46,6 @@ class PhotoDepth:
     # What the file says of them: near, far, format, units, measure of GDepth; d_min, d_max,
     # representation_type of HEIC
     metadata: dict[str, Any]
-
-
-def is_heic(head: bytes) -> bool:
-    """Whether a file that starts with ``head`` is HEIF."""
-    return head[4:8] == b"ftyp" and head[8:12] in (b"heic", b"heix", b"mif1", b"msf1", b"hevc")
-
-
-def is_jpeg(head: bytes) -> bool:
-    """Whether a file that starts with ``head`` is a JPEG."""
-    return head.startswith(b"\xff\xd8\xff")
-
-
-def holds_gdepth(path: Path) -> bool:
-    """Whether a file is a JPEG whose XMP has GDepth."""
-    head = read_head(path, _XMP_BYTES)
-    return is_jpeg(head) and b"GDepth:" in head
-
-
-def holds_depth(path: Path) -> bool:
-    """Whether a file is a photograph of a kind that has depth inside it."""
-    return is_heic(read_head(path)) or holds_gdepth(path)
-
-
-def own_format(path: Path) -> str:
-    """The format of the depth inside a photograph; empty if it has none."""
-    if holds_gdepth(path):
-        return "android-gdepth"
-    return "apple-heic" if is_heic(read_head(path)) else ""
 
 
 @contextmanager
@@ -85,38 +63,6 @@ def sharp_original(path: Path) -> Iterator[Path]:
         raise InputError("damaged", problem, "copy the photograph again", path=path) from error
 
 
-def open_heic(path: Path) -> Any:
-    """A HEIC file as pillow-heif opens it; its pixels are decoded where they are asked for."""
-    try:
-        import pillow_heif
-    except ImportError:
-        problem = "is a HEIC file, read with pillow-heif, and pillow-heif is not installed"
-        remedy = "run: pip install 'defocus[heif]'"
-        raise InputError("needs-extra", problem, remedy, path=path) from None
-    try:
-        with quiet():
-            return pillow_heif.open_heif(str(path))
-    except Exception as error:
-        raise _damaged_heic(path, error) from error
-
-
-def heic_pixels(path: Path) -> tuple[NDArray[Any], bytes]:
-    """The picture of a HEIC photograph, upright: integers [H, W, C], and its ICC profile."""
-    file = open_heic(path)
-    try:
-        with quiet():
-            pixels = np.asarray(file)
-    except Exception as error:
-        raise _damaged_heic(path, error) from error
-    pixels = pixels[:, :, None] if pixels.ndim == 2 else pixels
-    return pixels, bytes(file.info.get("icc_profile") or b"")
-
-
-def _damaged_heic(path: Path, error: Exception) -> InputError:
-    problem = f"is a damaged HEIC file ({reason(error)})"
-    return InputError("damaged", problem, "copy it again", path=path)
-
-
 def read_heic(path: Path) -> PhotoDepth:
     """The depth image of a HEIC photograph."""
     file = open_heic(path)
@@ -125,7 +71,7 @@ def read_heic(path: Path) -> PhotoDepth:
             images = file.info.get("depth_images") or []
             values = np.asarray(images[0]) if images else None
     except Exception as error:
-        raise _damaged_heic(path, error) from error
+        raise damaged_heic(path, error) from error
     if values is None:
         remedy = "take the photograph in portrait mode"
         raise InputError("no-depth", "has no depth image", remedy, path=path)

@@ -1,20 +1,58 @@
-"""How a depth file is to be read: all that a user may say of it."""
+"""How a depth file is to be read: what a user may say of it, and the decoding that it makes.
+
+A decoding comes of the format, the options of the user and a sidecar.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, NoReturn, Self
+
+import numpy as np
 
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.depth_formats.rules import DepthFormat
-from defocus_core.io.depth_formats.table import FORMATS, NAMES
+from defocus_core.io.arrays import bands
+from defocus_core.io.depth_formats.rules import (
+    HALF_MAX,
+    Decoding,
+    DepthFormat,
+    DepthNumbers,
+    depth_range,
+    disparity_range,
+)
+from defocus_core.io.depth_formats.table import FORMATS, NAMES, UNIT_WORDS, UNITS, usual_unit
+from defocus_core.io.safe_files import is_heic, is_jpeg, read_head
+
+if TYPE_CHECKING:
+    from defocus_core.io.depth_formats.sidecars import Facts
+
 
 KINDS = ("depth", "disparity")
 GEOMETRIES = ("radial", "planar")
 INVALID = ("error", "far", "fill")
 RESIZES = ("nearest", "guided")
 UNPREMULTIPLY = ("auto", "on", "off")
+_XMP_BYTES = 1 << 17  # of a JPEG, which begins with it
+
+
+def holds_gdepth(path: Path) -> bool:
+    """Whether a file is a JPEG whose XMP has GDepth."""
+    head = read_head(path, _XMP_BYTES)
+    return is_jpeg(head) and b"GDepth:" in head
+
+
+def holds_depth(path: Path) -> bool:
+    """Whether a file is a photograph of a kind that has depth inside it."""
+    return is_heic(read_head(path)) or holds_gdepth(path)
+
+
+def own_format(path: Path) -> str:
+    """The format of the depth inside a photograph; empty if it has none."""
+    if holds_gdepth(path):
+        return "android-gdepth"
+    return "apple-heic" if is_heic(read_head(path)) else ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,3 +164,309 @@ def wrong_size(path: Path, shape: tuple[int, int], size: tuple[int, int]) -> Inp
         return InputError("wrong-size", f"{problem}, turned", remedy, path=path)
     remedy = "give depth of the size of the colour, or say ‹resize-depth› guided, or nearest"
     return InputError("wrong-size", problem, remedy, path=path)
+
+
+@dataclass(frozen=True)
+class Declared:
+    """A depth file and the declarations on it."""
+
+    path: Path
+    reading: DepthReading  # the options of the user
+    row: DepthFormat
+    samples: DepthNumbers  # its numbers and its metadata
+    facts: Facts | None  # the facts of its sidecar; None if there is none
+
+    @property
+    def rule(self) -> str:
+        """scale, inverse, log or radius; empty where the user must say it."""
+        return self.facts.rule if self.facts is not None and self.facts.rule else self.row.rule
+
+    @property
+    def asked_by(self) -> dict[str, str]:
+        """The option that asks for the format, and its value: what errors are about."""
+        name = self.reading.depth_format
+        if name is None:
+            return {"field": "depth-kind", "value": "disparity"}
+        return {"field": "depth-format", "value": name}
+
+
+def refuse_idle(declared: Declared, rule: str) -> None:
+    """Refuse options that would mean nothing for the rule, or contradict the format."""
+    reading, row = declared.reading, declared.row
+    disparity, radial = rule == "inverse", geometry_of(declared) == "radial"
+    in_px = disparity and not row.per_metre  # disparity of two cameras
+    has_range = row.name in ("metres", "disparity") or "depth-range" in row.needs or not row.rule
+    has_unit = row.unitless and (not disparity or row.per_metre)
+    has_scale = rule in ("scale", "inverse") and (
+        declared.facts is None or not declared.facts.scale
+    )
+    means_nothing = {
+        "depth-unit": reading.depth_unit is not None and not has_unit,
+        "depth-range": reading.depth_range is not None and not has_range,
+        "depth-scale": reading.depth_scale is not None and not has_scale,
+        "baseline": reading.baseline is not None and not in_px,
+        "doffs": reading.doffs is not None and not in_px,
+        "focal-px": reading.focal_px is not None and not (in_px or radial),
+        "fov": reading.fov is not None and not radial,
+        "radial": reading.geometry == "radial" and disparity,
+    }
+    for option in (option for option, idle in means_nothing.items() if idle):
+        kind = "disparity" if disparity else row.name
+        if reading.depth_format is None and not disparity:
+            kind = "planar depth"
+        raise UsageProblem("idle-option", f"means nothing for {kind}", "leave it out", field=option)
+    if reading.depth_range is None:
+        return
+    for option in ("depth_unit", "depth_scale", "baseline", "doffs"):
+        if getattr(reading, option) is not None:
+            name = option.replace("_", "-")
+            problem = "stands beside ‹depth-range›"
+            raise UsageProblem("contradiction", problem, "give one of them", field=name)
+
+
+def ask(declared: Declared, option: str, value: str) -> NoReturn:
+    """Ask for an option that the format cannot do without."""
+    note = declared.row.note
+    problem = f"leaves ‹{option}› open" + (f": {note}" if note else "")
+    raise UsageProblem("missing-option", problem, f"add ‹{option}› {value}", **declared.asked_by)
+
+
+def geometry_of(declared: Declared) -> str:
+    """Planar, radial, or ask: by the user, the file, the channel or the format, in this order."""
+    reading, row, facts = declared.reading, declared.row, declared.facts
+    if reading.geometry is not None:
+        return reading.geometry
+    if facts is not None and facts.radial:
+        return "radial"
+    return "radial" if declared.samples.channel in row.radial_channels else row.geometry
+
+
+def focal_of(declared: Declared, picture_width: int, lens_focal: float | None) -> float | None:
+    """Focal length in px of the depth map where it holds distances to the point, else None."""
+    reading, row, width = declared.reading, declared.row, declared.samples.width
+    geometry = geometry_of(declared)
+    if geometry == "ask":
+        problem = "leaves open whether the numbers are depth or the distance to the point"
+        problem += f" ({row.note})" if row.note else ""
+        remedy = "add ‹planar› or ‹radial›"
+        raise UsageProblem("missing-option", problem, remedy, **declared.asked_by)
+    if geometry == "planar":
+        return None
+    if reading.fov is not None and reading.focal_px is not None:
+        remedy = "give one of them"
+        raise UsageProblem("contradiction", "stands beside ‹focal-px›", remedy, field="fov")
+    if reading.focal_px is not None:
+        return reading.focal_px * width / picture_width  # it is that of the colour
+    if reading.fov is not None:
+        return width / 2 / math.tan(math.radians(reading.fov) / 2)
+    if row.focal_px is not None:
+        return row.focal_px if row.focal_width is None else row.focal_px * width / row.focal_width
+    if lens_focal is not None:
+        return lens_focal * width
+    by = {"field": "radial"} if reading.geometry else declared.asked_by
+    problem = "is the distance to the point, and nothing says the field of view"
+    raise UsageProblem("missing-option", problem, "add ‹fov› 60deg or ‹focal-px› PX", **by)
+
+
+MM_PER_M = 1000.0
+_CALIBRATION = {"focal-px": "‹focal-px› PX", "baseline": "‹baseline› 65mm"}
+
+
+def resolved(
+    path: Path,
+    reading: DepthReading,
+    samples: DepthNumbers,
+    *,
+    picture_width: int,  # px of the colour, or of the depth if there is no colour
+    lens_focal: float | None,
+) -> Decoding:
+    """The decoding of the numbers of a file to depth.
+
+    `lens_focal`: focal length of the lens in widths of its sensor, None if there is no lens.
+    """
+    if reading.relative:
+        near = "black" if reading.invert else "white"
+        return Decoding("radius", words=f"relative disparity, {near} near")
+    row = reading.row
+    facts = None
+    if row.sidecar:
+        from defocus_core.io.depth_formats.sidecars import facts_of
+
+        facts = facts_of(row.sidecar, path, samples.metadata)
+    declared = Declared(path, reading, row, samples, facts)
+    rule = _rule(declared)
+    refuse_idle(declared, rule)
+    make = {"scale": _depth_decoding, "inverse": _disparity_decoding, "log": _logarithm_decoding}
+    if rule == "radius":
+        return Decoding("radius", words="signed CoC radius in px")
+    decoding = make[rule](declared)
+    sky = reading.sky
+    if sky is None:
+        sky = -math.inf if rule == "inverse" else _own_sky(samples, row)
+    focal = focal_of(declared, picture_width, lens_focal)
+    geometry = "" if focal is None else f", radial with a focal length of {focal:.6g} px"
+    return replace(
+        decoding,
+        sky=sky,
+        sky_numbers=row.sky_numbers,
+        invalid=row.invalid,
+        invalid_infinity=row.invalid_infinity,
+        focal_px=focal,
+        words=f"{decoding.words}{geometry}",
+    )
+
+
+def _own_sky(samples: DepthNumbers, row: DepthFormat) -> float:
+    """The least number that is sky; the largest half is, in a file of half."""
+    half = samples.values.dtype.newbyteorder("=") == "float16"
+    return min(row.sky, HALF_MAX) if half else row.sky
+
+
+def _rule(declared: Declared) -> str:
+    """scale, inverse, log or radius: of the format, or by depth_kind."""
+    reading, rule = declared.reading, declared.rule
+    by_kind = {"depth": "scale", "disparity": "inverse"}.get(reading.depth_kind or "")
+    if not rule:
+        if by_kind is None:
+            ask(declared, "depth-kind", "depth or disparity")
+        return by_kind
+    if by_kind is not None and by_kind != rule:
+        holds = {"scale": "depth", "inverse": "disparity"}.get(rule, declared.row.title)
+        problem = f"contradicts ‹depth-format› {declared.row.name}, which is {holds}"
+        raise UsageProblem("contradiction", problem, "leave one of them out", field="depth-kind")
+    if reading.depth_range is not None and reading.depth_format is None and by_kind is None:
+        problem = "does not say whether the numbers are depth or disparity"
+        remedy = "add ‹depth-kind› disparity, or depth"
+        raise UsageProblem("missing-option", problem, remedy, field="depth-range")
+    return rule
+
+
+def _ends(declared: Declared, *, disparity: bool) -> tuple[float, float] | None:
+    """Near and far in metres, where a range is set."""
+    reading, row = declared.reading, declared.row
+    ends, is_relative = reading.depth_range, "depth-range" in row.needs or not row.rule
+    if ends is None:
+        if disparity and is_relative and reading.depth_scale is None:
+            remedy = "NEAR FAR, like 1m 20m; or ‹depth-scale› and ‹doffs›, as 1/z = scale v + doffs"
+            ask(declared, "depth-range", remedy)
+        if not disparity and "depth-range" in row.needs:
+            ask(declared, "depth-range", "NEAR FAR, like 1m 20m")
+        return None
+    near, far = (end / MM_PER_M for end in ends)
+    if near == far:
+        problem = "has the same distance twice"
+        raise UsageProblem("out-of-range", problem, "give two distances", field="depth-range")
+    return near, far
+
+
+def _within(declared: Declared) -> None:
+    """Refuse floats beyond 0 and 1, whose ends no range can be of."""
+    values = declared.samples.values
+    if declared.samples.is_integer:
+        return
+    minimum, maximum = math.inf, -math.inf
+    for rows in bands(values.shape):
+        band = values[rows]
+        finite = band[np.isfinite(band)]
+        if finite.size:
+            minimum, maximum = min(minimum, float(finite.min())), max(maximum, float(finite.max()))
+    if minimum < -1e-3 or maximum > 1 + 1e-3:
+        problem = f"has floats from {minimum:.4g} to {maximum:.4g}, and ‹depth-range› is of 0 and 1"
+        remedy = "give ‹depth-scale› and ‹doffs› instead"
+        raise InputError("out-of-range", problem, remedy, path=declared.path)
+
+
+def _depth_decoding(declared: Declared) -> Decoding:
+    reading, row, samples = declared.reading, declared.row, declared.samples
+    if (ends := _ends(declared, disparity=False)) is not None:
+        _within(declared)
+        scale, shift = depth_range(*ends, samples.top)
+        words = f"depth, 0 is {ends[0]:.6g} m and {samples.top:.6g} is {ends[1]:.6g} m"
+        return Decoding("scale", scale, shift, words=words)
+    if "depth-scale" in row.needs and reading.depth_scale is None:
+        ask(declared, "depth-scale", "METRES")
+    facts = declared.facts
+    if facts is not None and facts.scale is not None:
+        words = f"{row.name}, {facts.source}"
+        return Decoding("scale", facts.scale, facts.shift or 0.0, words=words)
+    unit = reading.depth_unit
+    if reading.depth_format is None and unit is None:
+        unit = usual_unit(samples) if reading.depth_scale is None else "m"
+        if unit is None:
+            problem = f"has {samples.channel or 'numbers'} in whole numbers, whose unit is unknown"
+            named = samples.type == "HEIC"
+            remedy = "say ‹depth-format› apple-heic" if named else "say ‹depth-unit› mm"
+            raise InputError("unknown-unit", problem, remedy, path=declared.path)
+    words = UNIT_WORDS.get(unit or "", "")
+    scale = row.scale * UNITS[unit or "m"]
+    if row.integer_scale is not None and samples.is_integer:
+        scale = row.integer_scale
+    if reading.depth_scale is not None:
+        scale *= reading.depth_scale
+        words = ", ".join(filter(None, (words, f"× {reading.depth_scale:g}")))
+    if reading.depth_format is not None:
+        words = ", ".join(filter(None, (row.name, words)))
+    return Decoding("scale", scale, words=words)
+
+
+def _disparity_decoding(declared: Declared) -> Decoding:
+    reading, row, facts = declared.reading, declared.row, declared.facts
+    if (ends := _ends(declared, disparity=True)) is not None:
+        _within(declared)
+        top = declared.samples.top
+        scale, shift = disparity_range(*ends, top)
+        words = f"disparity, 0 is {ends[1]:.6g} m and {top:.6g} is {ends[0]:.6g} m"
+        return Decoding("inverse", scale, shift, words=words)
+    if facts is not None and facts.scale is not None:
+        words = f"{row.name}, {facts.source}"
+        return Decoding("inverse", facts.scale, facts.shift or 0.0, words=words)
+    if row.per_metre:
+        if row.sidecar:
+            problem = f"has no {row.sidecar} metadata"
+            raise InputError("no-metadata", problem, "check what wrote it", path=declared.path)
+        unit = UNITS[reading.depth_unit or "m"]
+        scale = row.scale * (reading.depth_scale or 1.0)
+        return Decoding("inverse", scale, focal_baseline=unit, words=f"{row.name}, 1 / z")
+    return _by_calibration(declared)
+
+
+def _by_calibration(declared: Declared) -> Decoding:
+    """Disparity by focal length and baseline, or by a scale alone."""
+    from defocus_core.io.depth_formats.sidecars import Facts
+
+    reading, row, facts = declared.reading, declared.row, declared.facts
+    beside = Facts("") if facts is None else facts
+    own_baseline = None if reading.baseline is None else reading.baseline / MM_PER_M
+    focal = _first(reading.focal_px, beside.focal_px, row.focal_px)
+    baseline = _first(own_baseline, beside.baseline, row.baseline)
+    doffs = _first(reading.doffs, beside.doffs) or 0.0
+    scale = row.scale * (1.0 if reading.depth_scale is None else reading.depth_scale)
+    source = f" by {facts.source}" if facts is not None else ""
+    if focal is not None and baseline is not None:
+        words = f"{row.name}, {focal:.6g} px × {baseline:.6g} m{source}"
+        return Decoding("inverse", scale, doffs, focal * baseline, words=words)
+    if focal is None and baseline is None and reading.depth_scale is not None:
+        words = f"disparity, 1/z = {scale:g} v{f' + {doffs:g}' if doffs else ''}"
+        return Decoding("inverse", scale, doffs, words=words)
+    missing = [n for n, value in zip(_CALIBRATION, (focal, baseline), strict=True) if value is None]
+    names = " and ".join(f"‹{name}›" for name in missing)
+    why = f": there is no {row.sidecar} beside {declared.path}" if row.sidecar else ""
+    remedy = f"add {' and '.join(_CALIBRATION[name] for name in missing)}"
+    if row.name == "disparity":
+        remedy += ", or ‹depth-range› NEAR FAR, or ‹depth-scale›"
+    raise UsageProblem("missing-option", f"leaves {names} open{why}", remedy, **declared.asked_by)
+
+
+def _logarithm_decoding(declared: Declared) -> Decoding:
+    facts = declared.facts
+    if facts is None or facts.ends is None:
+        problem = f"has no text chunks near and far, which {declared.row.name} needs"
+        remedy = "check what wrote or edited it"
+        raise InputError("no-metadata", problem, remedy, path=declared.path)
+    near, far = facts.ends
+    words = f"{declared.row.name}, from {near:.6g} m to {far:.6g} m"
+    return Decoding("log", ends=facts.ends, words=words)
+
+
+def _first(*values: float | None) -> float | None:
+    return next((value for value in values if value is not None), None)

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import open_plain
-from defocus_core.io.damage import MALFORMED, decoding
 from defocus_core.io.depth_formats.rules import DepthFormat, Mask
 from defocus_core.io.images.raster import choose_page, read_pages, read_samples
+from defocus_core.io.safe_files import MALFORMED, decoding
 
 # What a reader raises that meets another content than it expects.
 _FAULTS = (OSError, *MALFORMED)
@@ -217,7 +217,7 @@ def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
         if place is not None:
             files["depth_sidecar"] = place
             if row.sidecar == "Extrinsics":
-                files["depth_sidecar_right"] = _right_camera_file(place)
+                files["depth_sidecar_right"] = place.parent.parent / "Extrinsics1" / place.name
     if row.mask is not None and (mask := _mask_file(row.mask, path)) is not None:
         files["depth_mask"] = mask
     return files
@@ -241,11 +241,6 @@ def _mask_file(mask: Mask, path: Path) -> Path | None:
     words = {"stem": path.stem, "folder": path.parent.name, "number": _number_at_end(path)}
     places = (path.parent / template.format(**words) for template in mask.places)
     return next((place for place in places if place.is_file() and place != path), None)
-
-
-def _right_camera_file(first: Path) -> Path:
-    """The file of the right camera, of UnrealStereo4K."""
-    return first.parent.parent / "Extrinsics1" / first.name
 
 
 def _mask_values(path: Path, shape: tuple[int, int], depth: Path) -> NDArray[Any]:

@@ -73,7 +73,7 @@ def _chosen_color(
         if len(known) == 1:
             return known[0]
     if not candidates:
-        problem = f"has no colour channels (R, G, B or Y), only {_listing(searched)}"
+        problem = f"has no colour channels (R, G, B or Y), only {in_words(labels(_each(searched)))}"
         raise InputError("no-color", problem, "name a file that has them", path=path)
     return only(path, candidates, "colour layer", "‹color-layer›")
 
@@ -89,7 +89,7 @@ def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str])
 
     A pattern with a wildcard passes over depth and whole numbers, which are never averaged.
     """
-    light = [name for name, plane in extras.items() if not _is_data(name, plane)]
+    light = [n for n, plane in extras.items() if plane.dtype.kind not in "iu" and not is_depth(n)]
     for pattern in patterns:
         folded = pattern.casefold()
         if not any(fnmatchcase(name.casefold(), folded) for name in light):
@@ -104,11 +104,6 @@ def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str])
     return tuple(
         name for name in light if any(fnmatchcase(name.casefold(), p) for p in folded_patterns)
     )
-
-
-def _is_data(name: str, plane: Any) -> bool:
-    """Whether a channel holds depth, or whole numbers like those of objects."""
-    return plane.dtype.kind in "iu" or last_word(name).lower() in ("z", "zback", "depth")
 
 
 def require_part(path: Path, part: int, count: int) -> None:
@@ -215,15 +210,15 @@ def only(path: Path, candidates: Sequence[ChannelGroup], kind: str, option: str)
     raise InputError("ambiguous", problem, remedy, path=path)
 
 
-def _listing(headers: Sequence[Header]) -> str:
-    """The channels of ``headers``, for a message."""
-    return in_words(labels(_each(headers)))
-
-
 def in_words(names: Sequence[str]) -> str:
     """Names for a message, the first of many."""
     more = len(names) - _SHOWN
     return ", ".join(names[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
+
+
+def is_depth(name: str) -> bool:
+    """Whether a channel is a distance by its name."""
+    return last_word(name).lower() in ("z", "zback", "depth")
 
 
 def last_word(name: str) -> str:

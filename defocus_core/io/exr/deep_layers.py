@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.io.arrays import Keeping
+from defocus_core.io.exr.channel_choice import is_depth
 from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT, Strip, middle, strips
 from defocus_core.io.exr.header import Header
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
@@ -45,7 +46,7 @@ def flat_channels(
 ) -> dict[str, Any]:
     """The picture in focus: the channels of the frame by name."""
     frame = header.display.grown(overscan)
-    light = {n for n, kind in names.items() if kind != "uint" and not _is_distance(n)}
+    light = {n for n, kind in names.items() if kind != "uint" and not is_depth(n)}
     planes = {
         name: keeping.new(
             (frame.height, frame.width), "float32" if name in light else _DTYPES[kind]
@@ -113,10 +114,6 @@ def _fractions(strip: Strip) -> NDArray[Any]:
     return np.where(strip.rank > 0, np.roll(through, 1), 1.0)
 
 
-def _is_distance(name: str) -> bool:
-    return name.rpartition(".")[2].lower() in ("z", "zback", "depth")
-
-
 def _paste(plane: Any, rows: NDArray[Any], window: Window, frame: Window) -> None:
     place, shown = frame.cut(window), window.cut(frame)
     if rows[shown].size:
@@ -129,8 +126,6 @@ _OPAQUE = 1e6  # absorption of alpha 1
 
 def cut_volumes(strip: Strip, light: tuple[str, ...], mixed: NDArray[Any]) -> Strip:
     """The samples in which no volume holds another one."""
-    import numpy as np
-
     front, back = strip.values[FRONT], strip.values[BACK]
     is_volume = (back > front) & np.isfinite(back) & (front > 0)
     counts = np.bincount(strip.pixel)
@@ -151,8 +146,6 @@ def _pieces(
     strip: Strip, is_volume: NDArray[Any], pixels: NDArray[Any], light: tuple[str, ...]
 ) -> list[tuple[NDArray[Any], ...]]:
     """The pixel, light and depth of the volumes of pixels between neighbouring cuts."""
-    import numpy as np
-
     chosen = np.flatnonzero(np.isin(strip.pixel, pixels))
     at = np.searchsorted(pixels, strip.pixel[chosen]), strip.rank[chosen]
     shape = len(pixels), int(strip.rank[chosen].max()) + 1
@@ -184,8 +177,6 @@ def _mix(
     pixel: NDArray[Any], values: list[NDArray[Any]], where: NDArray[Any]
 ) -> tuple[NDArray[Any], list[NDArray[Any]]]:
     """Sorted samples, their alpha and depth last, in which those of one place are one."""
-    import numpy as np
-
     *light, alpha, depth = values
     same = (pixel[1:] == pixel[:-1]) & (depth[1:] == depth[:-1]) & np.isin(pixel[1:], where)
     if not same.any():
@@ -199,8 +190,6 @@ def _mix(
 
 def _absorption(alpha: NDArray[Any]) -> NDArray[Any]:
     """How much samples absorb: it adds up, and 1 - exp(-absorbed) is their alpha."""
-    import numpy as np
-
     with np.errstate(divide="ignore"):
         absorbed: NDArray[Any] = np.minimum(-np.log1p(-alpha.astype("f8")), _OPAQUE)
     return absorbed
@@ -208,14 +197,10 @@ def _absorption(alpha: NDArray[Any]) -> NDArray[Any]:
 
 def _alpha_per(absorbed: NDArray[Any]) -> NDArray[Any]:
     """Alpha by what is absorbed."""
-    import numpy as np
-
     return _ratio(-np.expm1(-absorbed), absorbed)
 
 
 def _ratio(part: NDArray[Any], whole: NDArray[Any]) -> NDArray[Any]:
-    import numpy as np
-
     ratio: NDArray[Any] = part / np.where(whole > 0, whole, 1)
     return ratio
 

@@ -2,22 +2,262 @@
 
 A sample with a ZBack beyond its Z fills a volume: its depth is the middle of both in 1 / distance,
 whose blur is the mean of theirs.
+
+By hand, because OpenImageIO gives samples to Python one by one, 5 µs each, and allocates what a
+file promises before it can be counted. A chunk: the samples of a row, or of the rows of a tile.
+Layout: openexr.com, "OpenEXR File Layout".
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import lru_cache
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
-from defocus_core.io.exr.deep_chunks import Samples, decoded, max_count
-from defocus_core.io.exr.header import Header
+from defocus_core.io.exr.header import MULTIPART, Channel, Header, channels_of, raw_headers
 from defocus_core.io.exr.windows import Window
+from defocus_core.io.safe_files import damaged, once, stamp_of
+
+# Samples of a strip of rows that are decoded at once, and the most of a row; px of a tile at most.
+_AT_ONCE, _MAXIMUM, _MAX_OF_TILE = 1 << 18, 1 << 21, 1 << 24
+# Decoded bytes of samples that any file may promise; beyond, how many for each byte of the file:
+# cards of one colour take 1 byte for 200, and a file made to fill the memory for 1000.
+_ANY, _RATIO = 1 << 26, 250
+_DTYPES = {"uint": "<u4", "half": "<f2", "float": "<f4"}
+_COMPRESSIONS = NONE, RLE, ZIPS = 0, 1, 2
+
+
+class Samples(NamedTuple):
+    """The samples of some rows of a part, in any order of the pixels."""
+
+    rows: tuple[int, int]  # the first and the last row
+    pixel: NDArray[np.int64]  # [N] number of the pixel of each sample, row by row
+    values: dict[str, NDArray[np.generic]]  # [N] by name of the channel
+
+
+class _Chunk(NamedTuple):
+    """A chunk as its header promises it: place in px, place in the file, bytes of both halves."""
+
+    y: int
+    x: int
+    at: int
+    table: int
+    packed: int
+    unpacked: int
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A deep part: where its rows lie, and how they are packed."""
+
+    data: tuple[int, int, int, int]  # its data window: x0, y0, x1, y1
+    tile: tuple[int, int]  # width and height of its tiles; of parts in scan lines, of a row
+    is_tiled: bool  # whether it has tiles
+    compression: int  # of the file format
+    channels: tuple[Channel, ...]  # all, in the order of the file
+    number: int | None  # of the part, if there may be several
+
+    @property
+    def across(self) -> int:
+        """Number of chunks side by side."""
+        return -(-(self.data[2] - self.data[0] + 1) // self.tile[0])
+
+    @property
+    def down(self) -> int:
+        """Number of chunks above each other."""
+        return -(-(self.data[3] - self.data[1] + 1) // self.tile[1])
+
+    @property
+    def sample_bytes(self) -> int:
+        """Decoded bytes of a sample."""
+        return sum(np.dtype(_DTYPES[channel.type]).itemsize for channel in self.channels)
+
+
+def decoded(path: Path, header: Header) -> Iterator[Samples]:
+    """The samples of a deep part, some rows at a time."""
+    with _open(path, header) as (file, part, chunks):
+        for strip_chunks in _strips(part, chunks):
+            yield _samples(file, part, strip_chunks)
+
+
+@once
+def max_samples(path: Path, header: Header) -> int:
+    """The number of samples of the pixel with most of them, of which none is decoded."""
+    with _open(path, header) as (file, part, chunks):
+        counts = (_counts(file, part, chunk) for chunk in chunks if chunk.unpacked)
+        return max((int(count.max()) for count in counts), default=0)
+
+
+@contextmanager
+def _open(path: Path, header: Header) -> Iterator[tuple[BinaryIO, _Part, list[_Chunk]]]:
+    """A deep part whose samples are counted, to read."""
+    try:
+        with path.open("rb") as file:
+            part, start = _part(file, header)
+            chunks = _chunks(file, part, start)
+            _check_promise(path, part, chunks)
+            yield file, part, chunks
+    except (OSError, ValueError, KeyError, struct.error, zlib.error) as error:
+        raise damaged(path, str(error)) from error
+
+
+def _part(file: BinaryIO, header: Header) -> tuple[_Part, int]:
+    """The layout of a part, and where in the file its table of chunks begins."""
+    version, parts = raw_headers(file)
+    start = file.tell()
+    for before in parts[: header.index]:
+        start += 8 * max(*struct.unpack("<i", before["chunkCount"].value), 0)
+    attributes = parts[header.index]
+    x0, y0, x1, y1 = header.data
+    tile, is_tiled = (x1 - x0 + 1, 1), attributes["type"].value.startswith(b"deeptile")
+    if is_tiled:
+        tile = struct.unpack_from("<II", attributes["tiles"].value)
+    compression = attributes["compression"].value[0]
+    channels = tuple(channels_of(attributes["channels"].value))
+    if compression not in _COMPRESSIONS or any(channel.subsampled for channel in channels):
+        raise ValueError(f"deep samples of compression {compression}")
+    if not 0 < tile[0] * tile[1] <= max(_MAX_OF_TILE, x1 - x0 + 1):
+        raise ValueError(f"tiles of {tile[0]}×{tile[1]} px")
+    number = header.index if version & MULTIPART else None
+    return _Part((x0, y0, x1, y1), tile, is_tiled, compression, channels, number), start
+
+
+def _chunks(file: BinaryIO, part: _Part, start: int) -> list[_Chunk]:
+    """What the headers of all chunks promise, row by row; each chunk must lie where it says."""
+    count, size = part.across * part.down, file.seek(0, 2)
+    if start + 8 * count > size:
+        raise ValueError("it ends early")
+    file.seek(start)
+    offsets = struct.unpack(f"<{count}Q", file.read(8 * count))
+    own = "" if part.number is None else "i"
+    head = struct.Struct(f"<{own}{'4i' if part.is_tiled else 'i'}3Q")
+    listed = []
+    for number, offset in enumerate(offsets):
+        file.seek(min(offset, size))
+        *place, table, packed, unpacked = head.unpack(file.read(head.size))
+        row, column = divmod(number, part.across)
+        due = [column, row, 0, 0] if part.is_tiled else [part.data[1] + row]
+        at = offset + head.size
+        if place != [*([] if part.number is None else [part.number]), *due]:
+            raise ValueError("a chunk is not where it should be")
+        if at + table + packed > size:
+            raise ValueError("it ends early")
+        y, x = row * part.tile[1], column * part.tile[0]
+        listed.append(_Chunk(y, x, at, table, packed, unpacked))
+    return listed
+
+
+def _check_promise(path: Path, part: _Part, chunks: Sequence[_Chunk]) -> None:
+    """Refuse samples that the file can hardly hold, before anything is allocated for them."""
+    promised, size = sum(chunk.unpacked for chunk in chunks), path.stat().st_size
+    of_row = max(
+        sum(chunk.unpacked for chunk in chunks[first : first + part.across])
+        for first in range(0, len(chunks), part.across)
+    )
+    samples = promised // part.sample_bytes
+    if promised > max(_ANY, _RATIO * size) or of_row > _MAXIMUM * part.sample_bytes:
+        problem = f"promises {samples} deep samples in {size} bytes"
+        remedy = "flatten it, or write it again"
+        raise InputError("too-large", problem, remedy, path=path)
+
+
+def _strips(part: _Part, chunks: Sequence[_Chunk]) -> Iterator[Sequence[_Chunk]]:
+    """Chunks of rows that follow each other, of so many pixels and samples as fit at once."""
+    first, each = 0, part.across
+    pixels = each * part.tile[0] * part.tile[1]
+    while first < len(chunks):
+        end, samples, seen = first, 0, 0
+        while end < len(chunks) and (end == first or samples + seen < _AT_ONCE):
+            row = chunks[end : end + each]
+            samples += sum(chunk.unpacked for chunk in row) // part.sample_bytes
+            seen, end = seen + pixels, end + each
+        yield chunks[first:end]
+        first = end
+
+
+def _samples(file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]) -> Samples:
+    """The samples of chunks that fill rows."""
+    x0, y0, x1, y1 = part.data
+    width, top = x1 - x0 + 1, chunks[0].y
+    values: dict[str, list[NDArray[np.generic]]] = {
+        each.name: [np.zeros(0, _DTYPES[each.type])] for each in part.channels
+    }
+    pixels: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
+    for chunk in (chunk for chunk in chunks if chunk.unpacked):
+        counts = _counts(file, part, chunk)
+        data = _unpack(file.read(chunk.packed), chunk.unpacked, part.compression)
+        y, x = (np.arange(n) for n in counts.shape)
+        number = (y[:, None] + (chunk.y - top)) * width + chunk.x + x
+        pixels.append(np.repeat(number.ravel(), counts.ravel()))
+        at = 0
+        for of_row in counts.sum(1).tolist():
+            for channel in part.channels:
+                piece = np.frombuffer(data, _DTYPES[channel.type], of_row, at)
+                values[channel.name].append(piece)
+                at += piece.nbytes
+    last = chunks[-1].y + part.tile[1] - 1
+    return Samples(
+        (y0 + top, min(y0 + last, y1)),
+        np.concatenate(pixels),
+        {name: np.concatenate(pieces) for name, pieces in values.items()},
+    )
+
+
+def _counts(file: BinaryIO, part: _Part, chunk: _Chunk) -> NDArray[np.int64]:
+    """The number [h, w] of samples of each pixel of a chunk; the file stands before their data."""
+    x0, y0, x1, y1 = part.data
+    rows = min(part.tile[1], y1 - y0 + 1 - chunk.y)
+    columns = min(part.tile[0], x1 - x0 + 1 - chunk.x)
+    file.seek(chunk.at)
+    table = _unpack(file.read(chunk.table), 4 * rows * columns, part.compression)
+    ends = np.frombuffer(table, "<i4").reshape(rows, columns).astype(np.int64)
+    counts = np.diff(ends, axis=1, prepend=0)
+    if (counts < 0).any() or int(ends[:, -1].sum()) * part.sample_bytes != chunk.unpacked:
+        raise ValueError("its table of samples is wrong")
+    return counts
+
+
+def _unpack(data: bytes, size: int, compression: int) -> bytes:
+    """So many bytes, from what they were packed to; as they are if packing made them no smaller."""
+    if compression == NONE or len(data) == size:
+        unpacked = data
+    elif compression == RLE:
+        unpacked = _order(_run_lengths(data, size))
+    else:
+        unpacked = _order(zlib.decompressobj().decompress(data, size + 1)) if size else b""
+    if len(unpacked) != size:
+        raise ValueError(f"{len(unpacked)} bytes in place of {size}")
+    return unpacked
+
+
+def _run_lengths(data: bytes, size: int) -> bytes:
+    """Runs: below 0, so many bytes as they are; else a byte once more than so many times."""
+    unpacked, at = bytearray(), 0
+    while at < len(data) and len(unpacked) <= size:
+        (count,) = struct.unpack_from("<b", data, at)
+        run = data[at + 1 : at + 1 - count] if count < 0 else data[at + 1 : at + 2] * (count + 1)
+        unpacked += run
+        at += 1 - count if count < 0 else 2
+    return bytes(unpacked)
+
+
+def _order(data: bytes) -> bytes:
+    """Bytes from differences of bytes whose even ones stand before the odd ones."""
+    steps = np.frombuffer(data, np.uint8).copy()
+    steps[1:] -= np.uint8(128)
+    bytes_ = np.cumsum(steps, dtype=np.uint8)
+    ordered, half = np.empty_like(bytes_), (len(bytes_) + 1) // 2
+    ordered[0::2], ordered[1::2] = bytes_[:half], bytes_[half:]
+    return ordered.tobytes()
+
 
 HELD_BYTES = 1 << 27
 _held: dict[object, list[Strip]] = {}
@@ -63,16 +303,6 @@ class DeepSummary(NamedTuple):
     ends: tuple[float, float] | None
 
 
-def max_samples(path: Path, header: Header) -> int:
-    """The number of samples of the pixel with most of them."""
-    return _max_samples(path, header, _version(path))
-
-
-@lru_cache(maxsize=64)
-def _max_samples(path: Path, header: Header, version: object) -> int:
-    return max_count(path, header)
-
-
 def summary(path: Path, header: Header) -> DeepSummary:
     """The samples of a deep part, in figures."""
     maximum = total = pixels = 0
@@ -91,7 +321,7 @@ def strips(path: Path, header: Header, *, last: bool = False) -> Iterator[Strip]
 
     Those of one part are held, if they are not too many, until they are read for the last time.
     """
-    key = path, header, _version(path)
+    key = path, header, stamp_of(path)
     held = _held.pop(key, None)
     if held is None:
         held, size = [], 0
@@ -108,12 +338,6 @@ def strips(path: Path, header: Header, *, last: bool = False) -> Iterator[Strip]
     if not last:
         _held.clear()
         _held[key] = held
-
-
-def _version(path: Path) -> tuple[int, int]:
-    """What changes with a file: the time of its last change, and its size."""
-    state = path.stat()
-    return state.st_mtime_ns, state.st_size
 
 
 def _strip(path: Path, samples: Samples, header: Header) -> Strip:

@@ -15,10 +15,8 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from defocus_core.errors import InputError
-from defocus_core.io.damage import damaged
-from defocus_core.io.exr.compression import codec_name
 from defocus_core.io.exr.windows import Overscan, Window
-from defocus_core.io.safe_files import check_size, once, read_head
+from defocus_core.io.safe_files import check_size, damaged, once, read_head
 
 MAGIC = b"\x76\x2f\x31\x01"
 PIXEL_TYPES = {0: "uint", 1: "half", 2: "float"}
@@ -189,12 +187,11 @@ def header_bytes(attributes: Mapping[str, Raw]) -> bytes:
 
 def _text(file: BinaryIO) -> str:
     """Next zero-terminated string."""
-    text = bytearray()
-    while (byte := file.read(1)) != b"\0":
-        if not byte or len(text) == _LONGEST_NAME:
-            raise ValueError("it ends early" if not byte else "a name does not end")
-        text += byte
-    return text.decode()
+    start, text = file.tell(), file.read(_LONGEST_NAME + 1)
+    if (end := text.find(b"\0")) < 0:
+        raise ValueError("a name does not end" if len(text) > _LONGEST_NAME else "it ends early")
+    file.seek(start + end + 1)
+    return text[:end].decode()
 
 
 def raw_headers(file: BinaryIO) -> tuple[int, list[dict[str, Raw]]]:
@@ -279,3 +276,45 @@ def _texts(value: bytes) -> tuple[str, ...]:
         _limit(views=len(texts))
         at += size
     return tuple(texts)
+
+
+class Codec(NamedTuple):
+    """A codec."""
+
+    number: int
+    rows: int
+    lossy: bool = False  # whether numbers of channels that are no colour may change, too
+
+
+CODECS = {
+    "none": Codec(0, 1),
+    "rle": Codec(1, 1),
+    "zips": Codec(2, 1),
+    "zip": Codec(3, 16),
+    "piz": Codec(4, 32),
+    "pxr24": Codec(5, 16, lossy=True),
+    "b44": Codec(6, 32, lossy=True),
+    "b44a": Codec(7, 32, lossy=True),
+    "dwaa": Codec(8, 32),
+    "dwab": Codec(9, 256),
+    "htj2k256": Codec(10, 256),
+    "htj2k32": Codec(11, 32),
+}
+LARGEST_CHUNK = 256  # rows
+_LEVEL = "dwaCompressionLevel"  # attribute of a header
+
+
+def codec_of(name: str) -> tuple[Codec, dict[str, float]]:
+    """The codec of a name like ``dwaa:100``, and the attributes that its level is written by."""
+    name, _, level = name.partition(":")
+    return CODECS[name], {_LEVEL: float(level)} if level else {}
+
+
+def codec_name(header: Mapping[str, bytes]) -> str:
+    """The name of the codec of a header, by the values of its attributes; zip if it is unknown."""
+    number = header.get("compression", b"\3")[0]
+    name = next((name for name, codec in CODECS.items() if codec.number == number), "zip")
+    level = header.get(_LEVEL, b"")
+    if not name.startswith("dwa") or len(level) != 4:
+        return name
+    return f"{name}:{struct.unpack('<f', level)[0]:g}"

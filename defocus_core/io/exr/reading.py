@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, first_line
 from defocus_core.io.arrays import IN_MEMORY, Keeping
-from defocus_core.io.damage import damaged, decoding
 from defocus_core.io.exr.header import Header, read_headers
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
-from defocus_core.io.safe_files import quiet
+from defocus_core.io.safe_files import damaged, decoding, quiet
 from defocus_core.system.interrupts import delayed_signals
 
 if TYPE_CHECKING:

@@ -15,12 +15,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.io.arrays import computed
-from defocus_core.io.exr.compression import LARGEST_CHUNK, Codec, codec_of
-from defocus_core.io.exr.header import STRUCTURAL, Raw, header_bytes, read_attributes
+from defocus_core.io.arrays import bands, computed
+from defocus_core.io.exr.header import (
+    LARGEST_CHUNK,
+    STRUCTURAL,
+    Codec,
+    Raw,
+    codec_of,
+    header_bytes,
+    read_attributes,
+)
 from defocus_core.io.exr.windows import Layout, Window
 from defocus_core.io.safe_files import quiet, written_whole
 from defocus_core.system.interrupts import delayed_signals
+from defocus_core.system.text import counted
 
 _STRIP_BYTES = 1 << 25  # of pixels, encoded at once
 
@@ -37,12 +45,17 @@ def write_exr(
     OpenEXR encodes strip after strip as a file of its own; their chunks under one header are the
     file that it would write at once, byte for byte.
 
-    `channels`: name to float16, float32 or uint32 array [H, W], which is read in strips of rows.
+    `channels`: name to float16, float32 or uint32 array [H, W], which is read in strips of rows;
+    of `attributes`, tags and profiles of photographs are left out.
     """
-    kept = {name: value for name, value in attributes.items() if name not in STRUCTURAL}
-    carried = {name: value for name, value in kept.items() if isinstance(value, Raw)}
+    own = {
+        name: value
+        for name, value in attributes.items()
+        if name not in STRUCTURAL and (isinstance(value, Raw) or not isinstance(value, tuple))
+    }
+    carried = {name: value for name, value in own.items() if isinstance(value, Raw)}
     codec, level = codec_of(compression)
-    plain = {name: value for name, value in kept.items() if name not in carried} | level
+    plain = {name: value for name, value in own.items() if name not in carried} | level
     height, width = next(iter(channels.values())).shape
     (x, y), offsets = layout.corner, b""
     whole = Window(x, y, x + width - 1, y + height - 1)
@@ -64,6 +77,36 @@ def write_exr(
         file.seek(table)
         file.write(offsets)
         file.seek(0, io.SEEK_END)
+
+
+def write_exr_image(
+    path: Path,
+    colors: Mapping[str, Any],
+    exr_type: str,
+    compression: str,
+    attributes: Mapping[str, object],
+    extras: Mapping[str, Any],
+    layout: Layout,
+    clamped: int,
+) -> list[str]:
+    """Write colours [H, W], and others with their own types; a warning if some had to be clamped.
+
+    `clamped`: pixels of colours that are half already of which that is known.
+    """
+    if exr_type == "half" and any(plane.dtype == "f4" for plane in colors.values()):
+        clamped = sum(
+            _beyond_half(colors, rows) for rows in bands(next(iter(colors.values())).shape)
+        )
+        colors = {name: as_half(plane) for name, plane in colors.items()}
+    write_exr(path, {**extras, **colors}, attributes, layout, compression)
+    warning = f"{counted(clamped, 'pixel')} beyond ±65504 clamped to half; float keeps them"
+    return [warning] if clamped else []
+
+
+def _beyond_half(colors: Mapping[str, Any], rows: slice) -> int:
+    """Number of pixels of some rows with a value beyond the range of half."""
+    beyond = np.logical_or.reduce([clamped_half(plane[rows])[1] for plane in colors.values()])
+    return int(np.count_nonzero(beyond))
 
 
 def _encoded_strips(

@@ -1,31 +1,120 @@
-"""Colour images decoded for blurring: scene-linear float32, premultiplied by alpha.
+"""Colour images decoded for blurring: scene-linear, premultiplied by alpha.
 
 EXR, HDR and float TIFF are linear already. 8 and 16 bit integers are sRGB unless the file declares
 otherwise. Light keeps the primaries of the file; the attributes declare them. EXR alpha is
-premultiplied by definition; other files' is multiplied in here, in linear light.
+premultiplied by definition; other files' is multiplied in here, in linear light. Of an EXR file a
+layer is the colour; further channels are light that is blurred with it, or carried as they are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import reduce
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.array_files.float_maps import is_float_map
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands, count_of
-from defocus_core.io.depth_formats.photo_depth import heic_pixels, is_heic, sharp_original
-from defocus_core.io.exr.header import is_exr
-from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
-from defocus_core.io.images.color_planes import Color
-from defocus_core.io.images.color_space import linear_light, profiled_space, unit
-from defocus_core.io.images.exr_color import read_exr_color
-from defocus_core.io.images.primaries import primaries_attribute
-from defocus_core.io.images.raster import Raster, choose_page, read_pages, read_samples, upright
+from defocus_core.io.exr.channel_choice import ChannelGroup, choose_color, light_passes
+from defocus_core.io.exr.header import Header, Raw, is_exr, read_headers
+from defocus_core.io.exr.reading import ExrPart, read_parts
+from defocus_core.io.exr.views import default_warning, in_view
+from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
+from defocus_core.io.images.primaries import (
+    REC_709,
+    declared_primaries,
+    primaries_attribute,
+    primaries_name,
+    same_primaries,
+)
 from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
+
+if TYPE_CHECKING:
+    from defocus_core.io.images.raster import Raster
+
+
+@dataclass(frozen=True)
+class Color:
+    """A decoded colour image.
+
+    Attributes:
+        planes: arrays [H, W], half or float32, scene-linear, premultiplied: of the C channels, then
+            of the passes.
+        channels: names of the C channels: R, G, B or Y, then A if there is one.
+        passes: names of further channels of light, blurred with the picture.
+        path: the file.
+        attributes: metadata for the output to carry: `Raw` of an EXR file, `Tag` of others.
+        extras: the EXR file's other channels [H, W], native types, for the output to carry.
+        pixel_aspect: width of a pixel by its height.
+        corner: x and y of the first pixel shown, for an EXR output to be where the input is.
+        data: the pixels that an EXR file has, of all its parts; None of other files.
+        overscan: pixels of the planes and the extras beyond the picture shown.
+        note: how the samples were read, in words.
+        warnings: what of the file was not applied, in words.
+        left_out: parts of the EXR file that no output can carry, in words.
+        compression: the codec of an EXR file, like zip.
+        within_white: whether its samples are integers, which hold no light beyond white.
+        orientation: by which the picture was turned upright, as Exif counts them; 1 is not.
+    """
+
+    planes: tuple[Any, ...]
+    channels: tuple[str, ...]
+    path: Path
+    attributes: Mapping[str, object] = field(default_factory=dict)
+    extras: dict[str, Any] = field(default_factory=dict)
+    pixel_aspect: float = 1.0
+    corner: tuple[int, int] = (0, 0)
+    data: Window | None = None
+    overscan: Overscan = NO_OVERSCAN
+    passes: tuple[str, ...] = ()
+    note: str = ""
+    warnings: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+    compression: str = "zip"
+    within_white: bool = False
+    orientation: int = 1
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(height, width, number of planes)."""
+        height, width = self.planes[0].shape
+        return height, width, len(self.planes)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the picture shown, in px."""
+        rows, columns = self.overscan.shown(*self.planes[0].shape)
+        return columns.stop - columns.start, rows.stop - rows.start
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether its EXR file lacks pixels of the picture."""
+        (x, y), (width, height) = self.corner, self.size
+        frame = Window(x, y, x + width - 1, y + height - 1).grown(self.overscan)
+        return self.data is not None and not self.data.covers(frame)
+
+    @property
+    def alpha(self) -> Any:
+        """The plane of alpha [H, W]; None if there is none."""
+        return self.planes[len(self.channels) - 1] if self.channels[-1] == "A" else None
+
+    @property
+    def light(self) -> tuple[Any, ...]:
+        """The planes of the picture's colour [H, W], without alpha."""
+        return self.planes[: len(self.channels) - (self.channels[-1] == "A")]
+
+    @property
+    def pixels(self) -> NDArray[np.float32]:
+        """The whole image, float32 [H, W, C]."""
+        return np.stack(
+            [plane[:] for plane in self.planes[: len(self.channels)]], axis=2, dtype=np.float32
+        )
+
 
 SHARP_INSIDE = "the sharp picture inside it"  # ends the note of a photograph of which that is read
 BRIGHTEST = 1e30  # light beyond it overflows in `defocus_core`, which refuses it too
@@ -46,20 +135,10 @@ def read_color(
 ) -> Color:
     """Decode a colour image.
 
-    Args:
-        path: an EXR, HDR, PNG, JPEG, TIFF or WEBP file.
-        layer: which colour layer of an EXR file, as its error message lists them; PART/LAYER works.
-        part: only look in this part of a multi-part EXR file, or page of a TIFF, counted from 0.
-        view: which view of an EXR file of several; None for its default one.
-        keeping: where the pixels are to be kept.
-        overscan: pixels of an EXR file beyond its display window that are read, too.
-        blur_channels: names or patterns of the further channels of an EXR file that are light.
-        original: whether the sharp picture inside a photograph is taken, where there is one.
-        carried: whether further channels of an EXR file are read.
-
-    Raises:
-        InputError: the file cannot be read, or has no colour or several to choose from.
-        UsageProblem: a layer for a file that has none.
+    `layer`, `part`, `view`: of an EXR file, or page of a TIFF; `overscan`: pixels beyond the
+    display window that are read, too; `blur_channels`: names or patterns of further light;
+    `original`: whether the sharp picture inside a photograph is taken, where there is one;
+    `carried`: whether further channels of an EXR file are read.
     """
     head = read_head(path)
     if is_exr(head):
@@ -75,18 +154,25 @@ def read_color(
         )
     if path.suffix.lower() == ".exr":
         raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
-    if is_float_map(head):
-        problem = "is a map of floats without colour"
-        remedy = "use EXR, PNG, JPEG, TIFF, WEBP or HDR for colour"
-        raise InputError("no-color", problem, remedy, path=path)
     if layer is not None:
         remedy = "leave it out"
         raise UsageProblem("idle-option", f"{path} has no layers", remedy, field="color-layer")
     if blur_channels:
         problem = f"{path} has no further channels"
         raise UsageProblem("idle-option", problem, "leave it out", field="blur-channels")
-    if is_heic(read_head(path)):
-        return _from_heic(path)
+    return _no_exr(path, part, keeping, original=original)
+
+
+def _no_exr(path: Path, part: int | None, keeping: Keeping, *, original: bool) -> Color:
+    """The colour of a file of another type."""
+    from defocus_core.io.array_files import is_float_map
+    from defocus_core.io.depth_formats.photo_depth import sharp_original
+    from defocus_core.io.images.raster import choose_page, read_pages, upright
+
+    if is_float_map(read_head(path)):
+        problem = "is a map of floats without colour"
+        remedy = "use EXR, PNG, JPEG, TIFF, WEBP or HDR for colour"
+        raise InputError("no-color", problem, remedy, path=path)
     page = choose_page(path, read_pages(path), part)
     if not original:
         return _from_raster(path, page, keeping)
@@ -101,30 +187,6 @@ def read_color(
         path=path,
         attributes={**page.tags, **color.attributes},
         note=f"{color.note}, {SHARP_INSIDE}",
-    )
-
-
-def _from_heic(path: Path) -> Color:
-    """The picture of a HEIC photograph, which libheif has turned upright."""
-    samples, data = heic_pixels(path)
-    space = profiled_space(data)
-    channels = ("R", "G", "B", "A")[: samples.shape[2]] if samples.shape[2] > 2 else ("Y",)
-    alpha = unit(samples[:, :, 3:]) if len(channels) == 4 else None
-    light = linear_light(
-        samples[:, :, :3] if len(channels) > 1 else samples[:, :, :1],
-        alpha,
-        gamma=None,
-        associated=False,
-        profile=space.profile,
-    )
-    planes = light if alpha is None else np.concatenate([light, alpha], axis=2)
-    return Color(
-        tuple(np.ascontiguousarray(plane) for plane in np.moveaxis(planes, 2, 0)),
-        channels,
-        path,
-        {**space.attributes, **primaries_attribute(space.primaries)},
-        note=f"HEIC, {space.note}",
-        within_white=True,
     )
 
 
@@ -154,6 +216,9 @@ def require_finite(color: Color) -> None:
 
 
 def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
+    from defocus_core.io.images.color_space import linear_light, unit
+    from defocus_core.io.images.raster import read_samples
+
     if raster.deep:
         raise InputError("deep-data", "holds deep data", "flatten it first", path=path)
     names = raster.channels
@@ -196,3 +261,144 @@ def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
         within_white=raster.type.startswith("uint"),
         orientation=raster.orientation,
     )
+
+
+_NEARLY_SQUARE = 1e-3  # difference of the sides of a pixel as a share of one
+_THUMBNAIL = "preview"  # attribute of an EXR header
+
+
+def read_exr_color(
+    path: Path,
+    *,
+    layer: str | None,
+    part: int | None,
+    view: str | None,
+    blur_channels: Sequence[str],
+    keeping: Keeping,
+    overscan: Overscan,
+    carried: bool,
+) -> Color:
+    """Decode the colour of an EXR file; the arguments are those of `read_color`."""
+    every = read_headers(path)
+    headers = in_view(path, every, view)
+    chosen = choose_color(path, headers, layer=layer, part=part)
+    own = (chosen.header.index, *chosen.channels.values())
+
+    def wanted(header: Header, name: str) -> bool:
+        return carried or (header.index == own[0] and name in own[1:])
+
+    parts = read_parts(path, headers, keeping, wanted, overscan)
+    channels, planes = _planes(path, parts[chosen.header.index], chosen, keeping, overscan)
+    extras, left_out = _extras(parts, chosen) if carried else ({}, ())
+    passes = light_passes(path, extras, blur_channels)
+    planes += [extras.pop(name) for name in passes]
+    attributes = {k: v for k, v in chosen.header.attributes.items() if k != _THUMBNAIL}
+    if chosen.header.shown:
+        attributes["view"] = Raw("string", chosen.header.shown.encode())
+    return Color(
+        planes=_one_type(planes, keeping),
+        channels=channels,
+        path=path,
+        passes=passes,
+        attributes=attributes,
+        extras=extras,
+        pixel_aspect=_aspect(chosen.header),
+        corner=(chosen.header.display.x0, chosen.header.display.y0),
+        data=reduce(Window.united, (header.data for header in headers)),
+        overscan=overscan,
+        note=_exr_note(chosen, overscan),
+        warnings=tuple(filter(None, [default_warning(every, view)])),
+        left_out=left_out,
+        compression=chosen.header.compression,
+    )
+
+
+def _planes(
+    path: Path, part: ExrPart, chosen: ChannelGroup, keeping: Keeping, overscan: Overscan
+) -> tuple[tuple[str, ...], list[Any]]:
+    """The names and arrays of a colour layer; alpha is added where a part has pixels of the frame.
+
+    A picture that is smaller than its frame is an element, with nothing around it.
+    """
+    header, names = chosen.header, tuple(chosen.channels)
+    planes = [part.channels[name] for name in chosen.channels.values()]
+    if "RY" in names:
+        from defocus_core.io.exr.chroma import rgb_of, weights_of
+
+        planes[:3] = rgb_of(planes[0], planes[1:3], weights_of(header, path))
+        names = ("R", "G", "B", *names[3:])
+    frame = header.display.grown(overscan)
+    if "A" in names or header.data.covers(frame):
+        return names, planes
+    alpha = keeping.new((frame.height, frame.width), planes[0].dtype)
+    rows, columns = frame.cut(header.data)
+    alpha[rows, columns] = np.ones((rows.stop - rows.start, columns.stop - columns.start), "f2")
+    return (*names, "A"), [*planes, alpha]
+
+
+def _aspect(header: Header) -> float:
+    """Width of a pixel by its height, 1 if it is nearly square."""
+    aspect = header.pixel_aspect
+    return 1.0 if abs(aspect - 1) <= _NEARLY_SQUARE else aspect
+
+
+def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
+    header, names = chosen.header, chosen.channels.values()
+    kinds = {channel.type for channel in header.channels if channel.name in names}
+    thumbnail = "its thumbnail, which is sharp, left out" * (_THUMBNAIL in header.attributes)
+    view = f"view {header.shown}" if header.shown else ""
+    chroma = "luminance and chroma" if "RY" in chosen.channels else ""
+    kind = f"EXR {' and '.join(sorted(kinds))}, linear"
+    declared = declared_primaries(header.attributes)
+    primaries = "" if same_primaries(declared, REC_709) else f"primaries {primaries_name(declared)}"
+    aspect = _aspect(header)
+    pixels = "" if aspect == 1 else f"pixels {aspect:g} times as wide as high"
+    return ", ".join(
+        filter(None, (kind, primaries, view, chroma, pixels, header.cut_note(overscan), thumbnail))
+    )
+
+
+def _one_type(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
+    """Channels of one type: half if all are half, else float32."""
+    if all(plane.dtype == np.float16 for plane in planes):
+        return tuple(planes)
+    floats = []
+    for plane in planes:
+        if plane.dtype != np.float32:
+            native, plane = plane, keeping.new(plane.shape, np.float32)
+            for rows in bands(plane.shape):
+                plane[rows] = native[rows]
+        floats.append(plane)
+    return tuple(floats)
+
+
+def _extras(
+    parts: Sequence[ExrPart], chosen: ChannelGroup
+) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
+    """Channels beside the chosen layer, and in words the parts that the output cannot carry.
+
+    A channel is called PART.NAME where its plain name is taken.
+    """
+    size = (chosen.header.display.width, chosen.header.display.height)
+    extras: dict[str, NDArray[Any]] = {}
+    left_out = []
+    for part in sorted(parts, key=lambda p: p.header.index != chosen.header.index):
+        display = part.header.display
+        plain = {channel.name: channel.plain for channel in part.header.channels}
+        if not plain:  # of another view
+            continue
+        lost = [name for name in plain if name not in part.channels]
+        if lost:
+            left_out.append(f"{', '.join(lost)}, with fewer samples than pixels, left out")
+        is_of_color = part.header.index == chosen.header.index
+        if (part.header.deep and not is_of_color) or (display.width, display.height) != size:
+            why = "which is deep" if part.header.deep else "which is of another size"
+            left_out.append(f"part {part.header.label}, {why}, left out")
+            continue
+        for name, plane in part.channels.items():
+            if is_of_color and name in chosen.channels.values():
+                continue
+            own = plain[name]
+            taken = own in extras or own in chosen.channels
+            extras[f"{part.header.label}.{own}" if taken else own] = plane
+    return extras, tuple(left_out)

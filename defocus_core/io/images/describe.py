@@ -6,14 +6,9 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from defocus_core.io.array_files.bare_arrays import bare_type, read_bare
-from defocus_core.io.array_files.containers import container_type, read_entries
-from defocus_core.io.array_files.float_maps import NPY_MAGIC, is_float_map, read_float_map, read_npy
-from defocus_core.io.depth_formats.photo_depth import is_heic, open_heic
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import views_of_parts
 from defocus_core.io.exr.windows import Window
-from defocus_core.io.images.raster import read_pages
 from defocus_core.io.safe_files import once, read_head
 
 # A file of more numbers than either of these is nearly empty: real pictures pack less tightly.
@@ -101,19 +96,27 @@ def describe(path: Path) -> FileInfo:
         maximum = max(frame.width * frame.height for frame in frames)
         at_once = any(header.subsampled for header in headers)
         return FileInfo(path, shown.width, shown.height, parts, at_once, maximum)
-    if head.startswith(NPY_MAGIC):
-        values = read_npy(path, integers=True)
+    return _of_no_exr(path, head)
+
+
+def _of_no_exr(path: Path, head: bytes) -> FileInfo:
+    """The header of a file of another type."""
+    from defocus_core.io import array_files as arrays
+    from defocus_core.io.images.raster import read_pages
+
+    if head.startswith(arrays.NPY_MAGIC):
+        values = arrays.read_npy(path, integers=True)
         return _arrays(path, {"Z": (values.shape, values.dtype.name)}, at_once=False)
-    if is_float_map(head) or bare_type(head):
-        values = read_float_map(path).values if is_float_map(head) else read_bare(path)
+    if arrays.is_float_map(head) or arrays.bare_type(head):
+        values = (
+            arrays.read_float_map(path).values
+            if arrays.is_float_map(head)
+            else arrays.read_bare(path)
+        )
         return _arrays(path, {"Z": (values.shape, values.dtype.name)}, at_once=False)
-    if container_type(head):
-        entries = read_entries(path).items()
+    if arrays.container_type(head):
+        entries = arrays.read_entries(path).items()
         return _arrays(path, {name: (e.shape, e.dtype) for name, e in entries}, at_once=True)
-    if is_heic(head):
-        width, height = open_heic(path).size
-        part = PartInfo(0, "", tuple((name, "uint8") for name in "RGB"), deep=False)
-        return FileInfo(path, width, height, (part,), at_once=True)
     known = "EXR, PNG, JPEG, TIFF, WEBP, HDR, PFM or NPY"
     pages = read_pages(path, wanted=known)
     parts = tuple(
@@ -130,7 +133,10 @@ def _arrays(
 ) -> FileInfo:
     """Arrays of a file by name, of shape and type: its size is that of the first."""
     channels = tuple(
-        (name if len(shape) == 2 and len(arrays) == 1 else f"{name} {_times(shape)}", dtype)
+        (
+            name if len(shape) == 2 and len(arrays) == 1 else f"{name} {'×'.join(map(str, shape))}",
+            dtype,
+        )
         for name, (shape, dtype) in arrays.items()
     )
     sizes = [
@@ -140,7 +146,3 @@ def _arrays(
     (height, width), maximum = sizes[0], max(map(math.prod, sizes))
     part = PartInfo(0, "", channels, deep=False)
     return FileInfo(path, width, height, (part,), at_once, maximum)
-
-
-def _times(shape: tuple[int, ...]) -> str:
-    return "×".join(map(str, shape))

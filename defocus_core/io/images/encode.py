@@ -1,16 +1,17 @@
 """Images encoded in the format of their suffix, and written whole.
 
-EXR: scene-linear half or float, with all channels and metadata. PNG (8 or 16 bit), TIFF (16 bit)
-and JPEG (8 bit): sRGB, converted from the primaries that the attributes declare, clipped to 0…1,
-alpha unassociated; JPEG has no alpha, its colour is what shows over black. PNG, TIFF and JPEG keep
-the `Tag` attributes of such an input, and with an `Embedded` profile its curves and primaries. The
-same pixels and attributes make the same bytes: no date is added.
+EXR: scene-linear half or float, with all channels and metadata. PNG (8 or 16 bit), TIFF (16 bit),
+JPEG and WEBP (8 bit): sRGB, converted from the primaries that the attributes declare, clipped to
+0…1, alpha unassociated; JPEG has no alpha, its colour is what shows over black. They keep an
+`Embedded` profile with its curves and primaries, and all but WEBP the `Tag` attributes of such an
+input. The same pixels and attributes make the same bytes: no date is added.
 """
 
 from __future__ import annotations
 
 import os
 import shutil
+import struct
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -25,15 +26,20 @@ from defocus_core.errors import InputError, UsageProblem, one_line
 from defocus_core.io.arrays import bands, stacked
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.windows import Layout
-from defocus_core.io.exr.writing import as_half, clamped_half, write_exr
-from defocus_core.io.images.color_space import PROFILE, linear_to_srgb, quantised
-from defocus_core.io.images.icc import Embedded, Profile
-from defocus_core.io.images.primaries import between_primaries, converted, declared_primaries
-from defocus_core.io.images.tags import Tag, set_tag
+from defocus_core.io.exr.writing import write_exr_image
+from defocus_core.io.images.color_space import Embedded, Profile, linear_to_srgb, quantised
+from defocus_core.io.images.primaries import (
+    PROFILE,
+    between_primaries,
+    converted,
+    declared_primaries,
+)
+from defocus_core.io.images.raster import Tag, set_tag
 from defocus_core.io.safe_files import quiet, read_head, unwritable, written_whole
 from defocus_core.system.text import counted
 
 FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}
+FORMATS |= {".webp": "webp"}
 _SOFTWARE = "defocus"
 OWN = "defocus:"  # begins the names of attributes that say how a file was made
 _BLOCK = 1 << 20  # bytes copied at once
@@ -43,7 +49,10 @@ _OPTIONS: dict[str, dict[str, str | int]] = {
     "png": {"oiio:UnassociatedAlpha": 1, "png:compressionLevel": 4},
     "tiff": {"oiio:UnassociatedAlpha": 1, "Compression": "zip"},
     "jpeg": {"jpeg:subsampling": "4:4:4"},
+    "webp": {"oiio:UnassociatedAlpha": 1},
 }
+# A chunk at the end of a WEBP, which readers pass over: OpenImageIO writes no tags there.
+_OWN_CHUNK = b"dfcs" + struct.pack("<I", 8) + b"defocus\0"
 
 
 def write_image(
@@ -52,51 +61,28 @@ def write_image(
     channels: Sequence[str],
     *,
     exr_type: str = "half",
-    compression: str = "zip",
     bits: int = 8,
     jpeg_quality: int = 95,
     attributes: Mapping[str, object],
     extras: Mapping[str, Any] | None = None,
-    layout: Layout | None = None,
-    clamped: int = 0,
     has_clipped: bool = True,
 ) -> list[str]:
-    """Write an image.
+    """Write an image by its suffix; warnings of what the file cannot hold, one clause each.
 
-    Args:
-        path: its suffix says the format: exr, png, tif, tiff, jpg or jpeg.
-        pixels: [H, W, C] scene-linear, premultiplied if A is among the channels: float32, or half
-            for an EXR of half. An array, or a tuple of its C arrays [H, W]; read in strips of rows.
-        channels: names of the C channels, as `defocus_core.io.images.color.Color`.
-        exr_type: half or float, of the EXR's image channels.
-        compression: codec of an EXR.
-        bits: 8 or 16, of a PNG.
-        jpeg_quality: 1 to 100.
-        attributes: metadata; an EXR keeps all but `Tag`, other formats `Tag` and ``defocus:*``.
-        extras: further EXR channels, written with their own types; other formats drop them.
-        layout: where the pixels of an EXR lie.
-        clamped: pixels that had to be clamped to be half.
-        has_clipped: whether light beyond black and white is a loss, and no overshoot of a blur.
-
-    Returns:
-        Warnings of what the file cannot hold, one clause each.
-
-    Raises:
-        InputError: the file cannot be written.
-        UsageProblem: a suffix of no known format.
+    `pixels`: [H, W, C] scene-linear, premultiplied if A is among the C names of channels: float32,
+    or half for an EXR of half; an array, or a tuple of its C arrays [H, W], read in strips of rows;
+    `bits`: of a PNG; `attributes`: an EXR keeps all but `Tag`, others `Tag` and ``defocus:*``;
+    `extras`: further channels of an EXR, of their own types; `has_clipped`: whether light beyond
+    black and white is a loss, and no overshoot of a blur.
     """
-    if isinstance(pixels, tuple):
-        planes, pixels = list(pixels), stacked(pixels)
-    else:
-        planes = [pixels[:, :, index] for index in range(pixels.shape[2])]
     if path.suffix.lower() == ".exr":
-        if exr_type == "half" and pixels.dtype == "f4":
-            clamped, planes = _beyond_half(pixels), [as_half(plane) for plane in planes]
+        planes = pixels if isinstance(pixels, tuple) else tuple(np.moveaxis(pixels, 2, 0))
         named = dict(zip(channels, planes, strict=True))
-        kept = {k: v for k, v in attributes.items() if not isinstance(v, Tag | Embedded)}
-        write_exr(path, {**(extras or {}), **named}, kept, layout or Layout(), compression)
-        warning = f"{counted(clamped, 'pixel')} beyond ±65504 clamped to half; float keeps them"
-        return [warning] if clamped else []
+        return write_exr_image(
+            path, named, exr_type, "zip", attributes, extras or {}, Layout(), clamped=0
+        )
+    if isinstance(pixels, tuple):
+        pixels = stacked(pixels)
     if path.suffix.lower() not in FORMATS:
         problem = "has a suffix of no format that can be written"
         raise UsageProblem("wrong-type", problem, f"use .exr, {', '.join(FORMATS)}", path=path)
@@ -106,8 +92,8 @@ def write_image(
         for name, value in attributes.items()
         if isinstance(value, Tag | Embedded) or (name.startswith(OWN) and isinstance(value, str))
     }
-    if codec == "jpeg":
-        metadata["Compression"] = f"jpeg:{jpeg_quality}"
+    if codec in ("jpeg", "webp"):
+        metadata["Compression"] = f"{codec}:{jpeg_quality}"
     to_srgb = None if PROFILE in attributes else srgb_matrix(path, channels, attributes)
     warnings = _write_display(path, pixels, channels, codec, bits, metadata, to_srgb)
     return (
@@ -140,10 +126,13 @@ def _write_display(
     to_srgb: NDArray[np.float32] | None,
 ) -> list[str]:
     """Write an image of sRGB integers; the arguments and what is returned as in `write_image`."""
-    depth = {"png": bits, "tiff": 16, "jpeg": 8}[codec]
+    depth = {"png": bits, "tiff": 16}.get(codec, 8)
     keep_alpha, embedded = codec != "jpeg", metadata.get(PROFILE)
     profile = embedded.profile if isinstance(embedded, Embedded) else None
     above = below = 0
+    if is_grey := codec == "webp" and channels[0] == "Y":  # which has three colours
+        metadata = {name: value for name, value in metadata.items() if name != PROFILE}
+        profile = None
 
     def encoded() -> Iterator[NDArray[Any]]:
         nonlocal above, below
@@ -155,7 +144,9 @@ def _write_display(
                 profile=profile,
             )
             samples, above, below = strip[0], above + strip[1], below + strip[2]
-            yield samples
+            yield (
+                np.concatenate([samples[:, :, :1]] * 2 + [samples], axis=2) if is_grey else samples
+            )
 
     write_samples(path, pixels.shape[:2], encoded(), codec, metadata)
     warnings = []
@@ -243,6 +234,9 @@ def encoded_samples(
         if error := _encoder_error(memory, size, iter(samples), codec, attributes):
             problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
             raise InputError("unwritable", problem, "write EXR instead", path=path)
+        if codec == "webp":
+            data = memory.read_bytes() + _OWN_CHUNK
+            memory.write_bytes(data[:4] + struct.pack("<I", len(data) - 8) + data[8:])
         yield memory
 
 
@@ -255,6 +249,8 @@ def is_own(path: Path) -> bool:
     try:
         if is_exr(read_head(path)):
             return any(f"{OWN}version" in header.attributes for header in read_headers(path))
+        if path.suffix.lower() == ".webp":
+            return path.read_bytes().endswith(_OWN_CHUNK)
     except InputError:
         return False
     with quiet():
@@ -262,14 +258,6 @@ def is_own(path: Path) -> bool:
         found = file and file.spec().get_string_attribute("Software") == _SOFTWARE
         oiio.geterror()
         return bool(found)
-
-
-def _beyond_half(pixels: Any) -> int:
-    """Number of pixels [H, W, C] with a value beyond the range of half."""
-    return sum(
-        int(np.count_nonzero(clamped_half(pixels[rows])[1].any(axis=2)))
-        for rows in bands(pixels.shape)
-    )
 
 
 def _encoder_error(

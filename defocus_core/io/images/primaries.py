@@ -37,6 +37,7 @@ _BRADFORD = (
     (0.0389, -0.0685, 1.0296),
 )
 PRIMARIES = "chromaticities"  # of an EXR header
+PROFILE = "ICCProfile"  # OpenImageIO's name of an attribute
 
 
 def declared_primaries(attributes: Mapping[str, object]) -> Chromaticities:

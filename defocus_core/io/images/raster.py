@@ -9,19 +9,27 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import accumulate
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
+import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.errors import InputError, first_line
+from defocus_core.errors import InputError, first_line, reason
 from defocus_core.io.arrays import bands
-from defocus_core.io.damage import damaged, decoding
 from defocus_core.io.exr.channel_choice import require_part
-from defocus_core.io.images.color_space import ColorSpace, color_space
-from defocus_core.io.images.tags import Tag, tags_of
-from defocus_core.io.safe_files import check_size, quiet, read_head
+from defocus_core.io.images.color_space import ColorSpace, color_space, profiled_space
+from defocus_core.io.safe_files import (
+    check_size,
+    damaged,
+    decoding,
+    is_heic,
+    needs_extra,
+    quiet,
+    read_head,
+)
 from defocus_core.system.interrupts import delayed_signals
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
@@ -64,7 +72,8 @@ class Raster:
 
 def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF, WEBP or HDR") -> list[Raster]:
     """Look at the headers of all images of a file."""
-    read_head(path)
+    if is_heic(read_head(path)):
+        return [_heic_page(path)]
     with decoding(path, "cannot be read"), quiet(), _open(path, wanted) as file:
         pages = [_raster(path, file, 0)]
         while file.seek_subimage(len(pages), 0):
@@ -105,6 +114,10 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
     Returns rows and columns of the upright picture, and their samples: uint8, uint16 or float32 [h,
     w, C].
     """
+    if is_heic(read_head(path)):
+        whole = _heic_samples(path)
+        yield (slice(0, len(whole)), slice(0, whole.shape[1])), whole
+        return
     with ExitStack() as stack:
         # Not around the yield: it silences all that is printed.
         with decoding(path, "cannot be read"), quiet():
@@ -123,6 +136,57 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
                 if samples is None or file.has_error:
                     raise damaged(path, first_line(path, file.geterror()))
             yield _place(spec, rows), upright(samples, spec.get_int_attribute("Orientation", 1))
+
+
+def open_heic(path: Path) -> Any:
+    """A HEIC file as pillow-heif opens it; its pixels are decoded where they are asked for."""
+    try:
+        import pillow_heif
+    except ImportError:
+        raise needs_extra(path, "a HEIC", "pillow-heif", "heif") from None
+    try:
+        with quiet():
+            return pillow_heif.open_heif(str(path))
+    except Exception as error:
+        raise damaged_heic(path, error) from error
+
+
+def damaged_heic(path: Path, error: Exception) -> InputError:
+    """The error for a HEIC file that cannot be decoded."""
+    problem = f"is a damaged HEIC file ({reason(error)})"
+    return InputError("damaged", problem, "copy it again", path=path)
+
+
+def _heic_page(path: Path) -> Raster:
+    """The picture of a HEIC photograph, which libheif has turned upright."""
+    file = open_heic(path)
+    space = profiled_space(bytes(file.info.get("icc_profile") or b""))
+    width, height = file.size
+    return Raster(
+        width=width,
+        height=height,
+        channels=tuple(file.mode.replace("L", "Y")),
+        type="uint8",
+        space=replace(space, note=f"HEIC, {space.note}"),
+        associated=False,
+        deep=False,
+        at_once=True,
+        orientation=1,
+        page=0,
+        whole=True,
+        tags={},
+    )
+
+
+def _heic_samples(path: Path) -> NDArray[Any]:
+    """Its samples, uint8 [H, W, C]."""
+    file = open_heic(path)
+    try:
+        with quiet():
+            samples = np.asarray(file)
+    except Exception as error:
+        raise damaged_heic(path, error) from error
+    return samples[:, :, None] if samples.ndim == 2 else samples
 
 
 @contextmanager
@@ -234,3 +298,66 @@ def _canonical(spec: Any) -> Iterator[str]:
             yield "Y"
         else:
             yield name
+
+
+# OpenImageIO's names; other attributes describe how the file is encoded.
+_TAG_GROUPS = ("Exif:", "GPS:", "IPTC:")
+_TAGS = {
+    *("Make", "Model", "Artist", "Copyright", "ImageDescription", "DateTime"),
+    *("FNumber", "ExposureTime"),
+}
+# The output may differ from these, or they are of unknown structure.
+_NO_TAGS = {
+    *("Exif:PixelXDimension", "Exif:PixelYDimension", "Exif:ColorSpace", "Exif:MakerNote"),
+}
+# Of all tags, as text: JPEG has 64 KB for them, and its encoder ends the process if they are more.
+_MAX_BYTES = 2**14
+
+
+class Tag(NamedTuple):
+    """An EXIF, GPS or IPTC attribute under OpenImageIO's name: text, a number or some numbers."""
+
+    value: str | float | tuple[float, ...]
+
+
+def tags_of(spec: Any) -> dict[str, Tag]:
+    """The tags in an OpenImageIO ``spec``, by name, the shortest first, as many as fit a JPEG."""
+    named = {
+        attribute.name: attribute.value
+        for attribute in spec.extra_attribs
+        if (attribute.name in _TAGS or attribute.name.startswith(_TAG_GROUPS))
+        and "rational" not in str(attribute.type)  # OpenImageIO makes floats of those of EXIF
+    }
+    tags = {
+        name: Tag(_text(value) if isinstance(value, str) else value)
+        for name, value in named.items()
+        if name not in _NO_TAGS and isinstance(value, str | int | float | tuple)
+    }
+    sizes = {name: len(str(tag.value).encode()) for name, tag in tags.items()}
+    shortest_first = sorted(tags, key=sizes.__getitem__)
+    totals = accumulate(sizes[name] for name in shortest_first)
+    fitting = [
+        name for name, total in zip(shortest_first, totals, strict=True) if total <= _MAX_BYTES
+    ]
+    return {name: tags[name] for name in fitting}
+
+
+def _text(text: str) -> str:
+    """Text of a tag; what is not UTF-8 is taken for Latin-1, as older cameras write it."""
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return text.encode(errors="surrogateescape").decode("latin-1")
+    return text
+
+
+def set_tag(spec: Any, name: str, tag: Tag) -> None:
+    """Set a tag in an OpenImageIO ``spec``."""
+    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    value = tag.value
+    if isinstance(value, tuple):
+        kind = "int" if all(isinstance(number, int) for number in value) else "float"
+        spec.attribute(name, oiio.TypeDesc(f"{kind}[{len(value)}]"), value)
+    else:
+        spec.attribute(name, value)

@@ -17,8 +17,7 @@ from typing import NamedTuple
 from defocus_core.errors import InputError
 from defocus_core.io.exr.header import Raw, is_exr, read_headers
 from defocus_core.io.exr.windows import Window
-from defocus_core.io.images.raster import SIDEWAYS
-from defocus_core.io.images.tags import tags_of
+from defocus_core.io.images.raster import SIDEWAYS, tags_of
 from defocus_core.io.safe_files import read_head
 from defocus_core.system.interrupts import delayed_signals
 

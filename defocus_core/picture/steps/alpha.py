@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth import Depth
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import Color
 from defocus_core.picture.pair import InputPair
 from defocus_core.system.text import counted
 

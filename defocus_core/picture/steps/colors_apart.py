@@ -10,7 +10,7 @@ from dataclasses import replace
 from defocus_core.errors import UsageProblem
 from defocus_core.picture.opening import aperture_in_pixels, pupil_images
 from defocus_core.picture.radii import color_offsets
-from defocus_core.picture.scene import Pass, Passes, has_room, longer_axis
+from defocus_core.picture.scene import Pass, Passes, longer_axis
 from defocus_core.picture.take import Take
 
 
@@ -44,7 +44,7 @@ def _split(take: Take, whole: Pass) -> tuple[Pass, ...]:
     if len(groups) > 1 and whole.scene.layered is None:
         offsets = [longer * px for _, px, _ in groups]
         settings = _of_color(take, whole, groups[0][1], groups[0][2]).settings
-        shared = shared_surfaces(whole.scene, settings, offsets, keep=has_room(take))
+        shared = shared_surfaces(whole.scene, settings, offsets, keep=take.has_room)
     return tuple(
         _of_color(take, whole, px, color)._replace(
             channels=channels, light=channels, px=longer * px, shared=shared

@@ -15,9 +15,8 @@ from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import bands, count_of
 from defocus_core.io.depth_formats.depth import Depth
-from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
-from defocus_core.io.depth_formats.resolving import resolved
-from defocus_core.io.depth_formats.rules import decoded
+from defocus_core.io.depth_formats.reading import resolved
+from defocus_core.io.depth_formats.rules import DepthNumbers, decoded
 from defocus_core.io.exr.channel_choice import choose_color
 from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT
 from defocus_core.io.exr.header import Header, is_exr, read_headers

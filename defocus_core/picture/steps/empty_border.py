@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from defocus_core.io.exr.windows import Overscan, Window
-from defocus_core.picture.contents import Contents, window_of
+from defocus_core.picture.write import Contents, window_of
 
 
 def write(contents: Contents) -> Contents:

@@ -54,7 +54,10 @@ def with_focus(lens: Lens, depth: Depth) -> Lens:
 def _focus(lens: Lens, depth: Depth) -> Lens:
     """The lens with the focus distance that the depth decides."""
     if lens.blur is not None:
-        return lens if lens.focus_at is None else _on_number(lens, lens.focus_at, depth)
+        if lens.focus_at is None:
+            return lens
+        place = _place_of(lens, lens.focus_at, depth)  # of relative disparity
+        return replace(lens, focus_value=float(depth.metres[place][0, 0]))
     if lens.focus_at is not None:
         return replace(lens, foc_dist=_at_pixel(lens, lens.focus_at, depth))
     if lens.focus_percentile is not None:
@@ -75,12 +78,6 @@ def with_blur_reach(lens: Lens, depths: Sequence[Depth]) -> Lens:
         remedy = "give the depth of the picture, or another ‹focus-value›"
         raise InputError("no-valid-depth", problem, remedy, path=depths[0].path)
     return replace(lens, blur_reach=reach or 1.0)
-
-
-def _on_number(lens: Lens, pixel: tuple[int, int], depth: Depth) -> Lens:
-    """The lens with the number of a pixel of relative disparity in focus."""
-    number = float(depth.metres[_place_of(lens, pixel, depth)][0, 0])
-    return replace(lens, focus_value=number)
 
 
 def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:

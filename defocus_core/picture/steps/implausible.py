@@ -18,10 +18,10 @@ from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.quantities import length_text
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.picture.radii import MM_PER_M
 from defocus_core.picture.take import Take
 from defocus_core.system.text import counted
 
-MM_PER_M = 1000.0
 # Where the sharpest pixel is blurred by more than both, nothing in the picture is in focus.
 SHARP_PX = 2.0  # CoC radius
 SHARP_SHARE = 0.25  # of the greatest CoC radius
@@ -32,38 +32,14 @@ _HYPERSIM = "dataset"  # array of its HDF5 files
 def radii(take: Take) -> Take:
     """The take with warnings of its depth."""
     declared, depth, own = take.job.reading.says_scale, take.inputs.depth, take.radii
-    words = implausible(depth, own.px, own.limits, take.lens, declared=declared)
-    return replace(take, warnings=(*take.warnings, *words))
+    words = of_radii(depth, own.px, own.limits, take.lens, declared=declared)
+    return replace(take, warnings=(*take.warnings, *words, *of_file(depth, declared=declared)))
 
 
-def implausible(
-    depth: Depth, radius: Any, limits: tuple[float, float], lens: Lens, *, declared: bool
-) -> tuple[str, ...]:
-    """Warnings of a depth that is likely to be something else than it was taken for.
-
-    `radius`: signed CoC radius in px, [H, W].
-    """
-    if depth.is_exact:
-        return ()
-    of_file = implausible_file(depth, declared=declared)
-    return (*implausible_radii(depth, radius, limits, lens, declared=declared), *of_file)
-
-
-def implausible_radii(
-    depth: Depth, radius: Any, limits: tuple[float, float], lens: Lens, *, declared: bool
-) -> tuple[str, ...]:
-    """The strongest evidence of the CoC radii, if any; see `implausible`."""
-    return tuple(_of_radii(depth, radius, limits, lens, declared=declared))
-
-
-def implausible_file(depth: Depth, *, declared: bool) -> tuple[str, ...]:
-    """Evidence of the file's name, channel and neighbours, of a convention nobody declared."""
-    return () if declared else tuple(_of_file(depth))
-
-
-def _of_radii(
+def of_radii(
     depth: Depth, radius: Any, limits: tuple[float, float], lens: Lens, *, declared: bool
 ) -> Iterator[str]:
+    """The strongest evidence of the signed radii [H, W] px, if there is any."""
     greatest = max(abs(end) for end in limits)
     if depth.is_relative and lens.focus_value is not None:
         number, ends = lens.focus_value, depth.ends
@@ -77,7 +53,8 @@ def _of_radii(
         return
     height, width = depth.metres.shape
     remedy = f"check {'the declared format or unit' if declared else '‹depth-unit›'} and ‹focus›"
-    nearer = sum(_nearer_than(depth.metres[rows], lens) for rows in bands(depth.metres.shape))
+    near = (depth.metres[rows] * MM_PER_M < lens.foclen for rows in bands(depth.metres.shape))
+    nearer = sum(int(np.count_nonzero(band)) for band in near)
     if nearer:
         where = f"nearer than the focal length {length_text(lens.foclen)}"
         yield f"depth is {where} in {counted(nearer, 'pixel')}; {remedy}"
@@ -93,19 +70,9 @@ def _least_blur(radius: Any, greatest: float) -> str:
     """The blur of the sharpest pixel, in words, where nothing is in focus; empty elsewhere."""
     if greatest <= SHARP_PX:
         return ""
-    sharpest = _sharpest(radius)
+    sharpest = min(float(np.abs(radius[rows]).min()) for rows in bands(radius.shape))
     is_sharp = sharpest <= max(SHARP_PX, SHARP_SHARE * greatest)
     return "" if is_sharp else f"the sharpest pixel has a CoC radius of {sharpest:.3g} px"
-
-
-def _nearer_than(metres: Any, lens: Lens) -> int:
-    """How many pixels lie nearer than the focal length."""
-    return int(np.count_nonzero(metres * MM_PER_M < lens.foclen))
-
-
-def _sharpest(radius: Any) -> float:
-    """The least CoC radius of a picture in px."""
-    return min(float(np.abs(radius[rows]).min()) for rows in bands(radius.shape))
 
 
 def _range_text(depth: Depth) -> str:
@@ -121,7 +88,10 @@ def _range_text(depth: Depth) -> str:
     return f"from {near} to {far}"
 
 
-def _of_file(depth: Depth) -> Iterator[str]:
+def of_file(depth: Depth, *, declared: bool) -> Iterator[str]:
+    """Evidence of the file's name, channel and neighbours, of a convention nobody declared."""
+    if declared:
+        return
     path, channel = depth.path, depth.channel.lower()
     if path.suffix.lower() == ".pfm" and (path.parent / "calib.txt").is_file():
         problem = "calib.txt beside it tells of disparity, but depth is taken as metres"
@@ -132,13 +102,9 @@ def _of_file(depth: Depth) -> Iterator[str]:
     if "mist" in channel:
         problem = f"channel {depth.channel} is a fog of 0 to 1 by distance, and no depth"
         yield f"{path}: {problem}; render the pass Z, and say ‹depth-channel›"
-    if "vrayzdepth" in channel and _within_one(depth):
+    if "vrayzdepth" in channel and (depth.ends or (0.0, 2.0))[1] <= 1:
         problem = f"channel {depth.channel} lies within 0 and 1, as V-Ray maps black to white"
         yield f"{path}: {problem}; say ‹depth-format› vray-zdepth with its ‹depth-range›"
     if channel == _HYPERSIM and path.suffix.lower() in (".hdf5", ".h5"):
         problem = "array dataset is that of Hypersim, whose numbers are distances to the point"
         yield f"{path}: {problem}; say ‹depth-format› hypersim, or metres"
-
-
-def _within_one(depth: Depth) -> bool:
-    return all(float(depth.metres[rows].max()) <= 1 for rows in bands(depth.metres.shape))

@@ -1,22 +1,33 @@
-"""Neighbours of a frame: its depth averaged with theirs, and what they have seen behind it."""
+"""Neighbours of a frame: its depth averaged with theirs, and what they have seen behind it.
+
+Motion vectors of an EXR say where the surface of each pixel is in the frames before and after.
+Blender's pass has channels X, Y, Z and W: the place in the frame before less the place in this one,
+and the place in this frame less the one after, in px, y upwards (Cycles' kernel). Nuke's layers
+``forward`` and ``backward`` have u and v: the place in the other frame less the one in this, v
+upwards. Without vectors to the frame before, a surface moves on as it did.
+"""
 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from defocus_core.batch.jobs.job import Shot
 from defocus_core.batch.jobs.shots import AVERAGED
 from defocus_core.errors import InputError, TooLarge, UsageProblem
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
-from defocus_core.io.images.color_planes import Color
-from defocus_core.io.shots.motion_channels import Motion, read_motion
+from defocus_core.io.exr.header import is_exr, read_headers
+from defocus_core.io.exr.reading import read_parts
+from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.io.images.color import Color
+from defocus_core.io.safe_files import read_head
 from defocus_core.picture.memory_budget import capacity_mb
 from defocus_core.picture.pair import InputPair, read
 from defocus_core.picture.radii import radii_of
@@ -28,7 +39,73 @@ if TYPE_CHECKING:
     import torch
 
     from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-    from defocus_core.sequences.motion import Frame
+    from defocus_core.sequences.neighbours import Frame
+
+
+_FORWARD, _BACKWARD = "forward", "backward"
+
+
+class Motion(NamedTuple):
+    """Vectors [2, H, W] in px, right and down, from each pixel to its surface's other places."""
+
+    to_previous: NDArray[np.float32]
+    to_next: NDArray[np.float32]
+
+
+def read_motion(files: Iterable[Path], channel: str, overscan: Overscan = NO_OVERSCAN) -> Motion:
+    """The motion of a frame."""
+    names: list[str] = []
+    for path in dict.fromkeys(files):
+        if not is_exr(read_head(path)):
+            continue
+        there = [c.name for header in read_headers(path) for c in header.channels]
+        wanted = _vectors(there, channel)
+        if wanted:
+            return _motion(path, wanted, overscan)
+        names += there
+    layers = ", ".join(sorted({name.rpartition(".")[0] for name in names} - {""})) or "none"
+    problem = f"has no motion vectors '{channel}'"
+    remedy = f"its layers are {layers}; name one with ‹motion›"
+    raise InputError("no-such-channel", problem, remedy, path=path)
+
+
+def _vectors(names: list[str], channel: str) -> dict[str, str]:
+    """The channel of each component: x, y to the frame after; back_x, back_y to the one before."""
+    by_lower = {name.lower(): name for name in names}
+    layer = channel.lower().removesuffix(".")
+
+    def components(of_layer: str, *ends: str) -> list[str] | None:
+        every = [by_lower.get(f"{of_layer}.{end}") for end in ends]
+        return None if None in every else [str(name) for name in every]
+
+    if (blender := components(layer, "x", "y", "z", "w")) is not None:
+        return dict(zip(("back_x", "back_y", "x", "y"), blender, strict=True)) | {"blender": ""}
+    head, _, last = layer.rpartition(".")
+    before = f"{head}.{_BACKWARD}" if head else _BACKWARD
+    after = f"{head}.{_FORWARD}" if last == _BACKWARD and head else layer
+    after = _FORWARD if layer == _BACKWARD else after
+    forward = components(after, "u", "v")
+    if forward is None:
+        return {}
+    backward = components(before, "u", "v") if after.endswith(_FORWARD) else None
+    vectors = dict(zip(("x", "y"), forward, strict=True))
+    return vectors | dict(zip(("back_x", "back_y"), backward or (), strict=False))
+
+
+def _motion(path: Path, vectors: dict[str, str], overscan: Overscan) -> Motion:
+    named = set(vectors.values())
+    planes: dict[str, Any] = {}
+    for part in read_parts(path, wanted=lambda _, name: name in named, overscan=overscan):
+        planes |= {name: plane[:].astype(np.float32) for name, plane in part.channels.items()}
+
+    def pair(x: str, y: str, sign: float) -> NDArray[np.float32]:
+        return np.stack([sign * planes[vectors[x]], -sign * planes[vectors[y]]])
+
+    to_next = pair("x", "y", -1.0 if "blender" in vectors else 1.0)
+    if "back_x" not in vectors:
+        return Motion(-to_next, to_next)
+    return Motion(pair("back_x", "back_y", 1.0), to_next)
+
 
 # Rows beside a band that decide its means; share of the memory that decoded neighbours may take;
 # change of radius in px, from a frame to the next, of one surface; most frames that are kept.
@@ -87,8 +164,7 @@ class Neighbours:
         """Radii [H, W] px averaged with those of the neighbours where the scene is still."""
         import torch
 
-        from defocus_core.sequences.motion import Frame
-        from defocus_core.sequences.temporal_mean import temporal_mean
+        from defocus_core.sequences.neighbours import Frame, temporal_mean
 
         radius = self._radii[self._place]
         averaged = self._inputs.holding.keeping.new(radius.shape, "float32")
@@ -122,8 +198,7 @@ class Neighbours:
         """What neighbours have seen behind surfaces of radii [H, W] px; None for its own."""
         import torch
 
-        from defocus_core.sequences.motion import Frame
-        from defocus_core.sequences.seen_behind import seen_behind
+        from defocus_core.sequences.neighbours import Frame, seen_behind
 
         radius = self._radii[self._place] if radius is None else radius
         image = _image(self._inputs.color, slice(None))
@@ -133,7 +208,7 @@ class Neighbours:
         """The neighbours that are looked at, the closest first, with the motion to the frame."""
         import torch
 
-        from defocus_core.sequences.motion import Frame
+        from defocus_core.sequences.neighbours import Frame
 
         for place in self._order:
             if abs(place - self._place) not in _DISTANCES:
@@ -146,7 +221,7 @@ class Neighbours:
         """The motion [2, H, W] px from one frame of the window to another."""
         import torch
 
-        from defocus_core.sequences.motion import chained
+        from defocus_core.sequences.neighbours import chained
 
         way = range(start, end, 1 if end > start else -1)
         motions = [self._motion(place)[end > start] for place in way]
@@ -217,16 +292,13 @@ class Neighbours:
             height, width, channels = color.shape
             unlike = self._inputs.color.path
             problem = f"is {width}x{height} px of {channels} channels, unlike {unlike}"
-            raise InputError("wrong-size", problem, _remedy_of(self._shot), path=picture.color)
+            needless = "leave out ‹motion›" if self._shot.motion else "‹no-steady›"
+            remedy = f"give frames of one size, or {needless}"
+            raise InputError("wrong-size", problem, remedy, path=picture.color)
         return color, depth
 
     def _max_mb(self) -> float:
         return _SHARE * capacity_mb(self._job.machine)
-
-
-def _remedy_of(shot: Shot) -> str:
-    """What to do about frames of several sizes: those of a shot with motion are always needed."""
-    return f"give frames of one size, or {'leave out ‹motion›' if shot.motion else '‹no-steady›'}"
 
 
 class _Cache:

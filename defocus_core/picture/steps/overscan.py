@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,11 +18,11 @@ from defocus_core.io.exr.channel_choice import choose_color
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import in_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Layout, Overscan, Window
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import Color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
-from defocus_core.picture.contents import Contents, window_of
 from defocus_core.picture.pair import InputPair, parts_of
+from defocus_core.picture.write import Contents, window_of
 
 
 def window(wanted: InputPair) -> InputPair:
@@ -62,12 +61,8 @@ def overscan_of(wanted: InputPair) -> Overscan:
     if not any(overscan):
         return NO_OVERSCAN
     if not is_exr(read_head(picture.depth)):
-        size = _size(picture.depth)
-        return (
-            overscan
-            if size == overscan.frame(color.display.width, color.display.height)
-            else NO_OVERSCAN
-        )
+        info, frame = describe(picture.depth), (color.display.width, color.display.height)
+        return overscan if (info.height, info.width) == overscan.frame(*frame) else NO_OVERSCAN
     headers = in_view(picture.depth, read_headers(picture.depth), reading.view)
     deeper = replace(reading, part=depth_part)
     try:
@@ -101,9 +96,3 @@ def reframe(array: Any, held: Overscan, wanted: Overscan, nothing: float | None)
         return np.where(inside, values, array.dtype.type(nothing))
 
     return LazyArray((len(rows), len(columns)), array.dtype, read)
-
-
-def _size(path: Path) -> tuple[int, int]:
-    """(height, width) of a file without windows."""
-    info = describe(path)
-    return info.height, info.width

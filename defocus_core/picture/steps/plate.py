@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.arrays import bands, computed
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import views_of
-from defocus_core.io.images.color import read_color, require_finite
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import Color, read_color, require_finite
 from defocus_core.io.images.primaries import refuse_other_primaries
 from defocus_core.io.safe_files import read_head
 from defocus_core.picture.layers import Layers, coverage
@@ -45,21 +42,16 @@ def read(take: Take) -> Take:
     plate = _check(inputs.color, _plate(replace(wanted, limit=inputs.color.overscan, whole=True)))
     pictures = inputs.color, plate.color
     light = tuple((*c.light, *c.planes[len(c.channels) :]) for c in pictures)
+    empty = inputs.depth.empty, plate.depth.empty
+    nowhere = any(each is None for each in empty)
     alpha = tuple(coverage(c.planes[0].shape, c.alpha) for c in pictures)
     depths, colors = (inputs.depth, plate.depth), len(inputs.color.light)
     return take.reading(
         plate=plate,
         layers=Layers(light, alpha, depths, colors, pictures=pictures),
-        empty=_both(inputs.depth.empty, plate.depth.empty),
+        empty=None if nowhere else computed(lambda a, b: a & b, *empty),
         warnings=(*inputs.warnings, *plate.warnings),
     )
-
-
-def _both(element: Any, plate: Any) -> Any:
-    """Where neither has anything, bool [H, W]; None if nowhere."""
-    if element is None or plate is None:
-        return None
-    return computed(lambda a, b: a & b, element, plate)
 
 
 def radii(take: Take) -> Take:
@@ -76,15 +68,11 @@ def radii(take: Take) -> Take:
 def _wanted(element: InputPair) -> InputPair:
     """The plate of an element; of the options that choose layers and parts are the element's."""
     assert element.picture.over is not None
-    reading = _reading_of_plate(element.picture, element.reading)
+    path, reading = element.picture.color, element.reading
+    has_views = is_exr(read_head(path)) and views_of(read_headers(path))
+    view = reading.view if has_views else None
+    reading = replace(reading, color_layer=None, depth_channel=None, part=None, view=view)
     return replace(element, picture=element.picture.over, reading=reading)
-
-
-def _reading_of_plate(element: Picture, reading: Reading) -> Reading:
-    """The options without those that choose among layers and parts of the element."""
-    exr = is_exr(read_head(element.color))
-    view = reading.view if exr and views_of(read_headers(element.color)) else None
-    return replace(reading, color_layer=None, depth_channel=None, part=None, view=view)
 
 
 def _plate(wanted: InputPair) -> Plate:

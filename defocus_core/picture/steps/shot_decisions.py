@@ -12,11 +12,11 @@ from functools import lru_cache
 from statistics import median
 from typing import TYPE_CHECKING
 
-from defocus_core.batch.jobs.job import FrameLens, Job, Shot
+from defocus_core.batch.jobs.job import FrameLens, Job, Reading, Shot
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import DefocusError
+from defocus_core.io.arrays import Keeping
 from defocus_core.io.depth_formats.depth import Depth
-from defocus_core.io.images.color_planes import Color
 from defocus_core.io.shots.frame_patterns import in_words
 from defocus_core.picture.memory_budget import holding
 from defocus_core.picture.pair import InputPair, read
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
 
 _KEPT = 1 << 12  # foci of frames
-_FOCI: dict[object, float] = {}
 _REPAIRS: dict[object, DepthRepair] = {}
 
 
@@ -76,7 +75,7 @@ def _mean_focus(frames: Sequence[FrameLens], job: Job) -> float:
     distances, failed = [], []
     for frame in frames:
         try:
-            distances.append(_own_focus(frame, job))
+            distances.append(_own_focus(frame, job.reading, *_keeping_and_focal(frame, job)))
         except DefocusError as error:
             failed.append(error)
     if not distances:
@@ -88,26 +87,24 @@ def _mean_focus(frames: Sequence[FrameLens], job: Job) -> float:
     return 1 / mean if mean else float("inf")
 
 
-def _own_focus(frame: FrameLens, job: Job) -> float:
-    key = (frame, job.reading)
-    if key not in _FOCI:
-        while len(_FOCI) >= _KEPT:
-            _FOCI.pop(next(iter(_FOCI)))
-        _, depth = _read(frame, job)
-        foc_dist = with_focus(replace(frame.lens, max_coc=None), depth).foc_dist
-        _FOCI[key] = float("inf") if foc_dist is None else foc_dist
-    return _FOCI[key]
+@lru_cache(maxsize=_KEPT)
+def _own_focus(
+    frame: FrameLens, reading: Reading, keeping: Keeping, lens_focal: float | None
+) -> float:
+    """The focus in mm that the depth of a frame decides."""
+    _, depth = read(InputPair(frame.picture, reading, keeping, lens_focal))
+    foc_dist = with_focus(replace(frame.lens, max_coc=None), depth).foc_dist
+    return float("inf") if foc_dist is None else foc_dist
 
 
-def _read(frame: FrameLens, job: Job) -> tuple[Color, Depth]:
-    """Colour and depth of a frame, read as those of a job."""
-    focal = replace(job, lens=frame.lens).lens_focal
-    return read(InputPair(frame.picture, job.reading, holding(job).keeping, focal))
+def _keeping_and_focal(frame: FrameLens, job: Job) -> tuple[Keeping, float | None]:
+    """Where the arrays of a frame are kept, and the focal length in widths of its sensor."""
+    return holding(job).keeping, replace(job, lens=frame.lens).lens_focal
 
 
 def _repair_of(frame: FrameLens, job: Job) -> tuple[DepthRepair, float]:
     """The repair that a frame needs, and the scale of its lens."""
-    color, depth = _read(frame, job)
+    color, depth = read(InputPair(frame.picture, job.reading, *_keeping_and_focal(frame, job)))
     of_frame = replace(job, picture=frame.picture, lens=frame.lens)
     lens = with_blur_reach(_with_shared_focus(of_frame, depth), (depth,))
     own = radii_of(lens, depth, holding(job).keeping)

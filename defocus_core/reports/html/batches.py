@@ -27,7 +27,7 @@ from defocus_core.reports.html.layers import (
 )
 from defocus_core.reports.html.page import ValuesRoom, write_report
 from defocus_core.reports.html.render_command import render_command
-from defocus_core.system.spreading import spread
+from defocus_core.system.process import spread
 
 _COLUMNS = (
     Column("coc", "largest CoC", "px"),

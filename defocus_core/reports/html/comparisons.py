@@ -24,9 +24,8 @@ from defocus_core.reports.comparison_words import line, metric_title, number_wor
 from defocus_core.reports.html.item import Column, Item, Report
 from defocus_core.reports.html.layers import Drawing, Subject, draw_pair
 from defocus_core.reports.html.page import ValuesRoom, write_report
-from defocus_core.system.shell import command_line
-from defocus_core.system.spreading import spread
-from defocus_core.system.text import counted
+from defocus_core.system.process import spread
+from defocus_core.system.text import command_line, counted
 
 Commands = Callable[[Comparison], Sequence[tuple[str, str]]]
 _COLUMNS = ("psnr", "ssim", "max", "flip")

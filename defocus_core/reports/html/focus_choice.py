@@ -23,7 +23,7 @@ from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.errors import InputError, printable
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.windows import NO_OVERSCAN
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import Color
 from defocus_core.io.images.encode import display_encoded, srgb_matrix
 from defocus_core.picture.memory_budget import holding
 from defocus_core.picture.pair import InputPair, read
@@ -34,7 +34,7 @@ from defocus_core.reports.html.page import Payloads, write_page
 from defocus_core.reports.html.render_command import render_words
 from defocus_core.reports.html.thumbnails import encoded, resized
 from defocus_core.reports.replaceable import refuse_other
-from defocus_core.system.shell import command_line
+from defocus_core.system.text import command_line
 
 Progress = Callable[[int, int], None]
 _FOCUSES = 8

@@ -13,7 +13,7 @@ from defocus_core.batch.journal.resume import input_place, job_of
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
 from defocus_core.errors import InputError
-from defocus_core.system.shell import command_line
+from defocus_core.system.text import command_line
 
 OUT = "again"  # where the command writes
 # Options by the keys of a record of a lens; its other keys say how the lens was chosen.

@@ -14,7 +14,7 @@ from defocus_core.compare.picture import DecodedPicture
 from defocus_core.reports.html.item import Column, Item, Layer, Report
 from defocus_core.reports.html.layers import A, B, difference_of, draw, valued_layers
 from defocus_core.reports.html.page import write_report
-from defocus_core.system.shell import command_line
+from defocus_core.system.text import command_line
 
 if TYPE_CHECKING:
     from torch import Tensor

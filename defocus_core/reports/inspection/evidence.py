@@ -18,19 +18,17 @@ from numpy.typing import NDArray
 
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.errors import DefocusError
-from defocus_core.io.array_files.containers import container_type
+from defocus_core.io.array_files import container_type
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands
-from defocus_core.io.depth_formats.depth import read_depth
-from defocus_core.io.depth_formats.depth_numbers import DepthNumbers
-from defocus_core.io.depth_formats.file_types import read_numbers
-from defocus_core.io.depth_formats.photo_depth import holds_depth, holds_gdepth, is_heic
-from defocus_core.io.depth_formats.reading import DepthReading
+from defocus_core.io.depth_formats.depth import read_depth, read_numbers
+from defocus_core.io.depth_formats.file_types import png_text
+from defocus_core.io.depth_formats.reading import DepthReading, holds_depth, holds_gdepth
+from defocus_core.io.depth_formats.rules import DepthNumbers
 from defocus_core.io.depth_formats.table import ROWS
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import FileInfo
-from defocus_core.io.images.png_text import png_text
-from defocus_core.io.safe_files import read_head
+from defocus_core.io.safe_files import is_heic, read_head
 from defocus_core.picture.steps.alpha import element_depth
 from defocus_core.system.text import percent
 

@@ -17,19 +17,18 @@ from defocus_core.batch.jobs.shot_lenses import ShotLenses
 from defocus_core.batch.lenses.lens import Lens, lens_record
 from defocus_core.batch.lenses.quantities import length_text
 from defocus_core.errors import DefocusError, InputError, UsageProblem
-from defocus_core.io.array_files.containers import container_type
+from defocus_core.io.array_files import container_type
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH, choose_depth
-from defocus_core.io.depth_formats.photo_depth import holds_depth
+from defocus_core.io.depth_formats.reading import holds_depth
 from defocus_core.io.exr.channel_choice import choose_color, require_part
 from defocus_core.io.exr.deep_samples import summary
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.views import in_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
-from defocus_core.io.images.color import LARGEST_FLOAT, count_beyond, read_color
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import LARGEST_FLOAT, Color, count_beyond, read_color
 from defocus_core.io.images.color_space import quantised
 from defocus_core.io.images.describe import FileInfo, PartInfo, describe
 from defocus_core.io.images.encode import display_encoded, write_samples
@@ -42,7 +41,7 @@ from defocus_core.picture.repair_words import repair_record, repair_words
 from defocus_core.picture.sources import to_array
 from defocus_core.picture.steps.alpha import element_depth
 from defocus_core.picture.steps.focusing import with_blur_reach, with_focus
-from defocus_core.picture.steps.implausible import implausible_radii
+from defocus_core.picture.steps.implausible import of_radii
 from defocus_core.picture.steps.overscan import overscan_of
 from defocus_core.reports.inspection.evidence import (
     evidence_of,
@@ -169,8 +168,8 @@ def _repair(
     """How the depth would be repaired, and warnings of a depth that hardly suits the lens."""
     with suppress(InputError):  # too near to be rendered, as the radius shows
         radii, declared = radii_of(lens, depth, keeping), reading.says_scale
-        warnings = implausible_radii(depth, radii.px, radii.limits, lens, declared=declared)
-        return radii.diagnose(reading), warnings
+        warnings = of_radii(depth, radii.px, radii.limits, lens, declared=declared)
+        return radii.diagnose(reading), tuple(warnings)
     return None, ()
 
 

@@ -14,7 +14,7 @@ from defocus_core.io.arrays import IN_MEMORY
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.radii import radii_of
 from defocus_core.picture.steps.focusing import with_blur_reach
-from defocus_core.picture.steps.implausible import implausible
+from defocus_core.picture.steps.implausible import of_file, of_radii
 
 LENS = Lens(50.0, 2.0, 2000.0)
 SCENE = np.geomspace(1.0, 40.0, 320 * 240).reshape(240, 320)  # m
@@ -25,7 +25,8 @@ def warnings(
 ) -> tuple[str, ...]:
     depth = Depth(np.asarray(metres, np.float32), Path(path), more.get("channel", "Z"), "")
     radius, ends, *_ = radii_of(lens, depth, IN_MEMORY)
-    return implausible(depth, radius, ends, lens, declared=declared)
+    words = of_radii(depth, radius, ends, lens, declared=declared)
+    return (*words, *of_file(depth, declared=declared))
 
 
 @pytest.mark.parametrize("foclen", [24.0, 50.0, 85.0])
@@ -58,7 +59,7 @@ def test_a_number_beyond_those_of_the_file_is_not_in_focus(number: float) -> Non
     depth = Depth(numbers, Path("d.png"), "", "", is_radius=True, is_relative=True)
     lens = with_blur_reach(Lens(math.nan, math.nan, None, blur=30.0, focus_value=number), [depth])
     radius, ends, *_ = radii_of(lens, depth, IN_MEMORY)
-    lines = implausible(depth, radius, ends, lens, declared=True)
+    lines = list(of_radii(depth, radius, ends, lens, declared=True))
     assert bool(lines) == (number > 255)
     if lines:
         assert f"nothing is in focus at the number {number}: numbers go from 0 to 255" in lines[0]

@@ -16,7 +16,7 @@ def test_a_picture_too_wide_for_a_pupil_is_not_decoded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     save(tmp_path / "wide.png", np.ones((1, 5000, 1), np.uint8))
-    monkeypatch.delattr(opening, "read_color")
+    monkeypatch.setattr("defocus_core.io.images.color.read_color", pytest.fail)
     with refuses("malformed", "1 × 1 × 5000", path=tmp_path / "wide.png"):
         opening.pupil_images(tmp_path / "wide.png")
 

@@ -20,6 +20,19 @@ from defocus_core.picture.steps.table import STEPS
 
 # Of any picture that is rendered: its depth is doubted, and repaired.
 ALWAYS = {"implausible", "repair"}
+# What reads and writes files of other types than a plain EXR.
+OTHER_FILES = {
+    *(
+        "array_files",
+        "chroma",
+        "color_space",
+        "deep_layers",
+        "deep_samples",
+        "encode",
+        "file_types",
+    ),
+    *("lens_metadata", "photo_depth", "raster", "sidecars"),
+}
 
 
 def job(folder: Path, **lens: Any) -> Job:
@@ -77,8 +90,10 @@ def test_what_does_not_apply_is_not_imported(tmp_path: Path) -> None:
         text=True,
         check=True,
     )
-    loaded = {name.split(".")[-1] for name in ran.stdout.split() if f"{steps.__name__}." in name}
+    names = [name for name in ran.stdout.split() if name.startswith("defocus_core.")]
+    loaded = {name.split(".")[-1] for name in names if f"{steps.__name__}." in name}
     assert loaded == {"table", *ALWAYS}
+    assert {name.split(".")[-1] for name in names}.isdisjoint(OTHER_FILES)
 
 
 def test_headers_are_parsed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,10 +8,15 @@ from defocus_core.depth.edge_shifts import EdgeShifts
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.sequences.motion import Frame, approached, chained, positions
-from defocus_core.sequences.seen_behind import seen_behind
+from defocus_core.sequences.neighbours import (
+    Frame,
+    approached,
+    chained,
+    positions,
+    seen_behind,
+    temporal_mean,
+)
 from defocus_core.sequences.shot_repair import agreed_repair, repair_through
-from defocus_core.sequences.temporal_mean import temporal_mean
 
 SIZE = (24, 32)
 

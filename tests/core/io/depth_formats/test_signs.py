@@ -11,8 +11,8 @@ from depth_files import png
 from refusals import refuses
 
 from defocus_core.io.depth_formats.depth import read_depth
+from defocus_core.io.depth_formats.file_types import SIGNS
 from defocus_core.io.depth_formats.reading import DepthReading
-from defocus_core.io.depth_formats.signs import SIGNS
 from defocus_core.io.depth_formats.table import FORMATS
 
 

@@ -13,10 +13,9 @@ from counting import calls
 from deep_files import write_deep_samples
 from refusals import refuses
 
-from defocus_core.io.exr import deep_chunks
-from defocus_core.io.exr.deep_chunks import decoded
+from defocus_core.io.exr import deep_samples
 from defocus_core.io.exr.deep_layers import MAX_LAYERS, _fractions, merge_samples
-from defocus_core.io.exr.deep_samples import Strip, max_samples, summary
+from defocus_core.io.exr.deep_samples import Strip, decoded, max_samples, summary
 from defocus_core.io.exr.header import raw_headers, read_headers
 from defocus_core.io.exr.windows import Window
 
@@ -110,5 +109,5 @@ def test_samples_are_counted_and_none_is_decoded(
     one = {"R": 1.0, "G": 0.5, "B": 0.2, "A": 1.0, "Z": 2.0}
     path = write_deep_samples(tmp_path / "a.exr", [[[one] * 3, [one]], [[], [one] * 7]])
     (header,) = read_headers(path)
-    monkeypatch.setattr(deep_chunks, "_samples", None)
+    monkeypatch.setattr(deep_samples, "_samples", None)
     assert max_samples(path, header) == 7

@@ -19,8 +19,7 @@ from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.exr import reading, writing
 from defocus_core.io.exr.channel_choice import choose_color
-from defocus_core.io.exr.compression import CODECS, codec_of
-from defocus_core.io.exr.header import read_headers
+from defocus_core.io.exr.header import CODECS, codec_of, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.windows import Layout
 from defocus_core.io.exr.writing import clamped_half, write_exr

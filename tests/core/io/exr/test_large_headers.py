@@ -21,9 +21,8 @@ from defocus_core.io.exr.channel_choice import choose_color
 from defocus_core.io.exr.header import MAGIC, MULTIPART, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.images import raster
-from defocus_core.io.images.color import read_color
+from defocus_core.io.images.color import _extras, read_color
 from defocus_core.io.images.describe import describe
-from defocus_core.io.images.exr_color import _extras
 
 
 def attribute(name: str, kind: str, value: bytes) -> bytes:

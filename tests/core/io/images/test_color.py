@@ -25,8 +25,7 @@ from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io import arrays
 from defocus_core.io.exr.header import Raw
 from defocus_core.io.exr.writing import write_exr
-from defocus_core.io.images.color import BRIGHTEST, read_color, require_finite
-from defocus_core.io.images.color_planes import Color
+from defocus_core.io.images.color import BRIGHTEST, Color, read_color, require_finite
 from defocus_core.io.images.describe import describe
 from defocus_core.renderer.engine import statistics
 

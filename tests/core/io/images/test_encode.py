@@ -137,6 +137,14 @@ def test_clipped_highlights_are_counted(tmp_path: Path) -> None:
     assert warning == "1 pixel brighter than white shown as white"
 
 
+def test_a_webp_holds_grey_as_three_colours_and_alpha(tmp_path: Path) -> None:
+    pixels = np.full((16, 16, 2), (0.2, 0.5), np.float32)
+    write_image(tmp_path / "a.webp", pixels, "YA", attributes={})
+    color = read_color(tmp_path / "a.webp")
+    assert color.channels == ("R", "G", "B", "A")
+    np.testing.assert_allclose(color.pixels[..., 1:], pixels[..., [0, 0, 1]], atol=0.01)
+
+
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_clipped_negative_colours_are_counted(suffix: str, tmp_path: Path) -> None:
     pixels = picture()

@@ -13,9 +13,8 @@ from command_line import color_exr, depth_exr, pair, render, run, texture
 from image_files import save
 from refusals import refuses
 
-from defocus_core.io import arrays, below
-from defocus_core.io.array_files import containers
-from defocus_core.io.array_files.float_maps import read_float_map
+from defocus_core.io import array_files, arrays, below
+from defocus_core.io.array_files import read_float_map
 from defocus_core.io.depth_formats import depth, exr_depth_channel, file_types
 from defocus_core.io.images import describe as describing
 from defocus_core.io.images.color import read_color
@@ -176,8 +175,8 @@ def test_a_container_of_too_many_arrays_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     np.savez(tmp_path / "a.npz", *[np.ones((2, 2))] * 3)
-    assert len(containers.read_entries(tmp_path / "a.npz")) == 3
-    monkeypatch.setattr(containers, "_MAX_ARRAYS", 2)
+    assert len(array_files.read_entries(tmp_path / "a.npz")) == 3
+    monkeypatch.setattr(array_files, "_MAX_ARRAYS", 2)
     with refuses("too-large", "more than 2 arrays"):
         describe(tmp_path / "a.npz")
 
@@ -186,9 +185,9 @@ def test_a_container_of_too_many_arrays_is_refused(
 def test_kernels_too_large_are_refused_before_they_are_read(
     shape: tuple[int, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    side = containers.ArrayEntry(shape[1:], "float32", lambda _: pytest.fail("it was read"))
+    side = array_files.ArrayEntry(shape[1:], "float32", lambda _: pytest.fail("it was read"))
     np.savez(tmp_path / "k.npz", left=np.ones((2, 2)))
-    monkeypatch.setattr(opening, "read_entries", lambda _: {"left": side, "right": side})
+    monkeypatch.setattr(array_files, "read_entries", lambda _: {"left": side, "right": side})
     with refuses("wrong-size", path=tmp_path / "k.npz"):
         opening.measured_pair(tmp_path / "k.npz")
 

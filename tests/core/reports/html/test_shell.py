@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from defocus_core.system.shell import command_line
+from defocus_core.system.text import command_line
 
 WORDS = ["plain", "a b", "$HOME `id` \"'", "line\nbreak", "tab\tbell\a", "über", "-", "", "\\x41"]
 

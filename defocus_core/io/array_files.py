@@ -1,5 +1,9 @@
-"""Named arrays in one file: NPZ, HDF5 with MATLAB 7.3, and MATLAB 5.
+"""Arrays of numbers in files: PFM, NPY, .dpt, COLMAP and headerless rows; NPZ, HDF5 and MATLAB.
 
+PFM (netpbm): ``Pf``, width, height, scale, then rows from bottom to top; a negative scale means
+little endian. OpenImageIO returns the rows upside down or not depending on how it is asked.
+Sintel's .dpt (its ``sintel_io.py``): the float 202021.25, width, height, then rows, all little
+endian. COLMAP (``scripts/python/read_write_dense.py``): ``width&height&channels&``, then rows.
 MATLAB 7.3 is HDF5 behind a block of text, its axes in reverse order as HDF5 shows them. MATLAB 5
 (MathWorks, "MAT-File Format") is a list of elements, each of a type, a length and data.
 """
@@ -7,6 +11,7 @@ MATLAB 7.3 is HDF5 behind a block of text, its axes in reverse order as HDF5 sho
 from __future__ import annotations
 
 import math
+import re
 import struct
 import zipfile
 import zlib
@@ -21,9 +26,146 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.errors import InputError
-from defocus_core.io.damage import decoding
-from defocus_core.io.safe_files import check_size, read_head
+from defocus_core.errors import InputError, reason
+from defocus_core.io.safe_files import (
+    AGAIN,
+    check_size,
+    damaged,
+    decoding,
+    needs_extra,
+    read_head,
+)
+from defocus_core.system.text import times
+
+NPY_MAGIC = b"\x93NUMPY"
+# The scale ends with its line, or with one blank: the byte of a pixel may look like a blank too.
+_PFM_HEADER = re.compile(rb"(Pf|PF)\s+(\S+)\s+(\S+)\s+(\S+)(?:[ \t\r]*\n|\s)")
+
+
+@dataclass(frozen=True)
+class FloatMap:
+    """Shape, type and, lazily, the values of a PFM or NPY file."""
+
+    values: NDArray[Any]  # float array [H, W], memory mapped; integers only if they were allowed
+    format: str
+
+
+def is_float_map(head: bytes) -> bool:
+    """Whether a file that starts with ``head`` is one of these."""
+    return head[:2] in (b"Pf", b"PF") or head.startswith(NPY_MAGIC)
+
+
+def read_float_map(path: Path, *, integers: bool = False) -> FloatMap:
+    """Map a PFM or NPY file of one map into memory."""
+    if not read_head(path).startswith(NPY_MAGIC):
+        return FloatMap(_pfm(path), "PFM")
+    values = read_npy(path, integers=integers)
+    while values.ndim > 2 and values.shape[0] == 1:
+        values = values[0]
+    if values.ndim == 3 and values.shape[2] == 1:
+        values = values[:, :, 0]
+    if values.ndim != 2:
+        raise wrong_shape(path, values.shape)
+    return FloatMap(values, "NPY")
+
+
+def wrong_shape(path: Path, shape: tuple[int, ...]) -> InputError:
+    """The error for an array that is no map."""
+    problem = f"has {times(shape)} numbers, not height × width"
+    remedy = "save one map a file, or say its ‹depth-format›"
+    return InputError("wrong-shape", problem, remedy, path=path)
+
+
+def read_npy(path: Path, *, integers: bool) -> NDArray[Any]:
+    """Map an NPY file of any number of axes into memory."""
+    try:
+        # Mapped, since np.load would allocate whatever size the header claims.
+        with np.errstate(over="raise"):  # of a size that the header claims
+            values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
+    except Exception as error:
+        if "Python objects" in str(error):
+            problem, remedy = "holds Python objects, not numbers", "save an array of floats"
+            raise InputError("not-numbers", problem, remedy, path=path) from error
+        raise damaged(path, reason(error), "is a truncated or damaged NPY file") from error
+    if values.dtype.kind not in ("fiu" if integers else "f"):
+        problem = f"holds {values.dtype} numbers, whose unit is unknown"
+        whole = values.dtype.kind in "iu"
+        remedy = "say ‹depth-unit› mm" if whole else "save floats"
+        raise InputError("unknown-unit", problem, remedy, path=path)
+    if values.size == 0 or values.ndim < 2:
+        raise wrong_shape(path, values.shape)
+    check_size(path, values.shape[-1], values.size // values.shape[-1], values.itemsize)
+    return values
+
+
+def _pfm(path: Path) -> NDArray[Any]:
+    header = _PFM_HEADER.match(read_head(path, 256))
+    try:
+        if header is None:
+            raise ValueError("no width, height and scale")
+        width, height, scale = int(header[2]), int(header[3]), float(header[4])
+        if not math.isfinite(scale) or scale == 0:
+            raise ValueError(f"scale {scale:g}")
+    except ValueError as error:
+        raise damaged(path, str(error), "has a damaged PFM header") from error
+    if header[1] == b"PF":
+        problem = "is a colour PFM (PF); depth has one channel (Pf)"
+        raise InputError("not-one-channel", problem, "save it grey", path=path)
+    check_size(path, width, height, 4)
+    held, wanted = path.stat().st_size - header.end(), width * height * 4
+    if held < wanted:
+        problem = f"is truncated: {held} bytes of pixels, {wanted} expected"
+        raise InputError("damaged", problem, AGAIN, path=path)
+    if held > wanted:
+        problem = f"holds {held - wanted} bytes more than the {wanted} of pixels of its header"
+        raise InputError("damaged", problem, AGAIN, path=path)
+    dtype = np.dtype("<f4" if scale < 0 else ">f4")
+    return np.memmap(path, dtype, "r", header.end(), (height, width))[::-1]
+
+
+_DPT_MAGIC = b"PIEH"  # 202021.25 as float32
+_COLMAP = re.compile(rb"(\d{1,7})&(\d{1,7})&(\d{1,3})&")
+
+
+def bare_type(head: bytes) -> str:
+    """DPT or COLMAP for a file that starts with ``head``; empty for any other."""
+    if head.startswith(_DPT_MAGIC):
+        return "DPT"
+    return "COLMAP" if _COLMAP.match(head) else ""
+
+
+def read_bare(path: Path) -> NDArray[Any]:
+    """Map a .dpt or COLMAP file into memory: float32 [H, W]."""
+    head = read_head(path, 32)
+    if head.startswith(_DPT_MAGIC):
+        if len(head) < 12:
+            raise InputError("damaged", "is truncated in its header", AGAIN, path=path)
+        width, height = struct.unpack("<2i", head[4:12])
+        return _rows(path, 12, width, height)
+    header = _COLMAP.match(head)
+    assert header is not None
+    width, height, channels = (int(number) for number in header.groups())
+    if channels != 1:
+        problem = f"has {channels} channels; depth is one"
+        remedy = "name a file of depth_maps, not of normal_maps"
+        raise InputError("not-one-channel", problem, remedy, path=path)
+    return _rows(path, header.end(), width, height)
+
+
+def read_headerless(path: Path, size: tuple[int, int]) -> NDArray[Any]:
+    """Map float32 little-endian rows without a header into memory: [H, W]."""
+    read_head(path)
+    return _rows(path, 0, *size)
+
+
+def _rows(path: Path, start: int, width: int, height: int) -> NDArray[Any]:
+    check_size(path, width, height, 4)
+    there, wanted = path.stat().st_size - start, width * height * 4
+    if there != wanted:
+        problem = f"has {there} bytes of pixels, and {width}×{height} px of float32 are {wanted}"
+        raise InputError("wrong-size", problem, AGAIN, path=path)
+    return np.memmap(path, "<f4", "r", start, (height, width))
+
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _MATLAB_5, _MATLAB_73 = b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"
@@ -121,9 +263,7 @@ def _hdf5(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     try:
         import h5py
     except ImportError:
-        problem = "is an HDF5 file, which is read with h5py, and h5py is not installed"
-        remedy = "run: pip install 'defocus[hdf5]'"
-        raise InputError("needs-extra", problem, remedy, path=path) from None
+        raise needs_extra(path, "an HDF5", "h5py", "hdf5") from None
     entries: list[tuple[str, ArrayEntry]] = []
 
     def load(name: str, index: int | None) -> NDArray[Any]:
@@ -150,9 +290,7 @@ def _matlab(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     try:
         from scipy.io import loadmat, whosmat
     except ImportError:
-        problem = "is a MATLAB 5 file, which is read with scipy, and scipy is not installed"
-        remedy = "run: pip install 'defocus[mat]'"
-        raise InputError("needs-extra", problem, remedy, path=path) from None
+        raise needs_extra(path, "a MATLAB 5", "scipy", "mat") from None
 
     def load(
         file: bytes, name: str, shape: tuple[int, ...], dtype: str, index: int | None
