@@ -1,7 +1,5 @@
 """What the README and the help topics show is what happens: their commands run."""
 
-from __future__ import annotations
-
 import os
 import re
 import runpy

@@ -1,7 +1,5 @@
 """A network learns from drawn samples and from those of a finished batch."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from training import make_batch, train

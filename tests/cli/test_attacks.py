@@ -1,7 +1,5 @@
 """No name that a file holds, and no link in a prepared folder, leads outside of that folder."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

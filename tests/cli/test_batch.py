@@ -1,7 +1,5 @@
 """``defocus batch``: many jobs, whatever stops them."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """``defocus batch`` with sweeps and draws, up to what a training script reads."""
 
-from __future__ import annotations
-
 import json
 import tarfile
 from pathlib import Path

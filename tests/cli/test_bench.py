@@ -1,7 +1,5 @@
 """``defocus bench`` on one tiny scene: a card out of focus before waves in focus."""
 
-from __future__ import annotations
-
 import json
 from importlib.util import find_spec
 from pathlib import Path

@@ -1,7 +1,5 @@
 """``defocus bench --time`` on scenes of a few pixels."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -172,10 +170,7 @@ def test_the_peak_begins_anew() -> None:
     del block
     memory.reset_peak()
     low = memory.peak_mb()
-    assert high is not None
-    assert low is not None
     assert low < high - 32
     assert memory.held_mb() <= low + 1
     available = memory.available_mb()
-    assert available is not None
     assert available > 0

@@ -1,7 +1,5 @@
 """A blur in pixels: the radius is linear in the numbers of the depth file, which need no metres."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

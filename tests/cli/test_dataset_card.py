@@ -1,7 +1,5 @@
 """A finished batch is a dataset that stands by itself: inputs, splits, and a card."""
 
-from __future__ import annotations
-
 import json
 import tarfile
 from pathlib import Path

@@ -21,7 +21,7 @@ LENS = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m")
 FLOAT = ("--exr-type", "float")
 
 
-def layers(*metres: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # type: ignore[type-arg]
+def layers(*metres: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A layer with a soft round card for each depth: premultiplied colours, depth, coverage."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[: SIZE[0], : SIZE[1]]
@@ -36,7 +36,7 @@ def layers(*metres: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.nd
     return tint * coverage[:, None], depth, coverage
 
 
-def radius_of(depth: np.ndarray) -> torch.Tensor:  # type: ignore[type-arg]
+def radius_of(depth: np.ndarray) -> torch.Tensor:
     """Signed radii in px of depths in metres, by the core's own lens."""
     sensor = 36.0, 36.0 * SIZE[0] / SIZE[1]
     lens = DefocusLens(50.0, 2.0, sensor, SIZE[::-1], "cpu", torch.float64)

@@ -1,7 +1,5 @@
 """``defocus depth`` writes planar metres; reading options mean the same in every command."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

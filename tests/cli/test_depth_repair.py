@@ -1,7 +1,5 @@
 """The repair of depth: how a user steers it, and where it is recorded and drawn."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

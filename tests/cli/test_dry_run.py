@@ -1,7 +1,5 @@
 """``defocus render --dry-run``: what rendering would read, write and take."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable

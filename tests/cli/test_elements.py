@@ -1,7 +1,5 @@
 """Elements: nothing where alpha is 0, windows of all kinds, depth multiplied by alpha, views."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

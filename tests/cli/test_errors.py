@@ -3,8 +3,6 @@
 Exit code 2 is usage, 3 is input or output. Nothing is written.
 """
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess

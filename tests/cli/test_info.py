@@ -1,7 +1,5 @@
 """``defocus info`` says what is in a file, as ``defocus render`` would read it."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

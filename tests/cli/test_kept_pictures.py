@@ -1,7 +1,5 @@
 """Nothing replaces what another command made: other lenses, names, views, and lone files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A lens that makes no sense, in a file or in options, ends in one line that says what would do."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

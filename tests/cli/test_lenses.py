@@ -1,7 +1,5 @@
 """Lens files that ship: each is a lens with a look, by its name."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Each option of the look of a lens shows in the picture, in a lens file and in a record."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

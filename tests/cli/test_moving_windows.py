@@ -1,7 +1,5 @@
 """Frames of one display window are one shot, wherever the data window of each lies."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

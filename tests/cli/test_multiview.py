@@ -1,7 +1,5 @@
 """--multiview: left and right as the two views of one EXR file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

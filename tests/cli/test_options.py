@@ -1,7 +1,5 @@
 """Options mean the same wherever they stand, and say what they take."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

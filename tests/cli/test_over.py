@@ -1,7 +1,5 @@
 """--over: an element and its plate are blurred as one scene."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Photographs of phones are given once: their depth, and often a sharp original, is inside."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Photographs as people have them: a first picture of one line."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

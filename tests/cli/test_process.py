@@ -1,7 +1,5 @@
 """How the process of a command begins and ends."""
 
-from __future__ import annotations
-
 import gc
 import json
 import os

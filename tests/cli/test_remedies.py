@@ -1,7 +1,5 @@
 """Mistakes that are easily made are noticed, and the remedy is what was meant."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -90,9 +88,9 @@ def test_an_opening_is_given_to_a_lens_or_to_an_aperture() -> None:
     assert not torch.equal(lens.render_rgbd(image, depth), plain.render_rgbd(image, depth))
     pupil = PupilImage(torch.ones(5, 5))
     with pytest.raises(ValueError, match=r"Aperture\(image=…\)"):
-        DefocusLens(50.0, 0.5, aperture=pupil, **sensor)  # type: ignore[arg-type]
+        DefocusLens(50.0, 0.5, aperture=pupil, **sensor)
     with pytest.raises(ValueError, match=r"Aperture\(image=…\)"):
-        render_image(image, depth, aperture=pupil)  # type: ignore[arg-type]
+        render_image(image, depth, aperture=pupil)
 
 
 def test_metres_given_as_millimetres_are_doubted() -> None:

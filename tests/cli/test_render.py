@@ -1,7 +1,5 @@
 """``defocus render`` writes what was asked for, where it was asked for, and nothing else."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Each option of ``defocus render`` does what its name says."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What was done is not done again, and what is not as it was is."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """``defocus retry``: what failed, once more."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """``defocus batch --shard`` and ``merge``: parts of a batch, done by themselves, are one run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

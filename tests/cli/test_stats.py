@@ -1,7 +1,5 @@
 """``defocus render --stats``: each kind of skip, on a scene where it matters."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """``defocus status``: how far a batch is, and what failed."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

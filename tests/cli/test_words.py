@@ -1,7 +1,5 @@
 """The words of errors: what a user sees, in one table. Other tests assert codes, files and keys."""
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 

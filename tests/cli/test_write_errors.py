@@ -1,7 +1,5 @@
 """What cannot be written, and work that is cut short: one line, and nothing lost or half done."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil
@@ -231,7 +229,6 @@ def test_ctrl_c_ends_the_process_with_130_and_one_line(tmp_path: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
     )
-    assert process.stdout is not None
     assert process.stdout.readline() == "up\n"
     time.sleep(0.1)
     process.send_signal(signal.SIGINT)

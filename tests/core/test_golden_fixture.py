@@ -1,7 +1,5 @@
 """What the fixture ``golden`` refuses: names that lead outside, and values that would all pass."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

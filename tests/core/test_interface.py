@@ -1,7 +1,5 @@
 """What Python users call: the names of the library, files, batches, comparison."""
 
-from __future__ import annotations
-
 import ast
 import math
 import re

@@ -1,7 +1,5 @@
 """The fixture ``golden`` of other projects: their tests run in a session of their own."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re
@@ -81,7 +79,6 @@ def test_what_is_not_fails_with_its_cause(project: Path) -> None:
 def test_a_bound_is_proposed_where_no_cause_is_found(project: Path) -> None:
     patch = "image + np.float32(0.2) * (np.indices((32, 48)).sum(0) < 9)[..., None]"
     found = re.search(r"^max=(\S+) lets it pass$", str(passes(project, expression=patch)), re.M)
-    assert found is not None
     assert passes(project, expression=patch, bounds=f", max={found[1]}") is None
     given = str(passes(project, expression=patch, bounds=", max=0.01"))
     assert "lets it pass" not in given

@@ -179,11 +179,3 @@ def test_trust_is_the_share_that_saw_the_frame() -> None:
     assert worst(trust[20:40, 20:60], 1.0) < WHITE
     assert float(trust[30, 0]) == pytest.approx(0.5, abs=0.05)
     assert float(trust[0, 0]) == pytest.approx(0.25, abs=0.05)
-
-
-@pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 2), (3, 200)])
-@pytest.mark.parametrize("r", [0.4, -3.0, 40.0, -700.0, 5000.0])
-def test_small_frames_are_white_at_any_radius(r: float, size: tuple[int, int]) -> None:
-    for quality in QUALITIES[:2]:
-        views = render(torch.ones(1, *size), torch.full(size, r), quality=quality, left_right=True)
-        assert max(worst(picture, 1.0) for picture in views.images) < WHITE

@@ -1,7 +1,5 @@
 """Dual pixels of real sensors: less apart than half discs, and the mean of the pair stays."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

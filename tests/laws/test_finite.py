@@ -1,7 +1,5 @@
 """Every option at both of its ends leaves pictures and gradients finite, and none too bright."""
 
-from __future__ import annotations
-
 import random
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A light field that is summed to a defocused picture is explained by the lens that a fit finds."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import product

@@ -37,7 +37,7 @@ def test_opaque_alpha_stays_opaque(quality: str) -> None:
 @pytest.mark.parametrize("name", SIGNED_RADIUS)
 def test_no_pixel_is_darker_or_brighter_than_all(name: str, options: dict[str, object]) -> None:
     image = with_lights(torch.full((3, *SIZE), 0.2), 100.0)
-    shown = render(image, SIGNED_RADIUS[name], **options).render  # type: ignore[arg-type]
+    shown = render(image, SIGNED_RADIUS[name], **options).render
     assert float(shown.min()) >= 0.2 * (1 - 1e-4)
     assert float(shown.max()) <= 100 * (1 + 1e-4)
 

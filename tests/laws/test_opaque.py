@@ -73,5 +73,4 @@ def test_gradients_of_a_surface_with_steps_are_finite(quality: str) -> None:
     radius = torch.where(is_near, ROUGH["levels"], 40.0).requires_grad_()
     sum(view.square().sum() for view in render(image, radius, quality=quality).images).backward()
     for gradient in (image.grad, radius.grad):
-        assert gradient is not None
         assert gradient.isfinite().all()

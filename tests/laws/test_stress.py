@@ -122,8 +122,6 @@ few = settings(deadline=None, derandomize=True, max_examples=60)
 
 
 def three(o: Views) -> tuple[Tensor, Tensor, Tensor]:
-    assert o.left is not None
-    assert o.right is not None
     return o.render, o.left, o.right
 
 

@@ -1,7 +1,5 @@
 """Small batches for the tests."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """A headless Chromium that opens a report, and reads what it shows."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager

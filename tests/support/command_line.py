@@ -1,7 +1,5 @@
 """Runs the command line inside the test process, and makes small inputs for it."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Callable

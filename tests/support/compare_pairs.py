@@ -3,8 +3,6 @@
 Each is made from a sample scene that is rendered small. The seed chooses amounts, sides and places.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache

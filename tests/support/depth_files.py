@@ -1,15 +1,13 @@
 """Depth files as their formats' own rules say, written without the code under test."""
 
-from __future__ import annotations
-
 import base64
 import struct
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from image_files import png_chunk, save
-from optional_libraries import require_scipy
 
 
 def png(path: Path, values: Any, dtype: type = np.uint16) -> Path:
@@ -60,10 +58,8 @@ def with_text(path: Path, **texts: str) -> Path:
 
 def matlab(path: Path, name: str, values: Any, *, compressed: bool = False) -> Path:
     """A MATLAB 5 file of one array; the test is left out where scipy is not installed."""
-    require_scipy()
-    from scipy.io import savemat
-
-    savemat(path, {name: values}, do_compression=compressed)
+    scipy_io = pytest.importorskip("scipy.io")
+    scipy_io.savemat(path, {name: values}, do_compression=compressed)
     return path
 
 

@@ -1,7 +1,5 @@
 """Elements for the tests: a disc with smooth edges at one depth, and nothing around it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -60,13 +60,13 @@ class Elsewhere(Tensor):
         made.held = held
         return made
 
-    def __repr__(self, **_: object) -> str:  # type: ignore[override]
+    def __repr__(self, **_: object) -> str:
         return f"Elsewhere({self.held})"
 
     def tolist(self) -> list[Any]:
         return self.cpu().tolist()
 
-    def numpy(self, **_: object) -> Any:  # type: ignore[override]
+    def numpy(self, **_: object) -> Any:
         raise TypeError("what is on a device is no array of numpy")
 
     @classmethod

@@ -1,7 +1,5 @@
 """Pictures at the ends of all options, and what in their views or gradients is not finite."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

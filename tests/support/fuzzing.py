@@ -4,8 +4,6 @@ Started as ``python fuzzing.py FOLDER SEED FIRST END`` it reads the cases FIRST 
 more than 1 GiB of memory beyond its modules, and prints a JSON line before and after each.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -4,8 +4,6 @@
 keep away from thresholds: float64, and depth that differs in its last bits, make the same pictures.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Reads what an HTML report holds."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

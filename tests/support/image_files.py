@@ -1,7 +1,5 @@
 """Small image files for the tests, written without the code under test."""
 
-from __future__ import annotations
-
 import zlib
 from pathlib import Path
 from typing import Any

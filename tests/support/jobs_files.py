@@ -1,7 +1,5 @@
 """Jobs files for the tests, and what is read from them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Faults planted into a picture, each with the words that name it, and pairs that are the same."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Records of a journal, and the files that they speak of, for what is made of a finished batch."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from hashlib import blake2b
 from pathlib import Path

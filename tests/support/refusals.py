@@ -1,7 +1,5 @@
 """What the library refuses: a mistake of the user, by its code."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Which tests were skipped, and why; where ``CI`` is set, most reasons fail the run."""
 
-from __future__ import annotations
-
 import os
 from collections import Counter
 

@@ -1,7 +1,5 @@
 """`defocus fit` finds the lens of a picture, and writes it for `defocus render`."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from pathlib import Path

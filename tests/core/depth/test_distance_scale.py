@@ -69,7 +69,6 @@ def test_a_floor_to_the_horizon_is_not_soft(farthest: float) -> None:
 def test_the_scale_spans_the_radii() -> None:
     radii, infinity = through_lens(torch.tensor([0.4, 3.2, 6.0], dtype=torch.float64))
     scale = distance_scale(float(radii.min()), float(radii.max()), infinity)
-    assert scale is not None
     distance = scale.of(radii)
     assert float(distance[0]) == pytest.approx(0.0)
     assert float(distance[2]) == pytest.approx(float(radii[2] - radii[0]))
@@ -92,5 +91,4 @@ def test_frames_of_a_shot_agree_on_the_scale() -> None:
     agreed = agreed_repair(repairs, scales)
     for repair, focus in zip(repairs, (0.8, 1.5), strict=True):
         through = repair_through(agreed, SCALE, SCALE / focus).ramps_of
-        assert through is not None
         assert through == pytest.approx(repair.ramps_of)

@@ -144,4 +144,4 @@ def test_another_word_is_refused() -> None:
         with pytest.raises(ValueError, match=r"depth_repair must be auto, off or .*, got 'on'"):
             door(depth_repair="on")
     with pytest.raises(ValueError, match=r"depth_repair must be auto, off or .*, got True"):
-        RandomDefocus(depth_repair=True)  # type: ignore[arg-type]
+        RandomDefocus(depth_repair=True)

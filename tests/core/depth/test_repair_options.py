@@ -60,25 +60,25 @@ def test_slopes_as_gentle_as_is_said_are_edges() -> None:
     for repair, changed in (("auto", False), ("soft-edges=0.1", False), ("soft-edges=0.01", True)):
         options = repair_options(repair)
         found, _ = repaired(gentle, image, infinity=None, threads=1, hold=False, options=options)
-        assert torch.equal(found, gentle) is not changed  # type: ignore[arg-type]
+        assert torch.equal(found, gentle) is not changed
     everything = repair_options("soft-edges=0")
     found, record = repaired(
         gentle, image, infinity=None, threads=1, hold=False, options=everything
     )
     assert record.soft_edges == 0
-    assert is_a_step(128 * found)  # type: ignore[operator]
+    assert is_a_step(128 * found)
 
 
 def test_a_door_takes_both() -> None:
     image, radius = softened(24)
     pictures = [
         render(image, radius, **options).render
-        for options in ({}, {"edge_width": 24.0}, {"depth_repair": "soft-edges=0.05"})  # type: ignore[arg-type]
+        for options in ({}, {"edge_width": 24.0}, {"depth_repair": "soft-edges=0.05"})
     ]
     assert not torch.equal(pictures[0], pictures[1])
     gentle = [
         render(image, radius / 5, **options).render
-        for options in ({}, {"depth_repair": "soft-edges=0.01", "edge_width": 24.0})  # type: ignore[arg-type]
+        for options in ({}, {"depth_repair": "soft-edges=0.01", "edge_width": 24.0})
     ]
     assert not torch.equal(*gentle)
 
@@ -101,7 +101,7 @@ def test_the_width_is_that_of_most_edges() -> None:
 def test_the_share_of_changed_pixels_is_recorded() -> None:
     image, radius = softened(9)
     found, record = repaired(radius, image, infinity=None, threads=1, hold=False)
-    assert record.fraction == float((found != radius).double().mean())  # type: ignore[attr-defined]
+    assert record.fraction == float((found != radius).double().mean())
     assert record.fraction == pytest.approx(8 / SIZE[1], rel=0.2)
 
 

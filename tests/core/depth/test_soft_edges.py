@@ -4,12 +4,11 @@ from functools import partial
 
 import pytest
 import torch
-from measures import inner, worst
+from measures import worst
 from scenes import RADII, pattern
 from torch import Tensor
 from torch.nn.functional import max_pool2d
 
-from defocus_core import render
 from defocus_core.depth.color_profiles import FARTHEST
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.edge_shifts import AROUND as AROUND_SHIFTS
@@ -83,6 +82,22 @@ def test_extremes_are_those_of_squares(by: int, size: tuple[int, int]) -> None:
     assert torch.equal(extreme_around(some, by, torch.maximum), expected)
 
 
+@pytest.mark.parametrize("width", [2, 3, 5, 8, 10])
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_soft_edge_becomes_a_step_in_its_middle(width: int, turned: bool) -> None:
+    radius = soft_depth(width, near=-8.0, far=9.0)
+    found = without_ramps(radius.T).T if turned else without_ramps(radius)
+    assert bool(((found == -8.0) | (found == 9.0)).all())
+    assert (found[0] == -8.0).sum() == pytest.approx(MIDDLE, abs=1)
+
+
+def test_a_steep_surface_up_to_an_edge_stays() -> None:
+    """A slope of 1.4 px per px that ends before a wall: steep on one side only."""
+    radius = torch.full(SIZE, 20.0, dtype=torch.float64)
+    radius[:, :30] = 1.4 * torch.arange(30, dtype=torch.float64) - 30
+    assert torch.equal(without_ramps(radius), radius)
+
+
 @pytest.mark.parametrize("width", [4, 7, 10])
 @pytest.mark.parametrize("shift", [-6, -3, 0, 3, 6])
 @pytest.mark.parametrize("turned", [False, True])
@@ -127,7 +142,6 @@ def test_hard_edges_that_are_all_displaced_alike_are_moved(by: int) -> None:
     """As those of depth that was grown by some px."""
     radius = soft_depth(1, by).repeat(10, 1)
     shifts = measured_shifts(radius, two_colors().repeat(1, 10, 1), 1, soft=None)
-    assert shifts is not None
     assert shifts.median == pytest.approx(by, abs=0.5)
 
 
@@ -179,7 +193,6 @@ def test_a_window_holds_what_the_whole_holds(seed: int) -> None:
     image, radius = bumpy(seed, (300, 340))
     radius = without_ramps(radius, 0.4)
     shifts = measured_shifts(radius, image, 1, soft=0.0)
-    assert shifts is not None
     repair = partial(with_shifted_edges, shifts=shifts)
     whole, lazily = repair(radius, image), Repaired(radius, repair, AROUND_SHIFTS, image)
     for box in (Box(130, 140, 30, 40), Box(0, 150, 64, 64), Box(250, 0, 50, 340)):
@@ -243,22 +256,8 @@ def test_each_radius_has_one_source() -> None:
     found = with_hard_edges(given, image)
     weights = torch.rand_like(found)
     (found * weights).sum().backward()
-    assert given.grad is not None
     assert float(given.grad.sum()) == pytest.approx(float(weights.sum()))
     assert bool((given.grad >= 0).all())
-
-
-@pytest.mark.parametrize("shift", [-5, 5])
-def test_a_sharp_subject_has_neither_a_halo_nor_a_blurred_rim(shift: int) -> None:
-    """Depth that is 5 px off, soft or hard, makes the picture that true depth makes."""
-    image = two_colors()
-    slats = 1 + 0.8 * torch.sin(torch.arange(SIZE[0], dtype=torch.float64))[:, None]
-    image[..., MIDDLE:] *= slats
-    true = render(image, hard_depth(far=12.0)).render
-    found = render(image, soft_depth(7, shift, far=12.0)).render
-    off = render(image, soft_depth(1, shift, far=12.0)).render
-    assert worst(inner(found, 4), inner(true, 4)) < 1e-6
-    assert worst(inner(off, 4), inner(true, 4)) < 1e-6
 
 
 def test_low_contrast_is_enough() -> None:

@@ -1,7 +1,5 @@
 """Pairs that no lens explains are refused for what they are, on all sample scenes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Kernels are the exact areas of the pupil over each pixel."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -107,13 +105,6 @@ def test_second_moment_of_a_disc_is_a_quarter_r_squared_plus_a_twelfth(size):
     assert (from_moment / radius - 1).abs()[radius >= 4].max() < 0.005
 
 
-def test_the_effective_radius_grows_steadily_and_not_by_whole_pixels():
-    radii = torch.arange(2, 6, 0.05, dtype=torch.float64)
-    moments = (DISC.kernel(radii, 15).sum(-2) * centres(15) ** 2).sum(-1)
-    steps = (2 * (moments - 1 / 12).sqrt()).diff()
-    assert ((steps > 0.03) & (steps < 0.07)).all()
-
-
 @pytest.mark.parametrize("radius", [2.5, 7.3, -7.3, 40.0])
 @pytest.mark.parametrize("size", [85, 86])
 def test_half_discs_lie_4_r_over_3_pi_to_the_side_of_their_lens_half(radius, size):
@@ -140,12 +131,6 @@ def test_round_and_even_pupils_are_the_plain_mean_of_their_halves(blades, psf_ty
     left, right, full = (aperture.kernel(double(6.2), 18, p) for p in (LEFT, RIGHT, FULL))
     assert aperture.fraction(LEFT) == pytest.approx(0.5, abs=1e-12)
     torch.testing.assert_close((left + right) / 2, full, atol=1e-14, rtol=0)
-
-
-@pytest.mark.parametrize("size", [17, 18])
-def test_the_halves_of_a_disc_are_mirror_images(size):
-    left, right = (DISC.kernel(double(6.2), size, p) for p in (LEFT, RIGHT))
-    torch.testing.assert_close(left, right.flip(-1), atol=1e-14, rtol=0)
 
 
 def test_rotation_puts_a_vertex_counter_clockwise_from_plus_x_as_seen():
@@ -187,7 +172,6 @@ def test_gradients_are_finite_where_square_roots_vanish(aperture, size):
     radius = torch.tensor([0, 1e-30, 0.5, 1, 1.5, -2, 4, 300], dtype=torch.float64)
     radius.requires_grad_()
     (aperture.kernel(radius, size) ** 2).sum().backward()
-    assert radius.grad is not None
     assert radius.grad.isfinite().all()
     assert radius.grad[:2].tolist() == [0, 0]
 

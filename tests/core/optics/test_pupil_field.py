@@ -1,7 +1,5 @@
 """A field of pupils: a point is the mix of the kernels around it, and the laws hold."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Noise has the mean and the variance of a sensor, and the same seed makes the same."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 

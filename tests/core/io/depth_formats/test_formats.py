@@ -15,7 +15,7 @@ import OpenEXR
 import pytest
 from command_line import read_exr, refused, run, write_exr
 from depth_files import colmap, dpt, gdepth, matlab, npy, pfm, png, with_text
-from optional_libraries import HEIC_MAGIC, with_hdf5, with_heic, write_hdf5
+from optional_libraries import HEIC_MAGIC, with_heic, write_hdf5
 from refusals import refuses
 
 from defocus_core.batch.jobs.reading_options import READING_OPTIONS, make_reading
@@ -470,7 +470,6 @@ def _fifth(folder: Path) -> Example:
 
 @pytest.fixture(autouse=True)
 def libraries(monkeypatch: pytest.MonkeyPatch) -> None:
-    with_hdf5(monkeypatch)
     with_heic(monkeypatch, HEIC_NUMBERS.astype(np.uint8), d_min=0.15, d_max=3.22)
 
 

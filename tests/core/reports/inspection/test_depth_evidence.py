@@ -9,7 +9,7 @@ import pytest
 from command_line import ramp, run, write_exr
 from depth_files import gdepth, npy, pfm, png, with_text
 from image_files import save
-from optional_libraries import HEIC_MAGIC, with_hdf5, with_heic, write_hdf5
+from optional_libraries import HEIC_MAGIC, with_heic, write_hdf5
 
 from defocus_core.io.depth_formats.table import FORMATS
 
@@ -77,7 +77,6 @@ def test_channels_of_unreal(tmp_path: Path) -> None:
 
 
 def test_arrays_of_hdf5(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with_hdf5(monkeypatch)
     path = write_hdf5(tmp_path / "a.hdf5", {"dataset": np.float32(ramp())})
     ran = run("info", path)
     assert ran.code == 0, ran.err
@@ -87,7 +86,6 @@ def test_arrays_of_hdf5(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 def test_arrays_to_choose_from_are_named_and_their_format(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with_hdf5(monkeypatch)
     arrays = {"depths": np.ones((2, 8, 6), "f4"), "rawDepths": np.ones((2, 8, 6), "f4")}
     path = write_hdf5(tmp_path / "nyu.mat", arrays)
     assert "nyu-mat; say --depth-format nyu-mat" in evidence(path)
