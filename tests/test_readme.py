@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
-from command_line import color_exr, depth_exr, ramp, refused, run, texture, write_exr
+from command_line import color_exr, depth_exr, ramp, run, texture, write_exr
 from deep_files import write_deep_samples
 from elements import disc, element, write
 
@@ -200,10 +200,6 @@ def test_a_topic_is_printed_as_it_is(name: str) -> None:
 def test_help_lists_the_topics() -> None:
     listed = run("help").out.splitlines()
     assert [line.split()[0] for line in listed] == list(TOPICS)
-
-
-def test_an_unknown_topic_is_answered_by_the_topics() -> None:
-    refused(run("help", "lenses"), 2, "unknown-name", "lenses")
 
 
 def test_contributing_names_files_that_are_there() -> None:

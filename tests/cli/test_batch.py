@@ -1,6 +1,5 @@
 """``defocus batch``: many jobs, whatever stops them."""
 
-import errno
 import json
 import os
 import subprocess
@@ -12,14 +11,12 @@ import pytest
 from batches import JOBS, contents, jobs_file, make_believe, records, without_times
 from command_line import (
     Terminal,
-    color_exr,
     depth_exr,
     files_under,
     hidden_in,
     ramp,
     refused,
     run,
-    texture,
 )
 from counting import calls
 
@@ -73,16 +70,6 @@ def test_many_equal_errors_are_told_once(tmp_path: Path, out: Path) -> None:
     assert run("status", out, "--json").json["failed"] == 12
 
 
-def test_one_bad_input_fails_its_jobs_alone(tmp_path: Path, out: Path) -> None:
-    path = jobs_file(tmp_path)
-    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
-    ran = run("batch", path, "-o", out)
-    assert ran.code == 1
-    assert "defocus: 2 of 4 jobs failed (input-unusable 2)" in ran.err
-    assert [record["status"] for record in records(out)] == ["failed"] * 2 + ["ok"] * 2
-    assert [sample.sample_id for sample in samples(out)] == NAMES[2:]
-
-
 def test_fail_fast_stops_at_the_first(tmp_path: Path, out: Path) -> None:
     path = jobs_file(tmp_path, *"abcdefgh")
     depth_exr(tmp_path / "depth" / "a.exr", -ramp())
@@ -129,20 +116,6 @@ def test_a_limit_overlooks_no_file_that_a_later_job_would_replace(
         ran = run("batch", jobs_file(tmp_path), "-o", out, "--limit", "1")
         refused(ran, 3, "exists", "b_focus2m.exr")
     assert (out / "coc" / "b_focus2m.exr").read_text() == "somebody's own"
-
-
-def test_a_line_removed_from_the_journal_is_mended_as_the_errors_say(
-    tmp_path: Path, out: Path
-) -> None:
-    path = jobs_file(tmp_path)
-    run("batch", path, "-o", out)
-    lines = (out / "journal.jsonl").read_text().split("\n")
-    (out / "journal.jsonl").write_text("\n".join([lines[0], lines[1][:-5], *lines[2:]]))
-    refused(run("batch", path, "-o", out), 3, "damaged", "journal.jsonl")
-    (out / "journal.jsonl").write_text("\n".join([lines[0], *lines[2:]]))
-    ran = run("batch", path, "-o", out)
-    assert "the journal no longer knows 1 output" in ran.err
-    assert "1 done, 3 done before" in ran.err
 
 
 @pytest.mark.parametrize("moved", ["out", "rgb"])
@@ -249,25 +222,6 @@ def test_a_dry_run_of_what_would_be_rejected_is_no_failure(tmp_path: Path, out: 
     assert "4 of 4 that were looked at would not be done" in ran.out
 
 
-def test_overwrite_does_all_again(tmp_path: Path, out: Path) -> None:
-    path = jobs_file(tmp_path)
-    run("batch", path, "-o", out)
-    assert run("batch", path, "-o", out, "--overwrite").err.startswith("4 jobs: 4 done; ")
-
-
-def test_inputs_are_compared_as_asked(tmp_path: Path, out: Path) -> None:
-    path = jobs_file(tmp_path)
-    color = tmp_path / "rgb" / "a.exr"
-    run("batch", path, "-o", out)
-    size = color.stat().st_size
-    color_exr(color, texture(seed=5))
-    assert color.stat().st_size == size
-    os.utime(color, (0, 0))
-    args = ("batch", path, "-o", out, "--json", "--check-inputs")
-    assert run(*args, "stat").json["done_before"] == 4
-    assert run(*args, "hash").json["ok"] == 2
-
-
 def test_a_dry_run_says_what_is_to_do_and_does_nothing(tmp_path: Path, out: Path) -> None:
     path = jobs_file(tmp_path)
     ran = run("batch", path, "-o", out, "--dry-run")
@@ -301,14 +255,6 @@ def test_a_dry_run_goes_on_where_the_batch_would(tmp_path: Path, out: Path) -> N
     others = sum(parts[f"{step}_seconds"] for step in ("prepare", "render", "write"))
     whole = others + parts["read_seconds"] / 2  # of 2 lenses each
     assert told["seconds"] * told["processes"] == pytest.approx(whole)
-
-
-def test_shards_size_packs_the_samples(tmp_path: Path, out: Path) -> None:
-    path = jobs_file(tmp_path)
-    run("batch", path, "-o", out, "--shards-size", "1GB")
-    assert (out / "shards" / "samples-000000.tar").exists()
-    ran = run("batch", path, "-o", out, "--shards-size", "1GB", "--shard", "1/2")
-    refused(ran, 2, "whole-batch", "shards-size")
 
 
 def test_a_parquet_table_lists_what_the_index_lists(tmp_path: Path, out: Path) -> None:
@@ -379,30 +325,6 @@ def test_shards_hold_what_the_index_lists_without_being_asked_for_again(
     (tar.parent / "shards.json").unlink()
     ran = run("batch", path, "-o", out)
     assert f"{tar.parent}: warning: may hold other samples than metadata.jsonl; --sh" in ran.err
-
-
-def test_a_full_disk_stops_the_batch_and_it_goes_on_later(
-    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sync, calls = os.fsync, []
-
-    def full_later(number: int) -> None:
-        calls.append(number)
-        if len(calls) > 12:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        sync(number)
-
-    path = jobs_file(tmp_path)
-    with monkeypatch.context() as patched:
-        patched.setattr(os, "fsync", full_later)
-        ran = run("batch", path, "-o", out)
-    assert ran.code == 3
-    assert "No space left on device; free some space" in ran.err
-    done = len(records(out))
-    assert 0 < done < 4
-    assert {record["status"] for record in records(out)} == {"ok"}
-    ran = run("batch", path, "-o", out, "--json")
-    assert (ran.code, ran.json["done_before"], ran.json["ok"]) == (0, done, 4 - done)
 
 
 def test_a_bar_counts_the_jobs_on_a_terminal(tmp_path: Path, out: Path) -> None:

@@ -1,11 +1,10 @@
 """``defocus batch`` with sweeps and draws, up to what a training script reads."""
 
 import json
-import tarfile
 from pathlib import Path
 
 import pytest
-from command_line import Ran, files_under, read_exr, refused, run
+from command_line import Ran, files_under, refused, run
 from jobs_files import FIXED, INPUTS, LENS, SAMPLE, pictures
 
 from defocus_cli.words import dry_run
@@ -20,21 +19,6 @@ def batch(folder: Path, text: str, *options: str) -> Ran:
     return run("batch", path, "-o", folder / "out", "--processes", "1", *options)
 
 
-def test_a_batch_ends_with_an_index_and_shards_of_its_samples(tmp_path: Path) -> None:
-    pictures(tmp_path)
-    ran = batch(tmp_path, LENS + SAMPLE, "--shards-size", "1MB")
-    assert ran.code == 0, ran.err
-    found = {sample.sample_id: sample for sample in samples(tmp_path / "out")}
-    assert len(found) == 8
-    for sample in found.values():
-        radius = read_exr(sample.files["coc"])["coc"]
-        assert sample.coc_px == (radius.min(), radius.max())
-        assert all(path.exists() for path in sample.inputs.values())
-    with tarfile.open(tmp_path / "out" / "shards" / "samples-000000.tar") as tar:
-        keys = {name.split(".")[0] for name in tar.getnames()}
-    assert keys == set(found)
-
-
 def test_a_sweep_is_the_renders_that_it_stands_for(tmp_path: Path) -> None:
     pictures(tmp_path)
     assert batch(tmp_path, LENS + '[sweep]\nfnumber = [2, 4]\nfocus = ["1m", "inf"]\n').code == 0
@@ -44,23 +28,6 @@ def test_a_sweep_is_the_renders_that_it_stands_for(tmp_path: Path) -> None:
     swept = tmp_path / "out" / "render" / "a_f4_focusinf.exr"
     assert swept.read_bytes() == (tmp_path / "one" / "render" / "a_rgb.exr").read_bytes()
     assert len(files_under(tmp_path / "out" / "render")) == 8
-
-
-def test_a_rejected_picture_does_not_stop_the_others(tmp_path: Path) -> None:
-    pictures(tmp_path)
-    text = LENS + 'fnumber = 2\nmax-coc = "0.3px"\n[sweep]\nfocus = ["1m", "5m"]\n'
-    ran = batch(tmp_path, text, "--json")
-    assert ran.json["reasons"] == {"coc-too-large": 3}
-    assert "CoC radius" in ran.err
-    assert [sample.sample_id for sample in samples(tmp_path / "out")] == ["b_focus5m"]
-
-
-def test_a_dry_run_says_how_many_jobs_and_writes_nothing(tmp_path: Path) -> None:
-    pictures(tmp_path)
-    ran = batch(tmp_path, LENS + SAMPLE, "--dry-run")
-    assert ran.code == 0
-    assert "8 to do" in ran.out + ran.err
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(("more", "counts"), [((), (40, 0)), (("--shard", "2/2"), (20, 0))])
@@ -109,15 +76,6 @@ def test_names_of_a_large_batch_that_two_jobs_share_are_refused(
         "duplicate",
         "a_mirror0.4_squeeze2.exr",
     )
-
-
-def test_what_a_jobs_file_says_wrong_is_one_line(tmp_path: Path) -> None:
-    pictures(tmp_path)
-    refused(
-        batch(tmp_path, LENS + "[sweep]\nfnumbr = [2]\n"), 2, "unknown-name", "jobs.toml", "[sweep]"
-    )
-    refused(run("batch", tmp_path / "no.toml", "-o", tmp_path / "out"), 3, "not-found", "no.toml")
-    assert not (tmp_path / "out").exists()
 
 
 def test_an_index_tells_of_the_lens_that_took_a_picture_last(tmp_path: Path) -> None:

@@ -74,27 +74,6 @@ def test_the_sharp_picture_and_its_depth_stand_beside_the_outputs(folder: Path) 
     assert sum(member.endswith(("image.png", "depth.tif")) for member in members) == 16
 
 
-def test_a_map_is_a_float_tiff_if_asked_for(folder: Path) -> None:
-    words = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "--outputs", "coc")
-    files = (folder / "a_rgb.exr", folder / "a_z.exr")
-    for map_format in ("exr", "tiff"):
-        out = folder / map_format
-        assert run("render", *files, *words, "-o", out, "--map-format", map_format).code == 0
-    radii = read_exr(folder / "exr" / "coc" / "a_rgb.exr")["coc"]
-    tiff = oiio.ImageBuf(str(folder / "tiff" / "coc" / "a_rgb.tif"))
-    assert np.array_equal(tiff.get_pixels(oiio.FLOAT)[..., 0], radii)
-
-
-def test_the_preview_of_depth_is_bright_where_it_is_near(folder: Path) -> None:
-    words = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "--outputs", "depth")
-    files = (folder / "a_rgb.exr", folder / "a_z.exr")
-    assert run("render", *files, *words, "-o", folder / "o", "--preview").code == 0
-    metres = read_exr(files[1])["Z"]
-    shown = oiio.ImageBuf(str(folder / "o" / "depth" / "a_rgb.preview.png")).get_pixels()[..., 0]
-    assert shown.flat[metres.argmin()] == 1
-    assert shown.flat[metres.argmin()] > shown.flat[metres.argmax()]
-
-
 def test_a_picture_is_in_one_split_with_all_its_lenses(folder: Path) -> None:
     batch(folder, "--shards-size", "1GB")
     splits: dict[str, set[str]] = {}

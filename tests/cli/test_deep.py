@@ -7,15 +7,11 @@ import pytest
 import torch
 from command_line import read_exr, refused_input, render, run, write_exr
 from deep_files import from_layers, write_deep_samples
-from layers import brute_force, flattened
+from layers import brute_force
 from measures import psnr
 
-from defocus_core import DefocusLens, render_layers
-from defocus_core.errors import InputError
-from defocus_core.io.exr.header import read_headers
-from defocus_core.io.exr.reading import read_layers, read_parts
+from defocus_core import DefocusLens
 
-ELEMENTS = Path(__file__).parents[3] / "shared" / "real" / "elements"
 SIZE = (40, 56)
 LENS = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m")
 FLOAT = ("--exr-type", "float")
@@ -63,16 +59,6 @@ def test_a_deep_picture_is_near_the_brute_force_one(tmp_path: Path, light: str, 
     truth = brute_force(torch.from_numpy(color), radius_of(depth), torch.from_numpy(coverage), 512)
     shown = picture(tmp_path / "out/render/a.exr")
     assert psnr(shown[:, 6:-6, 6:-6], truth[:, 6:-6, 6:-6]) > 40
-
-
-def test_in_focus_it_is_the_picture_flattened(tmp_path: Path) -> None:
-    color, depth, coverage = layers(1.99, 2.0, 2.01)
-    file = write_deep_samples(
-        tmp_path / "a.exr", from_layers(color, depth, coverage), light="float"
-    )
-    render(file, "-o", tmp_path / "out", *LENS, *FLOAT)
-    truth = flattened(*map(torch.from_numpy, (color, np.array(depth), coverage)))
-    assert (picture(tmp_path / "out/render/a.exr") - truth).abs().max() < 1e-6
 
 
 def test_samples_may_come_in_any_order_and_outside_windows_is_nothing(tmp_path: Path) -> None:
@@ -161,38 +147,6 @@ def test_a_depth_file_beside_a_deep_picture_is_refused(tmp_path: Path) -> None:
     refused_input(render(file, other, "-o", tmp_path / "out", *LENS), file, "deep-data")
 
 
-def test_truncated_deep_data_is_refused(tmp_path: Path) -> None:
-    color, depth, coverage = layers(1.0, 5.0)
-    file = write_deep_samples(tmp_path / "a.exr", from_layers(color, depth, coverage))
-    file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
-    refused_input(render(file, "-o", tmp_path / "out", *LENS), file, "damaged")
-    assert not (tmp_path / "out/render").exists() or not any((tmp_path / "out/render").iterdir())
-
-
-@pytest.mark.skipif(not ELEMENTS.is_dir(), reason="needs ../shared/real/elements")
-@pytest.mark.parametrize(
-    ("name", "focus", "scale"),
-    [("leaves", 150.0, 1800.0), ("leaves", 400.0, 1100.0), ("trunks", 250.0, 1900.0)],
-)
-def test_real_deep_pictures_are_near_the_brute_force_one(
-    name: str, focus: float, scale: float
-) -> None:
-    path = ELEMENTS / f"{name}_deep.exr"
-    header = read_headers(path)[0]
-    part = [
-        {n: np.asarray(plane[150:342, 300:556], np.float32) for n, plane in layer.items()}
-        for layer in read_layers(path, header, ("R", "G", "B")).layers
-    ]
-    colors = torch.from_numpy(np.stack([np.stack([each[n] for n in "RGB"]) for each in part]))
-    coverage, depth = (torch.from_numpy(np.stack([each[n] for each in part])) for n in "AZ")
-    radius = torch.where(coverage > 0, scale * (1 / focus - 1 / depth), 0)
-    assert 8 < radius.abs().max() < 12 or name == "trunks"
-    truth = brute_force(colors, radius, coverage)[:, 12:-12, 12:-12]
-    shown = render_layers(colors, radius, coverage).render.double()[:, 12:-12, 12:-12]
-    assert psnr(shown, truth) > 46
-    assert psnr(shown[:3], truth[:3]) > 53
-
-
 def test_a_holdout_cuts_out_what_lies_behind_it(tmp_path: Path) -> None:
     color, depth, coverage = layers(0.8, 3.0, 6.0)
     coverage[:] = 0
@@ -271,25 +225,6 @@ def test_a_deep_picture_over_a_plate_is_the_scene_of_both(tmp_path: Path) -> Non
     )
     assert (one - other).abs().max() < 1e-4
     assert (one[3] == 1).all()
-
-
-@pytest.mark.parametrize("tile", [0, 16])
-def test_damaged_deep_data_is_refused_or_read_but_never_crashes(tmp_path: Path, tile: int) -> None:
-    color, depth, coverage = layers(1.0, 5.0)
-    file = write_deep_samples(tmp_path / "a.exr", from_layers(color, depth, coverage), tile=tile)
-    sound, rng = file.read_bytes(), np.random.default_rng(tile)
-    told = []
-    for _ in range(40):
-        spoiled = bytearray(sound)
-        spoiled[rng.integers(8, len(spoiled))] ^= 1 << int(rng.integers(8))
-        file.write_bytes(spoiled)
-        try:
-            read_parts(file)
-            read_layers(file, read_headers(file)[0], ("R", "G", "B"))
-        except InputError as error:
-            told.append(str(error))
-    assert len(told) > 5
-    assert all(str(file) in line for line in told)
 
 
 def test_rows_without_samples_are_nothing(tmp_path: Path) -> None:

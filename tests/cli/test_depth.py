@@ -6,9 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from command_line import (
-    LENS,
     color_exr,
     depth_exr,
     header,
@@ -21,7 +19,6 @@ from command_line import (
     write_exr,
 )
 from depth_files import npy, pfm, png
-from image_files import save
 from refusals import refuses_as
 
 from defocus_core.batch.datasets.finished import samples
@@ -98,13 +95,6 @@ def test_the_preview_is_brightest_where_it_is_nearest(tmp_path: Path) -> None:
     assert shown[0] > shown[1] > shown[2] == 0
 
 
-def test_an_unknown_format_is_refused(tmp_path: Path) -> None:
-    path = npy(tmp_path / "a.npy", [[1.0]])
-    for word in ("kiti", "hypersims", "scannet++"):
-        ran = run("depth", path, "-o", tmp_path / "o", "--depth-format", word)
-        refused(ran, 2, "malformed", "depth-format")
-
-
 def test_16_bits_without_a_unit_are_millimetres_and_that_is_said(tmp_path: Path) -> None:
     color = color_exr(tmp_path / "a.exr")
     path = png(tmp_path / "z.png", np.round(ramp() * 1000))
@@ -112,15 +102,6 @@ def test_16_bits_without_a_unit_are_millimetres_and_that_is_said(tmp_path: Path)
     assert words in render(color, path, "-o", tmp_path / "o").err
     assert words not in render(color, path, "-o", tmp_path / "p", "--depth-unit", "mm").err
     assert words in run("depth", path, "-o", tmp_path / "z.exr").err
-
-
-@pytest.mark.parametrize("word", ["2m", "2"])
-def test_a_photograph_with_estimated_disparity(word: str, tmp_path: Path) -> None:
-    share = np.arange(12).reshape(3, 4) * 20
-    path = png(tmp_path / "disparity.png", share, np.uint8)
-    args = ("--depth-kind", "disparity", "--depth-range", word, "50m")
-    written = depth(path, *args, "-o", tmp_path / "z.exr")
-    np.testing.assert_allclose(written, 1 / (1 / 50 + share / 255 * (1 / 2 - 1 / 50)), rtol=1e-6)
 
 
 def test_a_format_means_the_same_in_render_info_batch_and_lens_files(tmp_path: Path) -> None:
@@ -252,21 +233,6 @@ def test_radial_depth_is_read_anew_for_each_focal_length(tmp_path: Path) -> None
     )
 
 
-def test_depth_of_another_size_is_taken_from_the_nearest_pixel(tmp_path: Path) -> None:
-    color = color_exr(tmp_path / "a.exr")  # 24 × 16
-    small = write_exr(tmp_path / "z.exr", Z=np.float32(1 + np.arange(24).reshape(4, 6)))
-    ran = render(color, small, "-o", tmp_path / "o", "--outputs", "coc")
-    refused(ran, 3, "wrong-size", small)
-    said = ("--resize-depth", "nearest", "--outputs", "coc")
-    assert render(color, small, "-o", tmp_path / "o", *said).code == 0
-    large = write_exr(tmp_path / "l.exr", Z=np.kron(read_exr(small)["Z"], np.ones((4, 4), "f4")))
-    render(color, large, "-o", tmp_path / "p", "--outputs", "coc")
-    of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
-    np.testing.assert_array_equal(*of)
-    square = write_exr(tmp_path / "s.exr", Z=np.ones((5, 5), np.float32))
-    refused(render(color, square, "-o", tmp_path / "q", *said), 3, "wrong-size", square)
-
-
 def test_depth_of_another_size_is_guided_by_the_colours(tmp_path: Path) -> None:
     """A bright square before a dark wall; a cell of depth covers 4 by 4 px of both."""
     inside = (slice(9, 51), slice(13, 67))
@@ -299,21 +265,6 @@ def test_depth_of_another_size_is_guided_by_the_colours(tmp_path: Path) -> None:
     assert all(np.array_equal(first, other) for other in others)
 
 
-def test_depth_that_cannot_be_guided_is_refused(tmp_path: Path) -> None:
-    color = color_exr(tmp_path / "a.exr")
-    args = ("-o", tmp_path / "o", "--resize-depth", "guided")
-    holed = ramp(12, 8)
-    holed[1, 2] = 0
-    ran = render(color, depth_exr(tmp_path / "h.exr", holed), *args)
-    refused(ran, 3, "invalid-depth", "h.exr")
-    assert render(color, tmp_path / "h.exr", *args, "--invalid", "far").code == 0
-    square = depth_exr(tmp_path / "s.exr", np.ones((5, 5), np.float32))
-    refused(render(color, square, *args), 3, "wrong-size", square)
-    held = write_exr(tmp_path / "coc.exr", coc=ramp(12, 8))
-    words = ("render", color, held, *args, "-o", tmp_path / "p", "--depth-format", "coc")
-    refused(run(*words), 3, "radii", held)
-
-
 def test_signed_radii_are_used_as_they_are_and_need_no_lens(tmp_path: Path) -> None:
     color, path = pair(tmp_path)
     radii = np.float32(ramp() * 2 - 5)
@@ -335,20 +286,6 @@ def test_signed_radii_are_used_as_they_are_and_need_no_lens(tmp_path: Path) -> N
     shown = run("info", held, "--depth-format", "coc").out
     assert "negative nearer than the focus): -3.00 to 3.00 px" in shown
     assert " m to " not in shown
-
-
-def test_what_radii_leave_without_effect_is_refused(tmp_path: Path) -> None:
-    color, _ = pair(tmp_path)
-    radii = np.float32(ramp() * 2 - 5)
-    held = write_exr(tmp_path / "coc.exr", coc=radii)
-    args = ("render", color, held, "-o", tmp_path / "o", "--depth-format", "coc")
-    for said in (("--focus-at", "3,3"), ("--focal-length", "50mm"), ("--sensor-width", "36mm")):
-        refused(run(*args, *said), 2, "idle-option", said[0][2:])
-    half = write_exr(tmp_path / "h.exr", coc=radii[::2, ::2].copy())
-    ran = run("render", color, half, *args[3:], "--resize-depth", "nearest")
-    refused(ran, 3, "radii", half)
-    held = write_exr(tmp_path / "n.exr", coc=np.full((16, 24), np.nan, np.float32))
-    refused(run("render", color, held, *args[3:]), 3, "invalid-depth", held)
 
 
 def test_of_a_lens_file_radii_leave_the_shape_of_the_opening(tmp_path: Path) -> None:
@@ -386,32 +323,12 @@ def test_a_batch_of_radii_sweeps_the_shape_of_the_opening(tmp_path: Path) -> Non
     ]
 
 
-def test_focus_at_a_pixel_is_that_of_the_decoded_depth(tmp_path: Path) -> None:
-    path = png(tmp_path / "z.png", np.full((16, 24), 2 * 256))
-    args = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", "3,3")
-    (record,) = run("info", "--json", path, *args, "--depth-format", "kitti").json["files"]
-    assert record["depth"]["lens"]["focus_mm"] == 2000
-    assert LENS
-
-
 def test_converted_depth_pairs_with_its_pictures_and_previews_do_not(tmp_path: Path) -> None:
     color_exr(tmp_path / "frames" / "a.exr")
     path = npy(tmp_path / "a.npy", ramp())
     assert run("depth", path, "-o", tmp_path / "depths", "--preview").code == 0
     assert (tmp_path / "depths" / "a.preview.png").is_file()
     assert render(tmp_path / "frames", tmp_path / "depths", "-o", tmp_path / "o").code == 0
-
-
-def test_photographs_are_depth_in_a_directory_without_other_depth(tmp_path: Path) -> None:
-    color_exr(tmp_path / "frames" / "a.exr")
-    share = np.repeat((ramp() * 60)[:, :, None], 3, axis=2).astype(np.uint8)
-    (tmp_path / "depths").mkdir()
-    save(tmp_path / "depths" / "a.jpg", share)
-    said = ("--depth-format", "depth-anything", "--depth-range", "1m", "9m")
-    args = (tmp_path / "frames", tmp_path / "depths", "-o", tmp_path / "o")
-    assert render(*args, *said).code == 0
-    depth_exr(tmp_path / "depths" / "a.exr")
-    assert render(*args, "--overwrite").code == 0  # a picture beside the depth changes nothing
 
 
 def test_rows_without_a_header_have_the_size_of_the_colour(tmp_path: Path) -> None:
@@ -490,17 +407,6 @@ def test_a_pfm_beside_calib_txt_is_not_converted_without_a_word(tmp_path: Path) 
     assert ran.err == f"warning: {warning}\n"
     ran = run("depth", path, "-o", tmp_path / "b.exr", "--depth-format", "metres", "--json")
     assert ran.json["files"][0]["warnings"] == []
-
-
-def test_zeros_of_integers_are_asked_for_their_meaning(tmp_path: Path) -> None:
-    color, _ = pair(tmp_path)
-    path = png(tmp_path / "z.png", np.where(ramp() < 2, 0, 500))
-    for said in ((), ("--depth-unit", "mm")):
-        ran = render(color, path, "-o", tmp_path / "o", *said)
-        refused(ran, 3, "invalid-depth", path)
-    ran = render(color, path, "-o", tmp_path / "o", "--depth-format", "kitti")
-    refused(ran, 3, "invalid-depth", path)
-    assert "write inf" not in ran.err
 
 
 def test_a_lens_of_radii_comes_back_from_the_journal() -> None:

@@ -41,26 +41,6 @@ def test_wider_edges_than_are_looked_for_are_repaired_if_their_width_is_said(
     assert record["depth_repair"]["edge_width_px"] == 30
 
 
-def test_hard_edges_and_repair_off_leave_ramps_alone(tmp_path: Path) -> None:
-    files = two_surfaces(tmp_path, 8)
-    auto, _ = rendered(tmp_path / "auto", *files)
-    off, record = rendered(tmp_path / "off", *files, "--depth-repair", "off")
-    assert record["depth_repair"]["kinds"] == []
-    hard, record = rendered(tmp_path / "hard", *files, "--edge-width", "0")
-    assert record["depth_repair"]["kinds"] == []
-    assert np.array_equal(off, hard)
-    assert not np.array_equal(off, auto)
-
-
-def test_slopes_are_edges_from_a_slope_on_that_is_said(tmp_path: Path) -> None:
-    files = two_surfaces(tmp_path, 12)
-    kept, record = rendered(tmp_path / "steep", *files, "--depth-repair", "soft-edges=50")
-    assert record["depth_repair"]["share"] == 0
-    moved, record = rendered(tmp_path / "gentle", *files, "--depth-repair", "soft-edges=0.1")
-    assert record["depth_repair"]["kinds"][0] == "soft-edges"
-    assert not np.array_equal(kept, moved)
-
-
 def test_the_record_stands_in_words_json_journal_and_header(tmp_path: Path) -> None:
     files, out = two_surfaces(tmp_path, 8), tmp_path / "out"
     args = (*files, *LENS, "-o", out, "--outputs", "render,coc")
@@ -116,42 +96,6 @@ def test_jobs_and_lens_files_steer_it_too(tmp_path: Path) -> None:
     for name in ("lens", "reading", "slope", "machine"):
         found = read_exr(next((tmp_path / name / "render").glob("*.exr")))["G"]
         assert np.array_equal(found, wanted), name
-
-
-def test_a_jobs_file_says_it_once(tmp_path: Path) -> None:
-    color, depth = two_surfaces(tmp_path, 8)
-    jobs = tmp_path / "jobs.toml"
-    start = f'[inputs]\ncolor = "{color}"\ndepth = "{depth}"\n[lens]\nfocal-length = "50mm"\n'
-    start += 'fnumber = 2\nfocus = "2m"\n'
-    twice = '[reading]\ndepth-repair = "off"\n[machine]\ndepth-repair = "auto"\n'
-    for more, code, field in (
-        (twice, "contradiction", "depth-repair"),
-        ('[reading]\ndepth-repair = "off"\nedge-width = "4px"\n', "contradiction", "edge-width"),
-        ("[reading]\nedge-width = 101\n", "malformed", "edge-width"),
-    ):
-        jobs.write_text(start + more)
-        refused(run("batch", jobs, "-o", tmp_path / "out"), 2, code, jobs, field)
-
-
-@pytest.mark.parametrize(
-    ("args", "code"),
-    [
-        (("--depth-repair", "sof"), "malformed"),
-        (("--depth-repair", "of"), "malformed"),
-        (("--depth-repair", "soft-edges"), "malformed"),
-        (("--depth-repair", "soft-edges=a"), "malformed"),
-        (("--depth-repair", "soft-edges=-1"), "malformed"),
-        (("--edge-width", "101px"), "malformed"),
-        (("--edge-width", "-3"), "malformed"),
-        (("--edge-width", "px"), "malformed"),
-        (("--edge-width", "4", "--depth-repair", "off"), "contradiction"),
-        (("--edge-width", "0", "--depth-repair", "soft-edges=1"), "contradiction"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(args: tuple[str, ...], code: str, tmp_path: Path) -> None:
-    files = two_surfaces(tmp_path, 8)
-    refused(run("render", *files, *LENS, "-o", tmp_path / "out", *args), 2, code, args[0][2:])
-    assert not (tmp_path / "out").exists()
 
 
 def drawing(path: Path) -> tuple[Array, Array]:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from command_line import (
     LENS,
@@ -63,20 +62,6 @@ def test_the_work_it_tells_is_the_work_that_is_done(tmp_path: Path) -> None:
     assert expected["peak_mb"] > 50
 
 
-def test_more_work_is_told_to_take_longer_and_more_memory(tmp_path: Path) -> None:
-    files = (
-        color_exr(tmp_path / "c.exr", texture(TILE, TILE)),
-        depth_exr(tmp_path / "z.exr", ramp(TILE, TILE)),
-    )
-    args = (*files, "-o", tmp_path / "out", "--dry-run", "--json", "--threads", "1")
-    usual, high, pair_ = (
-        render(*args, *more).json["forecast"]
-        for more in ((), ("--quality", "high"), ("--outputs", "left,right"))
-    )
-    for more in (high, pair_):
-        assert more["render_seconds"] > 1.2 * usual["render_seconds"]
-
-
 def test_maps_alone_take_no_rendering_and_no_measurement(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -104,12 +89,6 @@ def test_of_many_pictures_some_are_read_and_all_are_counted(
     ran = render(*args)
     assert ran.out.splitlines()[-1].startswith("7 pictures: about ")
     assert "from 3 of them" in ran.out
-
-
-def test_a_dry_run_finds_what_cannot_be_rendered(tmp_path: Path) -> None:
-    color, depth = pair(tmp_path)
-    depth_exr(depth, -ramp())
-    refused(render(color, depth, "-o", tmp_path / "out", "--dry-run"), 3, "invalid-depth", depth)
 
 
 def test_a_dry_run_of_several_names_all_that_cannot_be_rendered(tmp_path: Path) -> None:
@@ -223,14 +202,6 @@ def test_durations_are_told_as_people_do(seconds: float, words: str) -> None:
 )
 def test_shares_are_told_in_percent(share: float, words: str) -> None:
     assert percent(share) == words
-
-
-def test_sizes_of_pixels_and_depth_are_compared(tmp_path: Path) -> None:
-    color, depth = (
-        color_exr(tmp_path / "c.exr"),
-        depth_exr(tmp_path / "z.exr", np.ones((8, 8), np.float32)),
-    )
-    refused(render(color, depth, "-o", tmp_path / "out", "--dry-run"), 3, "wrong-size", depth)
 
 
 def test_colours_apart_and_up_and_down_are_counted(tmp_path: Path) -> None:

@@ -56,31 +56,12 @@ def test_where_alpha_is_0_there_is_nothing_whatever_depth_says(said: float, tmp_
         assert (values[planes["A"] > 0] > 1).all()
 
 
-@pytest.mark.parametrize("focus", ["1m", "1.5m", "4m"])
-def test_white_is_as_bright_as_its_alpha(focus: str, tmp_path: Path) -> None:
-    made = write(tmp_path / "a.exr", element(disc(), (1, 1, 1)))
-    pixels = rgba(picture(made, tmp_path / "o", focus=focus))
-    for plane in pixels[:3]:
-        np.testing.assert_allclose(plane, pixels[3], atol=1e-5)
-    assert pixels.min() >= -1e-5
-    assert pixels[3].max() <= 1 + 1e-5
-    assert pixels[3].sum() == pytest.approx(disc().sum(), rel=1e-3), "light is kept"
-
-
 def test_an_element_of_one_depth_is_blurred_as_a_plane(tmp_path: Path) -> None:
     planes = element(disc())
     alone = rgba(picture(write(tmp_path / "a.exr", planes), tmp_path / "o"))
     planes["Z"] = np.full(SIZE, METRES, np.float32)  # a plane of glass
     plane = rgba(picture(write(tmp_path / "b.exr", planes), tmp_path / "p"))
     np.testing.assert_allclose(alone, plane, atol=1e-5)
-
-
-def test_a_smaller_data_window_is_grown_by_nothing(tmp_path: Path) -> None:
-    planes = element(disc())
-    whole = picture(write(tmp_path / "a.exr", planes), tmp_path / "o")
-    cut = write_within(tmp_path / "b" / "a.exr", planes, (16, 6, 43, 33))
-    picture(cut, tmp_path / "p")
-    np.testing.assert_allclose(shown(tmp_path / "p" / "render" / "a.exr"), rgba(whole), atol=1e-6)
 
 
 def test_alpha_is_added_where_a_picture_without_it_has_pixels(tmp_path: Path) -> None:
@@ -370,23 +351,6 @@ def test_pixels_that_are_not_square_show_ellipses(
     # A uniform ellipse of half axes a and b; a pixel adds 1/12 px².
     assert across == pytest.approx((radius / squeeze) ** 2 / 4 + 1 / 12, rel=0.02)
     assert down == pytest.approx((radius * aspect) ** 2 / 4 + 1 / 12, rel=0.02)
-
-
-def test_a_wide_pixel_is_two_square_ones(tmp_path: Path) -> None:
-    rng = np.random.default_rng(5)
-    shape = (32, 24)
-    near = np.zeros(shape, bool)
-    near[8:24, 6:14] = True
-    planes = {name: rng.random(shape, np.float32) for name in "RGB"}
-    planes["Z"] = np.where(near, np.float32(0.9), np.float32(METRES))
-    lens = ("--sensor-width", "90mm")
-    wide = write(tmp_path / "a.exr", planes, pixelAspectRatio=2.0)
-    double = {name: np.repeat(plane, 2, axis=1) for name, plane in planes.items()}
-    seen = picture(wide, tmp_path / "o", *lens)
-    square = picture(write(tmp_path / "b.exr", double), tmp_path / "p", *lens)
-    for name in "RGB":
-        expected = square[name].reshape(32, 24, 2).mean(2)
-        assert np.sqrt(np.square(seen[name] - expected).mean()) < 0.05
 
 
 def test_distances_to_the_point_need_square_pixels(tmp_path: Path) -> None:

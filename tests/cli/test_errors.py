@@ -14,8 +14,6 @@ import numpy as np
 import pytest
 from command_line import (
     LENS,
-    color_exr,
-    depth_exr,
     files_under,
     pair,
     ramp,
@@ -26,16 +24,9 @@ from command_line import (
     texture,
     write_exr,
 )
-from image_files import multi_part, save, write_deep
+from image_files import save
 
 from defocus_core.errors import CODES
-
-
-def test_a_missing_file(color: Path, depth: Path, out: Path) -> None:
-    missing = color.with_name("none.exr")
-    refused_input(render(missing, depth, "-o", out), missing, "not-found")
-    refused_input(render(color, missing, "-o", out), missing, "not-found")
-    refused_input(render(missing, "-o", out), missing, "not-found")
 
 
 def test_json_of_a_command_that_has_no_result_is_its_error(tmp_path: Path, color: Path) -> None:
@@ -73,12 +64,6 @@ def test_a_link_in_a_folder_that_leads_in_a_circle(tmp_path: Path, out: Path) ->
     assert ran.code == 1
     assert f"defocus: {color}: is a symbolic link that leads to nothing" in ran.err
     assert files_under(out) == {"coc/a.exr"}
-
-
-def test_a_directory_for_a_file(color: Path, depth: Path, out: Path) -> None:
-    refused_input(render(color, depth.parent, "-o", out), depth.parent, "wrong-type")
-    refused_input(render(color.parent, depth, "-o", out), color.parent, "wrong-type")
-    refused_input(run("info", color.parent), color.parent, "wrong-type")
 
 
 def test_names_that_would_steer_a_terminal_are_told_escaped(
@@ -170,35 +155,10 @@ def test_what_is_not_an_image(name: str, color: Path, depth: Path, out: Path) ->
     refused_input(run("info", text), text, "unreadable")
 
 
-def test_a_file_without_depth(color: Path, out: Path) -> None:
-    refused_input(render(color, color, "-o", out), color, "no-depth")
-    refused_input(render(color, "-o", out), color, "no-depth")
-
-
 @pytest.mark.parametrize("kind", ["coc", "disparity"])
 def test_a_map_in_px_is_no_depth(kind: str, tmp_path: Path, color: Path, out: Path) -> None:
     lone = write_exr(tmp_path / "lone.exr", **{kind: ramp()})
     refused_input(render(color, lone, "-o", out), lone, "no-depth")
-
-
-def test_several_depth_candidates_are_refused(tmp_path: Path, color: Path, out: Path) -> None:
-    path = write_exr(tmp_path / "z.exr", near_Z=ramp(), depth_Z=ramp(), other_depth=ramp())
-    refused_input(render(color, path, "-o", out), path, "ambiguous")
-    assert render(color, path, "-o", out, "--depth-channel", "other.depth").code == 0
-
-
-def test_several_colour_layers_are_refused(tmp_path: Path, depth: Path, out: Path) -> None:
-    rgb = {channel: texture()[..., 0] for channel in "RGB"}
-    path = multi_part(tmp_path / "c.exr", sun=rgb, lamp=rgb)
-    refused_input(render(path, depth, "-o", out), path, "ambiguous")
-    assert render(path, depth, "-o", out, "--color-layer", "lamp").code == 0
-
-
-def test_a_part_is_chosen_where_there_are_several(tmp_path: Path, depth: Path, out: Path) -> None:
-    rgb = {channel: texture()[..., 0] for channel in "RGB"}
-    path = multi_part(tmp_path / "c.exr", sun=rgb, lamp=rgb)
-    assert render(path, depth, "-o", out, "--part", "1").code == 0
-    refused(render(path, depth, "-o", out / "more", "--part", "2"), 3, "no-such-part", path)
 
 
 def test_a_lone_grey_channel_is_not_its_own_depth(tmp_path: Path, out: Path) -> None:
@@ -207,29 +167,6 @@ def test_a_lone_grey_channel_is_not_its_own_depth(tmp_path: Path, out: Path) -> 
         for more in ((), ("--dry-run",)):
             ran = render(grey, "-o", out, *more)
             refused_input(ran, grey, "no-depth")
-
-
-@pytest.mark.parametrize("bad", [np.nan, 0.0, -1.0])
-def test_depth_that_is_none(bad: float, tmp_path: Path, color: Path, out: Path) -> None:
-    metres = ramp()
-    metres[7, 5] = metres[8, 1] = bad
-    path = depth_exr(tmp_path / "z.exr", metres)
-    refused_input(render(color, path, "-o", out), path, "invalid-depth")
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_colour_that_is_not_finite(bad: float, tmp_path: Path, depth: Path, out: Path) -> None:
-    pixels = texture()
-    pixels[3, 4, 1] = bad
-    path = color_exr(tmp_path / "c.exr", pixels)
-    refused_input(render(path, depth, "-o", out), path, "not-finite")
-
-
-def test_a_deep_exr(tmp_path: Path, color: Path, depth: Path, out: Path) -> None:
-    deep = tmp_path / "deep.exr"
-    write_deep(deep)
-    refused_input(render(color, deep, "-o", out), deep, "wrong-size")
-    refused_input(render(deep, depth, "-o", out), deep, "no-color")
 
 
 @pytest.mark.parametrize("name", ["c.bmp", "c.dpx", "c.gif", "c.tga"])
@@ -241,21 +178,6 @@ def test_colour_of_another_format_is_refused_alone_as_in_a_folder(
     refused_input(ran, path, "wrong-type")
     refused_input(render(path.parent, depth.parent, "-o", out), path.parent, "empty")
     refused_input(run("info", path), path, "wrong-type")
-
-
-@pytest.mark.parametrize(
-    ("name", "code"),
-    [("z.jpg", "unknown-unit"), ("z.txt", "unreadable"), ("z.bmp", "wrong-type")],
-)
-def test_depth_of_another_format_is_refused(
-    name: str, code: str, tmp_path: Path, color: Path, out: Path
-) -> None:
-    path = tmp_path / name
-    if name in ("z.jpg", "z.bmp"):
-        save(path, (texture() * 255).astype(np.uint8))
-    else:
-        np.savetxt(path, ramp())
-    refused_input(render(color, path, "-o", out), path, code)
 
 
 def test_no_arguments_show_help() -> None:
@@ -297,25 +219,8 @@ def test_an_empty_path_is_not_the_current_directory(
     assert files_under(color.parent) == {"color.exr", "depth.exr"}
 
 
-def test_a_part_that_a_lone_scene_does_not_have(tmp_path: Path, out: Path) -> None:
-    pixels = texture()
-    scene = write_exr(
-        tmp_path / "s.exr", R=pixels[..., 0], G=pixels[..., 1], B=pixels[..., 2], Z=ramp()
-    )
-    refused(render(scene, "-o", out, "--part", "3"), 3, "no-such-part", scene)
-
-
 @pytest.mark.parametrize("module", ["defocus_cli", "defocus_cli.main"])
 def test_the_package_is_the_command(module: str) -> None:
     words = [sys.executable, "-m", module, "--version"]
     ran = subprocess.run(words, capture_output=True, text=True, check=True)
     assert ran.stdout.startswith("defocus ")
-
-
-def test_depth_that_no_frame_could_hold_the_blur_of(color: Path, tmp_path: Path) -> None:
-    metres = ramp()
-    metres[5, 7] = 1e-18
-    path = depth_exr(tmp_path / "tiny.exr", metres)
-    for more in ((), ("--dry-run",)):
-        ran = render(color, path, "-o", tmp_path / "out", *more)
-        refused_input(ran, path, "too-blurred")

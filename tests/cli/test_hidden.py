@@ -96,13 +96,3 @@ def test_hidden_that_does_not_fit(tmp_path: Path) -> None:
     refused(render(*files, "-o", out, "--hidden", tmp_path / "x", deep), 3, "not-found", "x")
     refused(render(*files, "-o", out, "--hidden", tmp_path, tmp_path / "rgb"), 3, "empty", "rgb")
     assert not out.exists()
-
-
-def test_quality_reference_is_the_finest(tmp_path: Path) -> None:
-    files = scene(tmp_path, near=0.055)
-    slices = []
-    for quality in ("draft", "reference"):
-        args = ("-o", tmp_path / quality, "--quality", quality, "--json")
-        record = render(*files, *args).json["pictures"][0]
-        slices.append(record["stats"]["slices"])
-    assert slices[0] < slices[1]

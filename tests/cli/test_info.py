@@ -20,7 +20,7 @@ from command_line import (
     texture,
     write_exr,
 )
-from image_files import multi_part, save
+from image_files import multi_part
 
 
 def holed_depth(path: Path) -> Path:
@@ -57,13 +57,6 @@ def test_with_a_lens_the_blur_is_that_of_render(tmp_path: Path) -> None:
     assert record["depth"]["lens"]["focus_mm"] == 2000
 
 
-def test_sky_counts_in_the_blur(tmp_path: Path) -> None:
-    path = holed_depth(tmp_path / "z.exr")
-    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "inf")
-    (record,) = run("info", "--json", path, *lens).json["files"]
-    assert record["depth"]["coc_px"][1] == 0
-
-
 def test_help_names_all_that_json_has(tmp_path: Path) -> None:
     out = tmp_path / "out"
     color, depth = color_exr(tmp_path / "c.exr"), depth_exr(tmp_path / "z.exr")
@@ -88,15 +81,6 @@ def test_people_are_told_on_stdout(tmp_path: Path) -> None:
         "colour: R, G, B",
     ):
         assert words in ran.out
-
-
-def test_16_bit_grey_is_depth_in_mm_and_8_bit_is_not(tmp_path: Path) -> None:
-    mm = save(tmp_path / "z.png", (ramp() * 1000).astype(np.uint16)[..., None])
-    rgb = save(tmp_path / "c.png", (texture() * 255).astype(np.uint8))
-    depth, color = run("info", "--json", mm, rgb).json["files"]
-    assert depth["depth"]["range_m"] == [1.0, 4.0]
-    assert color["depth"] is None
-    assert color["color"]["channels"] == ["R", "G", "B"]
 
 
 @pytest.mark.parametrize("kind", ["coc", "disparity"])
@@ -158,11 +142,6 @@ def test_several_candidates_are_told_and_one_can_be_chosen(tmp_path: Path) -> No
     assert record["depth"]["range_m"] == [2.0, 8.0]
 
 
-def test_a_channel_that_is_not_there_is_an_error(tmp_path: Path) -> None:
-    path = depth_exr(tmp_path / "z.exr")
-    refused(run("info", path, "--depth-channel", "W"), 3, "no-such-channel", path)
-
-
 def test_a_part_that_no_file_has_is_refused_as_render_refuses_it(tmp_path: Path) -> None:
     color, _ = pair(tmp_path)
     refused(run("info", color, "--part", "1"), 3, "no-such-part", color)
@@ -179,18 +158,6 @@ def test_a_pixel_outside_one_file_is_said_and_the_others_are_told(tmp_path: Path
     assert ran.err.startswith(f"defocus: --focus-at: 9,9 lies outside {small}")
 
 
-def test_half_a_lens_is_usage(tmp_path: Path) -> None:
-    ran = run("info", depth_exr(tmp_path / "z.exr"), "--focal-length", "50mm")
-    refused(ran, 2, "missing-option", "fnumber")
-
-
-def test_what_is_found_is_told_though_a_later_file_is_missing(tmp_path: Path) -> None:
-    ran = run("info", depth_exr(tmp_path / "z.exr"), tmp_path / "no.exr")
-    assert ran.code == 3
-    assert "1 m to 4 m" in ran.out
-    assert "no.exr: no such file" in ran.err
-
-
 def test_what_comes_after_a_missing_file_is_told_too(tmp_path: Path) -> None:
     files = (tmp_path / "no.exr", depth_exr(tmp_path / "z.exr"), tmp_path / "nor.exr")
     ran = run("info", *files)
@@ -202,19 +169,6 @@ def test_what_comes_after_a_missing_file_is_told_too(tmp_path: Path) -> None:
     assert len(ran.err.splitlines()) == 2
     ran = run("info", "--json", *files)
     assert (ran.code, len(ran.json["files"])) == (3, 1)
-
-
-def test_integers_are_depth_once_their_unit_is_said(tmp_path: Path) -> None:
-    path = tmp_path / "z.npy"
-    np.save(path, (ramp() * 1000).astype(np.uint16)[None])
-    refused(run("info", path), 3, "unknown-unit", path)
-    (record,) = run("info", "--json", path, "--depth-unit", "mm").json["files"]
-    assert record["depth"]["range_m"] == [1.0, 4.0]
-
-
-def test_a_missing_file_is_input(tmp_path: Path) -> None:
-    refused(run("info", tmp_path / "no.exr"), 3, "not-found", "no.exr")
-    refused(run("info"), 2, None, "FILE...")
 
 
 def test_a_depth_that_hardly_suits_the_lens_is_doubted(tmp_path: Path) -> None:

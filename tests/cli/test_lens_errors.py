@@ -79,13 +79,3 @@ def test_a_focus_that_a_file_has_is_blamed_on_the_file(
     depth_exr(depth, ramp() / 100)
     lens.write_text(options.replace("24", "0"))
     refused(run(*rendering), 2, "out-of-range", lens, "focus-at")
-
-
-@pytest.mark.parametrize("pixel", ["24,0", "0,16", "-1,0"])
-def test_focus_at_a_pixel_outside_the_image(
-    pixel: str, color: Path, depth: Path, out: Path
-) -> None:
-    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", pixel)
-    ran = run("render", color, depth, "-o", out, *lens)
-    refused(ran, 2, "out-of-range", "focus-at")
-    assert not out.exists()

@@ -57,12 +57,6 @@ def test_a_jobs_file_takes_one_by_its_name(tmp_path: Path) -> None:
     assert header(tmp_path / "out/render/a.exr")["defocus:obstruction"] == "0.45"
 
 
-def test_a_name_that_no_lens_has_is_refused(tmp_path: Path) -> None:
-    color, depth = pair(tmp_path)
-    ran = run("render", color, depth, "-o", tmp_path / "out", "--lens", "@portrait-58")
-    refused(ran, 2, "unknown-name", "lens")
-
-
 def test_a_contact_sheet_shows_another_look_of_each(tmp_path: Path) -> None:
     sheet = tmp_path / "sheet.png"
     assert run("lenses", "-o", sheet).code == 0

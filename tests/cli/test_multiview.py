@@ -46,18 +46,6 @@ def test_the_file_is_read_by_its_views_again(tmp_path: Path) -> None:
     np.testing.assert_allclose(seen["G"].astype("f"), both["right.G"], atol=1e-3)
 
 
-def test_jobs_files_have_it_too(tmp_path: Path) -> None:
-    pair(tmp_path)
-    jobs = tmp_path / "jobs.toml"
-    jobs.write_text(
-        '[inputs]\ncolor = "rgb/*.exr"\ndepth = "depth/*.exr"\n[lens]\nfocal-length = "50mm"\n'
-        'fnumber = 2\nfocus = "2m"\n[outputs]\nkinds = ["left", "right"]\nmultiview = true\n'
-    )
-    ran = run("batch", jobs, "-o", tmp_path / "o")
-    assert ran.code == 0, ran.err
-    assert "multiview/a.exr" in files_under(tmp_path / "o")
-
-
 @pytest.mark.parametrize("kinds", ["render", "render,left"])
 def test_both_views_must_be_asked_for(kinds: str, tmp_path: Path) -> None:
     ran = render(tmp_path, "o", "--outputs", kinds, "--multiview")

@@ -1,11 +1,10 @@
 """Options mean the same wherever they stand, and say what they take."""
 
 import os
-from pathlib import Path
 
 import click
 import pytest
-from command_line import pair, refused, render, run
+from command_line import run
 
 from defocus_cli.commands.depth import command as depth_command
 from defocus_cli.commands.help import TOPICS, text
@@ -53,33 +52,3 @@ def test_help_shows_options_under_their_headings() -> None:
     assert places == sorted(places)
     assert text.index("--focal-length") < text.index("\nOutput:") < text.index("--overwrite")
     assert "Examples:" in text
-
-
-@pytest.mark.parametrize(
-    ("option", "value", "code"),
-    [
-        ("quality", "best", None),
-        ("format", "gif", None),
-        ("exr-type", "double", None),
-        ("jpeg-quality", "101", None),
-        ("device", "tpu", None),
-        ("depth-unit", "km", None),
-        ("outputs", "render,bokeh", "malformed"),
-        ("outputs", "", "malformed"),
-        ("outputs", "coc,rendr", "malformed"),
-        ("threads", "0", None),
-        ("part", "-1", None),
-        ("blades", "2", "malformed"),
-        ("blades", "1000000", "malformed"),
-        ("blade-rotation", "1rad", "malformed"),
-        ("fnumber", "0", "malformed"),
-        ("sensor-width", "36", "malformed"),
-        ("focus-at", "12", "malformed"),
-    ],
-)
-def test_an_unknown_value_is_usage(
-    tmp_path: Path, option: str, value: str, code: str | None
-) -> None:
-    ran = render(*pair(tmp_path), "-o", tmp_path / "out", f"--{option}", value)
-    refused(ran, 2, code, option)
-    assert not (tmp_path / "out").exists()

@@ -15,7 +15,6 @@ from image_files import box, save
 # Radii of 3 to 4 px at the depths below.
 LENS = ("--focal-length", "120mm", "--fnumber", "1.2", "--focus")
 FLOATS = ("--exr-type", "float")
-REACH = 6
 
 
 def smooth(seed: int) -> dict[str, Any]:
@@ -65,27 +64,6 @@ def test_it_is_the_scene_rendered_whole_where_nothing_is_hidden(
     assert psnr(over, expected, apart) > 50
     assert psnr(over, expected, slice(None)) > 30, "and near the edges it is alike"
     np.testing.assert_allclose(over["A"], 1, atol=1e-5)
-
-
-def test_white_over_white_is_white(tmp_path: Path) -> None:
-    ball = write(tmp_path / "a.exr", element(disc(), (1, 1, 1), depth=0.8))
-    ones = {name: np.ones(SIZE, np.float32) for name in "RGB"}
-    below = write(tmp_path / "plate.exr", ones | {"Z": np.full(SIZE, 1.6, np.float32)})
-    for focus in ("0.8m", "1m", "1.6m"):
-        seen = picture(tmp_path / focus, ball, "--over", below, focus=focus)
-        for name in "RGBA":
-            np.testing.assert_allclose(seen[name], 1, atol=1e-5)
-
-
-def test_in_focus_it_is_the_one_over_the_other(tmp_path: Path) -> None:
-    ball, below, _, alpha = scene(tmp_path, 1.0, 1.0)
-    seen, own, plate = (
-        picture(tmp_path / "o", ball, "--over", below),
-        read_exr(ball),
-        read_exr(below),
-    )
-    for name in "RGB":
-        np.testing.assert_allclose(seen[name], own[name] + (1 - alpha) * plate[name], atol=1e-6)
 
 
 def test_a_plate_nearer_than_the_element_hides_it(tmp_path: Path) -> None:

@@ -28,12 +28,6 @@ def test_a_process_ends_with_the_exit_code_of_the_command(words: list[str], code
     assert ended(RUN, *words).returncode == code
 
 
-def test_all_that_was_printed_arrives() -> None:
-    ran = ended(RUN, "render", "--help")
-    assert ran.returncode == 0
-    assert ran.stdout.startswith("Usage: defocus render")
-
-
 def test_modules_are_not_taken_down() -> None:
     """It takes longer than many a picture; what others want done at the end is done."""
     held = (

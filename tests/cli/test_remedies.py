@@ -24,10 +24,6 @@ def test_a_shipped_lens_without_its_mark(tmp_path: Path, out: Path) -> None:
     )
 
 
-def test_a_topic_that_is_nearly_one() -> None:
-    refused(run("help", "dept"), 2, "unknown-name", "dept")
-
-
 def test_two_frames_are_no_colour_and_depth(tmp_path: Path, out: Path) -> None:
     frames = [color_exr(tmp_path / f"shot.{number}.exr") for number in (1001, 1002)]
     refused(render(*frames, "-o", out), 2, "contradiction", "shot.1002.exr")

@@ -26,11 +26,10 @@ from command_line import (
     thin_lens_radius,
     write_exr,
 )
-from image_files import box, multi_part, save, write_window
+from image_files import box, multi_part, write_window
 
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.io.exr.header import read_headers
-from defocus_core.picture import plain_path
 from defocus_core.renderer.engine import renderer
 
 EVERYTHING = ",".join(KINDS)
@@ -71,46 +70,11 @@ def test_disparity_is_the_distance_of_the_half_disc_centroids(tmp_path: Path) ->
     np.testing.assert_allclose(disparity, coc * (8 / (3 * math.pi)), rtol=1e-6)
 
 
-def test_sky_has_the_radius_of_infinity(tmp_path: Path) -> None:
-    depth = depth_exr(tmp_path / "z.exr", np.full((HEIGHT, WIDTH), np.inf, np.float32))
-    render(color_exr(tmp_path / "c.exr"), depth, "-o", tmp_path / "out", "--outputs", "coc")
-    coc = read_exr(tmp_path / "out" / "coc" / "c.exr")["coc"]
-    np.testing.assert_allclose(coc, 50 * 50 / (2 * 1950) / (2 * PITCH), rtol=1e-6)
-
-
 def test_maps_need_no_renderer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(renderer, "Renderer", None)
     ran = render(*pair(tmp_path), "-o", tmp_path / "out", "--outputs", "coc,disparity", "--json")
     assert ran.code == 0
     assert ran.json["pictures"][0]["render_seconds"] == 0
-
-
-def test_what_is_in_focus_stays_as_it_is(tmp_path: Path) -> None:
-    color = color_exr(tmp_path / "c.exr")
-    depth = depth_exr(tmp_path / "z.exr", np.full((HEIGHT, WIDTH), 2.0, np.float32))
-    render(color, depth, "-o", tmp_path / "out", "--exr-type", "float")
-    sharp, rendered = read_exr(color), read_exr(tmp_path / "out" / "render" / "c.exr")
-    for name in "RGB":
-        np.testing.assert_allclose(rendered[name], sharp[name], atol=1e-6)
-
-
-def test_left_and_right_are_halves_of_the_render(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    kinds = ("render", "left", "right")
-    render(
-        *pair(tmp_path),
-        "-o",
-        out,
-        "--outputs",
-        ",".join(kinds),
-        "--exr-type",
-        "float",
-        "--fnumber",
-        "0.4",
-    )
-    centre, left, right = (read_exr(out / kind / "a.exr")["G"] for kind in kinds)
-    np.testing.assert_allclose((left + right) / 2, centre, atol=1e-5)
-    assert np.abs(left - right).max() > 1e-3
 
 
 def test_directories_are_rendered_pair_by_pair(tmp_path: Path) -> None:
@@ -178,18 +142,6 @@ def test_channels_that_are_not_colour_are_carried_through(tmp_path: Path) -> Non
     for name in ("Z", "id"):
         assert rendered[name].dtype == sharp[name].dtype
         np.testing.assert_array_equal(rendered[name], sharp[name])
-
-
-def test_alpha_is_blurred_with_the_colour(tmp_path: Path) -> None:
-    rgb, alpha = texture(), np.zeros((HEIGHT, WIDTH), np.float32)
-    alpha[:, WIDTH // 2 :] = 1
-    rgb *= alpha[..., None]
-    color = write_exr(tmp_path / "c.exr", R=rgb[..., 0], G=rgb[..., 1], B=rgb[..., 2], A=alpha)
-    depth = depth_exr(tmp_path / "z.exr", np.full((HEIGHT, WIDTH), 0.5, np.float32))
-    render(color, depth, "-o", tmp_path / "out", "--exr-type", "float")
-    blurred = read_exr(tmp_path / "out" / "render" / "c.exr")["A"]
-    assert ((blurred > 0.01) & (blurred < 0.99)).any()
-    assert blurred.max() == pytest.approx(1, abs=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -302,42 +254,6 @@ def test_a_lens_file_is_as_good_as_flags(tmp_path: Path) -> None:
     assert one.read_bytes() == other.read_bytes()
 
 
-def test_depth_png_is_in_millimetres(tmp_path: Path) -> None:
-    mm = np.round(ramp() * 1000).astype(np.uint16)
-    depth = save(tmp_path / "z.png", mm[..., None])
-    color = save(tmp_path / "c.png", (texture() * 255).astype(np.uint8))
-    render(color, depth, "-o", tmp_path / "out", "--outputs", "coc")
-    coc = read_exr(tmp_path / "out" / "coc" / "c.exr")["coc"]
-    np.testing.assert_allclose(coc, thin_lens_radius(mm.astype(np.float64)), atol=1e-5)
-
-
-def test_depth_unit_says_what_floats_mean(tmp_path: Path) -> None:
-    color, depth = color_exr(tmp_path / "c.exr"), depth_exr(tmp_path / "z.exr", ramp() * 100)
-    render(color, depth, "-o", tmp_path / "out", "--outputs", "coc", "--depth-unit", "cm")
-    coc = read_exr(tmp_path / "out" / "coc" / "c.exr")["coc"]
-    np.testing.assert_allclose(coc, thin_lens_radius(ramp() * 1e3), atol=1e-5)
-
-
-def test_existing_outputs_are_refused_before_any_work(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    files, out = pair(tmp_path), tmp_path / "out"
-    (out / "coc").mkdir(parents=True)
-    (out / "coc" / "a.exr").write_text("mine")
-    monkeypatch.setattr(plain_path, "compute", None)
-    ran = render(*files, "-o", out, "--outputs", "render,coc")
-    refused(ran, 3, "exists", "a.exr")
-    assert files_under(out) == {"coc/a.exr"}
-
-
-def test_overwrite_renders_again(tmp_path: Path) -> None:
-    files, out = pair(tmp_path), tmp_path / "out"
-    for again in ("first", "second"):
-        assert render(*files, "-o", out, "--overwrite", "--outputs", "coc").code == 0, again
-        assert set(read_exr(out / "coc" / "a.exr")) == {"coc"}
-        (out / "coc" / "a.exr").write_text("garbage")
-
-
 def test_a_failing_picture_does_not_stop_the_others(tmp_path: Path) -> None:
     for stem in ("a", "b", "c"):
         color, depth = pair(tmp_path, stem)
@@ -347,14 +263,6 @@ def test_a_failing_picture_does_not_stop_the_others(tmp_path: Path) -> None:
     assert f"defocus: {depth.parent / 'b.exr'}: " in ran.err
     assert ran.err.splitlines()[-1].startswith("defocus: 1 of 3 jobs failed (input-unusable 1); ")
     assert files_under(tmp_path / "out") == {"render/a.exr", "render/c.exr"}
-
-
-def test_ctrl_c_ends_with_130_and_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(plain_path, "compute", interrupt)
-    refused(render(*pair(tmp_path), "-o", tmp_path / "out"), 130, None)
 
 
 HEAVY = ("torch", "OpenEXR", "OpenImageIO")

@@ -16,7 +16,6 @@ from command_line import (
     pair,
     ramp,
     read_exr,
-    refused,
     render,
     run,
     texture,
@@ -64,47 +63,6 @@ def reach(image: np.ndarray[Any, Any]) -> tuple[int, int, int, int]:
     middle = SIZE // 2
     left, right = middle - columns.min(), columns.max() - middle
     return int(left), int(right), int(middle - rows.min()), int(rows.max() - middle)
-
-
-def test_aperture_diameter_is_the_focal_length_over_the_f_number(tmp_path: Path) -> None:
-    files = pair(tmp_path)
-    wide = coc(files, tmp_path / "out", *lens(fnumber=None, aperture_diameter="2.5cm"))
-    np.testing.assert_array_equal(wide, coc(files, tmp_path / "out", *LENS))
-
-
-@pytest.mark.parametrize(
-    ("changes", "factor"),
-    [
-        ({"fnumber": "4"}, 1 / 2),
-        ({"sensor_width": "18mm"}, 2.0),
-        ({"focal_length": "100mm"}, 4 * 1950 / 1900),
-    ],
-)
-def test_the_blur_grows_with_the_lens(
-    changes: dict[str, str], factor: float, tmp_path: Path
-) -> None:
-    files = pair(tmp_path)
-    usual = coc(files, tmp_path / "out", *LENS)
-    np.testing.assert_allclose(
-        coc(files, tmp_path / "out", *lens(**changes)), usual * factor, rtol=1e-5, atol=1e-6
-    )
-
-
-def test_focus_is_where_nothing_blurs(tmp_path: Path) -> None:
-    radius = coc(pair(tmp_path), tmp_path / "out", *lens(focus="4m"))
-    assert radius[0, -1] == pytest.approx(0, abs=1e-5)
-    assert (radius[:, :-1] < 0).all()
-
-
-def test_a_round_opening_makes_a_round_spot(tmp_path: Path) -> None:
-    assert reach(spot(tmp_path, tmp_path / "out")) == pytest.approx((16, 16, 16, 16), abs=1)
-
-
-def test_blades_make_a_polygon_whose_vertex_points_right(tmp_path: Path) -> None:
-    left, right, up, down = reach(spot(tmp_path, tmp_path / "out", "--blades", "3"))
-    assert right == pytest.approx(16, abs=2)
-    assert left == pytest.approx(8, abs=1)
-    assert up == down == pytest.approx(16 * np.sin(np.pi / 3), abs=2)
 
 
 def test_blade_rotation_turns_it_counter_clockwise(tmp_path: Path) -> None:
@@ -155,12 +113,6 @@ def test_part_says_which_part_is_rendered(part: int, tmp_path: Path) -> None:
     color = multi_part(tmp_path / "c.exr", sun=planes(0), lamp=planes(1))
     rendered = sharp(color, tmp_path / "out", "--part", str(part))
     np.testing.assert_allclose(rendered, planes(part)["R"], atol=1e-6)
-
-
-def test_a_part_that_neither_file_has_is_refused(tmp_path: Path) -> None:
-    color, depth = pair(tmp_path)
-    ran = run("render", *LENS, color, depth, "-o", tmp_path / "out", "--part", "1")
-    refused(ran, 3, "no-such-part", color)
 
 
 def test_part_says_where_the_depth_is(tmp_path: Path) -> None:
@@ -219,20 +171,6 @@ def test_tolerance_takes_the_cheapest_quality_within(tmp_path: Path) -> None:
     assert found["0.4px", ()] < found["0.4px", strong]
 
 
-@pytest.mark.parametrize(
-    ("options", "code"),
-    [
-        (("--tolerance", "1px", "--quality", "draft"), "contradiction"),
-        (("--tolerance", "0.01px"), "out-of-range"),
-        (("--tolerance", "-1"), "malformed"),
-    ],
-)
-def test_a_tolerance_that_makes_no_sense_is_refused(
-    options: tuple[str, ...], code: str, tmp_path: Path
-) -> None:
-    refused(render(*pair(tmp_path), "-o", tmp_path / "out", *options), 2, code, "tolerance")
-
-
 def test_a_tolerance_that_is_too_small_is_answered_with_one_that_will_do(tmp_path: Path) -> None:
     images = pair(tmp_path)
     ran = render(*images, "-o", tmp_path / "out", "--tolerance", "0.01px")
@@ -268,14 +206,6 @@ def test_a_lower_jpeg_quality_makes_a_smaller_and_less_accurate_file(tmp_path: P
         errors.append(float(np.abs(samples.astype(float) - exact).mean()))
     assert sizes[0] == sizes[1] > sizes[2]
     assert errors[0] == errors[1] < errors[2] / 1.5
-
-
-def test_overwrite_with_preview_replaces_both(tmp_path: Path) -> None:
-    args = (*pair(tmp_path), "-o", tmp_path / "out", "--preview")
-    assert render(*args).code == 0
-    (tmp_path / "out" / "journal.jsonl").unlink()
-    refused(render(*args), 3, "exists", "a.exr")
-    assert render(*args, "--overwrite").code == 0
 
 
 def test_every_option_is_tested_somewhere() -> None:

@@ -29,11 +29,6 @@ from defocus_core.picture.take import Take
 __all__ = ["folders"]
 Computed = list[str]
 
-STOPPED_RUN = """\
-{"jobs": 3, "left": 3, "begun": "2026-01-01T00:00:00+00:00"}
-{"files": ["coc/c.exr"]}
-"""
-
 
 @pytest.fixture
 def computed(monkeypatch: pytest.MonkeyPatch) -> Computed:
@@ -178,28 +173,6 @@ def test_other_settings_redo_and_other_kinds_add(
     assert len(computed) == 9
     again(folders, out)
     assert len(computed) == 12, "the files are those of the last quality"
-
-
-def test_threads_and_device_are_no_settings(
-    folders: tuple[Path, Path], out: Path, computed: Computed
-) -> None:
-    again(folders, out, "--threads", "1")
-    again(folders, out, "--threads", "2", "--device", "cpu")
-    assert len(computed) == 3
-
-
-def test_another_renderer_does_all_again_and_another_release_nothing(
-    folders: tuple[Path, Path], out: Path, computed: Computed, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from defocus_core.batch.journal import identity
-
-    again(folders, out)
-    monkeypatch.setattr(identity, "version", lambda: "99.0")
-    again(folders, out)
-    assert len(computed) == 3, "a release changes no picture by itself"
-    monkeypatch.setattr(identity, "RENDERER_VERSION", 99)
-    again(folders, out)
-    assert len(computed) == 6
 
 
 def test_overwrite_does_all_again(
@@ -368,25 +341,6 @@ def test_a_lone_picture_that_cannot_be_done_again_says_why_and_no_more(
     assert (out / "render" / "a.exr").read_bytes() == before
     depth_exr(depth, ramp() + 1)
     assert "done again, as inputs" in render(color, depth, "-o", out).err.splitlines()[-1]
-
-
-def test_a_broken_journal_stops_the_run(folders: tuple[Path, Path], out: Path) -> None:
-    again(folders, out)
-    journal = out / "journal.jsonl"
-    lines = journal.read_bytes().split(b"\n")
-    journal.write_bytes(b"\n".join([b"scribble", *lines[1:]]))
-    refused(again(folders, out), 3, "damaged", journal)
-
-
-def test_a_file_outside_out_that_a_record_names_is_left_alone(
-    folders: tuple[Path, Path], out: Path, tmp_path: Path
-) -> None:
-    again(folders, out)
-    mine = (out / "coc" / "a.exr").replace(tmp_path / "mine.exr")
-    journal = out / "journal.jsonl"
-    journal.write_text(journal.read_text().replace("coc/a.exr", "coc/../../mine.exr"))
-    refused(again(folders, out, "--blades", "6"), 3, "damaged", journal)
-    assert mine.exists()
 
 
 def test_what_a_kill_left_of_the_index_and_of_shards_is_removed_by_the_next_run(

@@ -1,7 +1,7 @@
 """``defocus verify`` tells what it measured, and its exit code whether all of it holds."""
 
 import pytest
-from command_line import Terminal, refused, run
+from command_line import Terminal, run
 
 from defocus_core.evaluation import lens_laws
 from defocus_core.evaluation.law_checks import Check, LawSetting
@@ -75,14 +75,3 @@ def test_a_person_who_watches_sees_progress(monkeypatch: pytest.MonkeyPatch) -> 
     assert ran.code == 0
     assert "law" in ran.err
     assert "it/s" not in ran.out
-
-
-def test_wrong_options_are_usage() -> None:
-    refused(run("verify", "--quality", "fine"), 2, None, "quality")
-    refused(run("verify", "--threads", "0"), 2, None, "threads")
-
-
-def test_help_has_an_example() -> None:
-    ran = run("verify", "--help")
-    assert ran.code == 0
-    assert "defocus verify --json" in ran.out

@@ -60,6 +60,12 @@ def run(*args: str | Path, err: io.StringIO | None = None) -> Ran:
     return Ran(code, out.getvalue(), err.getvalue(), *ended)
 
 
+def succeed(*args: str | Path) -> Ran:
+    ran = run(*args)
+    assert ran.code == 0, ran.err
+    return ran
+
+
 def render(*args: str | Path) -> Ran:
     return run("render", *LENS, *args)
 
