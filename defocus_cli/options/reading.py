@@ -12,11 +12,7 @@ import click
 
 from defocus_cli.options.types import Command, Decorator, bundle, param_option
 from defocus_core.batch.jobs.job import Reading
-from defocus_core.batch.jobs.reading_options import (
-    READING_OPTIONS,
-    lens_file_reading,
-    make_reading,
-)
+from defocus_core.batch.jobs.reading_options import READING_OPTIONS, lens_file_reading, make_reading
 from defocus_core.batch.lenses.parameters import Param
 
 
