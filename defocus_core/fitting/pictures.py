@@ -16,15 +16,9 @@ _LOBES = 3  # of the windowed sinc that shifts a picture
 
 
 class Scale:
-    """The pictures at one size.
+    """The pictures at one size: `factor` px of it for a px, `sharp`, `observed` and `disparity`.
 
-    Attributes:
-        factor: Px of this size for a px of the pictures.
-        sharp: [C, H, W].
-        observed: Each [C, H, W].
-        disparity: [H, W].
-        lost: Share of pixels whose light is clipped in the sharp picture [1, H, W]; None if none
-            is.
+    `lost` is the share of pixels whose light is clipped in the sharp picture [1, H, W], or None.
     """
 
     def __init__(
