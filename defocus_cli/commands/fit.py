@@ -179,7 +179,7 @@ def command(
     places = _places(pairs, out, many=sharp.is_dir(), overwrite=overwrite)
     failures, records = Failures(), []
     for pair, place in zip(pairs, places, strict=True):
-        record = _found(pair, reading, options, place, failures, accept=accept)
+        record = _fit_one(pair, reading, options, place, failures, accept=accept)
         records += [record] if record else []
         if record and not as_json:
             lines = [f"{pair.picture.color}:", *(f"  {x}" for x in lens_fit.words(record))]
@@ -189,7 +189,7 @@ def command(
     failures.end()
 
 
-def _found(
+def _fit_one(
     pair: lens_fit.Pair,
     reading: Reading,
     options: lens_fit.FitOptions,

@@ -102,8 +102,8 @@ def update(
       defocus golden update jobs.toml goldens --only render/spheres.exr --accept
     """  # noqa: D301  click reads the backspace
     store = store_to_update(folder)
-    with _rendered(jobs_file, crew, only) as fresh:
-        store = _narrowed(store, fresh, only)
+    with _render(jobs_file, crew, only) as fresh:
+        store = _narrow(store, fresh, only)
         console.stdout(*store.changed_settings(fresh.jobs))
         records = _compare(store, fresh, asked.task, crew.count)
         changed = [record for record in records if not record.passes]
@@ -170,8 +170,8 @@ def check(
         return _plant(folder, asked, as_json=as_json)
     start = time.perf_counter()
     store = read_store(folder)
-    with _rendered(jobs_file, crew, only) as fresh:
-        store = _narrowed(store, fresh, only)
+    with _render(jobs_file, crew, only) as fresh:
+        store = _narrow(store, fresh, only)
         if not as_json:
             console.stdout(*store.changed_settings(fresh.jobs))
         records = _compare(store, fresh, asked.task, crew.count)
@@ -204,7 +204,7 @@ def _report_header(
     )
 
 
-def _rendered(
+def _render(
     jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
 ) -> AbstractContextManager[FreshPictures]:
     report = batch_report.BatchReport(each=False)
@@ -216,7 +216,7 @@ def _proposal(
     fresh: FreshPictures, jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
 ) -> str:
     """The rule that lets pass what a second render makes otherwise."""
-    with _rendered(jobs_file, crew, only) as again:
+    with _render(jobs_file, crew, only) as again:
         pairs = [FilePair(n, path, again.files.get(n)) for n, path in fresh.files.items()]
         settings = CompareSettings(diagnose=False)
         records = list(compare_all(pairs, Task(Thresholds(), settings), crew.count))
@@ -226,7 +226,7 @@ def _proposal(
     return f"two renders differ by {noise:.2g}: --fail 'max>{_ROOM * noise:.2g}' lets that pass"
 
 
-def _narrowed(store: Store, fresh: FreshPictures, only: Sequence[str]) -> Store:
+def _narrow(store: Store, fresh: FreshPictures, only: Sequence[str]) -> Store:
     """The goldens of the jobs that were chosen."""
     return store.only({job.sample_id for job in fresh.jobs}) if only else store
 

@@ -29,7 +29,7 @@ class Scale:
         self.factor = min(1.0, width / full)
         self.sharp = self._small(sharp)
         self.observed = [self._small(each) for each in observed]
-        self.lost = self._small(clipped) if bool((clipped := _clipped(sharp)).any()) else None
+        self.lost = self._small(clipped) if bool((clipped := _clipping(sharp)).any()) else None
         height, width = self.sharp.shape[1:]
         rows = ((torch.arange(height) + 0.5) * sharp.shape[1] / height).long()
         columns = ((torch.arange(width) + 0.5) * full / width).long()
@@ -49,7 +49,7 @@ class Scale:
         return interpolate(image[None], size, mode="area")[0]
 
 
-def _clipped(image: Tensor) -> Tensor:
+def _clipping(image: Tensor) -> Tensor:
     """Where a picture [C, H, W] that ends at 1 or below is at its end: [1, H, W], 1 or 0.
 
     The end of a picture without clipped light is that of a pixel or two.

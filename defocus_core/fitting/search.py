@@ -170,10 +170,10 @@ class Search:
         starts = self._all(_best(starts, _COARSE, small), _COARSE, early)
         if self.residual.width > _COARSE or early != self._free:
             starts = self._all(_best(starts, MIDDLE, small), MIDDLE, self._free)
-        fitted = self._chosen(self._pivoted(starts[0]), choices)
+        fitted = self._choose(self._pivot(starts[0]), choices)
         if self.residual.width > MIDDLE or fitted.optics != first:
-            fitted = self._descended(fitted, None, self.free(fitted.optics))
-        return fitted if self._focus is not None else self._centred(fitted)
+            fitted = self._descend(fitted, None, self.free(fitted.optics))
+        return fitted if self._focus is not None else self._centre(fitted)
 
     @property
     def _cheap(self) -> list[Unknown]:
@@ -182,7 +182,7 @@ class Search:
 
     def _all(self, starts: list[FittedLens], width: int, free: list[Unknown]) -> list[FittedLens]:
         """Points after Gauss-Newton steps, the best first."""
-        ended = (self._descended(start, width, free) for start in starts)
+        ended = (self._descend(start, width, free) for start in starts)
         return sorted(ended, key=lambda fitted: fitted.error)
 
     def _starts(self, optics: Optics) -> list[Candidate]:
@@ -203,7 +203,7 @@ class Search:
         observed = torch.stack(scale.observed).mean(0)
         return dict(zip(names, offset_of(scale.sharp, observed, int(MAX_SHIFT)), strict=True))
 
-    def _chosen(self, fitted: FittedLens, choices: Sequence[Optics]) -> FittedLens:
+    def _choose(self, fitted: FittedLens, choices: Sequence[Optics]) -> FittedLens:
         """The pupil and the photodiodes that explain the pictures best, near a point."""
         if len(choices) == 1 and not (self._rotation and choices[0].aperture.blades):
             return fitted
@@ -217,10 +217,10 @@ class Search:
             start = min(tried, key=lambda each: each.error)
             same = optics.aperture == choices[0].aperture and not blades
             free = self._cheap if same and len(choices) > 1 else self.free(optics)
-            candidates.append(self._descended(start, MIDDLE, free))
+            candidates.append(self._descend(start, MIDDLE, free))
         return min(candidates, key=lambda each: each.error)
 
-    def _pivoted(self, fitted: FittedLens) -> FittedLens:
+    def _pivot(self, fitted: FittedLens) -> FittedLens:
         """A point whose most blurred surface keeps its radius; the focus moves by parts of px.
 
         Nearly sharp surfaces look alike on both sides of the focus: there steps end.
@@ -244,20 +244,18 @@ class Search:
             )
             tried = [self._at(each, fitted.optics, scale) for each in pivoted]
             if tried and tried[-1].error < _OTHER_SIDE_RATIO * fitted.error:
-                tried[-1] = self._descended(tried[-1], MIDDLE, blur)
+                tried[-1] = self._descend(tried[-1], MIDDLE, blur)
             best = min(tried, key=lambda each: each.error, default=fitted)
             if not best.error < _PIVOT_RATIO * fitted.error:
                 return fitted
-            fitted = self._descended(best, MIDDLE, blur)
+            fitted = self._descend(best, MIDDLE, blur)
         return fitted
 
-    def _moved(
-        self, point: Candidate, free: Sequence[Unknown], steps: Sequence[float]
-    ) -> Candidate:
+    def _move(self, point: Candidate, free: Sequence[Unknown], steps: Sequence[float]) -> Candidate:
         """A point after a step."""
-        return self._held(moved(point, free, steps))
+        return self._with_known_strength(moved(point, free, steps))
 
-    def _held(self, point: Candidate) -> Candidate:
+    def _with_known_strength(self, point: Candidate) -> Candidate:
         """A point with the strength that is known for its focus."""
         if self._strength is None:
             return point
@@ -266,7 +264,7 @@ class Search:
     def _at(self, point: Candidate, optics: Optics, scale: Scale) -> FittedLens:
         return FittedLens(error_of(*self.residual.of(point, optics, scale)), point, optics)
 
-    def _descended(self, start: FittedLens, width: int | None, free: list[Unknown]) -> FittedLens:
+    def _descend(self, start: FittedLens, width: int | None, free: list[Unknown]) -> FittedLens:
         """A point after Gauss-Newton steps at a width; None for that of the pictures.
 
         Slopes take a rendering each. They are kept after a step shorter than what they were taken
@@ -284,7 +282,7 @@ class Search:
             slopes = self._slopes(fitted, scale, free, probes, residual) if kept is None else kept
             step = _step(*_blocks(residual, weight, slopes), free)
             for fraction in _STEP_FRACTIONS:
-                point = self._moved(fitted.point, free, (fraction * step).tolist())
+                point = self._move(fitted.point, free, (fraction * step).tolist())
                 there = self._at(point, fitted.optics, scale)
                 if there.error < fitted.error:
                     break
@@ -326,20 +324,18 @@ class Search:
         for index, probe in enumerate(probes.tolist()):
             steps = [0.0] * len(free)
             steps[index] = probe
-            there, _ = self.residual.of(
-                self._moved(fitted.point, free, steps), fitted.optics, scale
-            )
+            there, _ = self.residual.of(self._move(fitted.point, free, steps), fitted.optics, scale)
             slopes.append((there - residual) / probe)
         return torch.stack(slopes)
 
-    def _centred(self, fitted: FittedLens) -> FittedLens:
+    def _centre(self, fitted: FittedLens) -> FittedLens:
         """The focus in the middle of those that are as good: within half a px all is sharp."""
         scale, strength = self.residual.scale(None), fitted.point.strength
         px = torch.tensor(_ASIDE, dtype=torch.float64)
 
         def aside(by: float) -> FittedLens:
             point = replace(fitted.point, focus=fitted.point.focus + by / strength)
-            return self._at(self._held(point), fitted.optics, scale)
+            return self._at(self._with_known_strength(point), fitted.optics, scale)
 
         errors = [aside(by).error for by in _ASIDE]
         if not all(map(math.isfinite, errors)):

@@ -176,10 +176,10 @@ def _share_of(left: Tensor, right: Tensor) -> tuple[Tensor, PupilImage, float]:
     whole = PupilImage(both)
     border = PupilImage(torch.where(both >= _BORDER * both.max(), both, 0.0))
     whole.about(whole.middle, border.reach(whole.middle))
-    return _filled(left, both), whole, _centroid(both - left) - _centroid(left)
+    return _fill(left, both), whole, _centroid(both - left) - _centroid(left)
 
 
-def _filled(part: Tensor, whole: Tensor) -> Tensor:
+def _fill(part: Tensor, whole: Tensor) -> Tensor:
     """The share [H, W] that a part is of the whole; without light that of the light around."""
     fraction, lit, width = torch.zeros_like(whole), torch.zeros_like(whole, dtype=torch.bool), 1
     bright = (whole > 0).to(whole)

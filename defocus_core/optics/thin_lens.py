@@ -269,7 +269,7 @@ class ThinLens:
                 or fnum no longer positive, or d_close not nearer than d_far.
         """
         self._require_real_image("foc_dist", self.foc_dist)
-        z = self._limited(self._distance("depth", depth))
+        z = self._limit(self._distance("depth", depth))
         s = self._parameter("foc_dist", z).abs()
         coc = self._coc_per_disparity(s, z) * (1 / s - 1 / z)
         return coc if self.sharp_range is None else coc.masked_fill(self._is_sharp(z), 0.0)
@@ -383,7 +383,7 @@ class ThinLens:
         f = self._parameter("foclen", depth)
         return f * f / (self._parameter("fnum", depth) * (1 - f / s))
 
-    def _limited(self, z: Tensor) -> Tensor:
+    def _limit(self, z: Tensor) -> Tensor:
         """Distances, none nearer than d_close or farther than d_far."""
         none = "0 and -inf are no limits"
         close, far = (abs(number(name, getattr(self, name), none)) for name in ("d_close", "d_far"))
