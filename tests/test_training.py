@@ -1,10 +1,8 @@
 """A network learns from drawn samples and from those of a finished batch."""
 
-from pathlib import Path
-
 from training import make_batch, train
 
 
-def test_the_error_on_held_out_scenes_falls_by_half(tmp_path: Path) -> None:
+def test_the_error_on_held_out_scenes_falls_by_half(tmp_path):
     before, after = train(make_batch(tmp_path, scenes=12), steps=90, size=3)
     assert after <= before / 2

@@ -30,7 +30,7 @@ from defocus_core.picture import plain_path
 NAMES = [f"{stem}_focus{focus}" for stem in "ab" for focus in ("1.5m", "2m")]
 
 
-def test_each_picture_is_taken_by_each_lens_and_indexed(tmp_path: Path, out: Path) -> None:
+def test_each_picture_is_taken_by_each_lens_and_indexed(tmp_path, out):
     ran = run("batch", jobs_file(tmp_path), "-o", out)
     assert ran.code == 0
     assert ran.out == ""
@@ -46,9 +46,7 @@ def test_each_picture_is_taken_by_each_lens_and_indexed(tmp_path: Path, out: Pat
     assert hidden_in(out) == {".journal.copy"}, "no lock and no note is left"
 
 
-def test_a_batch_is_the_same_whoever_does_it(
-    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_batch_is_the_same_whoever_does_it(tmp_path, out, monkeypatch):
     path = jobs_file(tmp_path)
     run("batch", path, "-o", tmp_path / "here")
     monkeypatch.undo()
@@ -58,7 +56,7 @@ def test_a_batch_is_the_same_whoever_does_it(
     assert without_times(out) == without_times(tmp_path / "here")
 
 
-def test_many_equal_errors_are_told_once(tmp_path: Path, out: Path) -> None:
+def test_many_equal_errors_are_told_once(tmp_path, out):
     path = jobs_file(tmp_path, *"abcdef")
     for stem in "abcdef":
         depth_exr(tmp_path / "depth" / f"{stem}.exr", -ramp())
@@ -70,7 +68,7 @@ def test_many_equal_errors_are_told_once(tmp_path: Path, out: Path) -> None:
     assert run("status", out, "--json").json["failed"] == 12
 
 
-def test_fail_fast_stops_at_the_first(tmp_path: Path, out: Path) -> None:
+def test_fail_fast_stops_at_the_first(tmp_path, out):
     path = jobs_file(tmp_path, *"abcdefgh")
     depth_exr(tmp_path / "depth" / "a.exr", -ramp())
     ran = run("batch", path, "-o", out, "--fail-fast")
@@ -81,10 +79,8 @@ def test_fail_fast_stops_at_the_first(tmp_path: Path, out: Path) -> None:
     assert run("status", out, "--json").json["ok"] == 14
 
 
-def test_a_fault_of_our_own_fails_its_job_and_v_says_more(
-    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def faulty(*_: object) -> None:
+def test_a_fault_of_our_own_fails_its_job_and_v_says_more(tmp_path, out, monkeypatch):
+    def faulty(*_):
         raise RuntimeError("wires crossed")
 
     path = jobs_file(tmp_path)
@@ -97,7 +93,7 @@ def test_a_fault_of_our_own_fails_its_job_and_v_says_more(
     assert {record["reason"] for record in records(out)} == {"fault"}
 
 
-def test_a_limit_leaves_the_rest_for_later(tmp_path: Path, out: Path) -> None:
+def test_a_limit_leaves_the_rest_for_later(tmp_path, out):
     path = jobs_file(tmp_path)
     assert run("batch", path, "-o", out, "--limit", "3").err.startswith("4 jobs: 3 done, 1 left; ")
     told = run("status", out, "--json").json
@@ -107,9 +103,7 @@ def test_a_limit_leaves_the_rest_for_later(tmp_path: Path, out: Path) -> None:
     assert run("status", out, "--json").json["left"] == 0
 
 
-def test_a_limit_overlooks_no_file_that_a_later_job_would_replace(
-    tmp_path: Path, out: Path
-) -> None:
+def test_a_limit_overlooks_no_file_that_a_later_job_would_replace(tmp_path, out):
     (out / "coc").mkdir(parents=True)
     (out / "coc" / "b_focus2m.exr").write_text("somebody's own")
     for _ in range(2):
@@ -119,9 +113,7 @@ def test_a_limit_overlooks_no_file_that_a_later_job_would_replace(
 
 
 @pytest.mark.parametrize("moved", ["out", "rgb"])
-def test_where_the_inputs_are_is_said_anew_when_files_have_moved(
-    moved: str, tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_where_the_inputs_are_is_said_anew_when_files_have_moved(moved, tmp_path, out, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = jobs_file(Path(), "a", "b", "c")
     run("batch", path, "-o", "out")
@@ -144,7 +136,7 @@ def test_where_the_inputs_are_is_said_anew_when_files_have_moved(
     assert run("status", out, "--json").json["jobs"] == 6
 
 
-def test_a_sample_made_anew_with_fewer_kinds_is_indexed_once(tmp_path: Path, out: Path) -> None:
+def test_a_sample_made_anew_with_fewer_kinds_is_indexed_once(tmp_path, out):
     path = jobs_file(tmp_path, "a", text=JOBS.replace('"coc"', '"coc", "disparity"'))
     run("batch", path, "-o", out)
     path.write_text(JOBS.replace("fnumber = 2", "fnumber = 4"))
@@ -156,9 +148,7 @@ def test_a_sample_made_anew_with_fewer_kinds_is_indexed_once(tmp_path: Path, out
     assert {kind for one in samples(out) for kind in one.files} == {"coc"}
 
 
-def test_the_index_lists_what_the_batch_asks_for_and_after_a_merge_all(
-    tmp_path: Path, out: Path
-) -> None:
+def test_the_index_lists_what_the_batch_asks_for_and_after_a_merge_all(tmp_path, out):
     path = jobs_file(tmp_path)
     run("batch", path, "-o", out)
     depth_exr(tmp_path / "depth" / "b.exr", -ramp())
@@ -174,7 +164,7 @@ def test_the_index_lists_what_the_batch_asks_for_and_after_a_merge_all(
     assert [one.sample_id for one in samples(out)] == sorted({*now, *NAMES})
 
 
-def test_kinds_made_one_after_another_are_one_sample(tmp_path: Path, out: Path) -> None:
+def test_kinds_made_one_after_another_are_one_sample(tmp_path, out):
     path = jobs_file(tmp_path, "a")
     run("batch", path, "-o", out)
     path.write_text(JOBS.replace('"coc"', '"disparity"'))
@@ -183,7 +173,7 @@ def test_kinds_made_one_after_another_are_one_sample(tmp_path: Path, out: Path) 
     assert all(set(one.files) == {"coc", "disparity"} for one in samples(out))
 
 
-def test_a_preview_that_alone_is_left_is_no_sample(tmp_path: Path, out: Path) -> None:
+def test_a_preview_that_alone_is_left_is_no_sample(tmp_path, out):
     path = jobs_file(tmp_path, "a", text=JOBS + "preview = true\n")
     run("batch", path, "-o", out)
     path.write_text(JOBS)
@@ -192,7 +182,7 @@ def test_a_preview_that_alone_is_left_is_no_sample(tmp_path: Path, out: Path) ->
     assert not list(samples(out))
 
 
-def test_a_second_batch_on_the_same_directory_is_refused(tmp_path: Path, out: Path) -> None:
+def test_a_second_batch_on_the_same_directory_is_refused(tmp_path, out):
     path = jobs_file(tmp_path)
     out.mkdir()
     with locked(out, say=print):
@@ -204,7 +194,7 @@ def test_a_second_batch_on_the_same_directory_is_refused(tmp_path: Path, out: Pa
 REJECTING = JOBS.replace("fnumber = 2", "fnumber = 2\nmax-coc = '0.12px'")
 
 
-def test_rejected_jobs_are_no_failure_and_not_tried_again(tmp_path: Path, out: Path) -> None:
+def test_rejected_jobs_are_no_failure_and_not_tried_again(tmp_path, out):
     path = jobs_file(tmp_path, text=REJECTING)
     ran = run("batch", path, "-o", out)
     assert ran.code == 0
@@ -216,13 +206,13 @@ def test_rejected_jobs_are_no_failure_and_not_tried_again(tmp_path: Path, out: P
     assert len(records(out)) == 8
 
 
-def test_a_dry_run_of_what_would_be_rejected_is_no_failure(tmp_path: Path, out: Path) -> None:
+def test_a_dry_run_of_what_would_be_rejected_is_no_failure(tmp_path, out):
     ran = run("batch", jobs_file(tmp_path, text=REJECTING), "-o", out, "--dry-run")
     assert ran.code == 0
     assert "4 of 4 that were looked at would not be done" in ran.out
 
 
-def test_a_dry_run_says_what_is_to_do_and_does_nothing(tmp_path: Path, out: Path) -> None:
+def test_a_dry_run_says_what_is_to_do_and_does_nothing(tmp_path, out):
     path = jobs_file(tmp_path)
     ran = run("batch", path, "-o", out, "--dry-run")
     assert ran.code == 0
@@ -239,7 +229,7 @@ def test_a_dry_run_says_what_is_to_do_and_does_nothing(tmp_path: Path, out: Path
     assert "would read" in run("batch", path, "-o", out, "--dry-run", "-v").out
 
 
-def test_a_dry_run_goes_on_where_the_batch_would(tmp_path: Path, out: Path) -> None:
+def test_a_dry_run_goes_on_where_the_batch_would(tmp_path, out):
     path = jobs_file(tmp_path)
     depth_exr(tmp_path / "depth" / "a.exr", -ramp())
     ran = run("batch", path, "-o", out, "--dry-run")
@@ -257,12 +247,12 @@ def test_a_dry_run_goes_on_where_the_batch_would(tmp_path: Path, out: Path) -> N
     assert told["seconds"] * told["processes"] == pytest.approx(whole)
 
 
-def test_a_parquet_table_lists_what_the_index_lists(tmp_path: Path, out: Path) -> None:
+def test_a_parquet_table_lists_what_the_index_lists(tmp_path, out):
     pandas = pytest.importorskip("pandas")
     pytest.importorskip("pyarrow")
     path, table = jobs_file(tmp_path), out / "samples.parquet"
 
-    def listed() -> bool:
+    def listed():
         rows = pandas.read_parquet(table).to_dict("records")
         lines = [json.loads(one) for one in (out / "metadata.jsonl").read_text().splitlines()]
         keys = [(line["sample_id"], line["lens"]["fnumber"]) for line in lines]
@@ -284,9 +274,7 @@ def test_a_parquet_table_lists_what_the_index_lists(tmp_path: Path, out: Path) -
     )
 
 
-def test_a_parquet_table_without_pyarrow(
-    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_parquet_table_without_pyarrow(tmp_path, out, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     refused(run("merge", out, "--parquet"), 2, "needs-extra", "parquet")
     out.mkdir()
@@ -296,9 +284,7 @@ def test_a_parquet_table_without_pyarrow(
     assert not (out / "samples.parquet").exists()
 
 
-def test_shards_hold_what_the_index_lists_without_being_asked_for_again(
-    tmp_path: Path, out: Path
-) -> None:
+def test_shards_hold_what_the_index_lists_without_being_asked_for_again(tmp_path, out):
     path = jobs_file(tmp_path)
     run("batch", path, "-o", out, "--shards-size", "1GB")
     tar = out / "shards" / "samples-000000.tar"
@@ -306,7 +292,7 @@ def test_shards_hold_what_the_index_lists_without_being_asked_for_again(
     assert "packed again" not in run("batch", path, "-o", out).err
     assert tar.read_bytes() == first
 
-    def whole() -> bool:
+    def whole():
         with tarfile.open(tar) as files:
             found = {name: files.extractfile(name) for name in files.getnames()}
             lines = [file.read() for name, file in found.items() if file and "json" in name]
@@ -327,13 +313,11 @@ def test_shards_hold_what_the_index_lists_without_being_asked_for_again(
     assert f"{tar.parent}: warning: may hold other samples than metadata.jsonl; --sh" in ran.err
 
 
-def test_a_bar_counts_the_jobs_on_a_terminal(tmp_path: Path, out: Path) -> None:
+def test_a_bar_counts_the_jobs_on_a_terminal(tmp_path, out):
     assert "/4 [" in run("batch", jobs_file(tmp_path), "-o", out, err=Terminal()).err
 
 
-def test_a_scheduler_that_is_none_is_refused(
-    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scheduler_that_is_none_is_refused(tmp_path, out, monkeypatch):
     monkeypatch.undo()
     path = jobs_file(tmp_path)
     refused(run("batch", path, "-o", out, "--scheduler", "head"), 2, "malformed", "scheduler")
@@ -346,9 +330,7 @@ def test_a_scheduler_that_is_none_is_refused(
 HEAVY = ("torch", "OpenEXR", "OpenImageIO", "distributed", "pandas")
 
 
-def test_a_finished_batch_of_a_thousand_jobs_ends_at_once(
-    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_finished_batch_of_a_thousand_jobs_ends_at_once(tmp_path, out, monkeypatch):
     """It loads nothing heavy, and asks little of each job."""
     text = JOBS.replace('["1.5m", "2m"]', '"1m..9m @ 500 in depth"')
     path = jobs_file(tmp_path, text=text)

@@ -1,10 +1,9 @@
 """``defocus batch`` with sweeps and draws, up to what a training script reads."""
 
 import json
-from pathlib import Path
 
 import pytest
-from command_line import Ran, files_under, refused, run
+from command_line import files_under, refused, run
 from jobs_files import FIXED, INPUTS, LENS, SAMPLE, pictures
 
 from defocus_cli.words import dry_run
@@ -13,13 +12,13 @@ from defocus_core.batch.datasets.finished import samples
 DRAFT = '\n[machine]\nquality = "draft"\n'
 
 
-def batch(folder: Path, text: str, *options: str) -> Ran:
+def batch(folder, text, *options):
     path = folder / "jobs.toml"
     path.write_text(f"[inputs]\n{INPUTS}\n{text}{DRAFT}")
     return run("batch", path, "-o", folder / "out", "--processes", "1", *options)
 
 
-def test_a_sweep_is_the_renders_that_it_stands_for(tmp_path: Path) -> None:
+def test_a_sweep_is_the_renders_that_it_stands_for(tmp_path):
     pictures(tmp_path)
     assert batch(tmp_path, LENS + '[sweep]\nfnumber = [2, 4]\nfocus = ["1m", "inf"]\n').code == 0
     single = ("--focal-length", "50mm", "--fnumber", "4", "--focus", "inf", "--quality", "draft")
@@ -31,9 +30,7 @@ def test_a_sweep_is_the_renders_that_it_stands_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("more", "counts"), [((), (40, 0)), (("--shard", "2/2"), (20, 0))])
-def test_some_jobs_stand_for_a_large_batch(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: tuple[str, ...], counts: tuple[int, int]
-) -> None:
+def test_some_jobs_stand_for_a_large_batch(tmp_path, monkeypatch, more, counts):
     monkeypatch.setattr(dry_run, "MAX_PLANNED", 12)
     monkeypatch.setattr(dry_run, "LOOKED_AT", 8)
     pictures(tmp_path)
@@ -46,9 +43,7 @@ def test_some_jobs_stand_for_a_large_batch(
     assert words.startswith(f"of 8 of {counts[0]} jobs")
 
 
-def test_some_jobs_tell_how_many_are_done_and_left(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_some_jobs_tell_how_many_are_done_and_left(tmp_path, monkeypatch):
     monkeypatch.setattr(dry_run, "MAX_PLANNED", 9)
     monkeypatch.setattr(dry_run, "LOOKED_AT", 10)
     pictures(tmp_path)
@@ -58,9 +53,7 @@ def test_some_jobs_tell_how_many_are_done_and_left(
     assert (told["done_before"], told["todo"], told["beyond_limit"]) == (10, 6, 4)
 
 
-def test_names_of_a_large_batch_that_two_jobs_share_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_names_of_a_large_batch_that_two_jobs_share_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(dry_run, "MAX_PLANNED", 3)
     monkeypatch.setattr(dry_run, "LOOKED_AT", 2)
     pictures(tmp_path)
@@ -78,14 +71,14 @@ def test_names_of_a_large_batch_that_two_jobs_share_are_refused(
     )
 
 
-def test_an_index_tells_of_the_lens_that_took_a_picture_last(tmp_path: Path) -> None:
+def test_an_index_tells_of_the_lens_that_took_a_picture_last(tmp_path):
     pictures(tmp_path)
     out = tmp_path / "out"
     batch(tmp_path, LENS + 'fnumber = 2\nfocus = "2m"\n', "--shards-size", "1MB")
     index, words = out / "metadata.jsonl", ("--focal-length", "50mm", "--focus", "2m")
     first = index.read_bytes()
 
-    def rendered(name: str, *more: str) -> str:
+    def rendered(name, *more):
         color, depth = (tmp_path / f"a_{kind}.exr" for kind in ("rgb", "z"))
         if name != "a_rgb":
             color = color.rename(tmp_path / f"{name}.exr")

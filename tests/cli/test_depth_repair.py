@@ -1,8 +1,5 @@
 """The repair of depth: how a user steers it, and where it is recorded and drawn."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
@@ -11,10 +8,9 @@ from command_line import color_exr, depth_exr, failed, header, read_exr, refused
 WIDTH, HEIGHT = 144, 96
 LENS = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m", "--sensor-width", "4mm")
 NEAR, FAR = 2.0, 10.0  # m
-Array = np.ndarray[Any, Any]
 
 
-def two_surfaces(folder: Path, width: float) -> tuple[Path, Path]:
+def two_surfaces(folder, width):
     """A bright surface before a dark one, whose edge in disparity is a ramp of so many px."""
     x = np.arange(WIDTH) + 0.5 - WIDTH / 2
     share = np.tile(np.clip(x / width + 0.5, 0, 1), (HEIGHT, 1))
@@ -24,15 +20,13 @@ def two_surfaces(folder: Path, width: float) -> tuple[Path, Path]:
     return color_exr(folder / "rgb.exr", color.astype(np.float32)), depth
 
 
-def rendered(out: Path, *args: str | Path) -> tuple[Array, dict[str, Any]]:
+def rendered(out, *args):
     ran = run("render", *args, *LENS, "-o", out, "--json", "--exr-type", "float")
     assert ran.code == 0, ran.err
     return read_exr(out / "render" / "rgb.exr")["G"], ran.json["pictures"][0]
 
 
-def test_wider_edges_than_are_looked_for_are_repaired_if_their_width_is_said(
-    tmp_path: Path,
-) -> None:
+def test_wider_edges_than_are_looked_for_are_repaired_if_their_width_is_said(tmp_path):
     files = two_surfaces(tmp_path, 30)
     hard, _ = rendered(tmp_path / "hard", *two_surfaces(tmp_path, 1))
     auto, _ = rendered(tmp_path / "auto", *files)
@@ -41,7 +35,7 @@ def test_wider_edges_than_are_looked_for_are_repaired_if_their_width_is_said(
     assert record["depth_repair"]["edge_width_px"] == 30
 
 
-def test_the_record_stands_in_words_json_journal_and_header(tmp_path: Path) -> None:
+def test_the_record_stands_in_words_json_journal_and_header(tmp_path):
     files, out = two_surfaces(tmp_path, 8), tmp_path / "out"
     args = (*files, *LENS, "-o", out, "--outputs", "render,coc")
     planned = run("render", *args, "--dry-run", "--json").json["pictures"][0]
@@ -63,7 +57,7 @@ def test_the_record_stands_in_words_json_journal_and_header(tmp_path: Path) -> N
     assert again["depth_repair"] == record
 
 
-def test_a_header_says_what_was_asked_and_nothing_of_clean_depth(tmp_path: Path) -> None:
+def test_a_header_says_what_was_asked_and_nothing_of_clean_depth(tmp_path):
     files = two_surfaces(tmp_path, 1)
     said = ("--depth-repair", "soft-edges=2", "--edge-width", "6px")
     for name, args, asked in (
@@ -76,7 +70,7 @@ def test_a_header_says_what_was_asked_and_nothing_of_clean_depth(tmp_path: Path)
         assert ("defocus:depth_repair" in attributes) is (asked is not None)
 
 
-def test_jobs_and_lens_files_steer_it_too(tmp_path: Path) -> None:
+def test_jobs_and_lens_files_steer_it_too(tmp_path):
     color, depth = two_surfaces(tmp_path, 30)
     lens = 'focal-length = "100mm"\nfnumber = 2\nfocus = "2m"\nsensor-width = "4mm"\n'
     (tmp_path / "lens.toml").write_text(lens + 'edge-width = "30px"\n')
@@ -98,14 +92,14 @@ def test_jobs_and_lens_files_steer_it_too(tmp_path: Path) -> None:
         assert np.array_equal(found, wanted), name
 
 
-def drawing(path: Path) -> tuple[Array, Array]:
+def drawing(path):
     """The picture and the repair of a drawing, [H, W, 3] each."""
     pixels = oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT)
     assert pixels.shape == (HEIGHT, 2 * WIDTH, 3)
     return pixels[:, :WIDTH], pixels[:, WIDTH:]
 
 
-def test_info_draws_where_edges_are_repaired(tmp_path: Path) -> None:
+def test_info_draws_where_edges_are_repaired(tmp_path):
     files, path = two_surfaces(tmp_path, 8), tmp_path / "repair.png"
     ran = run("info", *files, *LENS, "--preview", path)
     assert ran.code == 0, ran.err
@@ -121,7 +115,7 @@ def test_info_draws_where_edges_are_repaired(tmp_path: Path) -> None:
     assert made_farther[2] > 0.9 > made_farther[0]
 
 
-def test_a_drawing_shows_what_the_options_do(tmp_path: Path) -> None:
+def test_a_drawing_shows_what_the_options_do(tmp_path):
     files, path = two_surfaces(tmp_path, 8), tmp_path / "repair.png"
     for args in (("--depth-repair", "off"), ("--edge-width", "0")):
         ran = run("info", *files, *LENS, "--preview", path, "--json", *args)
@@ -134,7 +128,7 @@ def test_a_drawing_shows_what_the_options_do(tmp_path: Path) -> None:
     assert pair["depth_repair"]["kinds"] == ["soft-edges", "displaced-edges"]
 
 
-def test_a_picture_of_one_file_is_drawn_too(tmp_path: Path) -> None:
+def test_a_picture_of_one_file_is_drawn_too(tmp_path):
     color, depth = two_surfaces(tmp_path, 8)
     both = write_exr(tmp_path / "both.exr", **read_exr(color), **read_exr(depth))
     run("info", both, *LENS, "--preview", tmp_path / "both.png")
@@ -142,7 +136,7 @@ def test_a_picture_of_one_file_is_drawn_too(tmp_path: Path) -> None:
     assert (tmp_path / "both.png").read_bytes() == (tmp_path / "two.png").read_bytes()
 
 
-def test_a_drawing_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+def test_a_drawing_that_cannot_be_made_is_refused(tmp_path):
     color, depth = two_surfaces(tmp_path, 8)
     path = tmp_path / "a.png"
     refused(run("info", color, depth, "--preview", path), 2, "missing-option", "preview")

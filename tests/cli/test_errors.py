@@ -7,7 +7,6 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +28,7 @@ from image_files import save
 from defocus_core.errors import CODES
 
 
-def test_json_of_a_command_that_has_no_result_is_its_error(tmp_path: Path, color: Path) -> None:
+def test_json_of_a_command_that_has_no_result_is_its_error(tmp_path, color):
     missing = tmp_path / "none"
     asked = {("info", missing): 3, ("status", missing): 3, ("batch", missing, "-o", "out"): 3}
     for words, code in {**asked, ("info",): 2, ("render", missing, "-o", "out", *LENS): 3}.items():
@@ -42,7 +41,7 @@ def test_json_of_a_command_that_has_no_result_is_its_error(tmp_path: Path, color
     assert run("info", missing).out == ""
 
 
-def test_a_link_that_leads_nowhere(color: Path, depth: Path, out: Path) -> None:
+def test_a_link_that_leads_nowhere(color, depth, out):
     circle = color.with_name("a")
     circle.symlink_to("a")
     for ran in (
@@ -55,7 +54,7 @@ def test_a_link_that_leads_nowhere(color: Path, depth: Path, out: Path) -> None:
     refused_input(render(color, depth, "-o", lost), lost, "not-found")
 
 
-def test_a_link_in_a_folder_that_leads_in_a_circle(tmp_path: Path, out: Path) -> None:
+def test_a_link_in_a_folder_that_leads_in_a_circle(tmp_path, out):
     for stem in "ab":
         color, depth = pair(tmp_path, stem)
     color.unlink()
@@ -66,9 +65,7 @@ def test_a_link_in_a_folder_that_leads_in_a_circle(tmp_path: Path, out: Path) ->
     assert files_under(out) == {"coc/a.exr"}
 
 
-def test_names_that_would_steer_a_terminal_are_told_escaped(
-    color: Path, depth: Path, out: Path
-) -> None:
+def test_names_that_would_steer_a_terminal_are_told_escaped(color, depth, out):
     odd = color.rename(color.with_name("a\n\x1b[31mb\u3000é.exr"))
     told = "a\\n\\x1b[31mb\u3000é"
     refused(
@@ -88,15 +85,13 @@ def test_names_that_would_steer_a_terminal_are_told_escaped(
         assert "\x1b" not in ran.out
 
 
-def socket_at(path: Path) -> None:
+def socket_at(path):
     with socket.socket(socket.AF_UNIX) as made:
         made.bind(str(path))
 
 
 @pytest.mark.parametrize("make", [os.mkfifo, lambda p: p.symlink_to("/dev/zero"), socket_at])
-def test_what_is_no_regular_file(
-    make: Callable[[Path], object], color: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_no_regular_file(make, color, out, monkeypatch):
     """Of a pipe, the first byte may never come; of /dev/zero, the last."""
     monkeypatch.chdir(color.parent)
     odd = Path("odd.exr")  # the name of a socket must be short
@@ -107,7 +102,7 @@ def test_what_is_no_regular_file(
 
 
 @pytest.mark.parametrize("name", ["a.exr", "a.png", "a.jpg", "a.tif", "a.hdr"])
-def test_zero_bytes(name: str, depth: Path, color: Path, out: Path) -> None:
+def test_zero_bytes(name, depth, color, out):
     empty = color.with_name(name)
     empty.touch()
     refused_input(render(empty, depth, "-o", out), empty, "empty")
@@ -115,7 +110,7 @@ def test_zero_bytes(name: str, depth: Path, color: Path, out: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="not on this system: names are Unicode")
-def test_a_name_that_is_not_utf_8(color: Path, depth: Path, out: Path) -> None:
+def test_a_name_that_is_not_utf_8(color, depth, out):
     odd = color.rename(color.with_name(os.fsdecode(b"\xff.exr")))
     for files in ((odd, depth), (odd,)):
         refused(render(*files, "-o", out), 3, "not-utf-8", "\\udcff.exr")
@@ -124,20 +119,20 @@ def test_a_name_that_is_not_utf_8(color: Path, depth: Path, out: Path) -> None:
 @pytest.mark.parametrize(
     "stem", ["photo – ünï.v2.final", "-dash", "{a,b} %d", "new\nline", "🎞" * 50]
 )
-def test_any_other_name_will_do(stem: str, color: Path, depth: Path, out: Path) -> None:
+def test_any_other_name_will_do(stem, color, depth, out):
     named = color.rename(color.with_name(f"{stem}.exr"))
     assert render("-o", out, "--preview", "--format", "png", "--", named, depth).code == 0
     assert files_under(out) == {f"render/{stem}.png", f"render/{stem}.preview.png"}
 
 
-def truncated(path: Path, share: float) -> Path:
+def truncated(path, share):
     data = path.read_bytes()
     path.write_bytes(data[: int(len(data) * share)])
     return path
 
 
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.9])
-def test_a_truncated_file(share: float, color: Path, depth: Path, out: Path) -> None:
+def test_a_truncated_file(share, color, depth, out):
     png = truncated(save(color.with_name("a.png"), (texture() * 255).astype(np.uint8)), share)
     refused_input(render(png, depth, "-o", out), png, "damaged", "unreadable")
     whole = depth.read_bytes()
@@ -147,7 +142,7 @@ def test_a_truncated_file(share: float, color: Path, depth: Path, out: Path) -> 
 
 
 @pytest.mark.parametrize("name", ["a.exr", "a.png", "a.jpg", "a.txt"])
-def test_what_is_not_an_image(name: str, color: Path, depth: Path, out: Path) -> None:
+def test_what_is_not_an_image(name, color, depth, out):
     text = color.with_name(name)
     text.write_text("This is not an image, whatever its name says.\n" * 20)
     refused_input(render(text, depth, "-o", out), text, "wrong-type", "unreadable")
@@ -156,12 +151,12 @@ def test_what_is_not_an_image(name: str, color: Path, depth: Path, out: Path) ->
 
 
 @pytest.mark.parametrize("kind", ["coc", "disparity"])
-def test_a_map_in_px_is_no_depth(kind: str, tmp_path: Path, color: Path, out: Path) -> None:
+def test_a_map_in_px_is_no_depth(kind, tmp_path, color, out):
     lone = write_exr(tmp_path / "lone.exr", **{kind: ramp()})
     refused_input(render(color, lone, "-o", out), lone, "no-depth")
 
 
-def test_a_lone_grey_channel_is_not_its_own_depth(tmp_path: Path, out: Path) -> None:
+def test_a_lone_grey_channel_is_not_its_own_depth(tmp_path, out):
     for name in ("Y", "pass.y"):
         grey = write_exr(tmp_path / "grey.exr", **{name: texture()[..., 0] + 1})
         for more in ((), ("--dry-run",)):
@@ -170,9 +165,7 @@ def test_a_lone_grey_channel_is_not_its_own_depth(tmp_path: Path, out: Path) -> 
 
 
 @pytest.mark.parametrize("name", ["c.bmp", "c.dpx", "c.gif", "c.tga"])
-def test_colour_of_another_format_is_refused_alone_as_in_a_folder(
-    name: str, tmp_path: Path, depth: Path, out: Path
-) -> None:
+def test_colour_of_another_format_is_refused_alone_as_in_a_folder(name, tmp_path, depth, out):
     path = save(tmp_path / "in" / name, (texture() * 255).astype(np.uint8))
     ran = render(path, depth, "-o", out)
     refused_input(ran, path, "wrong-type")
@@ -180,15 +173,13 @@ def test_colour_of_another_format_is_refused_alone_as_in_a_folder(
     refused_input(run("info", path), path, "wrong-type")
 
 
-def test_no_arguments_show_help() -> None:
+def test_no_arguments_show_help():
     ran = run()
     assert ran.code == 0
     assert "render" in ran.out
 
 
-def test_cuda_that_is_not_there(
-    color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_cuda_that_is_not_there(color, depth, out, monkeypatch):
     import torch
 
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
@@ -205,14 +196,7 @@ def test_cuda_that_is_not_there(
         (("--lens", "", "{c}", "{z}"), "lens"),
     ],
 )
-def test_an_empty_path_is_not_the_current_directory(
-    args: tuple[str, ...],
-    at: str,
-    color: Path,
-    depth: Path,
-    out: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_empty_path_is_not_the_current_directory(args, at, color, depth, out, monkeypatch):
     monkeypatch.chdir(color.parent)
     filled = [arg.format(c=color, z=depth) for arg in args]
     refused(render("-o", out, *filled), 2, "empty", at)
@@ -220,7 +204,7 @@ def test_an_empty_path_is_not_the_current_directory(
 
 
 @pytest.mark.parametrize("module", ["defocus_cli", "defocus_cli.main"])
-def test_the_package_is_the_command(module: str) -> None:
+def test_the_package_is_the_command(module):
     words = [sys.executable, "-m", module, "--version"]
     ran = subprocess.run(words, capture_output=True, text=True, check=True)
     assert ran.stdout.startswith("defocus ")

@@ -1,7 +1,5 @@
 """--hidden and the trust map: what lies behind, and where it had to be invented."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from command_line import (
@@ -20,7 +18,7 @@ from command_line import (
 CARD = (slice(4, 12), slice(8, 16))
 
 
-def scene(folder: Path, stem: str = "a", near: float = 0.1) -> tuple[Path, Path]:
+def scene(folder, stem="a", near=0.1):
     """A near white card, blurred, before a texture at 2 m, in focus."""
     pixels, metres = texture(), np.full((HEIGHT, WIDTH), 2.0, np.float32)
     pixels[CARD], metres[CARD] = 1.0, near
@@ -29,7 +27,7 @@ def scene(folder: Path, stem: str = "a", near: float = 0.1) -> tuple[Path, Path]
     )
 
 
-def behind(folder: Path, stem: str = "a", red: float = 0.9) -> tuple[Path, Path]:
+def behind(folder, stem="a", red=0.9):
     """Red behind the left half of the card; behind the right half nothing is known."""
     pixels = np.zeros((HEIGHT, WIDTH, 3), np.float32)
     metres = np.full((HEIGHT, WIDTH), np.inf, np.float32)
@@ -40,7 +38,7 @@ def behind(folder: Path, stem: str = "a", red: float = 0.9) -> tuple[Path, Path]
     )
 
 
-def test_hidden_shows_through_where_it_is_known(tmp_path: Path) -> None:
+def test_hidden_shows_through_where_it_is_known(tmp_path):
     files, hidden = scene(tmp_path), behind(tmp_path)
     assert render(*files, "-o", tmp_path / "without").code == 0
     assert render(*files, "-o", tmp_path / "with", "--hidden", *hidden).code == 0
@@ -52,7 +50,7 @@ def test_hidden_shows_through_where_it_is_known(tmp_path: Path) -> None:
     assert header(tmp_path / "with" / "render" / "a.exr")["defocus:hidden"] == "a.exr a.exr"
 
 
-def test_trust_is_a_float_map_of_shares(tmp_path: Path) -> None:
+def test_trust_is_a_float_map_of_shares(tmp_path):
     files, hidden = scene(tmp_path), behind(tmp_path)
     assert render(*files, "-o", tmp_path / "o", "--outputs", "trust", "--preview").code == 0
     assert files_under(tmp_path / "o") == {"trust/a.exr", "trust/a.preview.png"}
@@ -66,7 +64,7 @@ def test_trust_is_a_float_map_of_shares(tmp_path: Path) -> None:
     assert known[CARD][:, 0].mean() > trust[CARD][:, 0].mean() + 0.05
 
 
-def test_a_dry_run_says_that_the_hidden_files_would_be_read(tmp_path: Path) -> None:
+def test_a_dry_run_says_that_the_hidden_files_would_be_read(tmp_path):
     hidden = behind(tmp_path)
     args = (*scene(tmp_path), "-o", tmp_path / "out", "--hidden", *hidden, "--dry-run")
     told = render(*args).out
@@ -75,7 +73,7 @@ def test_a_dry_run_says_that_the_hidden_files_would_be_read(tmp_path: Path) -> N
     assert (planned["hidden_color"], planned["hidden_depth"]) == tuple(map(str, hidden))
 
 
-def test_hidden_directories_pair_by_stem(tmp_path: Path) -> None:
+def test_hidden_directories_pair_by_stem(tmp_path):
     for stem in ("a", "b"):
         files, hidden = scene(tmp_path, stem), behind(tmp_path, stem)
     folders = [file.parent for file in (*files, *hidden)]
@@ -86,7 +84,7 @@ def test_hidden_directories_pair_by_stem(tmp_path: Path) -> None:
     refused(ran, 3, "empty", "hidden")
 
 
-def test_hidden_that_does_not_fit(tmp_path: Path) -> None:
+def test_hidden_that_does_not_fit(tmp_path):
     files, out = scene(tmp_path), tmp_path / "o"
     _, deep = behind(tmp_path)
     small = color_exr(tmp_path / "small.exr", texture(5, 4))

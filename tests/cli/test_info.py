@@ -1,7 +1,6 @@
 """``defocus info`` says what is in a file, as ``defocus render`` would read it."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ from command_line import (
 from image_files import multi_part
 
 
-def holed_depth(path: Path) -> Path:
+def holed_depth(path):
     metres = ramp()
     metres[0, :3] = np.inf
     metres[1, :2] = 0
@@ -31,7 +30,7 @@ def holed_depth(path: Path) -> Path:
     return depth_exr(path, metres)
 
 
-def test_depth_is_told_with_its_range_sky_and_holes(tmp_path: Path) -> None:
+def test_depth_is_told_with_its_range_sky_and_holes(tmp_path):
     (record,) = run("info", "--json", holed_depth(tmp_path / "z.exr")).json["files"]
     assert record["size"] == [WIDTH, HEIGHT]
     assert record["parts"][0]["channels"] == {"Z": "float"}
@@ -42,14 +41,14 @@ def test_depth_is_told_with_its_range_sky_and_holes(tmp_path: Path) -> None:
     assert record["depth"]["coc_px"] is None
 
 
-def test_colour_is_told_with_its_channels(tmp_path: Path) -> None:
+def test_colour_is_told_with_its_channels(tmp_path):
     (record,) = run("info", "--json", color_exr(tmp_path / "c.exr")).json["files"]
     assert record["color"] == {"channels": ["R", "G", "B"], "nonfinite_pixels": 0}
     assert record["depth"] is None
     assert "no depth channel" in record["depth_note"]
 
 
-def test_with_a_lens_the_blur_is_that_of_render(tmp_path: Path) -> None:
+def test_with_a_lens_the_blur_is_that_of_render(tmp_path):
     color, depth = color_exr(tmp_path / "c.exr"), depth_exr(tmp_path / "z.exr")
     (record,) = run("info", "--json", depth, *LENS).json["files"]
     ran = render(color, depth, "-o", tmp_path / "out", "--outputs", "coc", "--json")
@@ -57,7 +56,7 @@ def test_with_a_lens_the_blur_is_that_of_render(tmp_path: Path) -> None:
     assert record["depth"]["lens"]["focus_mm"] == 2000
 
 
-def test_help_names_all_that_json_has(tmp_path: Path) -> None:
+def test_help_names_all_that_json_has(tmp_path):
     out = tmp_path / "out"
     color, depth = color_exr(tmp_path / "c.exr"), depth_exr(tmp_path / "z.exr")
     render(color, depth, "-o", out, "--outputs", "coc,trust")
@@ -70,7 +69,7 @@ def test_help_names_all_that_json_has(tmp_path: Path) -> None:
     assert {name for found in (*records, *inner, *listed) for name in found} <= words
 
 
-def test_people_are_told_on_stdout(tmp_path: Path) -> None:
+def test_people_are_told_on_stdout(tmp_path):
     ran = run("info", holed_depth(tmp_path / "z.exr"), color_exr(tmp_path / "c.exr"), *LENS)
     assert ran.err == ""
     for words in (
@@ -84,7 +83,7 @@ def test_people_are_told_on_stdout(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["coc", "disparity"])
-def test_a_map_that_render_wrote_is_told_with_its_range(kind: str, tmp_path: Path) -> None:
+def test_a_map_that_render_wrote_is_told_with_its_range(kind, tmp_path):
     out = tmp_path / "out"
     color, depth = color_exr(tmp_path / "c.exr"), depth_exr(tmp_path / "z.exr")
     render(color, depth, "-o", out, "--outputs", kind)
@@ -102,7 +101,7 @@ def test_a_map_that_render_wrote_is_told_with_its_range(kind: str, tmp_path: Pat
     assert "no depth" not in told.out
 
 
-def test_a_trust_map_is_no_depth(tmp_path: Path) -> None:
+def test_a_trust_map_is_no_depth(tmp_path):
     color, depth = pair(tmp_path)
     render(color, depth, "-o", tmp_path / "out", "--outputs", "trust")
     path = tmp_path / "out" / "trust" / "a.exr"
@@ -116,7 +115,7 @@ def test_a_trust_map_is_no_depth(tmp_path: Path) -> None:
     refused(ran, 3, "no-depth", path)
 
 
-def test_what_is_not_finite_in_a_map_is_outside_its_range(tmp_path: Path) -> None:
+def test_what_is_not_finite_in_a_map_is_outside_its_range(tmp_path):
     map_ = ramp()
     map_[0, 0], map_[0, 1] = np.nan, np.inf
     path = write_exr(tmp_path / "coc.exr", coc=map_)
@@ -126,7 +125,7 @@ def test_what_is_not_finite_in_a_map_is_outside_its_range(tmp_path: Path) -> Non
     assert "no finite pixel" in run("info", path).out
 
 
-def test_colour_beside_a_map_is_told_too(tmp_path: Path) -> None:
+def test_colour_beside_a_map_is_told_too(tmp_path):
     red, green, blue = np.moveaxis(texture(), 2, 0)
     path = write_exr(tmp_path / "c.exr", R=red, G=green, B=blue, coc=ramp())
     told = run("info", path).out
@@ -134,7 +133,7 @@ def test_colour_beside_a_map_is_told_too(tmp_path: Path) -> None:
     assert "colour: R, G, B" in told
 
 
-def test_several_candidates_are_told_and_one_can_be_chosen(tmp_path: Path) -> None:
+def test_several_candidates_are_told_and_one_can_be_chosen(tmp_path):
     path = write_exr(tmp_path / "z.exr", depth_Z=ramp(), other_depth=ramp() * 2)
     (record,) = run("info", "--json", path).json["files"]
     assert "--depth-channel" in record["depth_note"]
@@ -142,7 +141,7 @@ def test_several_candidates_are_told_and_one_can_be_chosen(tmp_path: Path) -> No
     assert record["depth"]["range_m"] == [2.0, 8.0]
 
 
-def test_a_part_that_no_file_has_is_refused_as_render_refuses_it(tmp_path: Path) -> None:
+def test_a_part_that_no_file_has_is_refused_as_render_refuses_it(tmp_path):
     color, _ = pair(tmp_path)
     refused(run("info", color, "--part", "1"), 3, "no-such-part", color)
     parts = multi_part(tmp_path / "p.exr", z={"Z": ramp()}, y={"Z": ramp()})
@@ -151,14 +150,14 @@ def test_a_part_that_no_file_has_is_refused_as_render_refuses_it(tmp_path: Path)
     assert (ran.code, ran.err) == (0, ""), "the part of the other"
 
 
-def test_a_pixel_outside_one_file_is_said_and_the_others_are_told(tmp_path: Path) -> None:
+def test_a_pixel_outside_one_file_is_said_and_the_others_are_told(tmp_path):
     small = depth_exr(tmp_path / "small.exr", ramp(4, 4))
     ran = run("info", small, depth_exr(tmp_path / "z.exr"), *LENS[:4], "--focus-at", "9,9")
     assert (ran.code, ran.out.splitlines()[0]) == (2, f"{tmp_path / 'z.exr'}: {WIDTH}x{HEIGHT}")
     assert ran.err.startswith(f"defocus: --focus-at: 9,9 lies outside {small}")
 
 
-def test_what_comes_after_a_missing_file_is_told_too(tmp_path: Path) -> None:
+def test_what_comes_after_a_missing_file_is_told_too(tmp_path):
     files = (tmp_path / "no.exr", depth_exr(tmp_path / "z.exr"), tmp_path / "nor.exr")
     ran = run("info", *files)
     assert ran.code == 3
@@ -171,7 +170,7 @@ def test_what_comes_after_a_missing_file_is_told_too(tmp_path: Path) -> None:
     assert (ran.code, len(ran.json["files"])) == (3, 1)
 
 
-def test_a_depth_that_hardly_suits_the_lens_is_doubted(tmp_path: Path) -> None:
+def test_a_depth_that_hardly_suits_the_lens_is_doubted(tmp_path):
     path = depth_exr(tmp_path / "z.exr", ramp() / 1000)  # metres taken for millimetres
     ran = run("info", path, *LENS)
     assert "  warning: depth is nearer than the focal length" in ran.out

@@ -1,7 +1,5 @@
 """Nothing replaces what another command made: other lenses, names, views, and lone files."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from command_line import (
@@ -27,7 +25,7 @@ OTHER = {
 MAPS = ("--outputs", "coc")
 
 
-def another(name: str) -> tuple[str, ...]:
+def another(name):
     """The options of the lens with another value of one of them."""
     base = dict(zip(LENS[::2], LENS[1::2], strict=True))
     option, value = OTHER[name]
@@ -35,7 +33,7 @@ def another(name: str) -> tuple[str, ...]:
 
 
 @pytest.mark.parametrize("name", OTHER)
-def test_another_lens_replaces_no_picture(name: str, tmp_path: Path, out: Path) -> None:
+def test_another_lens_replaces_no_picture(name, tmp_path, out):
     files = pair(tmp_path)
     assert render(*files, "-o", out, *MAPS).code == 0
     before = (out / "coc/a.exr").read_bytes()
@@ -47,7 +45,7 @@ def test_another_lens_replaces_no_picture(name: str, tmp_path: Path, out: Path) 
     assert (out / "coc/a.exr").read_bytes() != before
 
 
-def test_names_keep_lenses_apart(tmp_path: Path, out: Path) -> None:
+def test_names_keep_lenses_apart(tmp_path, out):
     files = pair(tmp_path)
     for name in ("focus", "fnumber"):
         template = f"{{stem}}_{{{name}}}"
@@ -59,13 +57,11 @@ def test_names_keep_lenses_apart(tmp_path: Path, out: Path) -> None:
     ("template", "code"),
     [("{stam}", "unknown-name"), *((name, "malformed") for name in ("a/{stem}", "", ".{stem}"))],
 )
-def test_a_name_that_cannot_be_is_refused(
-    template: str, code: str, tmp_path: Path, out: Path
-) -> None:
+def test_a_name_that_cannot_be_is_refused(template, code, tmp_path, out):
     refused(render(*pair(tmp_path), "-o", out, "--name", template), 2, code, "name")
 
 
-def test_each_view_is_rendered_and_named(tmp_path: Path, out: Path) -> None:
+def test_each_view_is_rendered_and_named(tmp_path, out):
     left, right = (texture(seed=seed) for seed in (1, 2))
     planes = {
         f"{view}_{c}": pixels[..., k]
@@ -83,7 +79,7 @@ def test_each_view_is_rendered_and_named(tmp_path: Path, out: Path) -> None:
     assert (out / "coc/left-a.exr").exists()
 
 
-def test_another_view_replaces_no_picture(tmp_path: Path, out: Path) -> None:
+def test_another_view_replaces_no_picture(tmp_path, out):
     planes = {f"{v}_{c}": texture()[..., 0] for v in ("left", "right") for c in "RGB"}
     files = write_exr(tmp_path / "a.exr", **planes), depth_exr(tmp_path / "z.exr")
     assert render(*files, "-o", out, *MAPS, "--view", "left").code == 0
@@ -94,9 +90,7 @@ def test_another_view_replaces_no_picture(tmp_path: Path, out: Path) -> None:
     ("name", "options"),
     [("p.png", ()), ("p.tif", ("--outputs", "coc")), ("p.exr", ("--outputs", "left"))],
 )
-def test_a_file_is_one_picture_without_a_journal(
-    name: str, options: tuple[str, ...], tmp_path: Path, out: Path
-) -> None:
+def test_a_file_is_one_picture_without_a_journal(name, options, tmp_path, out):
     files = pair(tmp_path)
     assert render(*files, "-o", out / name, *options).code == 0
     assert files_under(out) == {name}
@@ -117,14 +111,12 @@ def test_a_file_is_one_picture_without_a_journal(
         (("--format", "jpg"), "wrong-type", "p.png"),
     ],
 )
-def test_what_a_file_cannot_hold_is_refused(
-    options: tuple[str, ...], code: str, at: str, tmp_path: Path, out: Path
-) -> None:
+def test_what_a_file_cannot_hold_is_refused(options, code, at, tmp_path, out):
     refused(render(*pair(tmp_path), "-o", out / "p.png", *options), 2, code, at)
     assert not out.exists()
 
 
-def test_a_file_is_none_of_its_inputs(tmp_path: Path) -> None:
+def test_a_file_is_none_of_its_inputs(tmp_path):
     color, depth = color_exr(tmp_path / "a.exr"), depth_exr(tmp_path / "z.exr")
     before = color.read_bytes()
     refused(render(color, depth, "-o", color, "--overwrite"), 3, "replaces-input", color)

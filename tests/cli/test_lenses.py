@@ -1,28 +1,26 @@
 """Lens files that ship: each is a lens with a look, by its name."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from command_line import header, pair, refused, run
 
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
 from defocus_core.batch.jobs.lens_from_options import make_lens
-from defocus_core.batch.lenses.shipped_lenses import ShippedLens, shipped_lenses
+from defocus_core.batch.lenses.shipped_lenses import shipped_lenses
 from defocus_core.io.images.raster import read_samples
 
 LENSES = shipped_lenses()
 
 
 @pytest.mark.parametrize("lens", LENSES, ids=lambda lens: lens.name)
-def test_a_lens_that_ships_wants_a_focus_alone(lens: ShippedLens) -> None:
+def test_a_lens_that_ships_wants_a_focus_alone(lens):
     made = make_lens({"focus": 20_000.0}, lens.path)
     assert made.foclen > 0
     assert made.effects or made.blades
     assert 10 < len(lens.subject) < 80
 
 
-def test_lenses_lists_them() -> None:
+def test_lenses_lists_them():
     ran = run("lenses")
     assert ran.code == 0
     names, _, sensors = ran.out.partition("\n\n")
@@ -34,7 +32,7 @@ def test_lenses_lists_them() -> None:
     assert len(LENSES) >= 6
 
 
-def test_a_lens_is_taken_by_its_name_and_options_beside_it_win(tmp_path: Path) -> None:
+def test_a_lens_is_taken_by_its_name_and_options_beside_it_win(tmp_path):
     color, depth = pair(tmp_path)
     options = ("-o", tmp_path / "out", "--focus", "2m", "--fnumber", "2")
     ran = run("render", color, depth, *options, "--lens", "@portrait-85")
@@ -45,7 +43,7 @@ def test_a_lens_is_taken_by_its_name_and_options_beside_it_win(tmp_path: Path) -
     assert attributes["defocus:blades"] == "9"
 
 
-def test_a_jobs_file_takes_one_by_its_name(tmp_path: Path) -> None:
+def test_a_jobs_file_takes_one_by_its_name(tmp_path):
     pair(tmp_path)
     jobs = tmp_path / "jobs.toml"
     jobs.write_text(
@@ -57,7 +55,7 @@ def test_a_jobs_file_takes_one_by_its_name(tmp_path: Path) -> None:
     assert header(tmp_path / "out/render/a.exr")["defocus:obstruction"] == "0.45"
 
 
-def test_a_contact_sheet_shows_another_look_of_each(tmp_path: Path) -> None:
+def test_a_contact_sheet_shows_another_look_of_each(tmp_path):
     sheet = tmp_path / "sheet.png"
     assert run("lenses", "-o", sheet).code == 0
     pixels = np.concatenate([strip for _, strip in read_samples(sheet)], axis=0)

@@ -1,7 +1,6 @@
 """Each option of the look of a lens shows in the picture, in a lens file and in a record."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,7 +25,7 @@ SMALL = ("--focal-length", "50mm", "--fnumber", "1.6", "--focus", "2m", "--senso
 
 
 @pytest.fixture(scope="module")
-def light(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def light(tmp_path_factory):
     """A picture of a light on black, beyond the focus."""
     folder = tmp_path_factory.mktemp("light")
     pixels = np.zeros((SIZE, SIZE, 3), np.float32)
@@ -35,7 +34,7 @@ def light(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return color_exr(folder / "rgb.exr", pixels), depth_exr(folder / "depth.exr", depth)
 
 
-def drawn(light: tuple[Path, Path], out: Path, *options: str) -> dict[str, np.ndarray]:
+def drawn(light, out, *options):
     """The channels of the picture."""
     ran = run("render", *light, "-o", out, *SMALL, "--exr-type", "float", *options)
     assert ran.code == 0, ran.err
@@ -43,7 +42,7 @@ def drawn(light: tuple[Path, Path], out: Path, *options: str) -> dict[str, np.nd
 
 
 @pytest.mark.parametrize("name", LOOK)
-def test_an_option_of_the_look_shows_and_is_written_down(name: str, tmp_path: Path) -> None:
+def test_an_option_of_the_look_shows_and_is_written_down(name, tmp_path):
     pixels = np.full((SIZE, SIZE, 3), 0.01, np.float32)
     pixels[10, 36] = 1000.0
     depth = np.full((SIZE, SIZE), 50.0, np.float32)
@@ -60,9 +59,7 @@ def test_an_option_of_the_look_shows_and_is_written_down(name: str, tmp_path: Pa
     assert name.replace("-", "_") in "".join(record["lens"])
 
 
-def test_a_lens_file_has_them_and_the_picture_lies_beside_it(
-    light: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_a_lens_file_has_them_and_the_picture_lies_beside_it(light, tmp_path):
     v = np.arange(21) - 10
     picture = ((np.abs(v) < 4)[:, None] | (np.abs(v) < 4)).astype(np.uint8) * 255
     save(tmp_path / "lenses" / "cross.png", picture[..., None])
@@ -75,9 +72,7 @@ def test_a_lens_file_has_them_and_the_picture_lies_beside_it(
     assert from_file[17, 19] == 0  # between the arms
 
 
-def test_a_changed_picture_of_the_opening_is_rendered_again(
-    light: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_a_changed_picture_of_the_opening_is_rendered_again(light, tmp_path):
     picture = tmp_path / "pupil.npy"
     np.save(picture, np.ones((4, 4)))
     first = drawn(light, tmp_path / "out", "--aperture-image", str(picture))["G"]
@@ -107,9 +102,7 @@ def test_a_changed_picture_of_the_opening_is_rendered_again(
         *((("--sharp-range", t), "malformed", "sharp-range") for t in ("2m", "2.4m..1.8m", "..2m")),
     ],
 )
-def test_a_look_or_sensor_that_makes_no_sense_is_refused(
-    light: tuple[Path, Path], tmp_path: Path, options: tuple[str, ...], code: str, field: str
-) -> None:
+def test_a_look_or_sensor_that_makes_no_sense_is_refused(light, tmp_path, options, code, field):
     refused(run("render", *light, "-o", tmp_path / "out", *LENS, *options), 2, code, field)
     assert not (tmp_path / "out").exists()
 
@@ -122,9 +115,7 @@ def test_a_look_or_sensor_that_makes_no_sense_is_refused(
         np.stack([np.ones((4, 4)), np.zeros((4, 4)), np.ones((4, 4))], -1),
     ],
 )
-def test_a_picture_that_is_no_opening_is_refused(
-    light: tuple[Path, Path], tmp_path: Path, values: np.ndarray
-) -> None:
+def test_a_picture_that_is_no_opening_is_refused(light, tmp_path, values):
     np.save(tmp_path / "pupil.npy", values)
     out = tmp_path / "out"
     ran = run("render", *light, "-o", out, *LENS, "--aperture-image", tmp_path / "pupil.npy")
@@ -132,7 +123,7 @@ def test_a_picture_that_is_no_opening_is_refused(
     assert not list(out.glob("render/*"))
 
 
-def test_aperture_draws_the_opening_and_the_blur_of_a_point(tmp_path: Path) -> None:
+def test_aperture_draws_the_opening_and_the_blur_of_a_point(tmp_path):
     out = tmp_path / "kernel.exr"
     ran = run("aperture", "-o", out, "--obstruction", "0.5", "--radius", "10px")
     assert ran.code == 0, ran.err
@@ -150,12 +141,12 @@ def test_aperture_draws_the_opening_and_the_blur_of_a_point(tmp_path: Path) -> N
     assert not np.allclose(seen["left"], seen["right"])
 
 
-def test_noise_is_that_of_its_seed_and_left_and_right_have_their_own(tmp_path: Path) -> None:
+def test_noise_is_that_of_its_seed_and_left_and_right_have_their_own(tmp_path):
     pixels = np.full((40, 40, 3), 0.25, np.float32)
     color = color_exr(tmp_path / "a.exr", pixels)
     depth = depth_exr(tmp_path / "d.exr", np.full((40, 40), 2.0, np.float32))
 
-    def noisy(out: str, *options: str) -> dict[str, np.ndarray]:
+    def noisy(out, *options):
         what = ("--outputs", "render,left,right", "--exr-type", "float", "--noise", "1000:2")
         ran = run("render", color, depth, "-o", tmp_path / out, *LENS, *what, *options)
         assert ran.code == 0, ran.err
@@ -170,7 +161,7 @@ def test_noise_is_that_of_its_seed_and_left_and_right_have_their_own(tmp_path: P
     assert abs(np.corrcoef(first["left"].ravel(), first["right"].ravel())[0, 1]) < 0.1
 
 
-def test_highlights_make_a_lamp_of_8_bits_a_disc_and_leave_hdr_alone(tmp_path: Path) -> None:
+def test_highlights_make_a_lamp_of_8_bits_a_disc_and_leave_hdr_alone(tmp_path):
     depth = depth_exr(tmp_path / "d.exr", np.full((SIZE, SIZE), 50.0, np.float32))
     lamp = np.full((SIZE, SIZE, 3), 60, np.uint8)
     lamp[24, 24] = (255, 200, 120)
@@ -179,7 +170,7 @@ def test_highlights_make_a_lamp_of_8_bits_a_disc_and_leave_hdr_alone(tmp_path: P
     bright[24, 24] = 5.0
     hdr = color_exr(tmp_path / "hdr.exr", bright)
 
-    def shown(color: Path, out: str, *options: str) -> np.ndarray:
+    def shown(color, out, *options):
         planes = drawn((color, depth), tmp_path / out, *options)
         return np.stack([planes[name] for name in "RGB"], -1)
 
@@ -194,7 +185,7 @@ def test_highlights_make_a_lamp_of_8_bits_a_disc_and_leave_hdr_alone(tmp_path: P
     np.testing.assert_array_equal(plain, shown(photo, "off", "--highlights", "off"))
 
 
-def test_a_speck_in_focus_stays_where_soft_depth_blurs_it(tmp_path: Path) -> None:
+def test_a_speck_in_focus_stays_where_soft_depth_blurs_it(tmp_path):
     x = np.arange(96)
     disparity = 0.02 + 0.48 * np.clip((44 - x) / 8 + 0.5, 0, 1)  # of 8 px around an edge at 44
     depth = depth_exr(tmp_path / "d.exr", np.tile((1 / disparity).astype(np.float32), (64, 1)))
@@ -207,7 +198,7 @@ def test_a_speck_in_focus_stays_where_soft_depth_blurs_it(tmp_path: Path) -> Non
     assert read_exr(tmp_path / "out" / "render" / "photo.exr")["G"].max() < 1.1
 
 
-def test_focus_shows_what_is_sharp_without_rendering(tmp_path: Path) -> None:
+def test_focus_shows_what_is_sharp_without_rendering(tmp_path):
     metres = np.tile(np.linspace(1, 4, 240, dtype=np.float32), (160, 1))
     color = color_exr(tmp_path / "a.exr", np.full((160, 240, 3), 0.5, np.float32))
     depth = depth_exr(tmp_path / "d.exr", metres)
@@ -230,7 +221,7 @@ def test_focus_shows_what_is_sharp_without_rendering(tmp_path: Path) -> None:
     assert json.loads(records[-1])["seconds"]["render"] == 0
 
 
-def test_focus_shows_a_wall_of_one_radius(tmp_path: Path) -> None:
+def test_focus_shows_a_wall_of_one_radius(tmp_path):
     color = color_exr(tmp_path / "a.exr", np.full((80, 120, 3), 0.5, np.float32))
     depth = depth_exr(tmp_path / "d.exr", np.full((80, 120), 1.3, np.float32))
     lens = ("--focal-length", "50mm", "--fnumber", "1", "--focus", "2m")
@@ -243,16 +234,14 @@ def test_focus_shows_a_wall_of_one_radius(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "options", [(), ("--blades", "5", "--blade-rotation", "20"), ("--axial-color", "0.1mm:-0.1mm")]
 )
-def test_up_and_down_are_the_halves_of_quad_pixels(
-    tmp_path: Path, options: tuple[str, ...]
-) -> None:
+def test_up_and_down_are_the_halves_of_quad_pixels(tmp_path, options):
     rng = np.random.default_rng(1)
     pixels = rng.random((40, 56, 3), np.float32)
     metres = np.full((40, 56), 6.0, np.float32)
     metres[12:30, 20:40] = 1.2
     lens = (*LENS, "--sensor-width", "9mm")
 
-    def shown(name: str, flip: bool, kinds: str) -> dict[str, np.ndarray]:
+    def shown(name, flip, kinds):
         turn = (lambda a: np.ascontiguousarray(a.swapaxes(0, 1))) if flip else (lambda a: a)
         color = color_exr(tmp_path / name / "a.exr", turn(pixels))
         depth = depth_exr(tmp_path / name / "d.exr", turn(metres))
@@ -280,9 +269,7 @@ def test_up_and_down_are_the_halves_of_quad_pixels(
         np.testing.assert_allclose(turned["right"], views["down"], atol=1e-4)
 
 
-def test_each_colour_sees_its_own_part_of_a_coloured_opening(
-    light: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_each_colour_sees_its_own_part_of_a_coloured_opening(light, tmp_path):
     picture = np.zeros((12, 12, 3))
     picture[:, :4, 0] = picture[:, 4:8, 1] = picture[:, 8:, 2] = 1
     np.save(tmp_path / "filter.npy", picture)
@@ -299,9 +286,7 @@ def test_each_colour_sees_its_own_part_of_a_coloured_opening(
     assert drawn(light, tmp_path / "high", *options, "--quality", "high")
 
 
-def test_colours_apart_are_the_same_within_any_memory(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_colours_apart_are_the_same_within_any_memory(tmp_path, monkeypatch):
     pixels = np.random.default_rng(1).random((64, 96, 3), np.float32)
     metres = np.full((64, 96), 9.0, np.float32)
     metres[16:48, 30:60] = 1.2

@@ -1,8 +1,5 @@
 """Frames of one display window are one shot, wherever the data window of each lies."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from command_line import run
@@ -14,7 +11,7 @@ HEIGHT, WIDTH, SIDE = 40, 64, 16
 LENS = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "3m", "--sensor-width", "24mm")
 
 
-def frame(number: int) -> dict[str, Any]:
+def frame(number):
     """A square element that moves to the right, with noise in its depth and its motion."""
     rng = np.random.default_rng(number)
     planes = {
@@ -30,7 +27,7 @@ def frame(number: int) -> dict[str, Any]:
     return planes
 
 
-def shot(folder: Path, *, whole: bool) -> str:
+def shot(folder, *, whole):
     folder.mkdir()
     for number in range(3):
         planes, left = frame(number), 8 + 6 * number
@@ -43,7 +40,7 @@ def shot(folder: Path, *, whole: bool) -> str:
 
 
 @pytest.mark.parametrize("more", [[], ["--no-steady"], ["--motion", "m"]])
-def test_moving_data_windows_change_nothing(more: list[str], tmp_path: Path) -> None:
+def test_moving_data_windows_change_nothing(more, tmp_path):
     shots = {name: shot(tmp_path / name, whole=name == "whole") for name in ("whole", "moving")}
     found = {}
     for name, pattern in shots.items():

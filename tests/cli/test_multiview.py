@@ -1,8 +1,5 @@
 """--multiview: left and right as the two views of one EXR file."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
@@ -11,11 +8,11 @@ from command_line import HEIGHT, LENS, WIDTH, files_under, header, pair, read_ex
 NEAR = (*LENS[:4], "--focus", "1m", "--sensor-width", "4mm")
 
 
-def render(tmp_path: Path, out: str, *args: str) -> Any:
+def render(tmp_path, out, *args):
     return run("render", *pair(tmp_path), "-o", tmp_path / out, *NEAR, *args)
 
 
-def test_left_and_right_are_the_views_of_one_file(tmp_path: Path) -> None:
+def test_left_and_right_are_the_views_of_one_file(tmp_path):
     apart = render(tmp_path, "apart", "--outputs", "render,left,right")
     one = render(tmp_path, "one", "--outputs", "render,left,right", "--multiview", "--preview")
     assert apart.code == one.code == 0, one.err
@@ -34,7 +31,7 @@ def test_left_and_right_are_the_views_of_one_file(tmp_path: Path) -> None:
     assert (preview.width, preview.height) == (2 * WIDTH, HEIGHT)
 
 
-def test_the_file_is_read_by_its_views_again(tmp_path: Path) -> None:
+def test_the_file_is_read_by_its_views_again(tmp_path):
     assert render(tmp_path, "one", "--outputs", "left,right", "--multiview").code == 0
     file = tmp_path / "one" / "multiview" / "a.exr"
     depth = tmp_path / "depth" / "a.exr"
@@ -47,12 +44,12 @@ def test_the_file_is_read_by_its_views_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kinds", ["render", "render,left"])
-def test_both_views_must_be_asked_for(kinds: str, tmp_path: Path) -> None:
+def test_both_views_must_be_asked_for(kinds, tmp_path):
     ran = render(tmp_path, "o", "--outputs", kinds, "--multiview")
     refused(ran, 2, "missing-option", "multiview")
 
 
-def test_it_is_an_exr_whatever_the_format_of_images(tmp_path: Path) -> None:
+def test_it_is_an_exr_whatever_the_format_of_images(tmp_path):
     ran = render(tmp_path, "o", "--outputs", "render,multiview", "--format", "png")
     assert ran.code == 0, ran.err
     assert files_under(tmp_path / "o") == {"render/a.png", "multiview/a.exr"}

@@ -2,7 +2,6 @@
 
 import os
 
-import click
 import pytest
 from command_line import run
 
@@ -15,27 +14,23 @@ from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.system.process import cores
 
 
-def test_threads_are_the_cores_this_process_may_use() -> None:
+def test_threads_are_the_cores_this_process_may_use():
     assert cores() == len(os.sched_getaffinity(0))
 
 
 @pytest.mark.parametrize("command", [info, render_command])
-def test_every_lens_option_is_a_flag_of_every_command_that_takes_a_lens(
-    command: click.Command,
-) -> None:
+def test_every_lens_option_is_a_flag_of_every_command_that_takes_a_lens(command):
     flags = {name for param in command.params for name in param.opts}
     assert {f"--{name}" for name in LENS_OPTIONS} | {"--lens"} <= flags
 
 
-def test_every_lens_option_stands_in_a_topic_of_the_help() -> None:
+def test_every_lens_option_stands_in_a_topic_of_the_help():
     topics = "".join(text(topic) for topic in TOPICS)
     assert [name for name in LENS_OPTIONS if f"--{name}" not in topics] == []
 
 
 @pytest.mark.parametrize("command", [info, render_command, depth_command])
-def test_every_reading_option_is_a_flag_of_every_command_that_reads_depth(
-    command: click.Command,
-) -> None:
+def test_every_reading_option_is_a_flag_of_every_command_that_reads_depth(command):
     flags = {name for param in command.params for name in param.opts}
     of_color = {
         *("--color-layer", "--blur-channels", "--resize-depth", "--unpremultiply-depth"),
@@ -46,7 +41,7 @@ def test_every_reading_option_is_a_flag_of_every_command_that_reads_depth(
     assert not of_color & flags
 
 
-def test_help_shows_options_under_their_headings() -> None:
+def test_help_shows_options_under_their_headings():
     text = run("render", "--help").out
     places = [text.index(f"\n{heading}:") for heading in ("Lens", "Output", "Files", "Machine")]
     assert places == sorted(places)

@@ -2,8 +2,6 @@
 
 import re
 import shlex
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
@@ -15,26 +13,24 @@ from image_files import save
 SIZE = (120, 160)
 
 
-def photo(folder: Path) -> Path:
+def photo(folder):
     return save(folder / "photo.png", (texture(*SIZE[::-1]) * 255).astype(np.uint8))
 
 
-def disparity(*, dtype: Any = np.uint8) -> Any:
+def disparity(*, dtype=np.uint8):
     numbers = np.full(SIZE, 10)
     numbers[40:90, 60:120] = 180
     return (numbers * (257 if dtype == np.uint16 else 1)).astype(dtype)
 
 
-def taken(said: str) -> str:
+def taken(said):
     """The options that a first picture was taken with."""
     (options,) = re.findall(r"relative depth, taken with (--[^;]*)(?:;|$)", said.splitlines()[0])
     return options
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_the_first_picture_takes_one_line_and_says_how_it_was_taken(
-    dtype: Any, tmp_path: Path
-) -> None:
+def test_the_first_picture_takes_one_line_and_says_how_it_was_taken(dtype, tmp_path):
     files = photo(tmp_path), png(tmp_path / "z.png", disparity(dtype=dtype), dtype)
     ran = run("render", *files, "-o", tmp_path / "a.png")
     assert ran.code == 0, ran.err
@@ -48,14 +44,14 @@ def test_the_first_picture_takes_one_line_and_says_how_it_was_taken(
     assert taken(black.err) == "--focus-at 59,51"
 
 
-def test_depth_of_another_size_is_refused_before_anything_is_taken(tmp_path: Path) -> None:
+def test_depth_of_another_size_is_refused_before_anything_is_taken(tmp_path):
     files = photo(tmp_path), png(tmp_path / "z.png", disparity()[::2, ::2], np.uint8)
     refused(run("render", *files, "-o", tmp_path / "a.png"), 3, "wrong-size", files[1])
     guided = run("render", *files, "-o", tmp_path / "a.png", "--resize-depth", "guided")
     assert taken(guided.err) == "--blur 3px --focus-at 89,65"
 
 
-def test_a_phones_photograph_is_one_file_and_one_line(tmp_path: Path) -> None:
+def test_a_phones_photograph_is_one_file_and_one_line(tmp_path):
     depth = png(tmp_path / "d.png", 255 - disparity()[::2, ::2], np.uint8).read_bytes()
     picture = (texture(*SIZE[::-1]) * 255).astype(np.uint8)
     kind = {"Format": "RangeInverse", "Near": 0.5, "Far": 25.0}
@@ -68,7 +64,7 @@ def test_a_phones_photograph_is_one_file_and_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("given", ["", "--fnumber 2", "--focus 2m", "--lens @hexagon-50"])
-def test_metric_depth_gets_one_error_with_a_command_that_runs(given: str, tmp_path: Path) -> None:
+def test_metric_depth_gets_one_error_with_a_command_that_runs(given, tmp_path):
     files = color_exr(tmp_path / "a b.exr"), depth_exr(tmp_path / "z.exr")
     ran = run("render", *files, "-o", tmp_path / "out", *given.split())
     refused(ran, 2, "missing-option")
@@ -78,7 +74,7 @@ def test_metric_depth_gets_one_error_with_a_command_that_runs(given: str, tmp_pa
     assert (tmp_path / "out" / "render" / "a b.exr").exists()
 
 
-def test_batches_never_guess(tmp_path: Path) -> None:
+def test_batches_never_guess(tmp_path):
     for stem in "ab":
         save(tmp_path / "rgb" / f"{stem}.png", (texture() * 255).astype(np.uint8))
         (tmp_path / "z").mkdir(exist_ok=True)
@@ -92,7 +88,7 @@ def test_batches_never_guess(tmp_path: Path) -> None:
     refused(run("batch", jobs, *out), 2, "missing-option", "focal-length")
 
 
-def subject(folder: Path) -> tuple[Path, Path, Path]:
+def subject(folder):
     """A photograph of a subject before a plane, depth that is 3 px too fat, and its matte."""
     y, x = np.mgrid[: SIZE[0], : SIZE[1]]
     coverage = np.clip(40.5 - np.hypot(y - 60, x - 80), 0, 1)
@@ -103,7 +99,7 @@ def subject(folder: Path) -> tuple[Path, Path, Path]:
     return save(folder / "a.png", rgb), depth, save(folder / "matte.png", matte)
 
 
-def test_a_matte_keeps_the_background_beside_the_subject_with_itself(tmp_path: Path) -> None:
+def test_a_matte_keeps_the_background_beside_the_subject_with_itself(tmp_path):
     color, depth, matte = subject(tmp_path)
     blur = ("--blur", "6px", "--focus-value", "200", "--depth-repair")
     for name, more in (("off", ()), ("known", ("--matte", matte))):
@@ -120,7 +116,7 @@ def test_a_matte_keeps_the_background_beside_the_subject_with_itself(tmp_path: P
     assert known[60, 80, 0] == pytest.approx(guessed[60, 80, 0], abs=0.01)
 
 
-def test_a_matte_stands_in_jobs_files_and_in_the_journal(tmp_path: Path) -> None:
+def test_a_matte_stands_in_jobs_files_and_in_the_journal(tmp_path):
     color, depth, matte = subject(tmp_path)
     jobs = tmp_path / "jobs.toml"
     jobs.write_text(
@@ -147,9 +143,7 @@ def test_a_matte_stands_in_jobs_files_and_in_the_journal(tmp_path: Path) -> None
         (np.full((*SIZE, 1), 2, np.float32), "out-of-range"),
     ],
 )
-def test_a_matte_is_grey_and_of_the_shape_of_the_picture(
-    samples: Any, code: str, tmp_path: Path
-) -> None:
+def test_a_matte_is_grey_and_of_the_shape_of_the_picture(samples, code, tmp_path):
     color, depth, _ = subject(tmp_path)
     matte = save(tmp_path / "m.tif", samples)
     words = ("--matte", matte, "--blur", "6px", "--focus-value", "200")

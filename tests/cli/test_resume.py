@@ -3,9 +3,7 @@
 import json
 import os
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,19 +22,18 @@ from command_line import (
 
 from defocus_core.batch.workers import pipeline
 from defocus_core.picture import plain_path
-from defocus_core.picture.take import Take
 
 __all__ = ["folders"]
 Computed = list[str]
 
 
 @pytest.fixture
-def computed(monkeypatch: pytest.MonkeyPatch) -> Computed:
+def computed(monkeypatch):
     """The names of the samples that are computed."""
     names: Computed = []
     compute = plain_path.compute
 
-    def counted(job: Any, *rest: Any) -> Any:
+    def counted(job, *rest):
         names.append(job.sample_id)
         return compute(job, *rest)
 
@@ -44,9 +41,7 @@ def computed(monkeypatch: pytest.MonkeyPatch) -> Computed:
     return names
 
 
-def test_what_was_done_is_skipped_and_told(
-    folders: tuple[Path, Path], out: Path, computed: Computed
-) -> None:
+def test_what_was_done_is_skipped_and_told(folders, out, computed):
     first = again(folders, out, "--json")
     before = (out / "journal.jsonl").read_bytes()
     second = again(folders, out, "--json")
@@ -64,7 +59,7 @@ def test_what_was_done_is_skipped_and_told(
     ]
 
 
-def test_a_record_holds_what_a_paper_needs(tmp_path: Path, out: Path) -> None:
+def test_a_record_holds_what_a_paper_needs(tmp_path, out):
     color, depth = pair(tmp_path)
     render(color, depth, "-o", out, "--outputs", "render,coc", "--preview", "--quality", "draft")
     (record,) = records(out)
@@ -82,34 +77,29 @@ def test_a_record_holds_what_a_paper_needs(tmp_path: Path, out: Path) -> None:
     assert str(out) not in json.dumps(record)
 
 
-def change_bytes(folders: tuple[Path, Path], out: Path) -> None:
+def change_bytes(folders, out):
     color_exr(folders[0] / "b.exr", texture(seed=9))
 
 
-def change_depth(folders: tuple[Path, Path], out: Path) -> None:
+def change_depth(folders, out):
     depth_exr(folders[1] / "b.exr", ramp() + 1)
 
 
-def truncate(folders: tuple[Path, Path], out: Path) -> None:
+def truncate(folders, out):
     os.truncate(out / "coc" / "b.exr", 100)
 
 
-def remove(folders: tuple[Path, Path], out: Path) -> None:
+def remove(folders, out):
     (out / "coc" / "b.exr").unlink()
 
 
-def replace_alike(folders: tuple[Path, Path], out: Path) -> None:
+def replace_alike(folders, out):
     path = out / "coc" / "b.exr"
     path.write_bytes(path.read_bytes()[::-1])
 
 
 @pytest.mark.parametrize("change", [change_bytes, change_depth, truncate, remove, replace_alike])
-def test_a_change_redoes_its_job_alone(
-    change: Callable[[tuple[Path, Path], Path], None],
-    folders: tuple[Path, Path],
-    out: Path,
-    computed: Computed,
-) -> None:
+def test_a_change_redoes_its_job_alone(change, folders, out, computed):
     again(folders, out)
     computed.clear()
     change(folders, out)
@@ -120,24 +110,19 @@ def test_a_change_redoes_its_job_alone(
     assert computed == ["b"]
 
 
-def touch(folders: tuple[Path, Path], out: Path) -> None:
+def touch(folders, out):
     os.utime(folders[0] / "a.exr")
     os.utime(out / "coc" / "b.exr")
 
 
-def lose_an_input(folders: tuple[Path, Path], out: Path) -> None:
+def lose_an_input(folders, out):
     """Gone is the whole picture: nothing asks for it any more."""
     (folders[0] / "b.exr").unlink()
     (folders[1] / "b.exr").unlink()
 
 
 @pytest.mark.parametrize("change", [touch, lose_an_input])
-def test_what_changes_no_bytes_redoes_nothing(
-    change: Callable[[tuple[Path, Path], Path], None],
-    folders: tuple[Path, Path],
-    out: Path,
-    computed: Computed,
-) -> None:
+def test_what_changes_no_bytes_redoes_nothing(change, folders, out, computed):
     again(folders, out)
     computed.clear()
     change(folders, out)
@@ -145,9 +130,7 @@ def test_what_changes_no_bytes_redoes_nothing(
     assert computed == []
 
 
-def test_bytes_that_hide_behind_size_and_time_are_found_if_asked(
-    folders: tuple[Path, Path], out: Path, computed: Computed
-) -> None:
+def test_bytes_that_hide_behind_size_and_time_are_found_if_asked(folders, out, computed):
     again(folders, out)
     path = folders[1] / "b.exr"
     before = path.stat()
@@ -161,9 +144,7 @@ def test_bytes_that_hide_behind_size_and_time_are_found_if_asked(
     assert ran.code in (0, 1)  # it may not be readable any more
 
 
-def test_other_settings_redo_and_other_kinds_add(
-    folders: tuple[Path, Path], out: Path, computed: Computed
-) -> None:
+def test_other_settings_redo_and_other_kinds_add(folders, out, computed):
     again(folders, out)
     render(*folders, "-o", out, "--outputs", "disparity")
     assert len(computed) == 6
@@ -175,17 +156,13 @@ def test_other_settings_redo_and_other_kinds_add(
     assert len(computed) == 12, "the files are those of the last quality"
 
 
-def test_overwrite_does_all_again(
-    folders: tuple[Path, Path], out: Path, computed: Computed
-) -> None:
+def test_overwrite_does_all_again(folders, out, computed):
     again(folders, out)
     again(folders, out, "--overwrite")
     assert len(computed) == 6
 
 
-def test_a_file_that_the_journal_does_not_know_is_refused(
-    folders: tuple[Path, Path], out: Path, computed: Computed
-) -> None:
+def test_a_file_that_the_journal_does_not_know_is_refused(folders, out, computed):
     (out / "coc").mkdir(parents=True)
     (out / "coc" / "c.exr").write_text("mine")
     refused(again(folders, out), 3, "exists", "c.exr")
@@ -195,9 +172,7 @@ def test_a_file_that_the_journal_does_not_know_is_refused(
 
 
 @pytest.mark.parametrize("format", ["exr", "png", "tif", "jpg"])
-def test_a_journal_cut_at_any_byte_gets_its_records_back(
-    format: str, folders: tuple[Path, Path], out: Path, computed: Computed
-) -> None:
+def test_a_journal_cut_at_any_byte_gets_its_records_back(format, folders, out, computed):
     """As a power loss may cut it; what their files are is looked up as ever."""
     options = ("--outputs", "render", "--format", format)
     assert again(folders, out, *options).code == 0
@@ -214,9 +189,7 @@ def test_a_journal_cut_at_any_byte_gets_its_records_back(
 
 
 @pytest.mark.parametrize("format", ["exr", "png", "tif", "jpg"])
-def test_outputs_that_neither_journal_nor_copy_knows_are_done_again(
-    format: str, folders: tuple[Path, Path], out: Path
-) -> None:
+def test_outputs_that_neither_journal_nor_copy_knows_are_done_again(format, folders, out):
     options = ("--outputs", "render,coc", "--map-format", "tiff", "--format", format)
     assert again(folders, out, *options).code == 0
     files = {name: (out / name).read_bytes() for name in files_under(out)}
@@ -228,9 +201,7 @@ def test_outputs_that_neither_journal_nor_copy_knows_are_done_again(
     assert {name: (out / name).read_bytes() for name in files} == files
 
 
-def test_a_link_that_leads_nowhere_is_a_file_that_the_journal_does_not_know(
-    folders: tuple[Path, Path], out: Path, computed: Computed
-) -> None:
+def test_a_link_that_leads_nowhere_is_a_file_that_the_journal_does_not_know(folders, out, computed):
     (out / "coc").mkdir(parents=True)
     (out / "coc" / "c.exr").symlink_to("/mnt/away/c.exr")
     refused(again(folders, out), 3, "exists", "c.exr")
@@ -242,9 +213,7 @@ def test_a_link_that_leads_nowhere_is_a_file_that_the_journal_does_not_know(
 PLAN = '{"begun": "2026-01-01T00:00:00+00:00", "jobs": [["coc/c.exr"]], "unknown": []}'
 
 
-def test_what_a_killed_run_had_begun_is_its_own(
-    folders: tuple[Path, Path], out: Path, computed: Computed
-) -> None:
+def test_what_a_killed_run_had_begun_is_its_own(folders, out, computed):
     """It wrote the file and did not live to say so."""
     again(folders, out)
     journal, run = out / "journal.jsonl", out / ".journal.run"
@@ -260,15 +229,15 @@ def test_what_a_killed_run_had_begun_is_its_own(
 
 
 def test_what_a_killed_run_had_begun_is_not_forgotten_by_the_next_that_is_killed(
-    folders: tuple[Path, Path], out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    folders, out, monkeypatch
+):
     again(folders, out)
     journal, run = out / "journal.jsonl", out / ".journal.run"
     journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:-1]))
     (out / ".journal.copy").unlink()
     run.write_text(PLAN)
 
-    def killed(*_: object) -> None:
+    def killed(*_):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
@@ -280,12 +249,10 @@ def test_what_a_killed_run_had_begun_is_not_forgotten_by_the_next_that_is_killed
     assert not run.exists()
 
 
-def test_what_a_worker_left_that_died_elsewhere_is_gone_when_all_is_done(
-    folders: tuple[Path, Path], out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_worker_left_that_died_elsewhere_is_gone_when_all_is_done(folders, out, monkeypatch):
     write = plain_path.write
 
-    def leaving(made: Take) -> Take:
+    def leaving(made):
         done = write(made)
         (out / "coc" / ".b.exr.17.3.tmp").write_text("half")
         return done
@@ -295,9 +262,7 @@ def test_what_a_worker_left_that_died_elsewhere_is_gone_when_all_is_done(
     assert files_under(out) == {"coc/a.exr", "coc/b.exr", "coc/c.exr"}
 
 
-def test_what_failed_is_tried_again(
-    folders: tuple[Path, Path], out: Path, computed: Computed
-) -> None:
+def test_what_failed_is_tried_again(folders, out, computed):
     good = (folders[1] / "b.exr").read_bytes()
     depth_exr(folders[1] / "b.exr", -ramp())
     assert again(folders, out).code == 1
@@ -308,9 +273,7 @@ def test_what_failed_is_tried_again(
     assert computed == ["a", "c", "b"]
 
 
-def test_other_settings_supersede_what_failed_and_retry_tries_the_last(
-    folders: tuple[Path, Path], out: Path, computed: Computed
-) -> None:
+def test_other_settings_supersede_what_failed_and_retry_tries_the_last(folders, out, computed):
     good = (folders[1] / "b.exr").read_bytes()
     depth_exr(folders[1] / "b.exr", -ramp())
     again(folders, out, "--preview")
@@ -323,16 +286,14 @@ def test_other_settings_supersede_what_failed_and_retry_tries_the_last(
     assert not (out / "coc" / "b.preview.png").exists()
 
 
-def test_a_lone_picture_that_fails_leaves_nothing(tmp_path: Path, out: Path) -> None:
+def test_a_lone_picture_that_fails_leaves_nothing(tmp_path, out):
     color, depth = pair(tmp_path)
     depth_exr(depth, np.full((16, 24), np.nan, np.float32))
     refused(render(color, depth, "-o", out), 3, "invalid-depth", depth)
     assert not out.exists()
 
 
-def test_a_lone_picture_that_cannot_be_done_again_says_why_and_no_more(
-    tmp_path: Path, out: Path
-) -> None:
+def test_a_lone_picture_that_cannot_be_done_again_says_why_and_no_more(tmp_path, out):
     color, depth = pair(tmp_path)
     render(color, depth, "-o", out)
     before = (out / "render" / "a.exr").read_bytes()
@@ -344,8 +305,8 @@ def test_a_lone_picture_that_cannot_be_done_again_says_why_and_no_more(
 
 
 def test_what_a_kill_left_of_the_index_and_of_shards_is_removed_by_the_next_run(
-    folders: tuple[Path, Path], out: Path, computed: Computed
-) -> None:
+    folders, out, computed
+):
     again(folders, out)
     dead = subprocess.Popen(["true"])
     dead.wait()
@@ -363,9 +324,7 @@ def test_what_a_kill_left_of_the_index_and_of_shards_is_removed_by_the_next_run(
     assert written_now.exists(), "its process runs"
 
 
-def test_a_copied_directory_goes_on_where_it_was(
-    folders: tuple[Path, Path], out: Path, computed: Computed, tmp_path: Path
-) -> None:
+def test_a_copied_directory_goes_on_where_it_was(folders, out, computed, tmp_path):
     again(folders, out)
     copy = tmp_path / "copy"
     for path in (p for p in out.rglob("*") if p.is_file()):
@@ -375,7 +334,7 @@ def test_a_copied_directory_goes_on_where_it_was(
     assert len(computed) == 3
 
 
-def test_a_dry_run_says_what_was_done(folders: tuple[Path, Path], out: Path) -> None:
+def test_a_dry_run_says_what_was_done(folders, out):
     again(folders, out)
     (out / "coc" / "b.exr").unlink()
     told = again(folders, out, "--dry-run", "--json").json["pictures"]
@@ -383,9 +342,7 @@ def test_a_dry_run_says_what_was_done(folders: tuple[Path, Path], out: Path) -> 
     assert "a: done before" in again(folders, out, "--dry-run").out
 
 
-def test_another_picture_of_the_same_name_is_refused(
-    tmp_path: Path, out: Path, computed: Computed
-) -> None:
+def test_another_picture_of_the_same_name_is_refused(tmp_path, out, computed):
     one, other = (pair(tmp_path / folder) for folder in ("one", "other"))
     color_exr(other[0], texture(seed=1))
     assert render(*one, "-o", out).code == 0
@@ -396,9 +353,7 @@ def test_another_picture_of_the_same_name_is_refused(
     assert computed == ["a", "a", "a"]
 
 
-def test_a_preview_goes_with_the_picture_that_it_shows(
-    folders: tuple[Path, Path], out: Path
-) -> None:
+def test_a_preview_goes_with_the_picture_that_it_shows(folders, out):
     previews = [out / "coc" / f"{stem}.preview.png" for stem in "abc"]
     again(folders, out, "--preview")
     assert all(map(Path.exists, previews))

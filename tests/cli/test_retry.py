@@ -1,7 +1,5 @@
 """``defocus retry``: what failed, once more."""
 
-from pathlib import Path
-
 import numpy as np
 from batches import JOBS, contents, jobs_file
 from command_line import depth_exr, ramp, refused, run
@@ -9,15 +7,13 @@ from command_line import depth_exr, ramp, refused, run
 from defocus_core.batch.journal.lock import locked
 
 
-def test_retry_of_what_another_does_is_refused_before_a_word_is_said(
-    tmp_path: Path, out: Path
-) -> None:
+def test_retry_of_what_another_does_is_refused_before_a_word_is_said(tmp_path, out):
     run("batch", jobs_file(tmp_path), "-o", out)
     with locked(out, say=print):
         refused(run("retry", out), 3, "in-use", ".journal.lock")
 
 
-def test_retry_needs_no_jobs_file(tmp_path: Path, out: Path) -> None:
+def test_retry_needs_no_jobs_file(tmp_path, out):
     path = jobs_file(tmp_path)
     good = (tmp_path / "depth" / "a.exr").read_bytes()
     depth_exr(tmp_path / "depth" / "a.exr", -ramp())
@@ -35,7 +31,7 @@ def test_retry_needs_no_jobs_file(tmp_path: Path, out: Path) -> None:
     assert "nothing failed" in run("retry", out).err
 
 
-def test_retry_keeps_the_picture_of_the_opening(tmp_path: Path, out: Path) -> None:
+def test_retry_keeps_the_picture_of_the_opening(tmp_path, out):
     opening = np.zeros((9, 9), np.float32)
     opening[2:7, 4] = 1
     np.save(tmp_path / "opening.npy", opening)

@@ -1,7 +1,5 @@
 """Shots: numbered frames, a lens that moves, and what frames have in common."""
 
-from pathlib import Path
-
 import numpy as np
 import OpenEXR
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
@@ -26,7 +24,7 @@ from image_files import SCANLINE
 FOCAL = ("--focal-length", "50mm")
 
 
-def shot(folder: Path, frames: int = 4, first: int = 1001) -> tuple[Path, Path]:
+def shot(folder, frames=4, first=1001):
     """The patterns of the colour and the depth frames of a shot."""
     for k in range(frames):
         color_exr(folder / f"rgb.{first + k}.exr", texture(seed=k))
@@ -34,11 +32,11 @@ def shot(folder: Path, frames: int = 4, first: int = 1001) -> tuple[Path, Path]:
     return folder / "rgb.####.exr", folder / "z_%04d.exr"
 
 
-def picture(folder: Path, frame: int) -> np.ndarray:
+def picture(folder, frame):
     return read_exr(folder / "render" / f"rgb.{frame}.exr")["R"]
 
 
-def test_frames_pair_up_by_number_and_keep_it(tmp_path: Path) -> None:
+def test_frames_pair_up_by_number_and_keep_it(tmp_path):
     patterns = shot(tmp_path)
     assert render(*patterns, "-o", tmp_path / "out").code == 0
     assert files_under(tmp_path / "out") - {"metadata.jsonl"} == {
@@ -48,7 +46,7 @@ def test_frames_pair_up_by_number_and_keep_it(tmp_path: Path) -> None:
     assert again.err.count("done before") == 4
 
 
-def test_frames_are_chosen(tmp_path: Path) -> None:
+def test_frames_are_chosen(tmp_path):
     patterns = shot(tmp_path)
     assert render(*patterns, "-o", tmp_path / "out", "--frames", "1001-1004x2").code == 0
     assert len(files_under(tmp_path / "out" / "render")) == 2
@@ -64,7 +62,7 @@ def test_frames_are_chosen(tmp_path: Path) -> None:
     )
 
 
-def test_gaps_are_named_before_any_work_or_left_out(tmp_path: Path) -> None:
+def test_gaps_are_named_before_any_work_or_left_out(tmp_path):
     patterns = shot(tmp_path)
     (tmp_path / "z_1003.exr").unlink()
     refused(render(*patterns, "-o", tmp_path / "out"), 3, "missing-frames", "z_%04d.exr")
@@ -75,7 +73,7 @@ def test_gaps_are_named_before_any_work_or_left_out(tmp_path: Path) -> None:
     assert len(files_under(tmp_path / "out" / "render")) == 3
 
 
-def test_files_and_patterns_do_not_mix_and_files_have_no_frames(tmp_path: Path) -> None:
+def test_files_and_patterns_do_not_mix_and_files_have_no_frames(tmp_path):
     color, _ = shot(tmp_path)
     ran = render(color, tmp_path / "z_1001.exr", "-o", tmp_path / "out")
     refused(ran, 3, "missing-frames", "z_1001.exr")
@@ -85,7 +83,7 @@ def test_files_and_patterns_do_not_mix_and_files_have_no_frames(tmp_path: Path) 
     refused(ran, 2, "idle-option", "missing")
 
 
-def test_hidden_layers_may_be_patterns(tmp_path: Path) -> None:
+def test_hidden_layers_may_be_patterns(tmp_path):
     patterns = shot(tmp_path)
     behind = shot(tmp_path / "hidden")
     ran = render(*patterns, "-o", tmp_path / "out", "--hidden", *behind)
@@ -95,7 +93,7 @@ def test_hidden_layers_may_be_patterns(tmp_path: Path) -> None:
     refused(ran, 3, "missing-frames", "rgb.####.exr")
 
 
-def test_a_pull_gives_each_frame_what_the_command_line_would(tmp_path: Path) -> None:
+def test_a_pull_gives_each_frame_what_the_command_line_would(tmp_path):
     patterns = shot(tmp_path)
     (tmp_path / "pull.csv").write_text("frame,focus,fnumber\n1001,1.5m,2\n1003,3m,8\n")
     out = tmp_path / "out"
@@ -109,7 +107,7 @@ def test_a_pull_gives_each_frame_what_the_command_line_would(tmp_path: Path) -> 
         np.testing.assert_allclose(picture(out, frame), picture(alone, frame), atol=1e-3)
 
 
-def test_frames_may_be_those_with_keys(tmp_path: Path) -> None:
+def test_frames_may_be_those_with_keys(tmp_path):
     patterns = shot(tmp_path)
     (tmp_path / "pull.csv").write_text("frame,focus,fnumber\n1001,1.5m,2\n1003,3m,8\n")
     words = (*FOCAL, "--animate", tmp_path / "pull.csv", "--frames", "keys")
@@ -117,7 +115,7 @@ def test_frames_may_be_those_with_keys(tmp_path: Path) -> None:
     assert len(files_under(tmp_path / "out" / "render")) == 2
 
 
-def test_ease_changes_frames_between_keys_alone(tmp_path: Path) -> None:
+def test_ease_changes_frames_between_keys_alone(tmp_path):
     patterns = shot(tmp_path)
     (tmp_path / "pull.csv").write_text("frame,focus,fnumber\n1001,1.5m,2\n1004,3m,2\n")
     words = ("render", *patterns, *FOCAL, "--animate", tmp_path / "pull.csv")
@@ -129,7 +127,7 @@ def test_ease_changes_frames_between_keys_alone(tmp_path: Path) -> None:
     refused(ran, 2, "idle-option", "interpolate")
 
 
-def test_a_camera_of_nuke_zooms(tmp_path: Path) -> None:
+def test_a_camera_of_nuke_zooms(tmp_path):
     patterns = shot(tmp_path)
     fov = 2 * np.degrees(np.arctan(36 * HEIGHT / WIDTH / 2 / 50))
     lines = "".join(f"{1001 + k} 0 0 0 0 0 0 {fov}\n" for k in range(4))
@@ -141,7 +139,7 @@ def test_a_camera_of_nuke_zooms(tmp_path: Path) -> None:
     np.testing.assert_allclose(*(picture(tmp_path / o, 1002) for o in "ab"), atol=1e-3)
 
 
-def test_the_lens_comes_from_metadata_and_what_is_missing_is_asked_for(tmp_path: Path) -> None:
+def test_the_lens_comes_from_metadata_and_what_is_missing_is_asked_for(tmp_path):
     color, depth = tmp_path / "rgb.0001.exr", tmp_path / "z.0001.exr"
     planes = {name: texture()[..., k].copy() for k, name in enumerate("RGB")}
     for frame, focus in ((1, 1.5), (2, 3.0)):
@@ -164,7 +162,7 @@ def test_the_lens_comes_from_metadata_and_what_is_missing_is_asked_for(tmp_path:
     refused(run(*bare), 2, "missing-option", "focal-length")
 
 
-def test_a_lone_pattern_is_of_files_that_hold_colour_and_depth(tmp_path: Path) -> None:
+def test_a_lone_pattern_is_of_files_that_hold_colour_and_depth(tmp_path):
     for frame in (1, 2):
         planes = {name: texture()[..., k].copy() for k, name in enumerate("RGB")}
         write_exr(tmp_path / f"both.{frame:04}.exr", **planes, Z=ramp())
@@ -173,7 +171,7 @@ def test_a_lone_pattern_is_of_files_that_hold_colour_and_depth(tmp_path: Path) -
     refused(ran, 3, "missing-frames", "both.####.png")
 
 
-def test_shots_of_a_jobs_file(tmp_path: Path) -> None:
+def test_shots_of_a_jobs_file(tmp_path):
     shot(tmp_path)
     (tmp_path / "more.csv").write_text("frame,fnumber\n1001,2\n1003,8\n")
     text = """
@@ -209,7 +207,7 @@ def test_shots_of_a_jobs_file(tmp_path: Path) -> None:
         assert not (tmp_path / "none").exists()
 
 
-def test_metadata_serve_a_jobs_file(tmp_path: Path) -> None:
+def test_metadata_serve_a_jobs_file(tmp_path):
     planes = {name: texture()[..., k].copy() for k, name in enumerate("RGB")}
     attributes = {"focus": 2.0, "aperture": 2.0, "pinholeFocalLength": 50.0}
     OpenEXR.File({**SCANLINE, **attributes}, planes).write(str(tmp_path / "a.exr"))
@@ -224,7 +222,7 @@ def test_metadata_serve_a_jobs_file(tmp_path: Path) -> None:
     assert "50mm f/2, focus 2m" in ran.err
 
 
-def test_a_contact_sheet_shows_some_frames(tmp_path: Path) -> None:
+def test_a_contact_sheet_shows_some_frames(tmp_path):
     patterns = shot(tmp_path)
     ran = render(*patterns, "-o", tmp_path / "out", "--contact", "3")
     assert ran.code == 0, ran.err
@@ -240,7 +238,7 @@ def test_a_contact_sheet_shows_some_frames(tmp_path: Path) -> None:
     refused(ran, 2, "idle-option", "contact")
 
 
-def test_a_shot_is_summed_up(tmp_path: Path) -> None:
+def test_a_shot_is_summed_up(tmp_path):
     color, depth = shot(tmp_path, 5)
     (tmp_path / "z_1004.exr").unlink()
     color_exr(tmp_path / "rgb.1003.exr", texture(12, 8))
@@ -270,9 +268,7 @@ def test_a_shot_is_summed_up(tmp_path: Path) -> None:
     [{"pinholeFocalLength": 1e38}, {"focus": 1e-38}, {"sensorPhotositePitch": 1e38}],
     ids=lambda each: next(iter(each)),
 )
-def test_metadata_out_of_range_are_named_by_file_and_attribute(
-    attributes: dict[str, float], tmp_path: Path
-) -> None:
+def test_metadata_out_of_range_are_named_by_file_and_attribute(attributes, tmp_path):
     planes = {name: np.ones((8, 8), np.float32) for name in "RGBZ"}
     rectangle = ((0, 0), (35, 23))
     known = {"focus": 2.0, "pinholeFocalLength": 50.0, "sensorAcquisitionRectangle": rectangle}

@@ -1,7 +1,6 @@
 """``defocus status``: how far a batch is, and what failed."""
 
 import os
-from pathlib import Path
 
 import pytest
 from batches import JOBS, jobs_file
@@ -12,7 +11,7 @@ from defocus_core.batch.journal.journal import Journal
 from defocus_core.batch.journal.progress import progress
 
 
-def test_status_counts_no_job_twice_that_is_to_be_done_again(tmp_path: Path, out: Path) -> None:
+def test_status_counts_no_job_twice_that_is_to_be_done_again(tmp_path, out):
     path = jobs_file(tmp_path)
     run("batch", path, "-o", out)
     path.write_text(JOBS.replace("fnumber = 2", "fnumber = 4"))
@@ -22,9 +21,7 @@ def test_status_counts_no_job_twice_that_is_to_be_done_again(tmp_path: Path, out
     assert "4 done, 3 left, 3 of them to be done again, 4 jobs" in run("status", out).out
 
 
-def test_status_after_a_retry_knows_what_a_stopped_batch_has_left(
-    tmp_path: Path, out: Path
-) -> None:
+def test_status_after_a_retry_knows_what_a_stopped_batch_has_left(tmp_path, out):
     path = jobs_file(tmp_path, *"abc")
     good = (tmp_path / "depth" / "a.exr").read_bytes()
     depth_exr(tmp_path / "depth" / "a.exr", -ramp())
@@ -37,15 +34,13 @@ def test_status_after_a_retry_knows_what_a_stopped_batch_has_left(
     assert hidden_in(out) == {".journal.copy"}
 
 
-def test_a_retry_with_nothing_to_do_forgets_no_batch_that_was_stopped(
-    tmp_path: Path, out: Path
-) -> None:
+def test_a_retry_with_nothing_to_do_forgets_no_batch_that_was_stopped(tmp_path, out):
     run("batch", jobs_file(tmp_path), "-o", out, "--limit", "1")
     assert "nothing failed" in run("retry", out).err
     assert run("status", out, "--json").json["left"] == 3
 
 
-def test_status_counts_and_names_what_failed(tmp_path: Path, out: Path) -> None:
+def test_status_counts_and_names_what_failed(tmp_path, out):
     path = jobs_file(tmp_path)
     depth_exr(tmp_path / "depth" / "a.exr", -ramp())
     run("batch", path, "-o", out)
@@ -59,13 +54,11 @@ def test_status_counts_and_names_what_failed(tmp_path: Path, out: Path) -> None:
     assert shown["reasons"] == {"input-unusable": 2}
 
 
-def test_status_can_be_asked_while_a_batch_runs(
-    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_status_can_be_asked_while_a_batch_runs(tmp_path, out, monkeypatch):
     seen = []
     append = Journal.append
 
-    def asked(journal: Journal, record: dict[str, object]) -> None:
+    def asked(journal, record):
         append(journal, record)
         found = progress(out)  # on a thread, where no stream can be redirected
         seen.append((progress_record(found, 10), [*progress_lines(out, found, 10)]))
@@ -81,6 +74,6 @@ def test_status_can_be_asked_while_a_batch_runs(
     assert any("the rest takes about " in line for line in words)
 
 
-def test_there_is_no_status_without_a_journal(tmp_path: Path) -> None:
+def test_there_is_no_status_without_a_journal(tmp_path):
     for command in ("status", "merge", "retry"):
         refused(run(command, tmp_path), 3, "empty", tmp_path)

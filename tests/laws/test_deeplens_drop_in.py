@@ -9,7 +9,6 @@ import math
 
 import pytest
 import torch
-from torch import Tensor
 
 from defocus_core import DefocusLens
 
@@ -19,38 +18,38 @@ pytestmark = pytest.mark.filterwarnings("ignore:kernels are cropped")
 
 
 @pytest.fixture
-def lens() -> DefocusLens:
+def lens():
     """A 50 mm f/1.8 with pixels of 0.02 mm, focused at 1 m."""
     return focused(DefocusLens(50.0, 1.8, (20.0, 20.0), (1000, 1000), device="cpu"))
 
 
 @pytest.fixture
-def small() -> DefocusLens:
+def small():
     """The same lens before a sensor of 64 x 64 px."""
     return focused(DefocusLens(50.0, 1.8, (20.0, 20.0), (64, 64), device="cpu"))
 
 
 @pytest.fixture
-def pretended_gpu(monkeypatch) -> None:
+def pretended_gpu(monkeypatch):
     """A CUDA device that is there by its own word; who puts a tensor on it fails."""
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
 
 
-def focused(lens: DefocusLens) -> DefocusLens:
+def focused(lens):
     lens.refocus(-1000.0)
     return lens
 
 
-def points(*depths: float) -> Tensor:
+def points(*depths):
     return torch.tensor([[0.0, 0.0, z] for z in depths])
 
 
-def image() -> Tensor:
+def image():
     return torch.rand(1, 3, 64, 64, generator=torch.Generator().manual_seed(0))
 
 
-def plane(depth: float) -> Tensor:
+def plane(depth):
     return torch.full((1, 1, 64, 64), depth)
 
 

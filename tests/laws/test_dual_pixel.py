@@ -7,7 +7,6 @@ import torch
 from measures import centroid, worst
 from reference import both, kernel, left, polygon, right
 from scenes import RADII, pattern
-from torch import Tensor
 
 from defocus_core import QUALITIES, Aperture, render
 from defocus_core.optics.parts import LEFT
@@ -15,7 +14,7 @@ from defocus_core.optics.parts import LEFT
 APERTURES = [Aperture(), Aperture(6, 10.0), Aperture(5, 0.0), Aperture(psf_type="gaussian")]
 
 
-def point(r: float, aperture: Aperture | None = None) -> tuple[Tensor, Tensor]:
+def point(r, aperture=None):
     """Left and right picture of one bright pixel in a frame wide enough to hold all of it."""
     n = 2 * math.ceil(2.4 * abs(r)) + 9
     image = torch.zeros(1, n, n, dtype=torch.float64)
@@ -28,9 +27,7 @@ def point(r: float, aperture: Aperture | None = None) -> tuple[Tensor, Tensor]:
 @pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("aperture", APERTURES, ids=str)
 @pytest.mark.parametrize("kind", RADII)
-def test_left_and_right_together_are_the_centre(
-    kind: str, aperture: Aperture, quality: str
-) -> None:
+def test_left_and_right_together_are_the_centre(kind, aperture, quality):
     image, radius = pattern().float(), RADII[kind]().float()
     o = render(image, radius, aperture=aperture, quality=quality, left_right=True)
     share = float(aperture.fraction(LEFT))  # of an asymmetric pupil not a half
@@ -38,13 +35,13 @@ def test_left_and_right_together_are_the_centre(
 
 
 @pytest.mark.parametrize("r", [8.0, -9.4, 13.0, -20.0, 31.5])
-def test_the_halves_are_8_r_over_3_pi_apart(r: float) -> None:
+def test_the_halves_are_8_r_over_3_pi_apart(r):
     one, other = (centroid(picture)[0] for picture in point(r))
     assert other - one == pytest.approx(8 * r / (3 * math.pi), rel=0.01)
 
 
 @pytest.mark.parametrize("r", [4.0, -4.1, 5.0, -6.6])
-def test_near_focus_the_halves_are_as_far_apart_as_pixels_can_show(r: float) -> None:
+def test_near_focus_the_halves_are_as_far_apart_as_pixels_can_show(r):
     """The column that the axis cuts in two shows each half 1/4 px off, 2.4 % of all at r = 4."""
     one, other = (centroid(picture)[0] for picture in point(r))
     one_shown, other_shown = (centroid(kernel(r, side)[None])[0] for side in (left, right))
@@ -53,7 +50,7 @@ def test_near_focus_the_halves_are_as_far_apart_as_pixels_can_show(r: float) -> 
 
 @pytest.mark.parametrize("rotation", [0.0, 90.0, 20.0])
 @pytest.mark.parametrize("r", [12.0, -12.0])
-def test_the_halves_of_a_pentagon_are_those_of_the_pentagon(r: float, rotation: float) -> None:
+def test_the_halves_of_a_pentagon_are_those_of_the_pentagon(r, rotation):
     """Also where their areas differ: each half is normalised, their mean is by their areas."""
     pentagon = Aperture(5, rotation)
     pictures = point(r, pentagon)

@@ -1,18 +1,13 @@
 """What gradients are good for: a lens found from its blur, a depth map from a dual-pixel pair."""
 
-from collections.abc import Callable
-
 import pytest
 import torch
-from torch import Tensor
 from torch.nn.functional import avg_pool2d, interpolate
 
 from defocus_core import render
 
 
-def refine_radius(
-    sharp: Tensor, coarse: Tensor, left: Tensor, right: Tensor, *, steps: int, smooth: float
-) -> Tensor:
+def refine_radius(sharp, coarse, left, right, *, steps, smooth):
     """Signed radii [H, W] px, linear in disparity, that explain a dual-pixel pair [C, H, W]."""
     radius = coarse.clone().requires_grad_()
     optimizer = torch.optim.Adam([radius], lr=0.1)
@@ -31,7 +26,7 @@ def refine_radius(
 SIZE = (32, 48)  # H, W
 
 
-def textured() -> Tensor:
+def textured():
     """Noise [3, H, W] of several sizes of grain, so that any blur leaves something to be seen."""
     random = torch.Generator().manual_seed(3)
     picture = torch.zeros(3, *SIZE)
@@ -41,27 +36,25 @@ def textured() -> Tensor:
     return picture / picture.max()
 
 
-def true_radius() -> Tensor:
+def true_radius():
     """A ramp through focus with a ball before it, [H, W] px."""
     y, x = torch.linspace(-1, 1, SIZE[0])[:, None], torch.linspace(-1.5, 1.5, SIZE[1])
     return 1.5 * x + 0.5 * y - 2.5 * (0.6 - x * x - y * y).clamp(min=0)
 
 
-def smoothly_wrong(radius: Tensor) -> Tensor:
+def smoothly_wrong(radius):
     """Off by waves of up to 0.6 px."""
     y, x = torch.linspace(0, 3, SIZE[0])[:, None], torch.linspace(0, 6.3, SIZE[1])
     return radius + 0.6 * torch.sin(x + 1) * torch.cos(y)
 
 
-def blurred(radius: Tensor) -> Tensor:
+def blurred(radius):
     """Known only as means over 15 px."""
     return avg_pool2d(radius[None], 15, 1, 7, count_include_pad=False)[0]
 
 
 @pytest.mark.parametrize("coarsely", [smoothly_wrong, blurred, torch.round])
-def test_a_coarse_depth_map_is_refined_by_a_dual_pixel_pair(
-    coarsely: Callable[[Tensor], Tensor],
-) -> None:
+def test_a_coarse_depth_map_is_refined_by_a_dual_pixel_pair(coarsely):
     sharp, truth = textured(), true_radius()
     pair = render(sharp, truth, left_right=True)
     coarse = coarsely(truth)

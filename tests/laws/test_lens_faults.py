@@ -8,29 +8,28 @@ import math
 import pytest
 import torch
 from tolerances import ROUNDING
-from torch import Tensor
 
 from defocus_core import DefocusLens
 
 DTYPE = torch.float64
 
 
-def camera(foc_dist: float | Tensor = 2000.0, foclen: float | Tensor = 50.0) -> DefocusLens:
+def camera(foc_dist=2000.0, foclen=50.0):
     lens = DefocusLens(foclen, 1.4, sensor_size=(36.0, 20.25), sensor_res=(480, 270), dtype=DTYPE)
     lens.refocus(foc_dist)
     return lens
 
 
-def axis_points(*depths: float) -> Tensor:
+def axis_points(*depths):
     return torch.tensor([[0.0, 0.0, z] for z in depths], dtype=DTYPE)
 
 
-def speckle(height: int, width: int, seed: int = 1) -> Tensor:
+def speckle(height, width, seed=1):
     generator = torch.Generator().manual_seed(seed)
     return torch.rand(1, 3, height, width, dtype=DTYPE, generator=generator)
 
 
-def slope(height: int, width: int, near: float = 1200.0, far: float = 6000.0) -> Tensor:
+def slope(height, width, near=1200.0, far=6000.0):
     """Depth of a plane seen at a slant: disparity rises down the image."""
     disparity = torch.linspace(1 / far, 1 / near, height, dtype=DTYPE)
     return (1 / disparity)[None, None, :, None].expand(1, 1, height, width)
@@ -112,7 +111,7 @@ def test_dual_pixel_halves_are_mirror_images_whose_mean_is_the_psf(ks, psf_type)
     assert (left - right)[0].abs().max() > 0.9 * left[0].max()  # not two copies of the whole
 
 
-def at_radius(lens: DefocusLens, radius: Tensor) -> Tensor:
+def at_radius(lens, radius):
     """Points [N, 3] on the axis with these signed radii in px."""
     at_infinity = lens.radius_at_infinity()
     disparity = (1 - radius / at_infinity) / 2000.0

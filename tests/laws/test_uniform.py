@@ -11,7 +11,6 @@ from measures import inner, second_moments, worst
 from reference import both, left, one_plane, polygon, right, whole
 from scenes import RADII, plane, white
 from tolerances import OVERSAMPLING, WHITE
-from torch import Tensor
 
 from defocus_core import QUALITIES, Aperture, render
 from defocus_core.renderer.layers.quality import find
@@ -32,7 +31,7 @@ BETWEEN_RUNGS = 1e-2
 BETWEEN_FIRST_RUNGS = 4e-2
 
 
-def isolated(r: float, value: float = 1.0, ground: float = 0.0) -> tuple[Tensor, Tensor]:
+def isolated(r, value=1.0, ground=0.0):
     """A bright pixel in a frame whose border its blur, 20 % wider at most, doesn't see."""
     n = 2 * math.ceil(2.4 * abs(r)) + 9
     image = torch.full((1, n, n), ground, dtype=torch.float64)
@@ -42,7 +41,7 @@ def isolated(r: float, value: float = 1.0, ground: float = 0.0) -> tuple[Tensor,
 
 @pytest.mark.parametrize("aperture", PUPILS, ids=str)
 @pytest.mark.parametrize("kind", RADII)
-def test_white_stays_white(kind: str, aperture: Aperture) -> None:
+def test_white_stays_white(kind, aperture):
     image, radius = (x.float() for x in white(kind))
     for quality in QUALITIES:
         o = render(image, radius, aperture=aperture, quality=quality, left_right=True)
@@ -51,7 +50,7 @@ def test_white_stays_white(kind: str, aperture: Aperture) -> None:
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
-def test_in_focus_is_identity(quality: str) -> None:
+def test_in_focus_is_identity(quality):
     image, radius = plane(0.0)
     o = render(image, radius, quality=quality, left_right=True)
     if quality == "reference":  # sixteen parts sum up with rounding
@@ -62,7 +61,7 @@ def test_in_focus_is_identity(quality: str) -> None:
         assert torch.equal(o.left, image)
 
 
-def halves_of(image: Tensor, r: float, aperture: Aperture) -> tuple[Tensor, Tensor]:
+def halves_of(image, r, aperture):
     """What each half sees of a plane, as shares of the picture that the whole aperture sees."""
     centre, one, other = (one_plane(image, r, pupil) for pupil in PUPILS[aperture])
     return 2 * centre * one / (one + other), 2 * centre * other / (one + other)
@@ -70,7 +69,7 @@ def halves_of(image: Tensor, r: float, aperture: Aperture) -> tuple[Tensor, Tens
 
 @pytest.mark.parametrize("aperture", PUPILS, ids=str)
 @pytest.mark.parametrize("r", [0.3, 0.6, 1.0, 2.3, -3.7, 6.3, -11.0, 30.0])
-def test_one_slice_is_one_convolution_of_a_scene_that_goes_on(r: float, aperture: Aperture) -> None:
+def test_one_slice_is_one_convolution_of_a_scene_that_goes_on(r, aperture):
     """With one slice there are no slices between which to stand: borders, halves, everything."""
     image, radius = plane(r)
     quality = "standard" if abs(r) < 20 else "reference"  # full resolution
@@ -82,7 +81,7 @@ def test_one_slice_is_one_convolution_of_a_scene_that_goes_on(r: float, aperture
 
 @pytest.mark.parametrize("aperture", PUPILS, ids=str)
 @pytest.mark.parametrize("r", [0.6, 1.0, 1.5, 2.3, -3.7, 4.0, 5.0, 6.3, -7.0, 11.0])
-def test_one_plane_is_one_convolution(r: float, aperture: Aperture) -> None:
+def test_one_plane_is_one_convolution(r, aperture):
     """On the slice radii as well, up to the border."""
     image, radius = plane(r)
     border = math.ceil(1.2 * abs(r)) + 1  # a slice radius above r
@@ -97,7 +96,7 @@ def test_one_plane_is_one_convolution(r: float, aperture: Aperture) -> None:
 
 @pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("r", [4.0, 4.1, -5.3, 7.7, -9.9, 12.34, -17.0, 23.9])
-def test_the_second_moment_is_that_of_the_radius(r: float, quality: str) -> None:
+def test_the_second_moment_is_that_of_the_radius(r, quality):
     """On slice radii and between them, on both axes, less the 1/12 px² of a pixel.
 
     A draft has coarse pixels of two px, and a light between two of them is in both.
@@ -110,7 +109,7 @@ def test_the_second_moment_is_that_of_the_radius(r: float, quality: str) -> None
 
 @pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("r", [6.0, 9.3, -20.0])
-def test_the_rim_of_a_highlight_is_as_sharp_as_the_ladder(r: float, quality: str) -> None:
+def test_the_rim_of_a_highlight_is_as_sharp_as_the_ladder(r, quality):
     """Of each side one anti-aliased pixel and the step between two slice radii."""
     disc = render(*isolated(r), quality=quality).render[0]
     middle = disc.shape[0] // 2
@@ -123,7 +122,7 @@ def test_the_rim_of_a_highlight_is_as_sharp_as_the_ladder(r: float, quality: str
 
 
 @pytest.mark.parametrize("r", [1000.0, -1000.0])
-def test_far_out_of_focus_the_frame_is_even(r: float) -> None:
+def test_far_out_of_focus_the_frame_is_even(r):
     """Every pixel is a mean of the frame and of its edge, which goes on.
 
     The lens is 2000 px across here: within the frame its chords differ by 1e-4.
@@ -135,7 +134,7 @@ def test_far_out_of_focus_the_frame_is_even(r: float) -> None:
 
 
 @pytest.mark.parametrize("psf_type", ["pillbox", "gaussian"])
-def test_the_middle_of_a_gaussian_is_brighter(psf_type: str) -> None:
+def test_the_middle_of_a_gaussian_is_brighter(psf_type):
     disc = render(*isolated(9.0), aperture=Aperture(psf_type=psf_type), num_layers=1).render[0]
     m = disc.shape[0] // 2
     ratio = float(disc[m, m] / disc[m, m + 7])
@@ -144,7 +143,7 @@ def test_the_middle_of_a_gaussian_is_brighter(psf_type: str) -> None:
 
 @pytest.mark.parametrize("r", [-10.8, 5.3, 12.0, 17.0, -23.0])
 @pytest.mark.parametrize("quality", QUALITIES)
-def test_a_light_does_not_stop_itself(quality: str, r: float) -> None:
+def test_a_light_does_not_stop_itself(quality, r):
     """Whatever the distance of the slice radii between which its own surface lies."""
     image = torch.zeros(1, 121, 121, dtype=torch.float64)
     image[0, 60, 60] = 50.0
@@ -154,7 +153,7 @@ def test_a_light_does_not_stop_itself(quality: str, r: float) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 8, 16])
-def test_few_layers_keep_the_energy_of_a_light(count: int) -> None:
+def test_few_layers_keep_the_energy_of_a_light(count):
     image = torch.zeros(1, 81, 161, dtype=torch.float64)
     image[0, 40, 80] = 50.0
     radius = torch.zeros(81, 161, dtype=torch.float64)
@@ -164,7 +163,7 @@ def test_few_layers_keep_the_energy_of_a_light(count: int) -> None:
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
-def test_an_odd_polygon_is_one_pupil_at_every_quality(quality: str) -> None:
+def test_an_odd_polygon_is_one_pupil_at_every_quality(quality):
     """Parts count by their area: a triangle's halves are not equal."""
     image, radius = plane(9.0)
     triangle = Aperture(3)
@@ -175,7 +174,7 @@ def test_an_odd_polygon_is_one_pupil_at_every_quality(quality: str) -> None:
 
 
 @pytest.mark.parametrize("edges", [False, True])
-def test_what_is_in_focus_is_copied_wherever_it_is(edges: bool) -> None:
+def test_what_is_in_focus_is_copied_wherever_it_is(edges):
     """Region by region, to the last bit, also beside a blurred part and in every output."""
     image = torch.rand(3, 300, 1500, generator=torch.Generator().manual_seed(8))
     radius = torch.full((300, 1500), 0.1)
@@ -191,7 +190,7 @@ def test_what_is_in_focus_is_copied_wherever_it_is(edges: bool) -> None:
     assert worst(render(image, radius.requires_grad_()).render.detach(), seen.render) < 2e-6
 
 
-def test_pixels_count_as_blurred_where_slices_were_asked_for() -> None:
+def test_pixels_count_as_blurred_where_slices_were_asked_for():
     image, radius = torch.rand(3, 40, 50), torch.full((40, 50), 0.1)
     with torch.no_grad():
         assert torch.equal(render(image, radius).render, image)
@@ -200,7 +199,7 @@ def test_pixels_count_as_blurred_where_slices_were_asked_for() -> None:
 
 @pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("slope", [0.02, 0.05, 0.1])
-def test_a_light_on_a_slope_keeps_its_light(slope: float, quality: str) -> None:
+def test_a_light_on_a_slope_keeps_its_light(slope, quality):
     """A slope magnifies on one side of the aperture by what it takes away on the other."""
     ground = torch.full((3, 120, 140), 0.3, dtype=torch.float64)
     radius = (slope * (torch.arange(140.0) - 70) + 6).expand(120, 140).double().contiguous()

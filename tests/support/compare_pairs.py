@@ -14,21 +14,15 @@ import OpenEXR
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import torch
 from image_files import save
-from planted_faults import write_planes
+from planted_faults import disc, doubled, median, of_channel, pulled, through, write_planes
 
 from defocus_core import Aperture, render
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
+from defocus_core.io.images.primaries import NAMED, REC_709, between_primaries
 
 Pixels = np.ndarray[Any, Any]
 FOLDER = Path(__file__).parents[2] / "sample_scenes"
 _GREATEST = 11.0  # px of the largest radius in a picture of 480 px
-# From Rec. 709 to other primaries, whites adapted by Bradford.
-_PRIMARIES = {
-    "Rec. 2020": [[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]],
-    "P3": [[0.8225, 0.1775, 0.0], [0.0332, 0.9668, 0.0], [0.0171, 0.0724, 0.9105]],
-    "ACES AP1": [[0.6131, 0.3395, 0.0474], [0.0702, 0.9164, 0.0135], [0.0206, 0.1096, 0.8698]],
-    "ACES AP0": [[0.4396, 0.3830, 0.1774], [0.0898, 0.8134, 0.0968], [0.0175, 0.1115, 0.8709]],
-}
 
 
 @dataclass(frozen=True)
@@ -39,9 +33,7 @@ class Source:
     radius: Pixels
     near: Pixels
 
-    def rendered(
-        self, scale: float = 1.0, shift: float = 0.0, move: float = 0.0, **how: Any
-    ) -> Pixels:
+    def rendered(self, scale=1.0, shift=0.0, move=0.0, **how):
         """The picture by radii × scale + shift, its near parts moved by ``move`` px."""
         image, radius = self.image, self.radius
         if move:
@@ -52,17 +44,21 @@ class Source:
             image, radius = image[rows, x], radius[rows, x]
         return _render(image, radius * scale + shift, **how)
 
-    def half(self, nearest: bool) -> Pixels:
+    def half(self, nearest):
         """The picture rendered at half of the size, and enlarged again."""
         height, width = (side // 2 * 2 for side in self.radius.shape)
         blocks = self.image[:height, :width].reshape(height // 2, 2, width // 2, 2, 3)
         small = _render(blocks.mean(axis=(1, 3)), self.radius[:height:2, :width:2] / 2)
-        large = np.kron(small, np.ones((2, 2, 1), np.float32)) if nearest else _doubled(small)
+        large = (
+            np.kron(small, np.ones((2, 2, 1), np.float32))
+            if nearest
+            else doubled(small).astype(np.float32)
+        )
         pad = [(0, full - len_) for full, len_ in zip(self.radius.shape, large.shape, strict=False)]
         return np.pad(large, [*pad, (0, 0)], mode="edge")
 
 
-def _render(image: Pixels, radius: Pixels, view: str = "render", **how: Any) -> Pixels:
+def _render(image, radius, view="render", **how):
     picture = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))
     views = render(
         picture,
@@ -75,22 +71,8 @@ def _render(image: Pixels, radius: Pixels, view: str = "render", **how: Any) -> 
     return np.ascontiguousarray(getattr(views, view).numpy().transpose(1, 2, 0))
 
 
-def _doubled(small: Pixels) -> Pixels:
-    """Twice the size, bilinear."""
-    for axis in (0, 1):
-        pad = [(1, 1) if axis == each else (0, 0) for each in range(3)]
-        padded = np.pad(small, pad, mode="edge")
-        before, here, after = (
-            padded.take(range(k, k + small.shape[axis]), axis=axis) for k in range(3)
-        )
-        pair = np.stack([0.75 * here + 0.25 * before, 0.75 * here + 0.25 * after], axis=axis + 1)
-        shape = [side * (2 if each == axis else 1) for each, side in enumerate(small.shape)]
-        small = pair.reshape(shape)
-    return small.astype(np.float32)
-
-
 @cache
-def source(name: str, step: int = 2) -> Source:
+def source(name, step=2):
     """A sample scene, each side divided by ``step``, with lights of 8 and a half."""
     image, depth = (
         oiio.ImageBuf(str(FOLDER / name / file)).get_pixels(oiio.FLOAT)
@@ -121,24 +103,14 @@ class Maker:
     rng: np.random.Generator
 
     @property
-    def size(self) -> tuple[int, int]:
+    def size(self):
         return self.a.shape[0], self.a.shape[1]
 
 
 Change = Callable[[Maker], Pixels]
 
 
-def blurred(image: Pixels, kernel: Pixels) -> Pixels:
-    """Each channel through a kernel [k, k] of odd side."""
-    reach = len(kernel) // 2
-    padded = np.pad(image, ((reach, reach), (reach, reach), (0, 0)), mode="edge")
-    height, width = image.shape[:2]
-    steps = [(y, x) for y, x in np.ndindex(*kernel.shape) if kernel[y, x]]
-    total = sum(kernel[y, x] * padded[y : y + height, x : x + width] for y, x in steps)
-    return np.asarray(total, np.float32)
-
-
-def _warped(m: Maker, degrees: float = 0.0, scale: float = 1.0, dx: float = 0.0) -> Pixels:
+def _warped(m, degrees=0.0, scale=1.0, dx=0.0):
     """Turned and enlarged around the middle, bicubic by Catmull-Rom."""
     height, width = m.size
     y, x = np.mgrid[0:height, 0:width] - np.float64([[[height - 1]], [[width - 1]]]) / 2
@@ -155,36 +127,36 @@ def _warped(m: Maker, degrees: float = 0.0, scale: float = 1.0, dx: float = 0.0)
     return total
 
 
-def _cubic(t: Pixels) -> Pixels:
+def _cubic(t):
     return np.where(t <= 1, (1.5 * t - 2.5) * t * t + 1, ((-0.5 * t + 2.5) * t - 4) * t + 2)
 
 
-def _tones(curve: Callable[[Pixels], Pixels]) -> Change:
+def _tones(curve):
     """A curve of the sRGB-encoded values below 1; light beyond keeps its distance to white."""
 
-    def change(m: Maker) -> Pixels:
+    def change(m):
         shown = curve(linear_to_srgb(m.a.clip(0, 1)))
         return (srgb_to_linear(shown.clip(0, 1)) + np.maximum(m.a - 1, 0)).astype(np.float32)
 
     return change
 
 
-def _vignette(m: Maker) -> Pixels:
+def _vignette(m):
     height, width = m.size
     y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
     return m.a * np.float32(1 - 0.12 * (x * x + y * y))[..., None]
 
 
-def _saturated(amount: float) -> Change:
-    def change(m: Maker) -> Pixels:
+def _saturated(amount):
+    def change(m):
         luma = m.a @ np.float32([0.2126, 0.7152, 0.0722])
         return np.maximum(luma[..., None] + np.float32(amount) * (m.a - luma[..., None]), 0)
 
     return change
 
 
-def _tile_gains(side: int) -> Change:
-    def change(m: Maker) -> Pixels:
+def _tile_gains(side):
+    def change(m):
         gains = m.rng.uniform(0.985, 1.015, (20, 20))
         rows, columns = (np.arange(n) // side for n in m.size)
         return m.a * np.float32(gains[rows][:, columns])[..., None]
@@ -192,8 +164,8 @@ def _tile_gains(side: int) -> Change:
     return change
 
 
-def _seams(period: int, wide: int, gain: float) -> Change:
-    def change(m: Maker) -> Pixels:
+def _seams(period, wide, gain):
+    def change(m):
         b = m.a.copy()
         for axis, length in enumerate(m.size):
             near = (np.arange(length) + wide // 2) % period < wide
@@ -205,7 +177,7 @@ def _seams(period: int, wide: int, gain: float) -> Change:
     return change
 
 
-def _tiles_exchanged(m: Maker) -> Pixels:
+def _tiles_exchanged(m):
     b, side = m.a.copy(), 32
     b[side : 2 * side, :side], b[:side, 2 * side : 3 * side] = (
         m.a[:side, 2 * side : 3 * side],
@@ -214,33 +186,33 @@ def _tiles_exchanged(m: Maker) -> Pixels:
     return b
 
 
-def _fields_exchanged(m: Maker) -> Pixels:
+def _fields_exchanged(m):
     rows = np.arange(len(m.a)) ^ 1
     return m.a[rows.clip(0, len(m.a) - 1)]
 
 
-def _halo(reach: int, gain: float) -> Change:
+def _halo(reach, gain):
     """Light of another strength on the far side of silhouettes."""
 
-    def change(m: Maker) -> Pixels:
+    def change(m):
         near = m.source.near > 0.5 * (m.source.near.max() + np.median(m.source.near))
         wide = (
-            blurred(near[..., None].astype(np.float32), np.ones((2 * reach + 1,) * 2))[..., 0] > 0
+            through(near[..., None].astype(np.float32), np.ones((2 * reach + 1,) * 2))[..., 0] > 0
         )
         return m.a * np.where(wide & ~near, np.float32(gain), np.float32(1))[..., None]
 
     return change
 
 
-def _fireflies(m: Maker) -> Pixels:
+def _fireflies(m):
     b = m.a.copy()
     for _ in range(7):
         b[m.rng.integers(0, len(b)), m.rng.integers(0, b.shape[1])] += m.rng.uniform(3, 30)
     return b
 
 
-def _patch(value: float, side: int = 16) -> Change:
-    def change(m: Maker) -> Pixels:
+def _patch(value, side=16):
+    def change(m):
         b = m.a.copy()
         b[20 : 20 + side, 40 : 40 + side] = value
         return b
@@ -248,63 +220,45 @@ def _patch(value: float, side: int = 16) -> Change:
     return change
 
 
-def _noise(sigma: float) -> Change:
+def _noise(sigma):
     return lambda m: (m.a + sigma * m.rng.standard_normal(m.a.shape)).astype(np.float32)
 
 
-def _motion(reach: int, slanted: bool = False) -> Change:
+def _motion(reach, slanted=False):
     kernel = np.eye(2 * reach + 1) if slanted else np.zeros((2 * reach + 1,) * 2)
     kernel[reach] += not slanted
-    return lambda m: blurred(m.a, np.float32(kernel / kernel.sum()))
+    return lambda m: through(m.a, np.float32(kernel / kernel.sum()))
 
 
-def _sharpened(m: Maker) -> Pixels:
-    return m.a + np.float32(0.6) * (m.a - blurred(m.a, np.ones((3, 3), np.float32) / 9))
+def _sharpened(m):
+    return m.a + np.float32(0.6) * (m.a - through(m.a, np.ones((3, 3), np.float32) / 9))
 
 
-def _quantised(levels: int) -> Change:
+def _quantised(levels):
     return lambda m: np.round(m.a * levels) / np.float32(levels)
 
 
-def _quantised_srgb(m: Maker) -> Pixels:
+def _quantised_srgb(m):
     return srgb_to_linear(np.rint(linear_to_srgb(m.a.clip(0, 1)) * 255) / 255).astype(np.float32)
 
 
-def _s_curve(v: Pixels) -> Pixels:
+def _s_curve(v):
     return v + np.float32(0.5) * v * (1 - v) * (v - np.float32(0.5))
 
 
-def _matrix(rows: Any) -> Change:
+def _matrix(rows):
     return lambda m: m.a @ np.float32(rows).T
 
 
-def _disc(radius: float) -> Pixels:
-    """A disc [k, k] with soft borders."""
-    reach = int(np.ceil(radius))
-    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    kernel = np.clip(radius + 0.5 - np.hypot(y, x), 0, 1).astype(np.float32)
-    return kernel / kernel.sum()
-
-
-def _gauss(sigma: float) -> Pixels:
+def _gauss(sigma):
     line = np.exp(-(np.arange(-9, 10) ** 2) / (2 * sigma**2)).astype(np.float32)
     return np.outer(line, line) / line.sum() ** 2
 
 
-def _pulled(m: Maker) -> Pixels:
-    """Blurred more and more down the frame."""
-    radii = np.linspace(0, 4, 9)
-    pictures = np.stack([m.a, *(blurred(m.a, _disc(r)) for r in radii[1:])])
-    at = np.linspace(0, 8 - 1e-3, len(m.a))
-    low, share = at.astype(int), np.float32(at % 1)[:, None, None]
-    rows = np.arange(len(m.a))
-    return (1 - share) * pictures[low, rows] + share * pictures[low + 1, rows]
-
-
-def _resized(factor: int, how: str) -> Change:
+def _resized(factor, how):
     """Means of squares of pixels, enlarged again by OpenImageIO."""
 
-    def change(m: Maker) -> Pixels:
+    def change(m):
         height, width = (n // factor * factor for n in m.size)
         cut = m.a[:height, :width]
         small = cut.reshape(height // factor, factor, width // factor, factor, 3).mean((1, 3))
@@ -321,18 +275,18 @@ def _resized(factor: int, how: str) -> Change:
     return change
 
 
-def _padded(image: Pixels, size: tuple[int, int]) -> Pixels:
+def _padded(image, size):
     pad = [(0, n - k) for n, k in zip(size, image.shape, strict=False)]
     return np.pad(image, [*pad, (0, 0)], mode="edge").astype(np.float32)
 
 
-def _noisy(image: Pixels, rng: np.random.Generator, amount: float) -> Pixels:
+def _noisy(image, rng, amount):
     """With noise of photons."""
     noise = rng.standard_normal(image.shape)
     return (image + amount * np.sqrt(np.maximum(image, 0.01)) * noise).astype(np.float32)
 
 
-def _bilateral(image: Pixels) -> Pixels:
+def _bilateral(image):
     """Smeared as by a denoiser: means of neighbours that are alike."""
     shown = linear_to_srgb(image.clip(0, 1)).mean(axis=2)
     total, weights = np.zeros_like(image), np.zeros((*shown.shape, 1), np.float32)
@@ -343,50 +297,39 @@ def _bilateral(image: Pixels) -> Pixels:
     return (total / weights).astype(np.float32)
 
 
-def _median(image: Pixels) -> Pixels:
-    moved = [np.roll(image, (dy - 1, dx - 1), (0, 1)) for dy, dx in np.ndindex(3, 3)]
-    return np.median(moved, axis=0).astype(np.float32)
-
-
-def _of_channel(k: int, change: Change) -> Change:
+def _of_channel(k, change):
     """What is done to one channel alone."""
-
-    def changed(m: Maker) -> Pixels:
-        b = m.a.copy()
-        b[..., k] = change(m)[..., k]
-        return b
-
-    return changed
+    return lambda m: of_channel(m.a, k, change(m))
 
 
-def _ghost(m: Maker) -> Pixels:
+def _ghost(m):
     return np.float32(0.6) * m.a + np.float32(0.4) * np.roll(m.a, 6, axis=1)
 
 
-def _monochrome(*weights: float) -> Change:
+def _monochrome(*weights):
     return lambda m: (m.a @ np.float32(weights))[..., None].repeat(3, axis=2)
 
 
-def _lines(m: Maker) -> Pixels:
+def _lines(m):
     b = m.a.copy()
     b[len(b) // 3] = 0
     return b
 
 
-def _covered(m: Maker) -> Pixels:
+def _covered(m):
     """A block of the picture replaced by another part of it."""
     b, (height, width) = m.a.copy(), m.size
     b[height // 2 : height // 2 + 60, 20:110] = m.a[10:70, width // 2 : width // 2 + 90]
     return b
 
 
-def _dropped(m: Maker) -> Pixels:
+def _dropped(m):
     b = m.a.copy()
     b[m.rng.integers(0, len(b), 9), m.rng.integers(0, b.shape[1], 9)] = 0
     return b
 
 
-def _roll(dy: int, dx: int) -> Change:
+def _roll(dy, dx):
     return lambda m: np.roll(m.a, (dy, dx), axis=(0, 1))
 
 
@@ -443,7 +386,10 @@ CHANGES: dict[str, tuple[tuple[str, ...], Change]] = {
     "vignette": (("vignette",), _vignette),
     "less saturated": (("another saturation",), _saturated(0.9)),
     "more saturated": (("another saturation",), _saturated(1.15)),
-    **{name: (("other primaries",), _matrix(_PRIMARIES[name])) for name in _PRIMARIES},
+    **{
+        name: (("other primaries",), _matrix(between_primaries(REC_709, NAMED[name])))
+        for name in ("Rec. 2020", "Display P3", "ACES AP1", "ACES AP0")
+    },
     "clipped": (("clipped at 1",), lambda m: np.minimum(m.a, 1)),
     "BGR": (("channels swapped",), lambda m: m.a[..., ::-1]),
     "8 bits, sRGB": (("quantised to 8 bits",), _quantised_srgb),
@@ -463,17 +409,17 @@ CHANGES: dict[str, tuple[tuple[str, ...], Change]] = {
     "noise": (("noise",), _noise(0.01)),
     "weak noise": (("noise",), _noise(0.004)),
     "sharpened": (("sharpened",), _sharpened),
-    "blurred": (_COC, lambda m: blurred(m.a, np.ones((3, 3), np.float32) / 9)),
+    "blurred": (_COC, lambda m: through(m.a, np.ones((3, 3), np.float32) / 9)),
     "cut": (("crop", "empty"), lambda m: np.pad(m.a[9:-9, 5:-5], ((9, 9), (5, 5), (0, 0)))),
 }
 _SOFT = ("another CoC", "softened")
 CHANGES |= {
-    "disc of 2 px": (_SOFT, lambda m: blurred(m.a, _disc(2))),
-    "disc of 1 px": (_SOFT, lambda m: blurred(m.a, _disc(1))),
-    "disc of 5 px": (_SOFT, lambda m: blurred(m.a, _disc(5))),
-    "gaussian of 1 px": (_SOFT, lambda m: blurred(m.a, _gauss(1))),
-    "gaussian of 2.5 px": (_SOFT, lambda m: blurred(m.a, _gauss(2.5))),
-    "focus pulled": (_COC, _pulled),
+    "disc of 2 px": (_SOFT, lambda m: through(m.a, disc(2))),
+    "disc of 1 px": (_SOFT, lambda m: through(m.a, disc(1))),
+    "disc of 5 px": (_SOFT, lambda m: through(m.a, disc(5))),
+    "gaussian of 1 px": (_SOFT, lambda m: through(m.a, _gauss(1))),
+    "gaussian of 2.5 px": (_SOFT, lambda m: through(m.a, _gauss(2.5))),
+    "focus pulled": (_COC, lambda m: pulled(m.a, 4.0, 9)),
     "half, bilinear": (("lower resolution",), _resized(2, "triangle")),
     "half, bicubic": (("lower resolution",), _resized(2, "cubic")),
     "half, lanczos": (("lower resolution",), _resized(2, "lanczos3")),
@@ -483,7 +429,7 @@ CHANGES |= {
     "blue enlarged": (("scaled",), _of_channel(2, lambda m: _warped(m, scale=1.006))),
     "green offset": (("raised blacks", "offset"), _of_channel(1, lambda m: m.a + 0.02)),
     "blue brighter": (_LIGHT, _of_channel(2, lambda m: 1.06 * m.a)),
-    "red blurred": (_SOFT, _of_channel(0, lambda m: blurred(m.a, _disc(2)))),
+    "red blurred": (_SOFT, _of_channel(0, lambda m: through(m.a, disc(2)))),
     "green noisy": (("noise",), _of_channel(1, lambda m: _noisy(m.a, m.rng, 0.03))),
     "red clipped": (("clipped at 0.5",), _of_channel(0, lambda m: np.minimum(m.a, 0.5))),
     "monochrome": (("monochrome", "another saturation"), _monochrome(0.2126, 0.7152, 0.0722)),
@@ -509,17 +455,17 @@ CHANGES |= {
     "less contrast": (("another contrast",), _tones(lambda v: 0.5 + 0.95 * (v - 0.5))),
     "sharpened wide": (
         ("sharpened",),
-        lambda m: m.a + np.float32(0.5) * (m.a - blurred(m.a, _gauss(1.5))),
+        lambda m: m.a + np.float32(0.5) * (m.a - through(m.a, _gauss(1.5))),
     ),
     "gamma 1.1": (("another gamma",), lambda m: m.a ** np.float32(1.1)),
     "smeared": (("noise removed",), lambda m: _bilateral(m.a)),
-    "median": (("noise removed", "softened"), lambda m: _median(m.a)),
+    "median": (("noise removed", "softened"), lambda m: median(m.a)),
 }
 # What makes both sides of a pair of light: one side has other noise.
 PAIRS: dict[str, tuple[tuple[str, ...], Callable[[Maker], tuple[Pixels, Pixels]]]] = {
     "noise removed": (("noise",), lambda m: (_noisy(m.a, m.rng, 0.03), m.a)),
     "denoised": (("noise",), lambda m: _denoised(m, _bilateral)),
-    "median of noise": (("noise",), lambda m: _denoised(m, _median)),
+    "median of noise": (("noise",), lambda m: _denoised(m, median)),
     "another seed": (("noise",), lambda m: (_noisy(m.a, m.rng, 0.02), _noisy(m.a, m.rng, 0.02))),
     "noisy and brighter": (
         _LIGHT,
@@ -527,12 +473,12 @@ PAIRS: dict[str, tuple[tuple[str, ...], Callable[[Maker], tuple[Pixels, Pixels]]
     ),
     "noisy and blurred": (
         _SOFT,
-        lambda m: (_noisy(m.a, m.rng, 0.01), blurred(_noisy(m.a, m.rng, 0.01), _disc(2))),
+        lambda m: (_noisy(m.a, m.rng, 0.01), through(_noisy(m.a, m.rng, 0.01), disc(2))),
     ),
 }
 
 
-def _denoised(m: Maker, how: Callable[[Pixels], Pixels]) -> tuple[Pixels, Pixels]:
+def _denoised(m, how):
     noisy = _noisy(m.a, m.rng, 0.03)
     return noisy, how(noisy)
 
@@ -548,18 +494,18 @@ OF_INTEGERS = (
 )
 
 
-def _exr(path: Path, image: Pixels, alpha: Pixels | None = None, dtype: Any = np.float16) -> Path:
+def _exr(path, image, alpha=None, dtype=np.float16):
     planes = {name: image[..., k].astype(dtype) for k, name in enumerate("RGB")}
     if alpha is not None:
         planes["A"] = alpha.astype(dtype)
     return write_planes(path, planes)
 
 
-def _eight(image: Pixels) -> Pixels:
+def _eight(image):
     return np.rint(linear_to_srgb(image.clip(0, 1)) * 255).astype(np.uint8)
 
 
-def _jpeg(folder: Path, image: Pixels, quality: int) -> Pixels:
+def _jpeg(folder, image, quality):
     """Samples of 8 bits as a JPEG of that quality has them."""
     file = save(
         folder / "lossy.jpg",
@@ -580,7 +526,7 @@ class Pair:
     b: Path
 
 
-def _lossy(folder: Path, m: Maker, a: Path, png: Path) -> list[Pair]:
+def _lossy(folder, m, a, png):
     """Pairs of lossy codecs, alone and after something else."""
     pairs = []
     jpeg = ("compressed with losses",)
@@ -601,7 +547,7 @@ def _lossy(folder: Path, m: Maker, a: Path, png: Path) -> list[Pair]:
     return pairs
 
 
-def _with_alpha(folder: Path, m: Maker) -> list[Pair]:
+def _with_alpha(folder, m):
     """A picture that is transparent at a soft disc, divided and multiplied by its alpha."""
     y, x = np.mgrid[-1 : 1 : m.size[0] * 1j, -1 : 1 : m.size[1] * 1j]
     alpha = np.clip(6 * (0.8 - np.hypot(x, y)), 0, 1).astype(np.float32)
@@ -615,7 +561,7 @@ def _with_alpha(folder: Path, m: Maker) -> list[Pair]:
     ]
     of_alpha = {
         "alpha thinner": (("multiplied", "another exposure"), alpha * 0.9),
-        "alpha blurred": (_SOFT, blurred(alpha[..., None], _disc(3))[..., 0]),
+        "alpha blurred": (_SOFT, through(alpha[..., None], disc(3))[..., 0]),
         "alpha to a power": (("another gamma", "another tone curve"), alpha**1.5),
     }
     pairs += [
@@ -625,9 +571,7 @@ def _with_alpha(folder: Path, m: Maker) -> list[Pair]:
     return [*pairs, Pair("no alpha", ("missing channel",), a, _exr(folder / "rgb.exr", light))]
 
 
-def faults(
-    folder: Path, name: str | Source, seed: int = 0, step: int = 2, only: Any = None
-) -> list[Pair]:
+def faults(folder, name, seed=0, step=2, only=None):
     """Pairs with a fault each, of one scene."""
     scene = name if isinstance(name, Source) else source(name, step)
     m = Maker(
@@ -656,7 +600,7 @@ def faults(
     return pairs
 
 
-def benign(folder: Path, name: str | Source, seed: int = 0, step: int = 2) -> list[Pair]:
+def benign(folder, name, seed=0, step=2):
     """Pairs whose differences do not matter, of one scene."""
     scene, rng = (
         name if isinstance(name, Source) else source(name, step),

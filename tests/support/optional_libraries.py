@@ -1,7 +1,6 @@
 """HDF5 and HEIC files for the tests; what a library cannot write is pretended."""
 
 import sys
-from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -12,14 +11,14 @@ HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 HEIC_MAGIC = b"\0\0\0\x18ftypheic"
 
 
-def write_hdf5(path: Path, arrays: dict[str, Any]) -> Path:
+def write_hdf5(path, arrays):
     with pytest.importorskip("h5py").File(path, "w") as file:
         for name, values in arrays.items():
             file[name] = values
     return path
 
 
-def with_heic(monkeypatch: pytest.MonkeyPatch, depth: Any, **metadata: float) -> None:
+def with_heic(monkeypatch, depth, **metadata):
     """Let pillow_heif be there, and every HEIC file have this depth image."""
     module: Any = ModuleType("pillow_heif")
     image = SimpleNamespace(info={"metadata": metadata})

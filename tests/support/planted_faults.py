@@ -16,7 +16,7 @@ Pixels = np.ndarray[Any, Any]
 HEIGHT, WIDTH = 90, 128
 
 
-def scene() -> Pixels:
+def scene():
     """Discs of many sizes and colours before a slope, one brighter than 1: float32 [H, W, 3]."""
     rng = np.random.default_rng(5)
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float32)
@@ -29,7 +29,7 @@ def scene() -> Pixels:
     return (image * (1 - cover) + cover * (6.0, 5.0, 3.0)).astype(np.float16).astype(np.float32)
 
 
-def blurred(image: Pixels, sigma: float) -> Pixels:
+def blurred(image, sigma):
     reach = int(3 * sigma) + 1
     weights = np.exp(-(np.arange(-reach, reach + 1) ** 2) / (2 * sigma**2))
     weights /= weights.sum()
@@ -42,41 +42,41 @@ def blurred(image: Pixels, sigma: float) -> Pixels:
     return np.asarray(image, np.float32)
 
 
-def _shifted(image: Pixels, dx: int, dy: int) -> Pixels:
+def _shifted(image, dx, dy):
     rows = (np.arange(HEIGHT) - dy).clip(0, HEIGHT - 1)
     columns = (np.arange(WIDTH) - dx).clip(0, WIDTH - 1)
     return image[rows][:, columns]
 
 
-def _block(image: Pixels, value: float) -> Pixels:
+def _block(image, value):
     image = image.copy()
     image[10:14, 20:24] = value
     return image
 
 
-def _cut(image: Pixels) -> Pixels:
+def _cut(image):
     kept = np.zeros_like(image)
     kept[8:70, 5:100] = image[8:70, 5:100]
     return kept
 
 
-def _encoded(image: Pixels) -> Pixels:
+def _encoded(image):
     return linear_to_srgb(np.clip(image, 0, 1))
 
 
-def _of_channel(image: Pixels, index: int, changed: Pixels) -> Pixels:
+def of_channel(image, index, changed):
     image = image.copy()
     image[..., index] = changed[..., index]
     return image
 
 
-def _moved_in_part(image: Pixels, dx: float = 0.8) -> Pixels:
+def _moved_in_part(image, dx=0.8):
     """To the right by a part of a pixel, cubic."""
     steps = zip((2, 1, 0, -1), _keys(1 - dx), strict=True)
     return sum(weight * np.roll(image, step, axis=1) for step, weight in steps)
 
 
-def _keys(t: float) -> tuple[float, float, float, float]:
+def _keys(t):
     """Weights of the pixels at -1, 0, 1 and 2 for a place at t (Keys, -1/2)."""
     return (
         ((-0.5 * t + 1) * t - 0.5) * t,
@@ -86,11 +86,11 @@ def _keys(t: float) -> tuple[float, float, float, float]:
     )
 
 
-def _converted(name: str, image: Pixels) -> Pixels:
+def _converted(name, image):
     return image @ between_primaries(REC_709, NAMED[name]).T
 
 
-def _summed(image: Pixels, kernel: Pixels) -> Pixels:
+def through(image, kernel):
     """Through a kernel [k, k] of odd side."""
     reach = len(kernel) // 2
     padded = np.pad(image, [(reach, reach), (reach, reach), (0, 0)], mode="edge")
@@ -101,18 +101,23 @@ def _summed(image: Pixels, kernel: Pixels) -> Pixels:
     )
 
 
-def _through_disc(image: Pixels, radius: float = 2.0) -> Pixels:
+def disc(radius):
+    """A disc [k, k] with soft borders."""
     reach = int(np.ceil(radius))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
-    return _summed(image, np.clip(radius + 0.5 - np.hypot(y, x), 0, 1))
+    return np.clip(radius + 0.5 - np.hypot(y, x), 0, 1)
 
 
-def _along(image: Pixels) -> Pixels:
-    return _summed(image, 1.0 * (np.indices((9, 9))[0] == 4))
+def _through_disc(image, radius=2.0):
+    return through(image, disc(radius))
 
 
-def _halved(image: Pixels) -> Pixels:
-    small = image.reshape(HEIGHT // 2, 2, WIDTH // 2, 2, 3).mean(axis=(1, 3))
+def _along(image):
+    return through(image, 1.0 * (np.indices((9, 9))[0] == 4))
+
+
+def doubled(small):
+    """Twice the size, bilinear."""
     for axis in (0, 1):
         pad = [(1, 1) if axis == k else (0, 0) for k in range(3)]
         padded = np.pad(small, pad, mode="edge")
@@ -123,17 +128,21 @@ def _halved(image: Pixels) -> Pixels:
     return small
 
 
-def _median(image: Pixels) -> Pixels:
+def _halved(image):
+    return doubled(image.reshape(HEIGHT // 2, 2, WIDTH // 2, 2, 3).mean(axis=(1, 3)))
+
+
+def median(image):
     steps = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1)]
     return np.median([np.roll(image, step, (0, 1)) for step in steps], axis=0)
 
 
-def _pulled(image: Pixels) -> Pixels:
+def pulled(image, widest=3.0, count=4):
     """Blurred more and more down the frame."""
-    blurs = [image, *(_through_disc(image, r) for r in (1.0, 2.0, 3.0))]
-    at = np.linspace(0, 2.99, HEIGHT)
-    rows, low, share = np.arange(HEIGHT), at.astype(int), (at % 1)[:, None, None]
-    pictures = np.stack(blurs)
+    radii = np.linspace(0, widest, count)[1:]
+    pictures = np.stack([image, *(through(image, disc(r)) for r in radii)])
+    rows, at = np.arange(len(image)), np.linspace(0, count - 1.01, len(image))
+    low, share = at.astype(int), (at % 1)[:, None, None]
     return (1 - share) * pictures[low, rows] + share * pictures[low + 1, rows]
 
 
@@ -198,14 +207,14 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
         "noise of about 0.0",
     ),
     # Of one channel.
-    "red moved": (lambda a: _of_channel(a, 0, _moved_in_part(a)), "shifted", "R shifted by (0.8"),
+    "red moved": (lambda a: of_channel(a, 0, _moved_in_part(a)), "shifted", "R shifted by (0.8"),
     "green offset": (
         lambda a: a + np.float32([0, 0.02, 0]),
         "raised blacks",
         "G raised blacks: +0.02 of light",
     ),
     "blue noisy": (
-        lambda a: _of_channel(a, 2, a + 0.02 * np.random.default_rng(1).standard_normal(a.shape)),
+        lambda a: of_channel(a, 2, a + 0.02 * np.random.default_rng(1).standard_normal(a.shape)),
         "noise",
         "B: noise of about 0.0",
     ),
@@ -231,8 +240,8 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
     ),
     "a line of 9 px": (_along, "motion blur", "motion blur: 9"),
     "half, bilinear": (_halved, "lower resolution", "lower resolution: half resolution, bilinear"),
-    "median of neighbours": (_median, "noise removed", "noise removed: smeared"),
-    "blurred down the frame": (_pulled, "another CoC or bokeh shape", "blurred more"),
+    "median of neighbours": (median, "noise removed", "noise removed: smeared"),
+    "blurred down the frame": (pulled, "another CoC or bokeh shape", "blurred more"),
     "sharpened": (lambda a: a + 0.6 * (a - blurred(a, 1)), "sharpened", "sharpened: detail x 1.6"),
     # Small ones.
     "a tenth of a pixel": (
@@ -244,9 +253,7 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
 }
 
 
-def write_planes(
-    path: Path, planes: dict[str, Pixels], compression: Any = None, **header: Any
-) -> Path:
+def write_planes(path, planes, compression=None, **header):
     """An EXR file in scan lines, ZIP compressed unless another codec is named."""
     codec = OpenEXR.ZIP_COMPRESSION if compression is None else compression
     settings = {"compression": codec, "type": OpenEXR.scanlineimage, **header}
@@ -256,43 +263,43 @@ def write_planes(
     return path
 
 
-def planes(image: Pixels, dtype: Any = np.float16) -> dict[str, Pixels]:
+def planes(image, dtype=np.float16):
     """The channels R, G and B of an image."""
     return {name: image[..., index].astype(dtype) for index, name in enumerate("RGB")}
 
 
-def _tiles(path: Path, image: Pixels) -> None:
+def _tiles(path, image):
     save(path, image.astype(np.float16), tile=(32, 16))
 
 
-def _wide(path: Path, image: Pixels) -> None:
+def _wide(path, image):
     """More data than is shown."""
     data, display = box(-8, -4, WIDTH + 7, HEIGHT + 3), box(0, 0, WIDTH - 1, HEIGHT - 1)
     padded = planes(np.pad(image, ((4, 4), (8, 8), (0, 0)), constant_values=9.0))
     write_planes(path, padded, dataWindow=data, displayWindow=display)
 
 
-def dark_border(image: Pixels) -> Pixels:
+def dark_border(image):
     image = image.copy()
     image[:6] = image[-5:] = image[:, :9] = 0.0
     return image
 
 
-def narrow(path: Path, image: Pixels) -> None:
+def narrow(path, image):
     """Less data than is shown, with 0 in what is not there."""
     inner = planes(image[6:-5, 9:])
     data, display = box(9, 6, WIDTH - 1, HEIGHT - 6), box(0, 0, WIDTH - 1, HEIGHT - 1)
     write_planes(path, inner, dataWindow=data, displayWindow=display)
 
 
-def _codec(name: str) -> Callable[[Path, Pixels], None]:
-    def write(path: Path, image: Pixels) -> None:
+def _codec(name):
+    def write(path, image):
         write_planes(path, planes(image), getattr(OpenEXR, f"{name}_COMPRESSION"))
 
     return write
 
 
-def _parts(path: Path, image: Pixels, order: str = "RGB") -> None:
+def _parts(path, image, order="RGB"):
     """Each channel in a part of its own, in an order."""
     header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
     every = planes(image)
@@ -301,19 +308,19 @@ def _parts(path: Path, image: Pixels, order: str = "RGB") -> None:
     OpenEXR.File(made).write(str(path))
 
 
-def _described(path: Path, image: Pixels) -> None:
+def _described(path, image):
     write_planes(path, planes(image), comments="another day", owner="somebody else")
 
 
-def _as_float(path: Path, image: Pixels) -> None:
+def _as_float(path, image):
     write_planes(path, planes(image, np.float32))
 
 
-def _downwards(path: Path, image: Pixels) -> None:
+def _downwards(path, image):
     write_planes(path, planes(image), lineOrder=OpenEXR.DECREASING_Y)
 
 
-def _small_tiles(path: Path, image: Pixels) -> None:
+def _small_tiles(path, image):
     save(path, image.astype(np.float16), tile=(16, 16))
 
 

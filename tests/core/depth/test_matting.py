@@ -4,7 +4,6 @@ import pytest
 import torch
 from measures import worst
 from scenes import pattern
-from torch import Tensor
 
 from defocus_core.depth.matting import unmixed
 
@@ -12,7 +11,7 @@ SIZE = (32, 48)
 EDGE = 20  # the column that is mixed
 
 
-def card(alpha: float, near_r: float = -6.0, far_r: float = 3.0) -> tuple[Tensor, Tensor]:
+def card(alpha, near_r=-6.0, far_r=3.0):
     """Red on the left before green on the right; column EDGE holds alpha of red."""
     red, green = (torch.tensor(c, dtype=torch.float64) for c in ([0.8, 0.1, 0.2], [0.1, 0.5, 0.3]))
     share = torch.zeros(SIZE[1], dtype=torch.float64)
@@ -23,7 +22,7 @@ def card(alpha: float, near_r: float = -6.0, far_r: float = 3.0) -> tuple[Tensor
 
 
 @pytest.mark.parametrize("alpha", [0.25, 0.4, 0.5, 0.6, 0.75])
-def test_a_mixed_pixel_becomes_two_surfaces(alpha: float) -> None:
+def test_a_mixed_pixel_becomes_two_surfaces(alpha):
     o = unmixed(*card(alpha))
     own = 0 if alpha >= 0.5 else -1
     assert worst(o.color[:, :, EDGE], o.color[:, :, own]) < 0.05
@@ -36,7 +35,7 @@ def test_a_mixed_pixel_becomes_two_surfaces(alpha: float) -> None:
 
 
 @pytest.mark.parametrize("alpha", [0.25, 0.4])
-def test_a_third_surface_beside_takes_no_part(alpha: float) -> None:
+def test_a_third_surface_beside_takes_no_part(alpha):
     """A pixel of green, mixed with red, does not take the colour of what is between them below."""
     image, radius = card(alpha)
     green, dark = image[:, 0, -1].clone(), image[:, 0, -1] / 8
@@ -48,7 +47,7 @@ def test_a_third_surface_beside_takes_no_part(alpha: float) -> None:
 
 
 @pytest.mark.parametrize("alpha", [0.0, 1.0])
-def test_a_clean_edge_is_left_alone(alpha: float) -> None:
+def test_a_clean_edge_is_left_alone(alpha):
     image, radius = card(alpha)
     o = unmixed(image, radius)
     assert worst(o.color, image) < 1e-12
@@ -57,7 +56,7 @@ def test_a_clean_edge_is_left_alone(alpha: float) -> None:
 
 
 @pytest.mark.parametrize("alpha", [0.2, 0.35, 0.5, 0.65, 0.8])
-def test_the_parts_make_the_pixel(alpha: float) -> None:
+def test_the_parts_make_the_pixel(alpha):
     """α near + (1 - α) far is the colour that was there, over a picture with texture."""
     image, radius = card(alpha)
     image = image * (0.9 + 0.2 * pattern(SIZE))
@@ -69,7 +68,7 @@ def test_the_parts_make_the_pixel(alpha: float) -> None:
     assert worst(remade[untouched], image[untouched]) < 0.04  # colours stay in the range around
 
 
-def test_a_wire_of_a_pixel_keeps_its_light() -> None:
+def test_a_wire_of_a_pixel_keeps_its_light():
     """Nowhere is it seen without what is behind it: what is not of one is of the other."""
     image, radius = pattern(SIZE), torch.full(SIZE, 4.0, dtype=torch.float64)
     image[:, :, 10], radius[:, 10] = 0.9, -5.0
@@ -79,7 +78,7 @@ def test_a_wire_of_a_pixel_keeps_its_light() -> None:
 
 
 @pytest.mark.parametrize("share", [0.2, 0.4])
-def test_what_is_beside_a_thin_wire_is_cleaned_of_it(share: float) -> None:
+def test_what_is_beside_a_thin_wire_is_cleaned_of_it(share):
     """No pixel of the wire is off an edge, and none need be whole."""
     green, grey = (torch.tensor(c, dtype=torch.float64) for c in ([0.1, 0.5, 0.3], [0.7, 0.7, 0.7]))
     held = torch.zeros(SIZE[1], dtype=torch.float64)
@@ -98,7 +97,7 @@ def test_what_is_beside_a_thin_wire_is_cleaned_of_it(share: float) -> None:
     assert worst(of_fringe, lost.sum((1, 2))) < 0.02 * SIZE[0]
 
 
-def test_a_steep_slope_is_no_edge() -> None:
+def test_a_steep_slope_is_no_edge():
     """As depth that was estimated has it: 0.9 px per px, over colours that change along it."""
     image = pattern(SIZE)
     radius = (0.9 * (torch.arange(SIZE[1]) - 20.0)).clamp(-3, 3).double().expand(SIZE).clone()
@@ -107,7 +106,7 @@ def test_a_steep_slope_is_no_edge() -> None:
     assert not len(o.fringe.at)
 
 
-def test_print_behind_a_leaf_gets_no_colours_that_are_nowhere() -> None:
+def test_print_behind_a_leaf_gets_no_colours_that_are_nowhere():
     """A colour out of the range of its surface is cut off: what it held is the other surface's."""
     generator = torch.Generator().manual_seed(1)
     size, (y, x) = (60, 80), torch.meshgrid(torch.arange(60), torch.arange(80), indexing="ij")
