@@ -9,15 +9,7 @@ from pathlib import Path
 
 import pytest
 from batches import JOBS, contents, jobs_file, make_believe, records, without_times
-from command_line import (
-    Terminal,
-    depth_exr,
-    files_under,
-    hidden_in,
-    ramp,
-    refused,
-    run,
-)
+from command_line import Terminal, depth_exr, files_under, hidden_in, ramp, refused, run, succeed
 from counting import calls
 
 from defocus_cli.main import main
@@ -31,8 +23,7 @@ NAMES = [f"{stem}_focus{focus}" for stem in "ab" for focus in ("1.5m", "2m")]
 
 
 def test_each_picture_is_taken_by_each_lens_and_indexed(tmp_path, out):
-    ran = run("batch", jobs_file(tmp_path), "-o", out)
-    assert ran.code == 0
+    ran = succeed("batch", jobs_file(tmp_path), "-o", out)
     assert ran.out == ""
     assert ran.err.startswith("4 jobs: 4 done; ")
     wanted = {f"coc/{name}.exr" for name in NAMES} | {
@@ -50,8 +41,7 @@ def test_a_batch_is_the_same_whoever_does_it(tmp_path, out, monkeypatch):
     path = jobs_file(tmp_path)
     run("batch", path, "-o", tmp_path / "here")
     monkeypatch.undo()
-    ran = run("batch", path, "-o", out, "--processes", "1")
-    assert ran.code == 0, ran.err
+    succeed("batch", path, "-o", out, "--processes", "1")
     assert contents(out) == contents(tmp_path / "here")
     assert without_times(out) == without_times(tmp_path / "here")
 
@@ -157,7 +147,7 @@ def test_the_index_lists_what_the_batch_asks_for_and_after_a_merge_all(tmp_path,
     assert "metadata.jsonl: lists none of 2 samples that were not asked for now" in ran.err
     assert [one.sample_id for one in samples(out)] == ["a_focus1.5m", "a_focus3m"]
     depth_exr(tmp_path / "depth" / "b.exr")
-    assert run("retry", out).code == 0
+    succeed("retry", out)
     now = [f"{stem}_focus{focus}" for stem in "ab" for focus in ("1.5m", "3m")]
     assert [one.sample_id for one in samples(out)] == now
     run("merge", out)
@@ -196,8 +186,7 @@ REJECTING = JOBS.replace("fnumber = 2", "fnumber = 2\nmax-coc = '0.12px'")
 
 def test_rejected_jobs_are_no_failure_and_not_tried_again(tmp_path, out):
     path = jobs_file(tmp_path, text=REJECTING)
-    ran = run("batch", path, "-o", out)
-    assert ran.code == 0
+    ran = succeed("batch", path, "-o", out)
     assert "4 rejected (coc-too-large 4)" in ran.err
     assert {record["status"] for record in records(out)} == {"rejected"}
     assert run("batch", path, "-o", out).err.endswith("4 jobs: 4 done before\n")
@@ -207,15 +196,13 @@ def test_rejected_jobs_are_no_failure_and_not_tried_again(tmp_path, out):
 
 
 def test_a_dry_run_of_what_would_be_rejected_is_no_failure(tmp_path, out):
-    ran = run("batch", jobs_file(tmp_path, text=REJECTING), "-o", out, "--dry-run")
-    assert ran.code == 0
+    ran = succeed("batch", jobs_file(tmp_path, text=REJECTING), "-o", out, "--dry-run")
     assert "4 of 4 that were looked at would not be done" in ran.out
 
 
 def test_a_dry_run_says_what_is_to_do_and_does_nothing(tmp_path, out):
     path = jobs_file(tmp_path)
-    ran = run("batch", path, "-o", out, "--dry-run")
-    assert ran.code == 0
+    ran = succeed("batch", path, "-o", out, "--dry-run")
     assert "0 jobs done before, 4 to do" in ran.out
     assert "GB of files" in ran.out
     assert not out.exists()

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from command_line import files_under, refused, run
+from command_line import files_under, refused, run, succeed
 from jobs_files import FIXED, INPUTS, LENS, SAMPLE, pictures
 
 from defocus_cli.words import dry_run
@@ -23,7 +23,7 @@ def test_a_sweep_is_the_renders_that_it_stands_for(tmp_path):
     assert batch(tmp_path, LENS + '[sweep]\nfnumber = [2, 4]\nfocus = ["1m", "inf"]\n').code == 0
     single = ("--focal-length", "50mm", "--fnumber", "4", "--focus", "inf", "--quality", "draft")
     files = (tmp_path / "a_rgb.exr", tmp_path / "a_z.exr")
-    assert run("render", *files, "-o", tmp_path / "one", *single).code == 0
+    succeed("render", *files, "-o", tmp_path / "one", *single)
     swept = tmp_path / "out" / "render" / "a_f4_focusinf.exr"
     assert swept.read_bytes() == (tmp_path / "one" / "render" / "a_rgb.exr").read_bytes()
     assert len(files_under(tmp_path / "out" / "render")) == 8
@@ -83,8 +83,7 @@ def test_an_index_tells_of_the_lens_that_took_a_picture_last(tmp_path):
         if name != "a_rgb":
             color = color.rename(tmp_path / f"{name}.exr")
         lens = (*words, "--fnumber", "4", "--overwrite")
-        ran = run("render", color, depth, "-o", out, *lens, *more)
-        assert ran.code == 0, ran.err
+        ran = succeed("render", color, depth, "-o", out, *lens, *more)
         return ran.err
 
     assert "written again" not in rendered("a_rgb"), "another sample"

@@ -14,6 +14,7 @@ from command_line import (
     read_exr,
     refused,
     run,
+    succeed,
     texture,
     write_exr,
 )
@@ -32,8 +33,7 @@ def depth(path, numbers=NUMBERS):
 def radius(folder, numbers, *options):
     color = color_exr(folder / "rgb.exr")
     z = depth(folder / "z.exr", numbers)
-    ran = run("render", color, z, *options, "--outputs", "coc", "-o", folder / "out", "--overwrite")
-    assert ran.code == 0, ran.err
+    succeed("render", color, z, *options, "--outputs", "coc", "-o", folder / "out", "--overwrite")
     return read_exr(folder / "out" / "coc" / "rgb.exr")["coc"]
 
 
@@ -88,8 +88,7 @@ def test_one_scale_holds_for_all_that_a_lens_sees(tmp_path):
     opaque = {name: np.ones((16, 24), np.float32) for name in "RGBA"}
     plate = write_exr(tmp_path / "p.exr", **opaque, Z=NUMBERS)
     words = ("--blur", "6px", "--focus-value", "3", "--outputs", "coc", "-o", tmp_path / "out")
-    ran = run("render", element, *words, "--over", plate)
-    assert ran.code == 0, ran.err
+    succeed("render", element, *words, "--over", plate)
     numbers = np.where(alpha > 0, 4, NUMBERS)
     wanted = 6 * (3 - numbers) / np.abs(3 - NUMBERS).max()
     found = read_exr(tmp_path / "out" / "coc" / "e.exr")["coc"]

@@ -6,7 +6,7 @@ import tarfile
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
-from command_line import pair, read_exr, refused, run
+from command_line import pair, read_exr, refused, run, succeed
 
 JOBS = """
 [inputs]
@@ -41,8 +41,7 @@ def folder(tmp_path):
 
 
 def batch(folder, *words):
-    ran = run("batch", folder / "jobs.toml", "-o", folder / "out", *words)
-    assert ran.code == 0, ran.err
+    succeed("batch", folder / "jobs.toml", "-o", folder / "out", *words)
 
 
 def entries(folder):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from command_line import read_exr, refused_input, render, run, write_exr
+from command_line import photograph, read_exr, refused_input, render, run, write_exr
 from deep_files import from_layers, write_deep_samples
 from layers import brute_force
 from measures import psnr
@@ -229,11 +229,11 @@ def test_rows_without_samples_are_nothing(tmp_path):
     color, depth, coverage = layers(0.8, 2.0, 6.0)
     coverage[:, 16:] = 0
     file = write_deep_samples(tmp_path / "a.exr", from_layers(color, depth, coverage), tile=16)
-    assert render(file, "-o", tmp_path / "b", *LENS).code == 0
+    photograph(file, "-o", tmp_path / "b", *LENS)
     assert float(picture(tmp_path / "b/render/a.exr")[-1, -4:].max()) == 0
     coverage[:] = 0
     file = write_deep_samples(tmp_path / "none.exr", from_layers(color, depth, coverage))
-    assert render(file, "-o", tmp_path / "c", *LENS).code == 0
+    photograph(file, "-o", tmp_path / "c", *LENS)
     assert float(picture(tmp_path / "c/render/none.exr").abs().max()) == 0
 
 
@@ -255,7 +255,7 @@ def test_a_deep_picture_of_two_views_in_one_part_renders_each(tmp_path, view):
     names = [f"{each}.{name}" for each in made for name in "RGBAZ"]
     deep = write_deep_samples(tmp_path / "deep.exr", both, names, light="float")
     own = write_deep_samples(tmp_path / "alone.exr", samples[view], light="float")
-    assert render(deep, "-o", tmp_path / "a", "--view", view, *LENS).code == 0
-    assert render(own, "-o", tmp_path / "b", *LENS).code == 0
+    photograph(deep, "-o", tmp_path / "a", "--view", view, *LENS)
+    photograph(own, "-o", tmp_path / "b", *LENS)
     of_both, alone = tmp_path / "a/render/deep.exr", tmp_path / "b/render/alone.exr"
     assert torch.equal(picture(of_both), picture(alone))

@@ -9,11 +9,13 @@ from command_line import (
     depth_exr,
     header,
     pair,
+    photograph,
     ramp,
     read_exr,
     refused,
     render,
     run,
+    succeed,
     write_exr,
 )
 from depth_files import npy, pfm, png
@@ -25,8 +27,7 @@ from defocus_core.batch.jobs.jobs_file import read_jobs
 
 def depth(*args):
     """The depth that a conversion to the file after ``-o`` writes."""
-    ran = run("depth", *args)
-    assert ran.code == 0, ran.err
+    succeed("depth", *args)
     return read_exr(Path(args[args.index("-o") + 1]))["Z"]
 
 
@@ -106,14 +107,14 @@ def test_a_format_means_the_same_in_render_info_batch_and_lens_files(tmp_path):
     render(color, as_metres, "-o", tmp_path / "o", "--outputs", "coc")
     wanted = read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"]
     said = ("--depth-format", "kitti")
-    assert render(color, path, "-o", tmp_path / "p", "--outputs", "coc", *said).code == 0
+    photograph(color, path, "-o", tmp_path / "p", "--outputs", "coc", *said)
     np.testing.assert_array_equal(read_exr(tmp_path / "p" / "coc" / "a.exr")["coc"], wanted)
     (record,) = run("info", "--json", path, *said).json["files"]
     assert record["depth"]["range_m"] == [1.0, 4.0]
     lens = 'focal-length = "50mm"\nfnumber = 2\nfocus = "2m"\n'
     (tmp_path / "kitti.toml").write_text(f'{lens}depth-format = "kitti"\n')
     named = ("--lens", tmp_path / "kitti.toml", "--outputs", "coc")
-    assert run("render", color, path, "-o", tmp_path / "q", *named).code == 0
+    succeed("render", color, path, "-o", tmp_path / "q", *named)
     np.testing.assert_array_equal(read_exr(tmp_path / "q" / "coc" / "a.exr")["coc"], wanted)
     inputs = f'[inputs]\ncolor = "{color}"\ndepth = "{path}"\n'
     for number, text in enumerate(
@@ -124,8 +125,7 @@ def test_a_format_means_the_same_in_render_info_batch_and_lens_files(tmp_path):
     ):
         (tmp_path / "jobs.toml").write_text(f'{text}[outputs]\nkinds = ["coc"]\n')
         out = tmp_path / f"b{number}"
-        ran = run("batch", tmp_path / "jobs.toml", "-o", out, "--processes", "1")
-        assert ran.code == 0, ran.err
+        succeed("batch", tmp_path / "jobs.toml", "-o", out, "--processes", "1")
         np.testing.assert_array_equal(read_exr(out / "coc" / "a.exr")["coc"], wanted)
 
 
@@ -206,7 +206,7 @@ def test_radial_depth_is_read_anew_for_each_focal_length(tmp_path):
     text = f'[inputs]\ncolor = "{color}"\ndepth = "{path}"\n[lens]\nfnumber = 2\nfocus = "2m"\n'
     text += '[sweep]\nfocal-length = ["25mm", "50mm"]\n[reading]\nradial = true\n'
     (tmp_path / "jobs.toml").write_text(f'{text}[outputs]\nkinds = ["coc"]\n')
-    assert run("batch", tmp_path / "jobs.toml", "-o", tmp_path / "b", "--processes", "1").code == 0
+    succeed("batch", tmp_path / "jobs.toml", "-o", tmp_path / "b", "--processes", "1")
     render(color, path, "-o", tmp_path / "o", "--radial", "--outputs", "coc")
     (swept,) = (tmp_path / "b" / "coc").glob("*50mm*")
     np.testing.assert_array_equal(
@@ -224,8 +224,7 @@ def test_depth_of_another_size_is_guided_by_the_colours(tmp_path):
     wanted = ("--outputs", "coc", "-o")
     render(color, whole, *wanted, tmp_path / "whole")
     for how in ("guided", "nearest"):
-        ran = render(color, small, *wanted, tmp_path / how, "--resize-depth", how, "-v")
-        assert ran.code == 0, ran.err
+        ran = photograph(color, small, *wanted, tmp_path / how, "--resize-depth", how, "-v")
         found, exact = (
             read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in (how, "whole")
         )
@@ -233,10 +232,9 @@ def test_depth_of_another_size_is_guided_by_the_colours(tmp_path):
         assert off.any() == (how == "nearest")
         note = f"20x16 px resized{', guided by the colours' if how == 'guided' else ' by nearest'}"
         assert note in ran.err
-    ran = render(
+    photograph(
         color, small, *wanted, tmp_path / "mm", "--resize-depth", "guided", "--memory", "1GB"
     )
-    assert ran.code == 0, ran.err
     (tmp_path / "lens.toml").write_text(
         'focal-length = "50mm"\nfnumber = 2\nfocus = "2m"\nresize-depth = "guided"\n'
     )
@@ -251,7 +249,7 @@ def test_signed_radii_are_used_as_they_are_and_need_no_lens(tmp_path):
     radii = np.float32(ramp() * 2 - 5)
     held = write_exr(tmp_path / "coc.exr", coc=radii)
     said = ("--depth-format", "coc", "--outputs", "render,coc")
-    assert run("render", color, held, "-o", tmp_path / "o", *said).code == 0
+    succeed("render", color, held, "-o", tmp_path / "o", *said)
     np.testing.assert_array_equal(read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"], radii)
     render(color, path, "-o", tmp_path / "p", "--outputs", "render,coc", "--exr-type", "float")
     own = tmp_path / "p" / "coc" / "a.exr"  # written by us: the picture is the same again
@@ -295,7 +293,7 @@ def test_a_batch_of_radii_sweeps_the_shape_of_the_opening(tmp_path):
         jobs.write_text(f"{inputs}[{table}]\n{value}\n")
         refused(run("batch", jobs, "-o", out), 2, "idle-option", jobs, name)
     jobs.write_text(f"{inputs}[sweep]\nblades = [0, 5]\n")
-    assert run("batch", jobs, "-o", out, "--processes", "1").code == 0
+    succeed("batch", jobs, "-o", out, "--processes", "1")
     assert "2 done before" in run("batch", jobs, "-o", out, "--processes", "1").err
     lenses = [sample.lens for sample in samples(out)]
     assert [(lens.is_shape, lens.foc_dist, lens.blades) for lens in lenses] == [
@@ -307,9 +305,9 @@ def test_a_batch_of_radii_sweeps_the_shape_of_the_opening(tmp_path):
 def test_converted_depth_pairs_with_its_pictures_and_previews_do_not(tmp_path):
     color_exr(tmp_path / "frames" / "a.exr")
     path = npy(tmp_path / "a.npy", ramp())
-    assert run("depth", path, "-o", tmp_path / "depths", "--preview").code == 0
+    succeed("depth", path, "-o", tmp_path / "depths", "--preview")
     assert (tmp_path / "depths" / "a.preview.png").is_file()
-    assert render(tmp_path / "frames", tmp_path / "depths", "-o", tmp_path / "o").code == 0
+    photograph(tmp_path / "frames", tmp_path / "depths", "-o", tmp_path / "o")
 
 
 def test_rows_without_a_header_have_the_size_of_the_colour(tmp_path):
@@ -317,7 +315,7 @@ def test_rows_without_a_header_have_the_size_of_the_colour(tmp_path):
     held = tmp_path / "DSC_0001.JPG"
     held.write_bytes(ramp().astype("<f4").tobytes())
     said = ("--depth-format", "eth3d", "--outputs", "coc")
-    assert render(color, held, "-o", tmp_path / "o", *said).code == 0
+    photograph(color, held, "-o", tmp_path / "o", *said)
     render(color, path, "-o", tmp_path / "p", "--outputs", "coc")
     of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
     np.testing.assert_array_equal(*of)
@@ -334,8 +332,7 @@ def test_a_frame_of_an_array_is_chosen_beside_a_colour_of_one_part(tmp_path):
     np.savez(tmp_path / "a.npz", depths=np.stack([ramp() * 9, ramp()]).astype(np.float32))
     said = ("--depth-format", "video-depth-anything", "--depth-kind", "depth", "--part", "1")
     args = (color, tmp_path / "a.npz", "-o", tmp_path / "o", "--outputs", "coc")
-    ran = render(*args, *said)
-    assert ran.code == 0, ran.err
+    ran = photograph(*args, *said)
     render(color, path, "-o", tmp_path / "p", "--outputs", "coc")
     of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
     np.testing.assert_array_equal(*of)
@@ -349,11 +346,11 @@ def test_a_sidecar_or_mask_that_changes_is_a_changed_input(tmp_path):
     calib = "cam0=[10 0 1; 0 1 1; 0 0 1]\nbaseline={}\n"
     (tmp_path / "calib.txt").write_text(calib.format(1000))
     args = (color, disparity, "-o", tmp_path / "o", "--depth-format", "middlebury")
-    assert render(*args, "--outputs", "coc").code == 0
+    photograph(*args, "--outputs", "coc")
     before = read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"]
     assert "done before" in render(*args, "--outputs", "coc").err
     (tmp_path / "calib.txt").write_text(calib.format(2000))
-    assert render(*args, "--outputs", "coc").code == 0
+    photograph(*args, "--outputs", "coc")
     after = read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"]
     assert (after > before).all()
     last = (tmp_path / "o" / "journal.jsonl").read_text().splitlines()[-1]

@@ -3,7 +3,17 @@
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
-from command_line import color_exr, depth_exr, failed, header, read_exr, refused, run, write_exr
+from command_line import (
+    color_exr,
+    depth_exr,
+    failed,
+    header,
+    read_exr,
+    refused,
+    run,
+    succeed,
+    write_exr,
+)
 
 WIDTH, HEIGHT = 144, 96
 LENS = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m", "--sensor-width", "4mm")
@@ -21,8 +31,7 @@ def two_surfaces(folder, width):
 
 
 def rendered(out, *args):
-    ran = run("render", *args, *LENS, "-o", out, "--json", "--exr-type", "float")
-    assert ran.code == 0, ran.err
+    ran = succeed("render", *args, *LENS, "-o", out, "--json", "--exr-type", "float")
     return read_exr(out / "render" / "rgb.exr")["G"], ran.json["pictures"][0]
 
 
@@ -77,7 +86,7 @@ def test_jobs_and_lens_files_steer_it_too(tmp_path):
     start = f'[inputs]\ncolor = "{color}"\ndepth = "{depth}"\n[lens]\n{lens}'
     wanted, _ = rendered(tmp_path / "flag", color, depth, "--edge-width", "30")
     given = ("--lens", tmp_path / "lens.toml", "-o", tmp_path / "lens", "--exr-type", "float")
-    assert run("render", color, depth, *given).code == 0
+    succeed("render", color, depth, *given)
     for name, more in (
         ("reading", '[reading]\nedge-width = "30px"\n'),
         ("slope", '[reading]\ndepth-repair = "soft-edges=0.02"\nedge-width = 30\n'),
@@ -85,8 +94,7 @@ def test_jobs_and_lens_files_steer_it_too(tmp_path):
     ):
         jobs = tmp_path / f"{name}.toml"
         jobs.write_text(f'{start}{more}[outputs]\nexr-type = "float"\n')
-        ran = run("batch", jobs, "-o", tmp_path / name, "--processes", "1")
-        assert ran.code == 0, ran.err
+        succeed("batch", jobs, "-o", tmp_path / name, "--processes", "1")
     for name in ("lens", "reading", "slope", "machine"):
         found = read_exr(next((tmp_path / name / "render").glob("*.exr")))["G"]
         assert np.array_equal(found, wanted), name
@@ -101,8 +109,7 @@ def drawing(path):
 
 def test_info_draws_where_edges_are_repaired(tmp_path):
     files, path = two_surfaces(tmp_path, 8), tmp_path / "repair.png"
-    ran = run("info", *files, *LENS, "--preview", path)
-    assert ran.code == 0, ran.err
+    ran = succeed("info", *files, *LENS, "--preview", path)
     assert "edges soft over 8 px and " in ran.out
     assert str(path) in ran.out
     shown, repair = drawing(path)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import pytest
-from command_line import header, read_exr, refused, run
+from command_line import header, read_exr, refused, run, succeed
 from elements import METRES, SIZE, disc, element, write, write_within
 from image_files import SCANLINE, box
 
@@ -98,7 +98,7 @@ def test_overscan_takes_part_in_the_blur_and_is_cropped_after_it(tmp_path):
     assert np.ravel(told["dataWindow"]).tolist() == np.ravel(data).tolist()
     assert np.ravel(told["displayWindow"]).tolist() == np.ravel(shown).tolist()
     words = ("--outputs", "image,depth", "--keep-overscan")
-    assert run("render", made, "-o", tmp_path / "k", *LENS, "1m", *words).code == 0
+    succeed("render", made, "-o", tmp_path / "k", *LENS, "1m", *words)
     for kind, name in (("image", "R"), ("depth", "Z")):
         given = read_exr(tmp_path / "k" / kind / "a.exr")
         np.testing.assert_array_equal(given[name], planes[name].astype(given[name].dtype))
@@ -121,8 +121,7 @@ def test_overscan_that_the_depth_lacks_is_left_out_of_the_blur(tmp_path):
     data, shown = box(-4, 0, SIZE[1] - 5, SIZE[0] - 1), box(0, 0, SIZE[1] - 5, SIZE[0] - 1)
     made = write(tmp_path / "a.exr", planes, dataWindow=data, displayWindow=shown)
     metres = write(tmp_path / "z.exr", {"Z": np.full((SIZE[0], SIZE[1] - 4), METRES, np.float32)})
-    ran = run("render", made, metres, "-o", tmp_path / "o", *LENS, "1m", "-v")
-    assert ran.code == 0, ran.err
+    ran = succeed("render", made, metres, "-o", tmp_path / "o", *LENS, "1m", "-v")
     assert "cropped from 60x40 at -4,0 to the display window" in ran.err
 
 
@@ -299,8 +298,7 @@ def test_passes_are_blurred_with_the_picture_and_data_is_copied(tmp_path):
         assert np.abs(seen[f"diffuse.{name}"] - planes[f"diffuse.{name}"]).mean() > 0.02
     for name in ("Z", "N.X", "diffuse.id"):
         np.testing.assert_array_equal(seen[name], planes[name])
-    half = run("render", made, "-o", tmp_path / "h", *LENS, "1m", "--blur-channels", "diffuse.*")
-    assert half.code == 0, half.err
+    succeed("render", made, "-o", tmp_path / "h", *LENS, "1m", "--blur-channels", "diffuse.*")
     halves = read_exr(tmp_path / "h" / "render" / "a.exr")
     assert halves["diffuse.R"].dtype == np.float16
     assert halves["specular.R"].tobytes() == planes["specular.R"].tobytes()
@@ -361,8 +359,7 @@ def test_the_output_has_the_window_of_the_input_grown_by_the_blur(options, tmp_p
     lens = ("--focal-length", "50mm", "--fnumber", "1.4", "--focus", "2m", *options)
     full = write(tmp_path / "b" / "a.exr", whole)
     for path, out in ((file, "o"), (full, "p")):
-        ran = run("render", path, "-o", tmp_path / out, *lens, *FLOATS, "--outputs", "render,left")
-        assert ran.code == 0, ran.err
+        succeed("render", path, "-o", tmp_path / out, *lens, *FLOATS, "--outputs", "render,left")
     for kind in ("render", "left"):
         found = tmp_path / "o" / kind / "a.exr"
         data, display = read_headers(found)[0].data, read_headers(found)[0].display

@@ -15,11 +15,13 @@ from command_line import (
     LENS,
     files_under,
     pair,
+    photograph,
     ramp,
     refused,
     refused_input,
     render,
     run,
+    succeed,
     texture,
     write_exr,
 )
@@ -121,7 +123,7 @@ def test_a_name_that_is_not_utf_8(color, depth, out):
 )
 def test_any_other_name_will_do(stem, color, depth, out):
     named = color.rename(color.with_name(f"{stem}.exr"))
-    assert render("-o", out, "--preview", "--format", "png", "--", named, depth).code == 0
+    photograph("-o", out, "--preview", "--format", "png", "--", named, depth)
     assert files_under(out) == {f"render/{stem}.png", f"render/{stem}.preview.png"}
 
 
@@ -174,8 +176,7 @@ def test_colour_of_another_format_is_refused_alone_as_in_a_folder(name, tmp_path
 
 
 def test_no_arguments_show_help():
-    ran = run()
-    assert ran.code == 0
+    ran = succeed()
     assert "render" in ran.out
 
 
@@ -184,7 +185,7 @@ def test_cuda_that_is_not_there(color, depth, out, monkeypatch):
 
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     refused(render(color, depth, "-o", out, "--device", "cuda"), 2, "no-gpu", "device")
-    assert render(color, depth, "-o", out, "--device", "auto").code == 0
+    photograph(color, depth, "-o", out, "--device", "auto")
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from command_line import (
     depth_exr,
     files_under,
     header,
+    photograph,
     read_exr,
     refused,
     render,
@@ -40,8 +41,8 @@ def behind(folder, stem="a", red=0.9):
 
 def test_hidden_shows_through_where_it_is_known(tmp_path):
     files, hidden = scene(tmp_path), behind(tmp_path)
-    assert render(*files, "-o", tmp_path / "without").code == 0
-    assert render(*files, "-o", tmp_path / "with", "--hidden", *hidden).code == 0
+    photograph(*files, "-o", tmp_path / "without")
+    photograph(*files, "-o", tmp_path / "with", "--hidden", *hidden)
     without, known = (read_exr(tmp_path / out / "render" / "a.exr") for out in ("without", "with"))
     more = known["R"].astype(np.float32) - without["R"]
     less = known["G"].astype(np.float32) - without["G"]
@@ -52,14 +53,14 @@ def test_hidden_shows_through_where_it_is_known(tmp_path):
 
 def test_trust_is_a_float_map_of_shares(tmp_path):
     files, hidden = scene(tmp_path), behind(tmp_path)
-    assert render(*files, "-o", tmp_path / "o", "--outputs", "trust", "--preview").code == 0
+    photograph(*files, "-o", tmp_path / "o", "--outputs", "trust", "--preview")
     assert files_under(tmp_path / "o") == {"trust/a.exr", "trust/a.preview.png"}
     trust = read_exr(tmp_path / "o" / "trust" / "a.exr")["trust"]
     assert trust.dtype == np.float32
     assert trust[CARD].min() < 0.9
     assert trust[0, 0] == pytest.approx(1.0, abs=1e-5)  # in focus, far from the card
     args = ("-o", tmp_path / "k", "--outputs", "trust", "--hidden", *hidden)
-    assert render(*files, *args).code == 0
+    photograph(*files, *args)
     known = read_exr(tmp_path / "k" / "trust" / "a.exr")["trust"]
     assert known[CARD][:, 0].mean() > trust[CARD][:, 0].mean() + 0.05
 
@@ -77,7 +78,7 @@ def test_hidden_directories_pair_by_stem(tmp_path):
     for stem in ("a", "b"):
         files, hidden = scene(tmp_path, stem), behind(tmp_path, stem)
     folders = [file.parent for file in (*files, *hidden)]
-    assert render(*folders[:2], "-o", tmp_path / "o", "--hidden", *folders[2:]).code == 0
+    photograph(*folders[:2], "-o", tmp_path / "o", "--hidden", *folders[2:])
     assert files_under(tmp_path / "o") == {"render/a.exr", "render/b.exr"}
     scene(tmp_path, "c")
     ran = render(*folders[:2], "-o", tmp_path / "p", "--hidden", *folders[2:])

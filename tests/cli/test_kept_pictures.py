@@ -8,10 +8,12 @@ from command_line import (
     depth_exr,
     files_under,
     pair,
+    photograph,
     read_exr,
     refused,
     render,
     run,
+    succeed,
     texture,
     write_exr,
 )
@@ -35,13 +37,12 @@ def another(name):
 @pytest.mark.parametrize("name", OTHER)
 def test_another_lens_replaces_no_picture(name, tmp_path, out):
     files = pair(tmp_path)
-    assert render(*files, "-o", out, *MAPS).code == 0
+    photograph(*files, "-o", out, *MAPS)
     before = (out / "coc/a.exr").read_bytes()
     refused(run("render", *another(name), *files, "-o", out, *MAPS), 3, "exists", "a.exr")
     assert run("render", *another(name), *files, "-o", out, *MAPS, "--dry-run").code == 3
     assert (out / "coc/a.exr").read_bytes() == before
-    ran = run("render", *another(name), *files, "-o", out, *MAPS, "--overwrite")
-    assert ran.code == 0, ran.err
+    succeed("render", *another(name), *files, "-o", out, *MAPS, "--overwrite")
     assert (out / "coc/a.exr").read_bytes() != before
 
 
@@ -49,7 +50,7 @@ def test_names_keep_lenses_apart(tmp_path, out):
     files = pair(tmp_path)
     for name in ("focus", "fnumber"):
         template = f"{{stem}}_{{{name}}}"
-        assert run("render", *another(name), *files, "-o", out, *MAPS, "--name", template).code == 0
+        succeed("render", *another(name), *files, "-o", out, *MAPS, "--name", template)
     assert files_under(out) == {"coc/a_focus3m.exr", "coc/a_f8.exr"}
 
 
@@ -69,20 +70,18 @@ def test_each_view_is_rendered_and_named(tmp_path, out):
         for k, c in enumerate("RGB")
     }
     color, depth = write_exr(tmp_path / "a.exr", **planes), depth_exr(tmp_path / "z.exr")
-    ran = render(color, depth, "-o", out, "--outputs", "image", "--view", "left,right")
-    assert ran.code == 0, ran.err
+    photograph(color, depth, "-o", out, "--outputs", "image", "--view", "left,right")
     for view, pixels in (("left", left), ("right", right)):
         written = read_exr(out / f"image/a_{view}.exr")["R"]
         np.testing.assert_allclose(written, pixels[..., 0], atol=1e-3)
-    named = render(color, depth, "-o", out, *MAPS, "--view", "left", "--name", "{view}-{stem}")
-    assert named.code == 0
+    photograph(color, depth, "-o", out, *MAPS, "--view", "left", "--name", "{view}-{stem}")
     assert (out / "coc/left-a.exr").exists()
 
 
 def test_another_view_replaces_no_picture(tmp_path, out):
     planes = {f"{v}_{c}": texture()[..., 0] for v in ("left", "right") for c in "RGB"}
     files = write_exr(tmp_path / "a.exr", **planes), depth_exr(tmp_path / "z.exr")
-    assert render(*files, "-o", out, *MAPS, "--view", "left").code == 0
+    photograph(*files, "-o", out, *MAPS, "--view", "left")
     refused(render(*files, "-o", out, *MAPS, "--view", "right"), 3, "exists", "a.exr")
 
 
@@ -92,13 +91,13 @@ def test_another_view_replaces_no_picture(tmp_path, out):
 )
 def test_a_file_is_one_picture_without_a_journal(name, options, tmp_path, out):
     files = pair(tmp_path)
-    assert render(*files, "-o", out / name, *options).code == 0
+    photograph(*files, "-o", out / name, *options)
     assert files_under(out) == {name}
     assert not (out / "journal.jsonl").exists()
-    assert render(*files, "-o", out / name, *options).code == 0
+    photograph(*files, "-o", out / name, *options)
     (out / name).write_bytes(b"of another program")
     refused(render(*files, "-o", out / name, *options), 3, "exists", out / name)
-    assert render(*files, "-o", out / name, *options, "--overwrite").code == 0
+    photograph(*files, "-o", out / name, *options, "--overwrite")
 
 
 @pytest.mark.parametrize(

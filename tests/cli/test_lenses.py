@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from command_line import header, pair, refused, run
+from command_line import header, pair, refused, run, succeed
 
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
 from defocus_core.batch.jobs.lens_from_options import make_lens
@@ -21,8 +21,7 @@ def test_a_lens_that_ships_wants_a_focus_alone(lens):
 
 
 def test_lenses_lists_them():
-    ran = run("lenses")
-    assert ran.code == 0
+    ran = succeed("lenses")
     names, _, sensors = ran.out.partition("\n\n")
     assert [line.split()[0] for line in names.splitlines()] == [lens.name for lens in LENSES]
     assert [line.split()[1] for line in sensors.splitlines()] == list(DUAL_PIXEL_SENSORS)
@@ -35,8 +34,7 @@ def test_lenses_lists_them():
 def test_a_lens_is_taken_by_its_name_and_options_beside_it_win(tmp_path):
     color, depth = pair(tmp_path)
     options = ("-o", tmp_path / "out", "--focus", "2m", "--fnumber", "2")
-    ran = run("render", color, depth, *options, "--lens", "@portrait-85")
-    assert ran.code == 0, ran.err
+    succeed("render", color, depth, *options, "--lens", "@portrait-85")
     attributes = header(tmp_path / "out/render/a.exr")
     assert attributes["defocus:focal_length"] == "85mm"
     assert attributes["defocus:fnumber"] == "2"
@@ -50,14 +48,13 @@ def test_a_jobs_file_takes_one_by_its_name(tmp_path):
         '[inputs]\ncolor = "rgb/*.exr"\ndepth = "depth/*.exr"\n'
         '[lens]\nfile = "@mirror-500"\nfocus = "2m"\n'
     )
-    ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
-    assert ran.code == 0, ran.err
+    succeed("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
     assert header(tmp_path / "out/render/a.exr")["defocus:obstruction"] == "0.45"
 
 
 def test_a_contact_sheet_shows_another_look_of_each(tmp_path):
     sheet = tmp_path / "sheet.png"
-    assert run("lenses", "-o", sheet).code == 0
+    succeed("lenses", "-o", sheet)
     pixels = np.concatenate([strip for _, strip in read_samples(sheet)], axis=0)
     assert pixels.shape[:2] == (226 * -(-len(LENSES) // 3), 900)
     tiles = [pixels[226 * (i // 3) :, 300 * (i % 3) :][:200, :300] for i in range(len(LENSES))]

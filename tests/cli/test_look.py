@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from command_line import LENS, color_exr, depth_exr, header, read_exr, refused, run
+from command_line import LENS, color_exr, depth_exr, header, read_exr, refused, run, succeed
 from image_files import save
 
 from defocus_core.picture import scene as renderers
@@ -36,8 +36,7 @@ def light(tmp_path_factory):
 
 def drawn(light, out, *options):
     """The channels of the picture."""
-    ran = run("render", *light, "-o", out, *SMALL, "--exr-type", "float", *options)
-    assert ran.code == 0, ran.err
+    succeed("render", *light, "-o", out, *SMALL, "--exr-type", "float", *options)
     return read_exr(out / "render" / f"{light[0].stem}.exr")
 
 
@@ -125,14 +124,13 @@ def test_a_picture_that_is_no_opening_is_refused(light, tmp_path, values):
 
 def test_aperture_draws_the_opening_and_the_blur_of_a_point(tmp_path):
     out = tmp_path / "kernel.exr"
-    ran = run("aperture", "-o", out, "--obstruction", "0.5", "--radius", "10px")
-    assert ran.code == 0, ran.err
+    succeed("aperture", "-o", out, "--obstruction", "0.5", "--radius", "10px")
     kernel = read_exr(out)["kernel"]
     assert kernel.shape == (21, 21)
     assert kernel.sum() == pytest.approx(1, abs=1e-6)
     assert kernel[10, 10] == 0
     refused(run("aperture", "-o", out), 3, "exists", out)
-    assert run("aperture", "-o", tmp_path / "a.png", "--blades", "5").code == 0
+    succeed("aperture", "-o", tmp_path / "a.png", "--blades", "5")
     refused(run("aperture", "-o", tmp_path / "a.jpg"), 3, "malformed", "a.jpg")
     refused(run("aperture", "-o", out, "--blur", "40px"), 2, None, "blur")
     run("aperture", "-o", out, "--overwrite", "--dp-model", "@pixel4")
@@ -148,8 +146,7 @@ def test_noise_is_that_of_its_seed_and_left_and_right_have_their_own(tmp_path):
 
     def noisy(out, *options):
         what = ("--outputs", "render,left,right", "--exr-type", "float", "--noise", "1000:2")
-        ran = run("render", color, depth, "-o", tmp_path / out, *LENS, *what, *options)
-        assert ran.code == 0, ran.err
+        succeed("render", color, depth, "-o", tmp_path / out, *LENS, *what, *options)
         return {k: read_exr(tmp_path / out / k / "a.exr")["G"] for k in ("render", "left", "right")}
 
     first, again, other = noisy("a"), noisy("b", "--tile", "16"), noisy("c", "--noise-seed", "1")
@@ -194,7 +191,7 @@ def test_a_speck_in_focus_stays_where_soft_depth_blurs_it(tmp_path):
     picture[30:32, 41:43] = 255
     photo = save(tmp_path / "photo.png", picture)
     arguments = ("-o", tmp_path / "out", *LENS, "--sensor-width", "4mm", "--highlights", "auto")
-    assert run("render", photo, depth, *arguments).code == 0
+    succeed("render", photo, depth, *arguments)
     assert read_exr(tmp_path / "out" / "render" / "photo.exr")["G"].max() < 1.1
 
 
@@ -203,8 +200,7 @@ def test_focus_shows_what_is_sharp_without_rendering(tmp_path):
     color = color_exr(tmp_path / "a.exr", np.full((160, 240, 3), 0.5, np.float32))
     depth = depth_exr(tmp_path / "d.exr", metres)
     options = ("-o", tmp_path / "out", *LENS, "--outputs", "focus,coc", "--exr-type", "float")
-    ran = run("render", color, depth, *options)
-    assert ran.code == 0, ran.err
+    succeed("render", color, depth, *options)
     shown = read_exr(tmp_path / "out/focus/a.exr")
     coc = read_exr(tmp_path / "out/coc/a.exr")["coc"][0]
     red, green, blue = (shown[name][0] for name in "RGB")
@@ -225,8 +221,7 @@ def test_focus_shows_a_wall_of_one_radius(tmp_path):
     color = color_exr(tmp_path / "a.exr", np.full((80, 120, 3), 0.5, np.float32))
     depth = depth_exr(tmp_path / "d.exr", np.full((80, 120), 1.3, np.float32))
     lens = ("--focal-length", "50mm", "--fnumber", "1", "--focus", "2m")
-    ran = run("render", color, depth, "-o", tmp_path / "out", *lens, "--outputs", "focus")
-    assert ran.code == 0, ran.err
+    succeed("render", color, depth, "-o", tmp_path / "out", *lens, "--outputs", "focus")
     red, blue = (read_exr(tmp_path / "out/focus/a.exr")[name][:40] for name in "RB")
     assert (red > blue).all(), "all of it is near"
 
@@ -247,8 +242,7 @@ def test_up_and_down_are_the_halves_of_quad_pixels(tmp_path, options):
         depth = depth_exr(tmp_path / name / "d.exr", turn(metres))
         width = ("--sensor-width", f"{9 * 40 / 56}mm") if flip else ()
         out = ("-o", tmp_path / name / "out", "--outputs", kinds, "--exr-type", "float")
-        ran = run("render", color, depth, *out, *lens, *width, *options)
-        assert ran.code == 0, ran.err
+        succeed("render", color, depth, *out, *lens, *width, *options)
         files = {
             kind: read_exr(tmp_path / name / "out" / kind / "a.exr") for kind in kinds.split(",")
         }
@@ -296,8 +290,7 @@ def test_colours_apart_are_the_same_within_any_memory(tmp_path, monkeypatch):
     shown = []
     for name, holds in (("much", True), ("little", False)):
         monkeypatch.setattr(renderers, "holds_cells", lambda *_, holds=holds: holds)
-        ran = run("render", color, depth, "-o", tmp_path / name, *options)
-        assert ran.code == 0, ran.err
+        succeed("render", color, depth, "-o", tmp_path / name, *options)
         shown.append(read_exr(tmp_path / name / "render/a.exr"))
     for channel in "RGB":
         np.testing.assert_array_equal(shown[0][channel], shown[1][channel])

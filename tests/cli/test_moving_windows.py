@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import succeed
 from image_files import box, write_window
 
 from defocus_core.io.exr.reading import read_parts
@@ -45,8 +45,7 @@ def test_moving_data_windows_change_nothing(more, tmp_path):
     found = {}
     for name, pattern in shots.items():
         out = tmp_path / f"{name}.out"
-        ran = run("render", pattern, pattern, *LENS, *more, "-o", out, "--exr-type", "float")
-        assert ran.code == 0, ran.err
+        succeed("render", pattern, pattern, *LENS, *more, "-o", out, "--exr-type", "float")
         pictures = (read_parts(out / "render" / f"a.{n:04}.exr")[0] for n in range(3))
         found[name] = [picture.channels for picture in pictures]
     for whole, moving in zip(found["whole"], found["moving"], strict=True):

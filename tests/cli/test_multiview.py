@@ -3,7 +3,19 @@
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
-from command_line import HEIGHT, LENS, WIDTH, files_under, header, pair, read_exr, refused, run
+from command_line import (
+    HEIGHT,
+    LENS,
+    WIDTH,
+    files_under,
+    header,
+    pair,
+    photograph,
+    read_exr,
+    refused,
+    run,
+    succeed,
+)
 
 NEAR = (*LENS[:4], "--focus", "1m", "--sensor-width", "4mm")
 
@@ -32,12 +44,12 @@ def test_left_and_right_are_the_views_of_one_file(tmp_path):
 
 
 def test_the_file_is_read_by_its_views_again(tmp_path):
-    assert render(tmp_path, "one", "--outputs", "left,right", "--multiview").code == 0
+    photograph(tmp_path, "one", "--outputs", "left,right", "--multiview")
     file = tmp_path / "one" / "multiview" / "a.exr"
     depth = tmp_path / "depth" / "a.exr"
     again = tmp_path / "again"
     arguments = ("--focal-length", "1mm", "--fnumber", "999", "--focus", "inf")
-    assert run("render", file, depth, "-o", again, *arguments, "--view", "right").code == 0
+    succeed("render", file, depth, "-o", again, *arguments, "--view", "right")
     seen, both = read_exr(again / "render" / "a.exr"), read_exr(file)
     assert set(seen) == set("RGB")
     np.testing.assert_allclose(seen["G"].astype("f"), both["right.G"], atol=1e-3)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
-from command_line import files_under, header, read_exr, refused, run
+from command_line import files_under, header, read_exr, refused, run, succeed
 from deep_files import write_deep_samples
 from elements import SIZE, disc, element, write
 from image_files import box, save
@@ -38,8 +38,7 @@ def scene(folder, near, far):
 
 
 def picture(out, *args, focus="1m"):
-    ran = run("render", *args, "-o", out, *LENS, focus, *FLOATS)
-    assert ran.code == 0, ran.err
+    succeed("render", *args, "-o", out, *LENS, focus, *FLOATS)
     return read_exr(out / "render" / "a.exr")
 
 
@@ -71,10 +70,7 @@ def test_a_plate_nearer_than_the_element_hides_it(tmp_path):
 
 def test_coc_is_that_of_what_is_seen(tmp_path):
     ball, below, _, alpha = scene(tmp_path, 0.8, 1.6)
-    ran = run(
-        "render", ball, "-o", tmp_path / "o", *LENS, "1m", "--over", below, "--outputs", "coc"
-    )
-    assert ran.code == 0, ran.err
+    succeed("render", ball, "-o", tmp_path / "o", *LENS, "1m", "--over", below, "--outputs", "coc")
     coc = read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"]
     assert (coc[alpha > 0] < -1).all()
     assert (coc[alpha == 0] > 1).all()
@@ -135,8 +131,7 @@ def test_folders_pair_up_and_jobs_files_have_plates_too(tmp_path):
         '[lens]\nfocal-length = "120mm"\n'
         'fnumber = 1.2\nfocus = "1m"\n[outputs]\nexr-type = "float"\n'
     )
-    ran = run("batch", jobs, "-o", tmp_path / "q")
-    assert ran.code == 0, ran.err
+    succeed("batch", jobs, "-o", tmp_path / "q")
     assert files_under(tmp_path / "q") >= {"render/a.exr"}
     for seen in (folders, read_exr(tmp_path / "q" / "render" / "a.exr")):
         for name in "RGBA":
@@ -146,11 +141,10 @@ def test_folders_pair_up_and_jobs_files_have_plates_too(tmp_path):
 def test_the_plate_stands_in_the_dry_run_and_in_the_journal(tmp_path):
     ball, below, _, _ = scene(tmp_path, 0.8, 1.6)
     arguments = ("render", ball, "-o", tmp_path / "o", *LENS, "1m", "--over", below)
-    assert run(*arguments, "--dry-run").code == 0
-    assert run(*arguments).code == 0
+    succeed(*arguments, "--dry-run")
+    succeed(*arguments)
     write(below, read_exr(below) | {"R": np.zeros(SIZE, np.float32)})
-    again = run(*arguments, "--json")
-    assert again.code == 0, again.err
+    succeed(*arguments, "--json")
     assert read_exr(tmp_path / "o" / "render" / "a.exr")["R"][0, 0] == 0, "rendered again"
 
 
@@ -186,8 +180,7 @@ def test_of_deep_pictures_it_is_the_merge_of_their_samples(volumes, tmp_path):
         write_deep_samples(tmp_path / f"{name}.exr", each, names, light="float")
         for name, each in zip(("a", "plate"), pixels, strict=True)
     )
-    ran = run("render", element, "-o", tmp_path / "o", *IN_FOCUS, "--over", plate)
-    assert ran.code == 0, ran.err
+    succeed("render", element, "-o", tmp_path / "o", *IN_FOCUS, "--over", plate)
     seen = read_exr(tmp_path / "o" / "render" / "a.exr")
     merged = flattened(oiio.ImageBuf(str(element)), oiio.ImageBuf(str(plate)))
     for k, name in enumerate("RGBA"):
@@ -201,8 +194,7 @@ def test_over_a_deep_plate_an_element_lies_between_its_samples(tmp_path):
     wall = {"R": 0.0, "G": 0.5, "B": 0.0, "A": 1.0, "Z": 10.0}
     pixels = [[[fog, wall]] * SIZE[1]] * SIZE[0]
     plate = write_deep_samples(tmp_path / "plate.exr", pixels, light="float")
-    ran = run("render", ball, "-o", tmp_path / "o", *IN_FOCUS, "--over", plate)
-    assert ran.code == 0, ran.err
+    succeed("render", ball, "-o", tmp_path / "o", *IN_FOCUS, "--over", plate)
     seen = read_exr(tmp_path / "o" / "render" / "a.exr")
     for name in "RGB":
         behind = alpha * (name == "R") + (1 - alpha) * wall[name]

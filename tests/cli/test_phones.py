@@ -3,7 +3,7 @@
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
-from command_line import refused, run
+from command_line import refused, run, succeed
 from depth_files import gdepth, png
 from image_files import save
 
@@ -46,8 +46,7 @@ def contrast(half):
 @pytest.mark.parametrize("properties", [INVERSE, LINEAR, {**LINEAR, "Units": "m"}], ids=str)
 def test_a_portrait_is_rendered_of_its_sharp_original(properties, tmp_path):
     file = photo(tmp_path, **properties)
-    ran = run("render", file, *BLUR, "-o", tmp_path / "out.jpg")
-    assert ran.code == 0, ran.err
+    ran = succeed("render", file, *BLUR, "-o", tmp_path / "out.jpg")
     assert "a.jpg: the sharp picture inside it is rendered" in ran.err
     made = pixels(tmp_path / "out.jpg")
     assert contrast(made[:, :32]) > 4 * contrast(made[:, 32:]), "the near half is in focus"
@@ -62,7 +61,7 @@ def test_depth_without_units_is_no_depth_in_metres(tmp_path):
     refused(ran, 3, "unknown-unit")
     assert "GDepth without Units, which is relative; say --blur" in ran.err
     file = photo(tmp_path, **LINEAR, Units="m")
-    assert run("render", file, *lens, "-o", tmp_path / "out.jpg").code == 0
+    succeed("render", file, *lens, "-o", tmp_path / "out.jpg")
 
 
 def test_a_photograph_without_depth_says_what_to_give(tmp_path):
@@ -94,8 +93,7 @@ def test_a_heic_is_rendered_of_its_own_depth(kind, tmp_path, monkeypatch):
     monkeypatch.setattr(pillow_heif, "open_heif", with_depth)
     lens = ("--focal-length", "70mm", "--fnumber", "1", "--sensor-width", "7mm")
     for name, words in (("b", BLUR), ("c", (*lens, "--focus-at", "5,5")), ("d", ("--blur", "8px"))):
-        ran = run("render", file, *words, "-o", tmp_path / f"{name}.png")
-        assert ran.code == 0, ran.err
+        succeed("render", file, *words, "-o", tmp_path / f"{name}.png")
         made = pixels(tmp_path / f"{name}.png")
         assert contrast(made[:, :32]) > 4 * contrast(made[:, 32:])
     assert "colour: R, G, B" in run("info", file, *BLUR).out
@@ -105,9 +103,9 @@ def test_a_heic_is_rendered_of_its_own_depth(kind, tmp_path, monkeypatch):
 def test_a_file_that_defocus_wrote_is_replaced_and_no_other(suffix, tmp_path):
     file, out = photo(tmp_path, **INVERSE), tmp_path / f"out.{suffix}"
     args = ("render", file, "--focus-at", "5,5", "-o", out, "--blur")
-    assert run(*args, "8px").code == 0
+    succeed(*args, "8px")
     first = out.read_bytes()
-    assert run(*args, "3px").code == 0
+    succeed(*args, "3px")
     assert out.read_bytes() != first
     other = save(tmp_path / f"mine.{suffix}", detail())
     for path in (other, tmp_path / f"link.{suffix}"):

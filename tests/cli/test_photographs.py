@@ -6,7 +6,7 @@ import shlex
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
-from command_line import color_exr, depth_exr, pair, ramp, refused, run, texture
+from command_line import color_exr, depth_exr, pair, ramp, refused, run, succeed, texture
 from depth_files import gdepth, png
 from image_files import save
 
@@ -32,8 +32,7 @@ def taken(said):
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_the_first_picture_takes_one_line_and_says_how_it_was_taken(dtype, tmp_path):
     files = photo(tmp_path), png(tmp_path / "z.png", disparity(dtype=dtype), dtype)
-    ran = run("render", *files, "-o", tmp_path / "a.png")
-    assert ran.code == 0, ran.err
+    ran = succeed("render", *files, "-o", tmp_path / "a.png")
     assert taken(ran.err) == "--blur 3px --focus-at 89,64"
     again = run("render", *files, "-o", tmp_path / "b.png", *shlex.split(taken(ran.err)))
     assert "taken with" not in again.err
@@ -104,8 +103,7 @@ def test_a_matte_keeps_the_background_beside_the_subject_with_itself(tmp_path):
     blur = ("--blur", "6px", "--focus-value", "200", "--depth-repair")
     for name, more in (("off", ()), ("known", ("--matte", matte))):
         out = ("-o", tmp_path / f"{name}.png")
-        ran = run("render", color, depth, *blur, "auto" if more else "off", *more, *out)
-        assert ran.code == 0, ran.err
+        succeed("render", color, depth, *blur, "auto" if more else "off", *more, *out)
     guessed, known = (
         np.asarray(oiio.ImageBuf(str(tmp_path / f"{name}.png")).get_pixels(oiio.FLOAT))
         for name in ("off", "known")
@@ -123,14 +121,13 @@ def test_a_matte_stands_in_jobs_files_and_in_the_journal(tmp_path):
         f'[inputs]\ncolor = "{color.name}"\ndepth = "{depth.name}"\nmatte = "{matte.name}"\n'
         '[lens]\nblur = "6px"\nfocus-value = 200\n[outputs]\nformat = "png"\n'
     )
-    ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
-    assert ran.code == 0, ran.err
+    succeed("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
     again = ("render", color, depth, "--matte", matte, "--blur", "6px", "--focus-value", "200")
-    assert run(*again, "-o", tmp_path / "b.png").code == 0
+    succeed(*again, "-o", tmp_path / "b.png")
     made = tmp_path / "out" / "render" / "a.png"
     assert made.read_bytes() == (tmp_path / "b.png").read_bytes()
     save(matte, np.zeros((*SIZE, 1), np.uint8))
-    assert run("batch", jobs, "-o", tmp_path / "out", "--processes", "1").code == 0
+    succeed("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
     assert made.read_bytes() != (tmp_path / "b.png").read_bytes(), "another matte, another picture"
 
 

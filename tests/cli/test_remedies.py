@@ -6,7 +6,7 @@ import sys
 
 import pytest
 import torch
-from command_line import LENS, color_exr, files_under, pair, refused, render, run
+from command_line import LENS, color_exr, files_under, pair, refused, render, run, succeed
 
 from defocus_core import Aperture, DefocusLens, PupilImage
 from defocus_core import render as render_image
@@ -60,7 +60,7 @@ def test_a_list_may_begin_with_a_comment(tmp_path, out):
     keys = "".join(f'{name[2:]} = "{value}"\n' for name, value in lens.items())
     jobs = tmp_path / "jobs.toml"
     jobs.write_text(f'[inputs]\nlist = "list.csv"\n[lens]\n{keys}[outputs]\nkinds = ["coc"]\n')
-    assert run("batch", jobs, "-o", out).code == 0
+    succeed("batch", jobs, "-o", out)
     assert "coc/a.exr" in files_under(out)
 
 

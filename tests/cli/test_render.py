@@ -16,11 +16,13 @@ from command_line import (
     files_under,
     header,
     pair,
+    photograph,
     ramp,
     read_exr,
     refused,
     render,
     run,
+    succeed,
     texture,
     thin_lens_radius,
     write_exr,
@@ -35,7 +37,7 @@ EVERYTHING = ",".join(KINDS)
 
 
 def test_the_default_output_is_the_render_alone(tmp_path):
-    assert render(*pair(tmp_path), "-o", tmp_path / "out").code == 0
+    photograph(*pair(tmp_path), "-o", tmp_path / "out")
     assert files_under(tmp_path / "out") == {"render/a.exr"}
 
 
@@ -56,8 +58,7 @@ def test_coc_is_the_signed_radius_in_px_as_float(tmp_path):
 def test_telescopes_have_a_coc_too(tmp_path):
     color, depth = pair(tmp_path)
     lens = ("--focal-length", "39m", "--aperture-diameter", "1mm", "--focus", "inf")
-    ran = run("render", *lens, color, depth, "-o", tmp_path / "out", "--outputs", "coc")
-    assert ran.code == 0, ran.err
+    succeed("render", *lens, color, depth, "-o", tmp_path / "out", "--outputs", "coc")
     radius = read_exr(tmp_path / "out" / "coc" / "a.exr")["coc"]
     np.testing.assert_allclose(radius, -39 / ramp() / (2 * PITCH), rtol=1e-6)
 
@@ -71,8 +72,9 @@ def test_disparity_is_the_distance_of_the_half_disc_centroids(tmp_path):
 
 def test_maps_need_no_renderer(tmp_path, monkeypatch):
     monkeypatch.setattr(renderer, "Renderer", None)
-    ran = render(*pair(tmp_path), "-o", tmp_path / "out", "--outputs", "coc,disparity", "--json")
-    assert ran.code == 0
+    ran = photograph(
+        *pair(tmp_path), "-o", tmp_path / "out", "--outputs", "coc,disparity", "--json"
+    )
     assert ran.json["pictures"][0]["render_seconds"] == 0
 
 
@@ -160,7 +162,7 @@ def test_the_format_is_that_of_images_and_maps_stay_exr(tmp_path, name, suffix):
 def test_a_format_may_be_called_by_either_suffix(tmp_path, alias, name):
     written = []
     for out in (alias, name):
-        assert render(*pair(tmp_path), "-o", tmp_path / out, "--format", out).code == 0
+        photograph(*pair(tmp_path), "-o", tmp_path / out, "--format", out)
         written.append({f.name: f.read_bytes() for f in (tmp_path / out / "render").iterdir()})
     assert written[0] == written[1]
 
@@ -185,7 +187,7 @@ def test_the_codec_of_exr_is_zip_unless_another_is_asked_for(tmp_path):
     ):
         out = tmp_path / f"out{len(asked)}{image[:4]}"
         options = ("--compression", asked) * bool(asked)
-        assert render(color, depth, "-o", out, "--outputs", "render,coc", *options).code == 0
+        photograph(color, depth, "-o", out, "--outputs", "render,coc", *options)
         found = [codec(out / kind / "a.exr") for kind in ("render", "coc")]
         assert found == [image, exact], asked
     png = ("--outputs", "render", "--format", "png", "--compression", "piz")
@@ -197,7 +199,7 @@ def test_the_same_input_and_settings_give_the_same_bytes(tmp_path):
     files = pair(tmp_path)
     for name, threads in (("one", "1"), ("elsewhere/two", "2")):
         options = ("--outputs", EVERYTHING, "--threads", threads)
-        assert render(*files, "-o", tmp_path / name, *options).code == 0
+        photograph(*files, "-o", tmp_path / name, *options)
     for kind in KINDS:
         one = (tmp_path / "one" / kind / "a.exr").read_bytes()
         assert one == (tmp_path / "elsewhere" / "two" / kind / "a.exr").read_bytes()
@@ -245,8 +247,8 @@ def test_a_lens_file_is_as_good_as_flags(tmp_path):
     lens = tmp_path / "lens.toml"
     lens.write_text('focal-length = "50mm"\naperture-diameter = "25mm"\nfocus = "200cm"\n')
     files = pair(tmp_path)
-    assert run("render", *files, "-o", tmp_path / "file", "--lens", lens).code == 0
-    assert render(*files, "-o", tmp_path / "flags").code == 0
+    succeed("render", *files, "-o", tmp_path / "file", "--lens", lens)
+    photograph(*files, "-o", tmp_path / "flags")
     one, other = (tmp_path / name / "render" / "a.exr" for name in ("file", "flags"))
     assert one.read_bytes() == other.read_bytes()
 

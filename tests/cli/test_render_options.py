@@ -14,10 +14,11 @@ from command_line import (
     files_under,
     header,
     pair,
+    photograph,
     ramp,
     read_exr,
     render,
-    run,
+    succeed,
     texture,
     write_exr,
 )
@@ -39,8 +40,7 @@ def lens(**changes):
 
 
 def coc(files, out, *args):
-    ran = run("render", *files, "-o", out, "--outputs", "coc", "--overwrite", *args)
-    assert ran.code == 0, ran.err
+    succeed("render", *files, "-o", out, "--outputs", "coc", "--overwrite", *args)
     return read_exr(out / "coc" / f"{files[0].stem}.exr")["coc"]
 
 
@@ -52,8 +52,7 @@ def spot(folder, out, *args):
     depth = depth_exr(folder / "far.exr", np.full((SIZE, SIZE), np.inf, np.float32))
     # r = A f / (s − f) / (2 p) = 16 px
     asked = lens(fnumber=None, aperture_diameter="35.1mm", sensor_width="1.8mm")
-    ran = run("render", color, depth, "-o", out, *asked, "--exr-type", "float", *args)
-    assert ran.code == 0, ran.err
+    succeed("render", color, depth, "-o", out, *asked, "--exr-type", "float", *args)
     return read_exr(out / "render" / "light.exr")["G"]
 
 
@@ -93,8 +92,7 @@ def planes(seed, prefix=""):
 def sharp(color, out, *args):
     """The red that is rendered with everything in focus: what was read."""
     depth = depth_exr(color.with_name("flat.exr"), np.full_like(ramp(), 2))
-    ran = render(color, depth, "-o", out, "--overwrite", "--exr-type", "float", *args)
-    assert ran.code == 0, ran.err
+    photograph(color, depth, "-o", out, "--overwrite", "--exr-type", "float", *args)
     return read_exr(out / "render" / f"{color.stem}.exr")["R"]
 
 
@@ -145,7 +143,7 @@ def test_more_quality_is_another_picture(tmp_path):
     for quality in ("draft", "high"):
         out = tmp_path / quality
         wide = ("--fnumber", "0.5", "--quality", quality)
-        assert render(*files, "-o", out, *wide).code == 0
+        photograph(*files, "-o", out, *wide)
         pictures.append(read_exr(out / "render" / "a.exr")["G"])
     assert np.abs(pictures[0] - pictures[1]).max() > 1e-3
 
@@ -178,8 +176,7 @@ def test_a_tolerance_that_is_too_small_is_answered_with_one_that_will_do(tmp_pat
         ran.err.strip(),
     )
     assert told
-    again = render(*images, "-o", tmp_path / "out", "--tolerance", f"{told[1]}px")
-    assert again.code == 0, again.err
+    photograph(*images, "-o", tmp_path / "out", "--tolerance", f"{told[1]}px")
 
 
 def test_preview_shows_the_picture_as_it_looks(tmp_path):
@@ -198,7 +195,7 @@ def test_a_lower_jpeg_quality_makes_a_smaller_and_less_accurate_file(tmp_path):
     sizes, errors = [], []
     for quality in ((), ("--jpeg-quality", "95"), ("--jpeg-quality", "50")):
         out = tmp_path / f"out{len(sizes)}"
-        assert render(*args, "jpg", "-o", out, *quality).code == 0
+        photograph(*args, "jpg", "-o", out, *quality)
         ((_, samples),) = read_samples(out / "render" / "a.jpg")
         sizes.append((out / "render" / "a.jpg").stat().st_size)
         errors.append(float(np.abs(samples.astype(float) - exact).mean()))

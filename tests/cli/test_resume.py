@@ -13,10 +13,12 @@ from command_line import (
     depth_exr,
     files_under,
     pair,
+    photograph,
     ramp,
     refused,
     render,
     run,
+    succeed,
     texture,
 )
 
@@ -281,7 +283,7 @@ def test_other_settings_supersede_what_failed_and_retry_tries_the_last(folders, 
     told = run("status", out, "--json").json
     assert (told["ok"], told["failed"], told["jobs"]) == (2, 1, 3)
     (folders[1] / "b.exr").write_bytes(good)
-    assert run("retry", out).code == 0
+    succeed("retry", out)
     assert records(out)[-1]["lens"]["blades"] == 6
     assert not (out / "coc" / "b.preview.png").exists()
 
@@ -345,11 +347,11 @@ def test_a_dry_run_says_what_was_done(folders, out):
 def test_another_picture_of_the_same_name_is_refused(tmp_path, out, computed):
     one, other = (pair(tmp_path / folder) for folder in ("one", "other"))
     color_exr(other[0], texture(seed=1))
-    assert render(*one, "-o", out).code == 0
+    photograph(*one, "-o", out)
     refused(render(*other, "-o", out), 3, "exists", "a.exr")
-    assert render(*other, "-o", out, "--overwrite").code == 0
+    photograph(*other, "-o", out, "--overwrite")
     one[0].rename(tmp_path / "moved.exr")
-    assert render(*other, "-o", out, "--quality", "draft").code == 0
+    photograph(*other, "-o", out, "--quality", "draft")
     assert computed == ["a", "a", "a"]
 
 

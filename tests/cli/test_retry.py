@@ -2,7 +2,7 @@
 
 import numpy as np
 from batches import JOBS, contents, jobs_file
-from command_line import depth_exr, ramp, refused, run
+from command_line import depth_exr, ramp, refused, run, succeed
 
 from defocus_core.batch.journal.lock import locked
 
@@ -22,8 +22,7 @@ def test_retry_needs_no_jobs_file(tmp_path, out):
     assert run("retry", out).code == 1
     (tmp_path / "depth" / "a.exr").write_bytes(good)
     assert "nothing failed for that reason" in run("retry", out, "--reason", "worker-died").err
-    ran = run("retry", out, "--reason", "input-unusable", "--json")
-    assert ran.code == 0
+    ran = succeed("retry", out, "--reason", "input-unusable", "--json")
     assert ran.json["ok"] == 2
     jobs_file(tmp_path)
     run("batch", path, "-o", tmp_path / "whole")
@@ -42,6 +41,6 @@ def test_retry_keeps_the_picture_of_the_opening(tmp_path, out):
     depth_exr(tmp_path / "depth" / "a.exr", -ramp())
     assert run("batch", path, "-o", out).code == 1
     (tmp_path / "depth" / "a.exr").write_bytes(good)
-    assert run("retry", out).code == 0
+    succeed("retry", out)
     run("batch", path, "-o", tmp_path / "whole")
     assert contents(out) == contents(tmp_path / "whole")

@@ -2,7 +2,7 @@
 
 import pytest
 from batches import JOBS, contents, jobs_file, records, without_times
-from command_line import refused, run
+from command_line import refused, run, succeed
 
 
 def test_a_batch_takes_over_from_shards_that_did_not_end(tmp_path, out):
@@ -10,7 +10,7 @@ def test_a_batch_takes_over_from_shards_that_did_not_end(tmp_path, out):
     run("batch", path, "-o", out, "--shard", "1/2", "--limit", "1")
     assert "shard 1/2 did not get to its end" in run("merge", out).err
     assert run("status", out, "--json").json["left"] == 1
-    assert run("batch", path, "-o", out).code == 0
+    succeed("batch", path, "-o", out)
     told = run("status", out, "--json").json
     assert (told["ok"], told["left"], told["jobs"], told["shards"]) == (4, 0, 4, None)
 
@@ -19,7 +19,7 @@ def test_shards_merged_are_one_run(tmp_path, out):
     path = jobs_file(tmp_path, *"abcde")
     run("batch", path, "-o", tmp_path / "whole")
     for shard in ("1/2", "2/2"):
-        assert run("batch", path, "-o", out, "--shard", shard).code == 0
+        succeed("batch", path, "-o", out, "--shard", shard)
     assert not (out / "metadata.jsonl").exists()
     assert {path.name for path in out.glob("*.jsonl")} == {
         "journal-1of2.jsonl",

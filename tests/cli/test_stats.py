@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from command_line import color_exr, depth_exr, ramp, render, texture
+from command_line import color_exr, depth_exr, photograph, ramp, render, texture
 
 from defocus_core.tensors.tiling import BLOCK, TILE
 
@@ -12,8 +12,7 @@ W, H = 3 * TILE, TILE
 def rendered(tmp_path, metres, *args, pixels=None):
     color = color_exr(tmp_path / "c.exr", texture(W, H) if pixels is None else pixels)
     depth = depth_exr(tmp_path / "z.exr", metres)
-    ran = render(color, depth, "-o", tmp_path / "out", "--stats", "--json", *args)
-    assert ran.code == 0, ran.err
+    ran = photograph(color, depth, "-o", tmp_path / "out", "--stats", "--json", *args)
     return ran.json["pictures"][0]["stats"], ran.err
 
 

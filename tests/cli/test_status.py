@@ -4,7 +4,7 @@ import os
 
 import pytest
 from batches import JOBS, jobs_file
-from command_line import depth_exr, hidden_in, ramp, refused, run
+from command_line import depth_exr, hidden_in, ramp, refused, run, succeed
 
 from defocus_cli.words.batch import progress_lines, progress_record
 from defocus_core.batch.journal.journal import Journal
@@ -27,7 +27,7 @@ def test_status_after_a_retry_knows_what_a_stopped_batch_has_left(tmp_path, out)
     depth_exr(tmp_path / "depth" / "a.exr", -ramp())
     run("batch", path, "-o", out, "--limit", "3")
     (tmp_path / "depth" / "a.exr").write_bytes(good)
-    assert run("retry", out).code == 0
+    succeed("retry", out)
     told = run("status", out, "--json").json
     assert (told["ok"], told["failed"], told["left"], told["jobs"]) == (3, 0, 3, 6)
     assert run("batch", path, "-o", out).err.splitlines()[-1].startswith("6 jobs: 3 done, 3 done b")

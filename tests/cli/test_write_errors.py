@@ -9,15 +9,7 @@ import sys
 import time
 
 import pytest
-from command_line import (
-    LENS,
-    Ran,
-    files_under,
-    pair,
-    refused,
-    render,
-    run,
-)
+from command_line import LENS, Ran, files_under, pair, photograph, refused, render, succeed
 
 from defocus_core.picture import plain_path
 from defocus_core.system.interrupts import delayed_signals
@@ -72,7 +64,7 @@ def test_words_that_cannot_be_said_do_not_cost_the_picture(stderr, color, depth,
 def test_a_document_that_cannot_be_told_is_an_error(redirected, words, color, depth, out):
     command = "from defocus_cli.__main__ import run; run()"
     done = ["render", color, depth, "-o", out, "--outputs", "coc", "--json", *LENS]
-    assert run(*done).code == 0
+    succeed(*done)
     for args in (done, ["info", color], ["info", color, "--json"], ["status", out]):
         shell = ["sh", "-c", f'exec "$@" {redirected}', "sh", sys.executable, "-c", command, *args]
         ran = subprocess.run(shell, capture_output=True, text=True, check=False)
@@ -202,7 +194,7 @@ def test_ctrl_c_ends_the_process_with_130_and_one_line(tmp_path):
 def test_what_overwrite_replaced_comes_back_if_a_later_file_fails(color, depth, out, monkeypatch):
     """A good result of before is not lost to a disk that is full now."""
     kinds = ("--outputs", "render,left,right")
-    assert render(color, depth, "-o", out, *kinds).code == 0
+    photograph(color, depth, "-o", out, *kinds)
     before = {path: path.read_bytes() for path in out.rglob("*.exr")}
     assert len(before) == 3
     fill_at_the_third_file(monkeypatch)

@@ -63,6 +63,18 @@ def render(*args):
     return run("render", *LENS, *args)
 
 
+def succeed(*args):
+    """Run a command that ends well."""
+    ran = run(*args)
+    assert ran.code == 0, ran.err
+    return ran
+
+
+def photograph(*args):
+    """Render by the lens of most tests, which ends well."""
+    return succeed("render", *LENS, *args)
+
+
 def failed(ran, exit_code, code, *at):
     """Assert that the run ended with this error, whatever was done and said before.
 

@@ -5,7 +5,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from command_line import failed, read_exr, refused, run, write_exr
+from command_line import failed, read_exr, refused, run, succeed, write_exr
 
 LENS = ("--focal-length", "50mm", "--fnumber", "1.4", "--focus", "1.6m", "--blades", "0")
 
@@ -21,19 +21,17 @@ def pair(tmp_path):
     sharp, z = tmp_path / "a.exr", tmp_path / "z.exr"
     write_exr(sharp, **{name: light[..., i] for i, name in enumerate("RGB")})
     write_exr(z, Z=depth)
-    made = run("render", sharp, z, *LENS, "-o", tmp_path / "out", "--exr-type", "float")
-    assert made.code == 0, made.err
+    succeed("render", sharp, z, *LENS, "-o", tmp_path / "out", "--exr-type", "float")
     return sharp, z, tmp_path / "out" / "render" / "a.exr"
 
 
 def test_the_lens_file_renders_the_picture_again(pair):
     folder = pair[0].parent
-    ran = run("fit", *pair, "-o", folder / "lens.toml", "--focal-length", "50mm")
-    assert ran.code == 0, ran.err
+    succeed("fit", *pair, "-o", folder / "lens.toml", "--focal-length", "50mm")
     lens = tomllib.loads((folder / "lens.toml").read_text())
     assert lens["fnumber"] == pytest.approx(1.4, rel=0.03)
     words = ("--lens", folder / "lens.toml", "-o", folder / "again", "--exr-type", "float")
-    assert run("render", *pair[:2], *words).code == 0
+    succeed("render", *pair[:2], *words)
     again, seen = (read_exr(path) for path in (folder / "again" / "render" / "a.exr", pair[2]))
     error = max(float(np.sqrt(np.mean((again[c] - seen[c]) ** 2))) for c in "RGB")
     assert error < 0.005
@@ -59,15 +57,14 @@ def test_folders_are_fitted_picture_by_picture(pair):
     (folder / "lenses").mkdir()
     (folder / "lenses" / "a.toml").touch()
     refused(run("fit", *places, "-o", folder / "lenses"), 3, "exists", "a.toml")
-    assert run("fit", *places, "-o", folder / "lenses", "--overwrite").code == 0
+    succeed("fit", *places, "-o", folder / "lenses", "--overwrite")
     assert "fnumber" in (folder / "lenses" / "a.toml").read_text()
 
 
 def test_the_sensor_of_a_pair_is_written_for_render(pair):
     folder = pair[0].parent
     sensor = ("--dp-model", "smooth", "--dp-crosstalk", "0.2", "--outputs", "left,right")
-    made = run("render", *pair[:2], *LENS, *sensor, "-o", folder / "dp", "--exr-type", "float")
-    assert made.code == 0, made.err
+    succeed("render", *pair[:2], *LENS, *sensor, "-o", folder / "dp", "--exr-type", "float")
     left, right = (folder / "dp" / side / "a.exr" for side in ("left", "right"))
     known = ("--focus", "1.6m", "--fnumber", "1.4", "--dual-pixel")
     ran = run("fit", *pair[:2], left, "--right", right, *known, "-o", folder / "dp.toml")
@@ -76,7 +73,7 @@ def test_the_sensor_of_a_pair_is_written_for_render(pair):
     assert lens["dp-crosstalk"] == pytest.approx(0.2, abs=0.01)
     assert (lens["fnumber"], lens["focus"]) == (pytest.approx(1.4), "1.6m")
     asked = ("--lens", folder / "dp.toml", "--outputs", "left", "--exr-type", "float")
-    assert run("render", *pair[:2], *asked, "-o", folder / "dp2").code == 0
+    succeed("render", *pair[:2], *asked, "-o", folder / "dp2")
     again, seen = (read_exr(path) for path in (folder / "dp2" / "left" / "a.exr", left))
     assert max(float(np.abs(again[c] - seen[c]).mean()) for c in "RGB") < 1e-3
 
@@ -87,7 +84,7 @@ def test_a_lens_that_explains_nothing_is_written_only_if_it_is_accepted(pair):
     asked = ("fit", seen, depth, sharp, "-o", place)
     failed(run(*asked), 1, "swapped")
     assert not place.exists()
-    assert run(*asked, "--accept").code == 0
+    succeed(*asked, "--accept")
     assert place.exists()
 
 
@@ -99,8 +96,7 @@ def test_gamma_shift_and_exposure_are_found_if_asked_for(pair):
     write_exr(folder / "d.exr", Z=read_exr(pair[1])["Z"][4:-4, 4:-4])
     files = [folder / f"{name}.exr" for name in "sdb"]
     width = ("--sensor-width", "33mm")  # of the 88 px that are left of 96
-    ran = run("fit", *files, "--json", "--gamma", "--shift", "--exposure", *width)
-    assert ran.code == 0, ran.err
+    ran = succeed("fit", *files, "--json", "--gamma", "--shift", "--exposure", *width)
     (record,) = json.loads(ran.out)["pairs"]
     assert record["gains"] == pytest.approx([2, 2, 2], rel=0.05)
     assert record["gamma"] == pytest.approx(1.4, rel=0.03)
@@ -117,11 +113,10 @@ def test_blades_are_written_with_their_rotation(pair):
         pixels[20::32, 16::32] = 8.0  # lights show the pupil
     write_exr(folder / "l.exr", **light)
     words = ("--focal-length", "50mm", "--fnumber", "0.7", "--focus", "1.6m", "--blades", "6")
-    made = run(
+    succeed(
         *("render", folder / "l.exr", pair[1], *words, "--blade-rotation", "20"),
         *("-o", folder / "hex", "--exr-type", "float"),
     )
-    assert made.code == 0, made.err
     files = (folder / "l.exr", pair[1], folder / "hex" / "render" / "l.exr")
     ran = run("fit", *files, "--blades", "0,6", "-o", folder / "hex.toml")
     assert "6 blades turned" in ran.out
