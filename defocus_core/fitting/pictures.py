@@ -84,7 +84,7 @@ def offset_of(sharp: Tensor, observed: Tensor, maximum: int) -> tuple[float, flo
     spectra = []
     for image in (sharp, observed):
         light = image.clamp_min(0).mean(0)
-        light = light / (light + light.median().clamp_min(1e-3))  # lamps do not decide
+        light = light / (light + light.median().clamp_min(1e-3))  # lights do not decide
         spectra.append(torch.fft.rfft2(light - light.mean(), s=[2 * n for n in light.shape]))
     both = torch.fft.irfft2(spectra[1] * spectra[0].conj())
     positions = torch.arange(-maximum, maximum + 1)

@@ -60,8 +60,8 @@ class Rim(NamedTuple):
         product = pupil * rim
         maximum = torch.where(along > 0, torch.minimum(pupil, rim), (pupil + rim - 1).clamp(min=0))
         both = torch.lerp(product, maximum, along.abs())
-        lit = there & (pupil > 0)
-        return torch.where(lit, both / torch.where(lit, pupil, 1.0), 0.0)
+        is_open = there & (pupil > 0)
+        return torch.where(is_open, both / torch.where(is_open, pupil, 1.0), 0.0)
 
     def _along(self, x: Tensor, y: Tensor) -> Tensor:
         """How far the borders of the pupil and of the rim lie along each other: -1 to 1."""

@@ -168,8 +168,8 @@ def _share_of(left: Tensor, right: Tensor) -> tuple[Tensor, PupilImage, float]:
     if not first < second:
         problem = f"left must lie left of right, got middles at {first:.2f} and {second:.2f} px"
         raise ValueError(f"{problem}; give kernels of a point beyond focus, left first")
-    lit = both > _FAINT * both.max()
-    left, both = torch.where(lit, left, 0.0), torch.where(lit, both, 0.0)
+    bright = both > _FAINT * both.max()
+    left, both = torch.where(bright, left, 0.0), torch.where(bright, both, 0.0)
     side = max(both.shape)
     beyond = (side,) * 4  # the square of lens points is in the picture
     left, both = pad(left, beyond), pad(both, beyond)
@@ -181,13 +181,13 @@ def _share_of(left: Tensor, right: Tensor) -> tuple[Tensor, PupilImage, float]:
 
 def _fill(part: Tensor, whole: Tensor) -> Tensor:
     """The share [H, W] that a part is of the whole; without light that of the light around."""
-    fraction, lit, width = torch.zeros_like(whole), torch.zeros_like(whole, dtype=torch.bool), 1
+    fraction, known, width = torch.zeros_like(whole), torch.zeros_like(whole, dtype=torch.bool), 1
     bright = (whole > 0).to(whole)
-    while not bool(lit.all()):
+    while not bool(known.all()):
         some, every, near = (_boxes(light, width // 2) for light in (part, whole, bright))
-        nearer = ~lit & (near > 0.5)
+        nearer = ~known & (near > 0.5)
         fraction = torch.where(nearer, some / torch.where(nearer, every, 1.0), fraction)
-        lit, width = lit | nearer, 2 * width + 1
+        known, width = known | nearer, 2 * width + 1
     return fraction.clamp(0, 1)
 
 

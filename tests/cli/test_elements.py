@@ -9,10 +9,8 @@ from command_line import header, read_exr, refused, run, succeed
 from elements import METRES, SIZE, disc, element, write, write_within
 from image_files import SCANLINE, box
 
-from defocus_core.io import arrays
 from defocus_core.io.exr.header import read_headers
 from defocus_core.io.exr.reading import read_parts
-from defocus_core.picture import memory_budget
 
 LENS = ("--focal-length", "120mm", "--fnumber", "1.2", "--focus")
 FLOATS = ("--exr-type", "float")
@@ -255,20 +253,6 @@ def test_info_tells_views_windows_and_what_alpha_leaves_out(tmp_path):
     assert record["depth"]["invalid_pixels"] == 0
     assert record["depth"]["nothing_pixels"] == record["color"]["nothing_pixels"]
     assert record["color"]["partial_pixels"] == int(((disc() > 0) & (disc() < 1)).sum())
-
-
-def test_large_elements_are_the_same_through_scratch_files(tmp_path, monkeypatch):
-    planes = element(disc())
-    planes["Z"] = np.where(planes["A"] < 0.5, np.float32(0), planes["Z"] * planes["A"])
-    made = write_within(tmp_path / "a.exr", planes, (0, 6, 43, 33))
-    whole = render(made, tmp_path / "o", "--outputs", "render,coc")
-    monkeypatch.setattr(memory_budget, "_FOR_ARRAYS", 0.0)
-    monkeypatch.setattr(arrays, "_BAND", 300)
-    scratch = render(made, tmp_path / "p", "--outputs", "render,coc")
-    assert whole.code == scratch.code == 0, scratch.err
-    for kind in ("render", "coc"):
-        files = [tmp_path / out / kind / "a.exr" for out in ("o", "p")]
-        assert files[0].read_bytes() == files[1].read_bytes()
 
 
 def passes(path):
