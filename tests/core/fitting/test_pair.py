@@ -118,7 +118,7 @@ def test_the_rotation_of_the_blades_is_found():
     assert found.strength == pytest.approx(STRENGTH, rel=0.02)
 
 
-@pytest.mark.parametrize("power", [0.7, 1.5])
+@pytest.mark.parametrize("power", [pytest.param(0.7, marks=pytest.mark.bench), 1.5])
 def test_the_power_is_found_by_which_pictures_are_light(power):
     image, disparity = scene()
     files = [light ** (1 / power) for light in (image, blurred(image, disparity))]
