@@ -10,7 +10,6 @@ from command_line import (
     files_under,
     header,
     pair,
-    photograph,
     read_exr,
     refused,
     run,
@@ -44,7 +43,7 @@ def test_left_and_right_are_the_views_of_one_file(tmp_path):
 
 
 def test_the_file_is_read_by_its_views_again(tmp_path):
-    photograph(tmp_path, "one", "--outputs", "left,right", "--multiview")
+    assert render(tmp_path, "one", "--outputs", "left,right", "--multiview").code == 0
     file = tmp_path / "one" / "multiview" / "a.exr"
     depth = tmp_path / "depth" / "a.exr"
     again = tmp_path / "again"
